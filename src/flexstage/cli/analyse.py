@@ -12,6 +12,7 @@ from flexstage.cli.options import (
     QuietOption,
     StageArgument,
     model_names,
+    option,
     relative,
 )
 from flexstage.cli.output import (
@@ -40,25 +41,21 @@ def analyse(
     plane: PlaneOption = "auto",
     accuracy: Annotated[
         float | None,
-        typer.Option(
-            parser=relative,
-            metavar="SHARE",
-            help="Refine the mesh of the plane or solid model until --quantity changes by less "
+        option(
+            "SHARE",
+            "Refine the mesh of the plane or solid model until --quantity changes by less "
             "than this share, such as 0.1%.",
+            parser=relative,
         ),
     ] = None,
     quantity: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME", help="Quantity that --accuracy refers to, such as max_stress."
-        ),
+        str, option("NAME", "Quantity that --accuracy refers to, such as max_stress.")
     ] = "natural_frequency_hz",
     supports: Annotated[
         str,
-        typer.Option(
-            metavar="rigid|elastic",
-            help="Rigid or elastic frame under the reactions of the drives (plane and solid "
-            "models).",
+        option(
+            "rigid|elastic",
+            "Rigid or elastic frame under the reactions of the drives (plane and solid models).",
         ),
     ] = "rigid",
     stroke: Annotated[

@@ -18,7 +18,7 @@ from flexstage.cli.centre_heads import (
 from flexstage.cli.centre_report import change, joined, print_setting, report
 from flexstage.cli.centre_setting import MAGNET, setting
 from flexstage.cli.centre_trial import positions_of, print_trial, trial
-from flexstage.cli.options import JsonOption
+from flexstage.cli.options import JsonOption, option
 from flexstage.cli.output import console, figure_option, print_json, write_file
 from flexstage.cli.reading import (
     DatasetOption,
@@ -46,119 +46,111 @@ def centre(
     ],
     error: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMN,...",
-            help="Numbers or names of the error columns, one for each head: angle reading minus "
+        option(
+            "COLUMN,...",
+            "Numbers or names of the error columns, one for each head: angle reading minus "
             "true angle; or, in a unit of length, the readings of indicators on the rim.",
         ),
     ] = None,
     reading: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMN,...",
-            help="Instead of --error: columns of the readings of the heads, wrapped at a turn or "
+        option(
+            "COLUMN,...",
+            "Instead of --error: columns of the readings of the heads, wrapped at a turn or "
             "not; the true angle is subtracted.",
         ),
     ] = None,
     angle: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMN",
-            help="Number or name of the column of the true angle, wrapped or not (default: "
+        option(
+            "COLUMN",
+            "Number or name of the column of the true angle, wrapped or not (default: "
             "samples are evenly spaced over --turns).",
         ),
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option(
-            metavar="UNIT",
-            help="Unit of angle and error if neither the file nor --angle-unit and --error-unit "
+        option(
+            "UNIT",
+            "Unit of angle and error if neither the file nor --angle-unit and --error-unit "
             'give it, such as "deg", "rad", "arcsec", "turn" or "count"; harmonics are printed in '
             "it.",
         ),
     ] = None,
-    angle_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help="Unit of the angle.")
-    ] = None,
+    angle_unit: Annotated[str | None, option("UNIT", "Unit of the angle.")] = None,
     error_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help="Unit of the errors, or of the readings.")
+        str | None, option("UNIT", "Unit of the errors, or of the readings.")
     ] = None,
     counts: Annotated[
-        float | None,
-        typer.Option(metavar="NUMBER", help="Counts per turn, for columns in counts."),
+        float | None, option("NUMBER", "Counts per turn, for columns in counts.")
     ] = None,
     heads: Annotated[
         str | None,
-        typer.Option(
-            metavar="ANGLES",
-            help="Angles of the heads or indicators in the room, bare numbers in degrees, such as "
+        option(
+            "ANGLES",
+            "Angles of the heads or indicators in the room, bare numbers in degrees, such as "
             '"0,90,180,270".',
         ),
     ] = None,
     radius: Annotated[
         str | None,
-        typer.Option(
-            metavar="LENGTH",
-            help='Radius at which the scale is read, such as "50 mm"; needed for the eccentricity.',
+        option(
+            "LENGTH",
+            'Radius at which the scale is read, such as "50 mm"; needed for the eccentricity.',
         ),
     ] = None,
-    diameter: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Diameter, instead of --radius.")
-    ] = None,
+    diameter: Annotated[str | None, option("LENGTH", "Diameter, instead of --radius.")] = None,
     kind: Annotated[
         str | None,
-        typer.Option(
-            metavar="disc|drum|magnet",
-            help="disc (default): radial lines or poles on a face, read at the radius; drum: "
+        option(
+            "disc|drum|magnet",
+            "disc (default): radial lines or poles on a face, read at the radius; drum: "
             "lines or poles parallel to the axis on a rim; magnet: one pair of poles on the axis, "
             "whose harmonic of order 1 is not eccentricity alone.",
         ),
     ] = None,
     orders: Annotated[
         str | None,
-        typer.Option(
-            metavar="RANGE",
-            help='Orders to fit, such as "1:12" or "1,2,4" (default: 1:12, or fewer if there are '
+        option(
+            "RANGE",
+            'Orders to fit, such as "1:12" or "1,2,4" (default: 1:12, or fewer if there are '
             "few samples).",
         ),
     ] = None,
     turns: Annotated[
-        float | None,
-        typer.Option(
-            metavar="NUMBER", help="Number of turns in the record, if there is no --angle."
-        ),
+        float | None, option("NUMBER", "Number of turns in the record, if there is no --angle.")
     ] = None,
     sign: Annotated[
         int,
-        typer.Option(
-            metavar="1|-1",
-            help="-1 if the errors are true angle minus angle reading: all printed and drawn "
+        option(
+            "1|-1",
+            "-1 if the errors are true angle minus angle reading: all printed and drawn "
             "values change their sign.",
         ),
     ] = 1,
     head_direction: Annotated[
         str,
-        typer.Option(
-            metavar="ccw|cw",
-            help="Direction in which the heads travel round the scale as the angle grows, seen in "
+        option(
+            "ccw|cw",
+            "Direction in which the heads travel round the scale as the angle grows, seen in "
             "the frame x, y that turns with the table; head angles count in this direction. Over "
             "a table that turns counter-clockwise they travel cw.",
         ),
     ] = "ccw",
     stage_at: Annotated[
         str | None,
-        typer.Option(
-            metavar="X,Y;...",
-            help="Positions of the stage at each setting, bare numbers in um, such as "
+        option(
+            "X,Y;...",
+            "Positions of the stage at each setting, bare numbers in um, such as "
             '"0,0; 20,0; 0,20; 20,20": gives the orders that follow the moves, their gain, and the '
             "centre, for any scale and without a radius.",
         ),
     ] = None,
     mount_angle: Annotated[
         str,
-        typer.Option(
-            metavar="ANGLE",
-            help="Direction of the x axis of the stage in the frame that turns with the table, "
+        option(
+            "ANGLE",
+            "Direction of the x axis of the stage in the frame that turns with the table, "
             'such as "30 deg"; a bare number is in degrees.',
         ),
     ] = "0 deg",

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import CurrentOption, JsonOption, SlewOption
+from flexstage.cli.options import CurrentOption, JsonOption, SlewOption, option
 from flexstage.cli.output import console, file_option, print_json, write_file
 from flexstage.cli.predict import moved_for
 from flexstage.cli.reading import (
@@ -34,18 +34,13 @@ def compensate(
         Path,
         typer.Argument(metavar="MODEL", help="A model file written by `flexstage identify --out`."),
     ],
-    reference: Annotated[
-        Path, typer.Option(metavar="FILE", help="Record of the wanted readings over time.")
-    ],
-    column_: Annotated[
-        str,
-        typer.Option("--column", metavar="COLUMN", help="Number or name of its column."),
-    ] = "0",
+    reference: Annotated[Path, option("FILE", "Record of the wanted readings over time.")],
+    column_: Annotated[str, option("COLUMN", "Number or name of its column.", "--column")] = "0",
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
     resample: ResampleOption = None,
     reference_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help='Unit of the reference, such as "um".')
+        str | None, option("UNIT", 'Unit of the reference, such as "um".')
     ] = None,
     relative: Annotated[
         bool,
@@ -57,9 +52,9 @@ def compensate(
     ] = False,
     voltage: Annotated[
         str | None,
-        typer.Option(
-            metavar="LOW:HIGH",
-            help='Voltage range of the command, such as "0:120" (default: the range on which the '
+        option(
+            "LOW:HIGH",
+            'Voltage range of the command, such as "0:120" (default: the range on which the '
             "model was identified).",
         ),
     ] = None,
@@ -67,24 +62,24 @@ def compensate(
     current: CurrentOption = None,
     capacitance: Annotated[
         str | None,
-        typer.Option(
-            metavar="CAPACITANCE",
-            help='Capacitance of the stack, such as "6.4 uF": limits the slope with --current.',
+        option(
+            "CAPACITANCE",
+            'Capacitance of the stack, such as "6.4 uF": limits the slope with --current.',
         ),
     ] = None,
     reference_bandwidth: Annotated[
         str | None,
-        typer.Option(
-            metavar="FREQUENCY",
-            help="Bandwidth to which the reference is smoothed (default: a quarter of the "
+        option(
+            "FREQUENCY",
+            "Bandwidth to which the reference is smoothed (default: a quarter of the "
             "resonance of the model).",
         ),
     ] = None,
     start: Annotated[
         str,
-        typer.Option(
-            metavar="conditioned|rest|TIME",
-            help="State before the start: conditioned by cycles over the whole range that end at "
+        option(
+            "conditioned|rest|TIME",
+            "State before the start: conditioned by cycles over the whole range that end at "
             "its low end, with creep as before the record of the model; rest: unused; or a time, "
             'such as "30 s" or inf: conditioned, and then in motion as in the reference for that '
             "time.",

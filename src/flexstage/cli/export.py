@@ -14,6 +14,7 @@ from flexstage.cli.options import (
     PlaneOption,
     QuietOption,
     StageArgument,
+    option,
     positive_length,
     relative,
 )
@@ -31,11 +32,10 @@ def export(
     stage: StageArgument,
     to: Annotated[
         str,
-        typer.Option(
+        option(
+            "|".join(FORMATS),
+            "Format; several separated by commas; 'all' writes every format that the stage allows.",
             "--to",
-            metavar="|".join(FORMATS),
-            help="Format; several separated by commas; 'all' writes every format that the stage "
-            "allows.",
         ),
     ],
     out: Annotated[
@@ -45,47 +45,39 @@ def export(
     model: ModelOption = "superelement",
     plane: PlaneOption = "auto",
     time_step: Annotated[
-        str,
-        typer.Option(metavar="TIME", help="Time between samples (fmu, c, mat, simulink)."),
+        str, option("TIME", "Time between samples (fmu, c, mat, simulink).")
     ] = "0.1 ms",
     hysteresis: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="usual|none|NAME=FILE",
-            help="Hysteresis of the piezo stacks: a Bouc-Wen loop of usual width, none, or the "
+        option(
+            "usual|none|NAME=FILE",
+            "Hysteresis of the piezo stacks: a Bouc-Wen loop of usual width, none, or the "
             "model file of 'flexstage identify' for a drive or axis (may be repeated).",
         ),
     ] = None,
     creep: Annotated[
         float | None,
-        typer.Option(
+        option(
+            "SHARE",
+            'Creep of the stacks per decade of time, such as "1.5%" (default: no creep).',
             parser=relative,
-            metavar="SHARE",
-            help='Creep of the stacks per decade of time, such as "1.5%" (default: no creep).',
         ),
     ] = None,
     bandwidth: Annotated[
         str | None,
-        typer.Option(
-            metavar="FREQUENCY",
-            help='Bandwidth of the amplifiers, such as "2 kHz" (default: no amplifier).',
+        option(
+            "FREQUENCY", 'Bandwidth of the amplifiers, such as "2 kHz" (default: no amplifier).'
         ),
     ] = None,
     current: CurrentOption = None,
     sensor_bandwidth: Annotated[
         str | None,
-        typer.Option(
-            metavar="FREQUENCY",
-            help="Bandwidth of the sensors (default: readings equal the true motion).",
-        ),
+        option("FREQUENCY", "Bandwidth of the sensors (default: readings equal the true motion)."),
     ] = None,
     keep_modes: Annotated[
-        int | None,
-        typer.Option(metavar="NUMBER", min=1, help="Number of modes to keep (default: all)."),
+        int | None, option("NUMBER", "Number of modes to keep (default: all).", min=1)
     ] = None,
-    fmi: Annotated[
-        str, typer.Option(metavar="2.0|3.0|both", help="FMI version of the FMU.")
-    ] = "both",
+    fmi: Annotated[str, option("2.0|3.0|both", "FMI version of the FMU.")] = "both",
     source_only: Annotated[
         bool,
         typer.Option(
@@ -93,14 +85,11 @@ def export(
         ),
     ] = False,
     precision: Annotated[
-        str, typer.Option(metavar="double|single", help="Floating-point precision of the C header.")
+        str, option("double|single", "Floating-point precision of the C header.")
     ] = "double",
     kerf: Annotated[
         str | None,
-        typer.Option(
-            metavar="LENGTH",
-            help='Kerf of wire cutting, such as "0.28 mm"; adds the wire path to the DXF.',
-        ),
+        option("LENGTH", 'Kerf of wire cutting, such as "0.28 mm"; adds the wire path to the DXF.'),
     ] = None,
     quiet: QuietOption = False,
     json: JsonOption = False,

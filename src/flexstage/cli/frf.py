@@ -11,6 +11,7 @@ from flexstage.cli.options import (
     JsonOption,
     OutputUnitOption,
     QuietOption,
+    option,
     positive_frequency,
 )
 from flexstage.cli.output import (
@@ -54,82 +55,62 @@ def frf(
             help="Measured records, averaged together, or measured frequency responses.",
         ),
     ],
-    input: Annotated[
-        str | None,
-        typer.Option(metavar="COLUMN", help="Number or name of the input column."),
-    ] = None,
+    input: Annotated[str | None, option("COLUMN", "Number or name of the input column.")] = None,
     output: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMNS", help="Numbers or names of the output columns, separated by commas."
-        ),
+        option("COLUMNS", "Numbers or names of the output columns, separated by commas."),
     ] = None,
     response: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMNS",
-            help="Columns of a measured response, if the headings do not name them: frequency, "
+        option(
+            "COLUMNS",
+            "Columns of a measured response, if the headings do not name them: frequency, "
             'real and imaginary part, "0,1,2", or magnitude and phase, "0,1 dB,2 deg".',
         ),
     ] = None,
     estimator: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="H1 for noise in the outputs, H2 for noise in the input, Hv for both.",
-        ),
+        str, option("NAME", "H1 for noise in the outputs, H2 for noise in the input, Hv for both.")
     ] = "H1",
     excitation: Annotated[
         str,
-        typer.Option(
-            metavar="KIND",
-            help="random, periodic, hammer, step or sweep; auto recognises it from the input.",
+        option(
+            "KIND", "random, periodic, hammer, step or sweep; auto recognises it from the input."
         ),
     ] = "auto",
     resolution: Annotated[
-        str | None,
-        typer.Option(metavar="FREQUENCY", help='Frequency resolution, such as "0.5 Hz".'),
+        str | None, option("FREQUENCY", 'Frequency resolution, such as "0.5 Hz".')
     ] = None,
     segment: Annotated[
-        int | None,
-        typer.Option(
-            metavar="NUMBER", min=8, help="Samples of a segment, instead of --resolution."
-        ),
+        int | None, option("NUMBER", "Samples of a segment, instead of --resolution.", min=8)
     ] = None,
-    window: Annotated[
-        str, typer.Option(metavar="NAME", help="Window of random segments: hann, hamming...")
-    ] = "hann",
+    window: Annotated[str, option("NAME", "Window of random segments: hann, hamming...")] = "hann",
     exponential: Annotated[
         float | None,
-        typer.Option(
-            metavar="SHARE",
-            help="For hammer tests: value of the exponential window at the end of a hit; the "
+        option(
+            "SHARE",
+            "For hammer tests: value of the exponential window at the end of a hit; the "
             "damping that it adds is subtracted.",
         ),
     ] = None,
     band: Annotated[
         str | None,
-        typer.Option(
-            metavar="LOW:HIGH",
-            help='Band in which modes are fitted, such as "200:800" in Hz or "0.2 kHz:0.8 kHz".',
+        option(
+            "LOW:HIGH",
+            'Band in which modes are fitted, such as "200:800" in Hz or "0.2 kHz:0.8 kHz".',
         ),
     ] = None,
     fit_modes: Annotated[
-        str,
-        typer.Option(metavar="NUMBER|auto", help="Number of modes to fit; 0 for none."),
+        str, option("NUMBER|auto", "Number of modes to fit; 0 for none.")
     ] = "auto",
     near: Annotated[
         str | None,
-        typer.Option(
-            metavar="FREQUENCIES",
-            help='Fit modes near these frequencies only, such as "365,660" in Hz.',
-        ),
+        option("FREQUENCIES", 'Fit modes near these frequencies only, such as "365,660" in Hz.'),
     ] = None,
     weight: Annotated[
         str,
-        typer.Option(
-            metavar="NAME",
-            help="Weight of the frequency lines: noise, by their variance or the residual of the "
+        option(
+            "NAME",
+            "Weight of the frequency lines: noise, by their variance or the residual of the "
             "fit; relative, by the inverse of their magnitude, for responses over decades; "
             "uniform.",
         ),

@@ -14,6 +14,7 @@ from flexstage.cli.options import (
     JsonOption,
     OutputUnitOption,
     QuietOption,
+    option,
     positive_frequency,
     relative,
 )
@@ -57,20 +58,15 @@ def identify(
             "from hysteresis.",
         ),
     ],
-    input: Annotated[
-        str, typer.Option(metavar="COLUMN", help="Number or name of the input column.")
-    ],
-    output: Annotated[
-        str | None,
-        typer.Option(metavar="COLUMN", help="Number or name of the output column."),
-    ] = None,
+    input: Annotated[str, option("COLUMN", "Number or name of the input column.")],
+    output: Annotated[str | None, option("COLUMN", "Number or name of the output column.")] = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
     hysteresis_model: Annotated[
         str,
-        typer.Option(
-            metavar="NAME",
-            help="A hysteresis model, such as bouc-wen or preisach, or several separated by "
+        option(
+            "NAME",
+            "A hysteresis model, such as bouc-wen or preisach, or several separated by "
             "commas; auto tries all. The simplest model is chosen that predicts held-out cycles "
             "as well as the best.",
         ),
@@ -82,61 +78,57 @@ def identify(
     output_unit: OutputUnitOption = None,
     train: Annotated[
         str | None,
-        typer.Option(
-            metavar="START:STOP",
-            help="Samples to fit, numbered as for --rows; all others are held out (default: all "
+        option(
+            "START:STOP",
+            "Samples to fit, numbered as for --rows; all others are held out (default: all "
             "are fitted, and held-out errors come from cross-validation over whole cycles).",
         ),
     ] = None,
     delay: Annotated[
         str | None,
-        typer.Option(
-            metavar="TIME",
-            help='Known delay of the output, such as "5 ms"; delay and creep are then not fitted.',
+        option(
+            "TIME",
+            'Known delay of the output, such as "5 ms"; delay and creep are then not fitted.',
         ),
     ] = None,
     creep: Annotated[
         str | None,
-        typer.Option(
-            metavar="SHARE",
-            help='Known creep per decade of time, such as "1.2%"; delay and creep are then not '
-            "fitted.",
+        option(
+            "SHARE",
+            'Known creep per decade of time, such as "1.2%"; delay and creep are then not fitted.',
         ),
     ] = None,
     resonance: Annotated[
         str | None,
-        typer.Option(
-            metavar="FREQUENCY",
-            help='Known resonance of the stage with its drives in place, such as "808 Hz" '
+        option(
+            "FREQUENCY",
+            'Known resonance of the stage with its drives in place, such as "808 Hz" '
             "(default: identified).",
         ),
     ] = None,
     damping_ratio: Annotated[
-        float,
-        typer.Option(
-            metavar="RATIO", min=1e-4, max=0.9, help="Damping ratio of the known resonance."
-        ),
+        float, option("RATIO", "Damping ratio of the known resonance.", min=1e-4, max=0.9)
     ] = 0.01,
     test_record: Annotated[
         list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            help="Another record, read with the same options, on which the model is tested without "
+        option(
+            "FILE",
+            "Another record, read with the same options, on which the model is tested without "
             "another fit; may be repeated.",
         ),
     ] = None,
     temperature: Annotated[
         str | None,
-        typer.Option(
-            metavar="LOW:HIGH",
-            help='Temperature of the record, such as "294.5:296" in K; stored in the model file.',
+        option(
+            "LOW:HIGH",
+            'Temperature of the record, such as "294.5:296" in K; stored in the model file.',
         ),
     ] = None,
     stage: Annotated[
         str | None,
-        typer.Option(
-            metavar="STAGE",
-            help="A stage file, or the name of a built-in design: the record is compared with its "
+        option(
+            "STAGE",
+            "A stage file, or the name of a built-in design: the record is compared with its "
             "voltage range and stroke.",
         ),
     ] = None,

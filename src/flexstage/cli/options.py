@@ -1,10 +1,15 @@
 """Options and arguments that several commands have, and what their texts mean."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from flexstage.errors import ModelError
+
+
+def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
+    """Declare an option: what its value is called in the help, and what it says."""
+    return typer.Option(*names, metavar=metavar, help=help, **more)
 
 
 def designs_like(incomplete: str) -> list[str]:
@@ -35,47 +40,41 @@ JsonOption = Annotated[
 ]
 ModelOption = Annotated[
     str,
-    typer.Option(
-        metavar="NAME",
-        help="lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
+    option(
+        "NAME",
+        "lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
         "elements in the plane; solid: finite elements in three dimensions.",
     ),
 ]
 ModelsOption = Annotated[
     str,
-    typer.Option(
-        "--model",
-        metavar="NAME",
-        help="lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
+    option(
+        "NAME",
+        "lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
         "elements in the plane; solid: finite elements in three dimensions; several separated by "
         "commas, or all.",
+        "--model",
     ),
 ]
 QuietOption = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print no progress on standard error.")
 ]
-AxisOption = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Axis of the stage (default: the first).")
-]
-InputUnitOption = Annotated[
-    str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V" or "N".')
-]
+AxisOption = Annotated[str | None, option("NAME", "Axis of the stage (default: the first).")]
+InputUnitOption = Annotated[str | None, option("UNIT", 'Unit of the input, such as "V" or "N".')]
 OutputUnitOption = Annotated[
-    str | None, typer.Option(metavar="UNIT", help='Unit of the output, such as "um" or "m/s^2".')
+    str | None, option("UNIT", 'Unit of the output, such as "um" or "m/s^2".')
 ]
 SlewOption = Annotated[
-    str | None,
-    typer.Option(metavar="SLOPE", help='Largest slope of the voltage, such as "2000 V/s".'),
+    str | None, option("SLOPE", 'Largest slope of the voltage, such as "2000 V/s".')
 ]
 CurrentOption = Annotated[
-    str | None,
-    typer.Option(metavar="CURRENT", help='Largest current of the amplifier, such as "50 mA".'),
+    str | None, option("CURRENT", 'Largest current of the amplifier, such as "50 mA".')
 ]
 PlaneOption = Annotated[
     str,
-    typer.Option(
-        metavar="auto|stress|strain",
-        help="Plane state of the notches; auto decides by the ratio of width to neck.",
+    option(
+        "auto|stress|strain",
+        "Plane state of the notches; auto decides by the ratio of width to neck.",
     ),
 ]
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
-from flexstage.cli.options import InputUnitOption, JsonOption, OutputUnitOption
+from flexstage.cli.options import InputUnitOption, JsonOption, OutputUnitOption, option
 from flexstage.cli.output import console, figure_option, make_table, print_json, write_file
 from flexstage.cli.reading import (
     DatasetOption,
@@ -40,13 +40,8 @@ def predict(
         list[Path],
         typer.Argument(metavar="RECORD...", help="Measured files of the same drive."),
     ],
-    input: Annotated[
-        str, typer.Option(metavar="COLUMN", help="Number or name of the input column.")
-    ],
-    output: Annotated[
-        str | None,
-        typer.Option(metavar="COLUMN", help="Number or name of the output column."),
-    ] = None,
+    input: Annotated[str, option("COLUMN", "Number or name of the input column.")],
+    output: Annotated[str | None, option("COLUMN", "Number or name of the output column.")] = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
     sample_rate: SampleRateOption = None,
@@ -56,9 +51,9 @@ def predict(
     output_unit: OutputUnitOption = None,
     start: Annotated[
         str,
-        typer.Option(
-            metavar="auto|rested|TIME",
-            help="State before the record: rested at the first command, or in motion for a time, "
+        option(
+            "auto|rested|TIME",
+            "State before the record: rested at the first command, or in motion for a time, "
             'such as "30 s" or inf, since the low end of the range; auto estimates it from the '
             "first samples.",
         ),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption
+from flexstage.cli.options import JsonOption, QuietOption, option
 from flexstage.cli.output import (
     console,
     folder_option,
@@ -30,17 +30,16 @@ def run(
     ],
     instrument: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="gcs://HOST:PORT, serial:///dev/ttyUSB0, ni://Dev1, or twin://?seed=3 for a "
+        option(
+            "ADDRESS",
+            "gcs://HOST:PORT, serial:///dev/ttyUSB0, ni://Dev1, or twin://?seed=3 for a "
             "simulation; required except with --dry-run.",
         ),
     ] = None,
     stage: Annotated[
         str | None,
-        typer.Option(
-            metavar="STAGE",
-            help="A stage file, or the name of a built-in design, instead of that of the plan.",
+        option(
+            "STAGE", "A stage file, or the name of a built-in design, instead of that of the plan."
         ),
     ] = None,
     out: Annotated[
@@ -58,20 +57,18 @@ def run(
     ] = False,
     only: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Steps to carry out, separated by commas; the steps that they need are included.",
+        option(
+            "NAMES",
+            "Steps to carry out, separated by commas; the steps that they need are included.",
         ),
     ] = None,
-    operator: Annotated[
-        str, typer.Option(metavar="TEXT", help="Name of the operator, for the records.")
-    ] = "",
-    note: Annotated[str, typer.Option(metavar="TEXT", help="A remark for the records.")] = "",
+    operator: Annotated[str, option("TEXT", "Name of the operator, for the records.")] = "",
+    note: Annotated[str, option("TEXT", "A remark for the records.")] = "",
     catalogue: Annotated[
         str | None,
-        typer.Option(
-            metavar="URL",
-            help="Catalogue of the records: a file, or a PostgreSQL URL; 'none' for none "
+        option(
+            "URL",
+            "Catalogue of the records: a file, or a PostgreSQL URL; 'none' for none "
             "(default: that of the user).",
         ),
     ] = None,

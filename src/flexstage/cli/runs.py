@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.command import CliCommand, CliGroup
-from flexstage.cli.options import JsonOption
+from flexstage.cli.options import JsonOption, option
 from flexstage.cli.output import (
     console,
     count,
@@ -32,17 +32,15 @@ runs = typer.Typer(
 
 _Catalogue = Annotated[
     str | None,
-    typer.Option(
-        "--catalogue",
-        metavar="URL",
-        help="Catalogue: a file, or postgresql://user@host/database (default: "
+    option(
+        "URL",
+        "Catalogue: a file, or postgresql://user@host/database (default: "
         "FLEXSTAGE_CATALOGUE, or that of the user).",
+        "--catalogue",
     ),
 ]
-_Stage = Annotated[str | None, typer.Option(metavar="NAME", help="Only this stage.")]
-_Serial = Annotated[
-    str | None, typer.Option(metavar="TEXT", help="Only the stage with this serial number.")
-]
+_Stage = Annotated[str | None, option("NAME", "Only this stage.")]
+_Serial = Annotated[str | None, option("TEXT", "Only the stage with this serial number.")]
 
 
 @runs.callback(invoke_without_command=True)
@@ -50,20 +48,17 @@ def _list(
     context: typer.Context,
     stage: _Stage = None,
     serial_number: _Serial = None,
-    test: Annotated[
-        str | None, typer.Option(metavar="KIND", help="Only this kind of test, such as motion.")
-    ] = None,
+    test: Annotated[str | None, option("KIND", "Only this kind of test, such as motion.")] = None,
     since: Annotated[
         str | None,
-        typer.Option(
-            metavar="TIME",
-            help='Only since a date, a date and time (UTC unless a zone is given), or "7 d" for '
+        option(
+            "TIME",
+            'Only since a date, a date and time (UTC unless a zone is given), or "7 d" for '
             "the last seven days.",
         ),
     ] = None,
     limit: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="NUMBER", help="Largest number of runs, the latest ones."),
+        int | None, option("NUMBER", "Largest number of runs, the latest ones.", min=1)
     ] = None,
     catalogue: _Catalogue = None,
     json: JsonOption = False,
@@ -257,12 +252,10 @@ def calibrations(
     stage: _Stage = None,
     serial_number: _Serial = None,
     what: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Only this quantity, such as the gain of a sensor."),
+        str | None, option("NAME", "Only this quantity, such as the gain of a sensor.")
     ] = None,
     valid_at: Annotated[
-        str | None,
-        typer.Option(metavar="TIME", help="Only those valid at a date, or a date and time."),
+        str | None, option("TIME", "Only those valid at a date, or a date and time.")
     ] = None,
     catalogue: _Catalogue = None,
     json: JsonOption = False,

@@ -12,6 +12,7 @@ from flexstage.cli.options import (
     QuietOption,
     StageArgument,
     model_names,
+    option,
 )
 from flexstage.cli.output import (
     console,
@@ -48,10 +49,7 @@ def study(
     ] = True,
     measured: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Test description (.yaml) whose measured values are added to the table.",
-        ),
+        option("FILE", "Test description (.yaml) whose measured values are added to the table."),
     ] = None,
     virtual: Annotated[
         bool,
@@ -60,9 +58,7 @@ def study(
             help="Simulate measurements of the stage, and centring an encoder scale with it.",
         ),
     ] = True,
-    seed: Annotated[
-        int, typer.Option(metavar="NUMBER", min=0, help="Random seed of the simulated stage.")
-    ] = 1,
+    seed: Annotated[int, option("NUMBER", "Random seed of the simulated stage.", min=0)] = 1,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption
+from flexstage.cli.options import JsonOption, QuietOption, option
 from flexstage.cli.output import (
     console,
     figure_option,
@@ -36,18 +36,15 @@ def uncertainty(
     ],
     trials: Annotated[
         str,
-        typer.Option(
-            metavar="NUMBER|auto",
-            help="Number of Monte Carlo trials; auto draws until two digits of the uncertainty are "
+        option(
+            "NUMBER|auto",
+            "Number of Monte Carlo trials; auto draws until two digits of the uncertainty are "
             "stable.",
         ),
     ] = "auto",
-    seed: Annotated[
-        int, typer.Option(metavar="NUMBER", min=0, help="Random seed of the trials.")
-    ] = 0,
+    seed: Annotated[int, option("NUMBER", "Random seed of the trials.", min=0)] = 0,
     confidence: Annotated[
-        float,
-        typer.Option(metavar="SHARE", help="Coverage probability of the intervals, 0 to 1."),
+        float, option("SHARE", "Coverage probability of the intervals, 0 to 1.")
     ] = 0.95,
     figure: Annotated[
         Path | None,
