@@ -18,15 +18,11 @@ from flexstage.cli.centre_heads import (
 from flexstage.cli.centre_report import change, joined, print_setting, report
 from flexstage.cli.centre_setting import MAGNET, setting
 from flexstage.cli.centre_trial import positions_of, print_trial, trial
-from flexstage.cli.options import JsonOption, option
+from flexstage.cli.options import JsonOption, option, with_groups
 from flexstage.cli.output import console, figure_option, print_json, write_file
 from flexstage.cli.reading import (
-    DatasetOption,
-    DecimalOption,
-    DelimiterOption,
-    FormatOption,
-    RowsOption,
-    SkipLinesOption,
+    WHOLE_FILE,
+    FileOptions,
     column,
     read_records,
 )
@@ -35,6 +31,7 @@ from flexstage.errors import ModelError, RecordError
 _DIRECTIONS = ("ccw", "cw")
 
 
+@with_groups
 def centre(
     records: Annotated[
         list[Path],
@@ -157,12 +154,7 @@ def centre(
     outliers: Annotated[
         bool, typer.Option(help="Find outliers, report them, and exclude them.")
     ] = True,
-    rows: RowsOption = None,
-    format: FormatOption = None,
-    dataset: DatasetOption = None,
-    skip_lines: SkipLinesOption = 0,
-    delimiter: DelimiterOption = None,
-    decimal: DecimalOption = None,
+    how: FileOptions = WHOLE_FILE,
     figure: Annotated[
         Path | None,
         figure_option("Draw the error over the turn and its harmonics."),
@@ -193,13 +185,8 @@ def centre(
         units=[*own, *[spelled(error_unit)] * len(names)],
         sample_rate=None,
         time=None,
-        format=format,
-        dataset=dataset,
-        rows=rows,
-        skip_lines=skip_lines,
-        delimiter=delimiter,
-        decimal=decimal,
         over="point",
+        **vars(how),
     )
     at = head_angles(heads, len(read), len(names))
     mirror = -1.0 if head_direction == "cw" else 1.0

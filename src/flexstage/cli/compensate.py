@@ -5,19 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import CurrentOption, JsonOption, SlewOption, option
+from flexstage.cli.options import CurrentOption, JsonOption, SlewOption, option, with_groups
 from flexstage.cli.output import console, file_option, print_json, write_file
 from flexstage.cli.predict import moved_for
 from flexstage.cli.reading import (
-    DatasetOption,
-    DecimalOption,
-    DelimiterOption,
-    FormatOption,
-    ResampleOption,
-    RowsOption,
-    SampleRateOption,
-    SkipLinesOption,
-    TimeOption,
+    AS_TIMED,
+    WHOLE_FILE,
+    FileOptions,
+    TimeOptions,
     column,
     read_records,
     record_format,
@@ -29,6 +24,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.inversion import Feedforward
 
 
+@with_groups
 def compensate(
     model: Annotated[
         Path,
@@ -36,9 +32,7 @@ def compensate(
     ],
     reference: Annotated[Path, option("FILE", "Record of the wanted readings over time.")],
     column_: Annotated[str, option("COLUMN", "Number or name of its column.", "--column")] = "0",
-    sample_rate: SampleRateOption = None,
-    time: TimeOption = None,
-    resample: ResampleOption = None,
+    timing: TimeOptions = AS_TIMED,
     reference_unit: Annotated[
         str | None, option("UNIT", 'Unit of the reference, such as "um".')
     ] = None,
@@ -85,12 +79,7 @@ def compensate(
             "time.",
         ),
     ] = "conditioned",
-    rows: RowsOption = None,
-    format: FormatOption = None,
-    dataset: DatasetOption = None,
-    skip_lines: SkipLinesOption = 0,
-    delimiter: DelimiterOption = None,
-    decimal: DecimalOption = None,
+    how: FileOptions = WHOLE_FILE,
     out: Annotated[
         Path | None,
         file_option("Write time, command, reference and prediction (.csv, .npz, .h5 or .mat)."),
@@ -113,16 +102,9 @@ def compensate(
         [reference],
         [wanted],
         units=[reference_unit],
-        sample_rate=sample_rate,
-        time=time,
-        format=format,
-        dataset=dataset,
-        rows=rows,
-        skip_lines=skip_lines,
-        delimiter=delimiter,
-        decimal=decimal,
-        resample=resample,
         even=True,
+        **vars(timing),
+        **vars(how),
     )[0]
     channel = record.channel(wanted)
     values, converted = in_unit_of_model(

@@ -13,6 +13,7 @@ from flexstage.cli.options import (
     QuietOption,
     option,
     positive_frequency,
+    with_groups,
 )
 from flexstage.cli.output import (
     console,
@@ -23,15 +24,10 @@ from flexstage.cli.output import (
     write_file,
 )
 from flexstage.cli.reading import (
-    DatasetOption,
-    DecimalOption,
-    DelimiterOption,
-    FormatOption,
-    ResampleOption,
-    RowsOption,
-    SampleRateOption,
-    SkipLinesOption,
-    TimeOption,
+    AS_TIMED,
+    WHOLE_FILE,
+    FileOptions,
+    TimeOptions,
     column_list,
     read_records,
     record_format,
@@ -47,6 +43,7 @@ if TYPE_CHECKING:
 _NEEDED = "records over time need --input and --output: name the columns"
 
 
+@with_groups
 def frf(
     records: Annotated[
         list[Path],
@@ -135,15 +132,8 @@ def frf(
     ] = False,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
-    sample_rate: SampleRateOption = None,
-    time: TimeOption = None,
-    resample: ResampleOption = None,
-    rows: RowsOption = None,
-    format: FormatOption = None,
-    dataset: DatasetOption = None,
-    skip_lines: SkipLinesOption = 0,
-    delimiter: DelimiterOption = None,
-    decimal: DecimalOption = None,
+    timing: TimeOptions = AS_TIMED,
+    how: FileOptions = WHOLE_FILE,
     out: Annotated[
         Path | None,
         file_option("Write the response (.csv, .npz, .h5 or .mat)."),
@@ -181,7 +171,7 @@ def frf(
     inputs, outputs = column_list(input), column_list(output)
     units = [input_unit] * len(inputs) + [output_unit] * len(outputs)
     existing = not (inputs or outputs or ring_down)
-    if existing and (sample_rate or time or resample):
+    if existing and any(vars(timing).values()):
         raise ModelError(_NEEDED)
     if response is not None and not existing:
         raise ModelError(
@@ -193,16 +183,9 @@ def frf(
             records,
             [*inputs, *outputs],
             units=units,
-            sample_rate=sample_rate,
-            time=time,
-            format=format,
-            dataset=dataset,
-            rows=rows,
-            skip_lines=skip_lines,
-            delimiter=delimiter,
-            decimal=decimal,
             over="table" if existing else "any",
-            resample=resample,
+            **vars(timing),
+            **vars(how),
         )
         if existing:
             chosen = None if response is None else response.split(",")

@@ -17,6 +17,7 @@ from flexstage.cli.options import (
     option,
     positive_frequency,
     relative,
+    with_groups,
 )
 from flexstage.cli.output import (
     console,
@@ -32,15 +33,10 @@ from flexstage.cli.predict import (
     print_predictions,
 )
 from flexstage.cli.reading import (
-    DatasetOption,
-    DecimalOption,
-    DelimiterOption,
-    FormatOption,
-    ResampleOption,
-    RowsOption,
-    SampleRateOption,
-    SkipLinesOption,
-    TimeOption,
+    AS_TIMED,
+    WHOLE_FILE,
+    FileOptions,
+    TimeOptions,
 )
 from flexstage.errors import ModelError, RecordError
 
@@ -49,6 +45,7 @@ if TYPE_CHECKING:
     from flexstage.records import Record
 
 
+@with_groups
 def identify(
     records: Annotated[
         list[Path],
@@ -71,9 +68,7 @@ def identify(
             "as well as the best.",
         ),
     ] = "auto",
-    sample_rate: SampleRateOption = None,
-    time: TimeOption = None,
-    resample: ResampleOption = None,
+    timing: TimeOptions = AS_TIMED,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
     train: Annotated[
@@ -141,12 +136,7 @@ def identify(
             "away.",
         ),
     ] = False,
-    rows: RowsOption = None,
-    format: FormatOption = None,
-    dataset: DatasetOption = None,
-    skip_lines: SkipLinesOption = 0,
-    delimiter: DelimiterOption = None,
-    decimal: DecimalOption = None,
+    how: FileOptions = WHOLE_FILE,
     out: Annotated[
         Path | None,
         file_option("Write the model, as readable text."),
@@ -172,18 +162,11 @@ def identify(
         branches=branches,
         curve=curve,
         units=(input_unit, output_unit),
-        sample_rate=sample_rate,
-        time=time,
-        resample=resample,
-        format=format,
-        dataset=dataset,
-        rows=rows,
-        skip_lines=skip_lines,
-        delimiter=delimiter,
-        decimal=decimal,
+        **vars(timing),
+        **vars(how),
     )
     read, others = given[: len(records)], given[len(records) :]
-    if (branches or curve) and sample_rate is None and delay is None and creep is None:
+    if (branches or curve) and timing.sample_rate is None and delay is None and creep is None:
         delay = "0 s"  # which rows without times do not tell
     with progress_bar("identify", quiet=quiet):
         found = run(

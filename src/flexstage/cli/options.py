@@ -1,5 +1,9 @@
 """Options and arguments that several commands have, and what their texts mean."""
 
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from typing import Annotated, Any
 
 import typer
@@ -10,6 +14,28 @@ from flexstage.errors import ModelError
 def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
     """Declare an option: what its value is called in the help, and what it says."""
     return typer.Option(*names, metavar=metavar, help=help, **more)
+
+
+def with_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command an option for each field of every parameter that is a dataclass of options."""
+    groups: dict[str, type[Any]] = {}
+    own: list[inspect.Parameter] = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        if isinstance(parameter.annotation, type) and is_dataclass(parameter.annotation):
+            groups[name] = parameter.annotation
+            own += inspect.signature(groups[name]).parameters.values()
+        else:
+            own.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+
+    @functools.wraps(command)
+    def run(**given: Any) -> None:
+        for name, made in groups.items():
+            given[name] = made(**{field.name: given.pop(field.name) for field in fields(made)})
+        command(**given)
+
+    run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in own}
+    return run
 
 
 def designs_like(incomplete: str) -> list[str]:
@@ -38,23 +64,17 @@ StageArgument = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the result, or the error, as one JSON object.")
 ]
+_MODELS = (
+    "lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite elements "
+    "in the plane; solid: finite elements in three dimensions"
+)
 ModelOption = Annotated[
     str,
-    option(
-        "NAME",
-        "lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
-        "elements in the plane; solid: finite elements in three dimensions.",
-    ),
+    option("NAME", f"{_MODELS}."),
 ]
 ModelsOption = Annotated[
     str,
-    option(
-        "NAME",
-        "lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
-        "elements in the plane; solid: finite elements in three dimensions; several separated by "
-        "commas, or all.",
-        "--model",
-    ),
+    option("NAME", f"{_MODELS}; several separated by commas, or all.", "--model"),
 ]
 QuietOption = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print no progress on standard error.")

@@ -6,18 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
-from flexstage.cli.options import InputUnitOption, JsonOption, OutputUnitOption, option
+from flexstage.cli.options import InputUnitOption, JsonOption, OutputUnitOption, option, with_groups
 from flexstage.cli.output import console, figure_option, make_table, print_json, write_file
 from flexstage.cli.reading import (
-    DatasetOption,
-    DecimalOption,
-    DelimiterOption,
-    FormatOption,
-    ResampleOption,
-    RowsOption,
-    SampleRateOption,
-    SkipLinesOption,
-    TimeOption,
+    AS_TIMED,
+    WHOLE_FILE,
+    FileOptions,
+    TimeOptions,
 )
 from flexstage.errors import ModelError, UnitError
 
@@ -31,6 +26,7 @@ if TYPE_CHECKING:
     from flexstage.records import Record
 
 
+@with_groups
 def predict(
     model: Annotated[
         Path,
@@ -44,9 +40,7 @@ def predict(
     output: Annotated[str | None, option("COLUMN", "Number or name of the output column.")] = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
-    sample_rate: SampleRateOption = None,
-    time: TimeOption = None,
-    resample: ResampleOption = None,
+    timing: TimeOptions = AS_TIMED,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
     start: Annotated[
@@ -58,12 +52,7 @@ def predict(
             "first samples.",
         ),
     ] = "auto",
-    rows: RowsOption = None,
-    format: FormatOption = None,
-    dataset: DatasetOption = None,
-    skip_lines: SkipLinesOption = 0,
-    delimiter: DelimiterOption = None,
-    decimal: DecimalOption = None,
+    how: FileOptions = WHOLE_FILE,
     figure: Annotated[
         Path | None,
         figure_option("Draw the measured and the predicted loop of the first record."),
@@ -87,15 +76,8 @@ def predict(
         branches=branches,
         curve=curve,
         units=(input_unit, output_unit),
-        sample_rate=sample_rate,
-        time=time,
-        resample=resample,
-        format=format,
-        dataset=dataset,
-        rows=rows,
-        skip_lines=skip_lines,
-        delimiter=delimiter,
-        decimal=decimal,
+        **vars(timing),
+        **vars(how),
     )
     found = on_records(file.model, read, driven, follows, before)
     written = []

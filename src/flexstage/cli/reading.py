@@ -1,5 +1,6 @@
 """What commands that read measured files share: options, and how they are understood."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -76,6 +77,31 @@ ResampleOption = Annotated[
         rich_help_panel=_SECTION,
     ),
 ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeOptions:
+    """Options on the times of samples."""
+
+    sample_rate: SampleRateOption = None
+    time: TimeOption = None
+    resample: ResampleOption = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileOptions:
+    """Options on what is read of a file, and how."""
+
+    rows: RowsOption = None
+    format: FormatOption = None
+    dataset: DatasetOption = None
+    skip_lines: SkipLinesOption = 0
+    delimiter: DelimiterOption = None
+    decimal: DecimalOption = None
+
+
+#: None of them given.
+AS_TIMED, WHOLE_FILE = TimeOptions(), FileOptions()
 
 
 def column(text: str) -> str | int:
