@@ -20,7 +20,10 @@ from flexstage.cli.output import (
     figure_option,
     folder_option,
     make_table,
+    name_for_files,
+    picture,
     print_json,
+    print_notes,
     progress_bar,
 )
 from flexstage.errors import FlexstageError, ModelError
@@ -129,8 +132,7 @@ def analyse(
         _print(screen, run)
     for name, why in left_out.items():
         screen.print(f"note: the {name} model was left out: {why}", markup=False)
-    for file in files:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+    print_notes(screen, (), files)
 
 
 def _printed(
@@ -177,8 +179,7 @@ def _print(screen: "Console", run: "ModelRun") -> None:
     _responses(screen, analysis)
     _loads(screen, analysis)
     _bars(screen, run.bars)
-    for note in analysis.validity:
-        screen.print(f"note: {note}", style="dim", markup=False)
+    print_notes(screen, analysis.validity)
 
 
 def _results(run: "ModelRun") -> dict[str, Any]:
@@ -191,14 +192,13 @@ def _diagrams(
     analysis: "Analysis", figure: Path = Path("bode.svg"), model: str = ""
 ) -> dict[str, bytes]:
     """A Bode diagram of each axis, by the name of the figure, the model and the axis."""
-    from flexstage.cli.output import name_for_files
     from flexstage.report.figures.bode import draw_bode
-    from flexstage.report.figures.style import encode
 
-    kind = figure.suffix.lower().removeprefix(".")
     stem = f"{figure.stem}-{model}" if model else figure.stem
     return {
-        f"{stem}-{name_for_files(a.axis)}{figure.suffix}": encode(draw_bode(analysis, a.axis), kind)
+        f"{stem}-{name_for_files(a.axis)}{figure.suffix}": picture(
+            figure, draw_bode(analysis, a.axis)
+        )
         for a in analysis.axes
     }
 

@@ -1,25 +1,34 @@
 """`flexstage centre`: eccentricity of a scale on a turning table, and the move that removes it."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from flexstage.cli.centre_heads import (
+    MAGNET,
     doubts,
     each_has_one,
     head_angles,
     head_of,
+    kind_notes,
     orders_of,
     radius_of,
     spelled,
 )
 from flexstage.cli.centre_report import change, joined, print_setting, report
-from flexstage.cli.centre_setting import MAGNET, setting
 from flexstage.cli.centre_trial import positions_of, print_trial, trial
 from flexstage.cli.options import JsonOption, option, with_groups
-from flexstage.cli.output import console, figure_option, print_json, write_file
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    picture,
+    print_json,
+    print_notes,
+    write_file,
+)
 from flexstage.cli.reading import (
     WHOLE_FILE,
     FileOptions,
@@ -165,6 +174,7 @@ def centre(
 
     The harmonics of the error over the turn are fitted; that of order 1 gives the eccentricity.
     """
+    from flexstage.centring.setting import fit_setting
     from flexstage.units import parse
 
     _require(figure, sign, head_direction, kind, angle, turns)
@@ -211,17 +221,12 @@ def centre(
         if len(read) > 1 and heads is not None and each_has_one(heads, found)
         else len(names)
     )
-    settings = [
-        setting(
-            found[i : i + size],
-            size_of_scale,
-            kind,
-            orders_of(orders),
-            outliers,
-            on_trial=stage_at is not None,
-        )
-        for i in range(0, len(found), size)
-    ]
+    settings = []
+    for i in range(0, len(found), size):
+        one = fit_setting(found[i : i + size], size_of_scale, kind, orders_of(orders), outliers)
+        # of settings at known positions the kind says nothing that they do not say themselves
+        more = [] if stage_at is not None else kind_notes(one, kind, size_of_scale is not None)
+        settings.append(replace(one, notes=tuple(dict.fromkeys((*one.notes, *more)))))
     written = error_unit or unit
     reports = [report(s, mirror, mounted, written) for s in settings]
     for i in range(1, len(reports)):
@@ -232,10 +237,9 @@ def centre(
         result["trial"] = trial(settings, positions_of(stage_at, len(settings)), kind)
     if figure is not None:
         from flexstage.report.figures.centring import draw_polar
-        from flexstage.report.figures.style import encode
 
         drawn = draw_polar([s.fits[0] for s in settings], [s.heads[0].angle for s in settings])
-        write_file(figure, encode(drawn, figure.suffix.lower().lstrip(".")))
+        write_file(figure, picture(figure, drawn))
         result["files"] = [str(figure)]
     if json:
         print_json(result)
@@ -244,10 +248,7 @@ def centre(
         print_setting(one)
     if stage_at is not None:
         print_trial(result["trial"])
-    for note in notes:
-        console().print(f"note: {note}", style="dim", markup=False)
-    if figure is not None:
-        console().print(f"wrote {figure}", markup=False, soft_wrap=True)
+    print_notes(console(), notes, [] if figure is None else [figure])
 
 
 def _columns(

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.output import make_table
+from flexstage.cli.output import make_table, print_notes
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -39,10 +39,7 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
     for measured in result.found.results:
         if "positioning" in measured.details:
             _print_positioning(screen, measured)
-    for note in result.notes:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    for file in saved:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+    print_notes(screen, result.notes, saved)
 
 
 def _print_positioning(screen: "Console", result: "TestResult") -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.options import CurrentOption, JsonOption, SlewOption, option, with_groups
-from flexstage.cli.output import console, file_option, print_json, write_file
+from flexstage.cli.output import console, file_option, print_json, print_notes, write_file
 from flexstage.cli.predict import moved_for
 from flexstage.cli.reading import (
     AS_TIMED,
@@ -226,7 +226,4 @@ def _print(result: dict[str, Any]) -> None:
         f"{readable(output, result['predicted_max_error'])} at most (the model with itself: what "
         "it leaves of a measured drive adds to it)"
     )
-    for note in result["notes"]:
-        screen.print(f"note: {note}", style="yellow", markup=False)
-    if result["file"]:
-        screen.print(f"wrote {result['file']}", markup=False, soft_wrap=True)
+    print_notes(screen, result["notes"], filter(None, [result["file"]]), style="yellow")

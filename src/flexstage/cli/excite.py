@@ -20,6 +20,7 @@ from flexstage.cli.output import (
     file_option,
     make_table,
     print_json,
+    print_notes,
     write_file,
 )
 from flexstage.cli.reading import record_format
@@ -288,5 +289,4 @@ def _print(result: dict[str, Any]) -> None:
         screen.print(f"left out: {'; '.join(result['left_out'])}", markup=False)
     for warning in result["warnings"]:
         screen.print(f"warning: {warning}", style="yellow", markup=False)
-    if result["file"]:
-        screen.print(f"wrote {result['file']}", markup=False, soft_wrap=True)
+    print_notes(screen, (), filter(None, [result["file"]]))

@@ -18,7 +18,14 @@ from flexstage.cli.options import (
     positive_length,
     relative,
 )
-from flexstage.cli.output import console, folder_option, make_table, print_json, progress_bar
+from flexstage.cli.output import (
+    console,
+    folder_option,
+    make_table,
+    print_json,
+    print_notes,
+    progress_bar,
+)
 from flexstage.errors import ModelError, StageError
 
 _Fmi = Literal["2.0", "3.0"]
@@ -155,8 +162,7 @@ def export(
     for name, paths in files.items():
         table.add_row(name, FORMATS[name].about, _shown(paths))
     screen.print(table)
-    for note in notes:
-        screen.print(f"note: {note}", style="dim", markup=False)
+    print_notes(screen, notes)
 
 
 def _formats(text: str) -> list[str]:

@@ -19,6 +19,7 @@ from flexstage.cli.output import (
     console,
     figure_option,
     file_option,
+    picture,
     print_json,
     progress_bar,
     write_file,
@@ -241,11 +242,9 @@ def _written(
     if out is not None and response is not None:
         contents[out] = record_bytes(response_record(response, read), record_format(out))
     if figure is not None:
-        from flexstage.report.figures.style import encode
-
         for name, drawn in draw().items():
             path = figure.with_name(f"{figure.stem}{name}{figure.suffix}")
-            contents[path] = encode(drawn, figure.suffix.lower().lstrip("."))
+            contents[path] = picture(figure, drawn)
     for path, content in contents.items():
         write_file(path, content)
     return [str(path) for path in contents]

@@ -23,6 +23,7 @@ from flexstage.cli.output import (
     console,
     figure_option,
     file_option,
+    picture,
     print_json,
     progress_bar,
     write_file,
@@ -237,11 +238,9 @@ def _write(
         content.append((out, model_text(_file(found, read)).encode()))
     if figure is not None:
         from flexstage.report.figures.identification import draw_identification
-        from flexstage.report.figures.style import encode
 
         drawn = draw_identification(found, [r.source for r in read])
-        image = encode(drawn, figure.suffix.lower().lstrip("."))
-        content.append((figure, image))
+        content.append((figure, picture(figure, drawn)))
     for path, own in content:
         write_file(path, own)
     return [path for path, _ in content]

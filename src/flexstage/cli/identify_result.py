@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.output import make_table
+from flexstage.cli.output import make_table, print_notes
 from flexstage.cli.predict import start_value
 from flexstage.errors import StageError
 from flexstage.units import readable
@@ -151,10 +151,7 @@ def print_identification(
     screen.print(values)
     for warning in found.warnings:
         screen.print(f"warning: {warning}", style="yellow", markup=False)
-    for note in result["notes"]:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    for file in result["files"]:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+    print_notes(screen, result["notes"], result["files"])
 
 
 def _percents(candidate: "Candidate") -> tuple[str, str, str]:

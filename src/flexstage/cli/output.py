@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
+    from matplotlib.figure import Figure
     from rich.console import Console
     from rich.table import Table
 import errno
@@ -70,6 +71,16 @@ def count(number: int, noun: str) -> str:
 def print_json(value: Any) -> None:
     """Print plain data as one JSON object on standard output."""
     typer.echo(json.dumps(value, indent=2, allow_nan=False))
+
+
+def print_notes(
+    screen: "Console", notes: "Iterable[str]", files: "Iterable[object]" = (), *, style: str = "dim"
+) -> None:
+    """Print notes, and which files were written."""
+    for note in notes:
+        screen.print(f"note: {note}", style=style, markup=False)
+    for file in files:
+        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
 
 
 @contextmanager
@@ -207,3 +218,10 @@ def write_file(path: Path, content: bytes) -> None:
     from flexstage.report.files import write_files
 
     write_files(path.parent, {path.name: content})
+
+
+def picture(path: Path, drawn: "Figure") -> bytes:
+    """Return a figure in the format that the ending of a path says."""
+    from flexstage.report.figures.style import encode
+
+    return encode(drawn, path.suffix.lower().lstrip("."))

@@ -12,6 +12,7 @@ from flexstage.cli.output import (
     console,
     figure_option,
     make_table,
+    picture,
     print_json,
     progress_bar,
     write_file,
@@ -141,10 +142,9 @@ def part(
             )
     if figure is not None:
         from flexstage.report.figures.part import draw_part
-        from flexstage.report.figures.style import encode
 
         drawn = draw_part(read, held=held, moved=moved)
-        write_file(figure, encode(drawn, figure.suffix.lower().lstrip(".")))
+        write_file(figure, picture(figure, drawn))
     if json:
         print_json(_plain(read, of, found))
         return

@@ -7,7 +7,15 @@ import typer
 
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
 from flexstage.cli.options import InputUnitOption, JsonOption, OutputUnitOption, option, with_groups
-from flexstage.cli.output import console, figure_option, make_table, print_json, write_file
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    make_table,
+    picture,
+    print_json,
+    print_notes,
+    write_file,
+)
 from flexstage.cli.reading import (
     AS_TIMED,
     WHOLE_FILE,
@@ -83,13 +91,9 @@ def predict(
     written = []
     if figure is not None:
         from flexstage.report.figures.identification import draw_prediction
-        from flexstage.report.figures.style import encode
 
         band = file.errors.get("heldout_95")
-        image = encode(
-            draw_prediction(found[0], file.model, band), figure.suffix.lower().lstrip(".")
-        )
-        write_file(figure, image)
+        write_file(figure, picture(figure, draw_prediction(found[0], file.model, band)))
         written.append(str(figure))
     result = {
         "model": file.model.hysteresis.kind,
@@ -108,8 +112,7 @@ def predict(
     screen = console()
     print_predictions(screen, found, file.model, f"{file.model.hysteresis.kind}, {model}")
     _print_band(screen, found, file.errors.get("heldout_95"))
-    for name in written:
-        screen.print(f"wrote {name}", markup=False, soft_wrap=True)
+    print_notes(screen, (), written)
 
 
 def on_records(
@@ -260,8 +263,7 @@ def print_predictions(
         if model.creep is not None:
             did = start_in_words(*p.starts)
             screen.print(f"before, the drive is taken to have {did}", markup=False)
-        for note in p.notes:
-            screen.print(f"note: {note}", style="yellow", markup=False)
+        print_notes(screen, p.notes, style="yellow")
 
 
 def _print_band(screen: "Console", found: "Sequence[Prediction]", band: float | None) -> None:

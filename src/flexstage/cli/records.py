@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.options import JsonOption, with_groups
-from flexstage.cli.output import console, make_table, print_json
+from flexstage.cli.output import console, make_table, print_json, print_notes
 from flexstage.cli.reading import (
     WHOLE_FILE,
     FileOptions,
@@ -132,8 +132,7 @@ def _print(screen: "Console", one: dict[str, Any]) -> None:
         screen.print(f"gap of {gap['seconds']:.4g} s after sample {gap['after_sample']}")
     if len(gaps) > 5:
         screen.print(f"and {len(gaps) - 5} more gaps")
-    for note in one["notes"]:
-        screen.print(f"note: {note}", style="dim", markup=False)
+    print_notes(screen, one["notes"])
 
 
 def _length(one: dict[str, Any]) -> str:

@@ -14,6 +14,7 @@ from flexstage.cli.output import (
     make_table,
     name_for_files,
     print_json,
+    print_notes,
     progress_bar,
     write_file,
 )
@@ -241,8 +242,7 @@ def _print_dry(found: "DryRun", title: str) -> None:
             table.add_row(*head, *_motion(motion))
     screen.print(table)
     for step in found.steps:
-        for note in step.notes:
-            screen.print(f"note: {step.name}: {note}", style="dim", markup=False)
+        print_notes(screen, (f"{step.name}: {note}" for note in step.notes))
 
 
 def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
@@ -298,9 +298,7 @@ def _print(result: "PlanResult") -> None:
                 f"{1e6 * last.length:.3f} um: {step.reason}",
                 markup=False,
             )
-    for note in result.notes:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    screen.print(f"wrote {result.folder / 'report.html'}", markup=False, soft_wrap=True)
+    print_notes(screen, result.notes, [result.folder / "report.html"])
 
 
 def _print_verified(step: Any) -> None:
@@ -327,8 +325,7 @@ def _print_verified(step: Any) -> None:
     screen = console()
     screen.print(table)
     for run_ in step.runs:
-        for note in run_.notes:
-            screen.print(f"note: {step.name}, {run_.way}: {note}", style="dim", markup=False)
+        print_notes(screen, (f"{step.name}, {run_.way}: {note}" for note in run_.notes))
 
 
 def _figure(result: "PlanResult", figure: Any) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from flexstage.cli.output import (
     make_table,
     output_path,
     print_json,
+    print_notes,
 )
 from flexstage.errors import RecordError
 
@@ -239,8 +240,7 @@ def recover(
         f"safe: {found.samples / rate:.6g} s at {rate:g} Hz",
         markup=False,
     )
-    for note in found.notes:
-        screen.print(f"note: {note}", style="yellow", markup=False)
+    print_notes(screen, found.notes, style="yellow")
     if target is not None:
         screen.print(f"wrote {target}", markup=False, soft_wrap=True)
         kept = "removed" if removed else "kept"

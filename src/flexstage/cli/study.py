@@ -20,6 +20,7 @@ from flexstage.cli.output import (
     make_table,
     name_for_files,
     print_json,
+    print_notes,
     progress_bar,
 )
 
@@ -120,10 +121,7 @@ def study(
         screen.print(f"note: the {model} model was left out: {why}", markup=False)
     for axis, why in result.experiments_left_out.items():
         screen.print(f"note: the hysteresis of axis {axis} was left out: {why}", markup=False)
-    for note in described.notes:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    for file in files:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+    print_notes(screen, described.notes, files)
 
 
 def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> list["Table"]:

@@ -11,7 +11,9 @@ from flexstage.cli.output import (
     console,
     figure_option,
     make_table,
+    picture,
     print_json,
+    print_notes,
     progress_bar,
     write_file,
 )
@@ -88,12 +90,11 @@ def _draw(
     if figure is None:
         return []
     from flexstage.report.figures.budget import draw_budget
-    from flexstage.report.figures.style import encode
 
-    picture = draw_budget(
+    shown = draw_budget(
         propagated, drawn, quantity=budget.quantity, unit=budget.unit, factor=budget.factor
     )
-    write_file(figure, encode(picture, figure.suffix.lower().lstrip(".")))
+    write_file(figure, picture(figure, shown))
     return [str(figure)]
 
 
@@ -227,10 +228,7 @@ def _print(screen: "Console", result: dict[str, Any]) -> None:
     if freedom is not None:
         screen.print(f"effective degrees of freedom {freedom:.1f}", markup=False)
     screen.print(_verdict(result), markup=False)
-    for note in result["notes"]:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    for file in result["files"]:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+    print_notes(screen, result["notes"], result["files"])
 
 
 def _decimals(uncertainty: float) -> int:
