@@ -18,8 +18,7 @@ from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.twin.default_servo import delivered_settings
-from flexstage.instruments.twin.piezo_parts import PiezoAxis
-from flexstage.instruments.twin.piezo_stage import PiezoStage
+from flexstage.instruments.twin.piezo_stage import PiezoAxis, PiezoStage
 from flexstage.instruments.twin.screw_stage import ScrewAxis, ScrewStage
 from flexstage.instruments.twin.sensors import AxisSensor, SensorBench
 from flexstage.instruments.twin.stack import ChargeDrive
