@@ -10,8 +10,7 @@ from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.experiment.virtual.bench import SimulatedSensor
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.parasitic_motion import kinds_of
-from flexstage.instruments.twin.sensors import Disturbances, SensorBench
+from flexstage.instruments.twin.sensors import Disturbances, SensorBench, kinds_of
 from tests.twin_parts import small_stage
 
 BENCH = SensorBench(

@@ -19,15 +19,15 @@ from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.twin.default_servo import delivered_settings
-from flexstage.instruments.twin.hammer import Hammer
 from flexstage.instruments.twin.piezo_parts import PiezoAxis
 from flexstage.instruments.twin.piezo_stage import PiezoStage
 from flexstage.instruments.twin.screw_stage import ScrewAxis, ScrewStage
 from flexstage.instruments.twin.sensors import SensorBench
 from flexstage.instruments.twin.stack import ChargeDrive
+from flexstage.instruments.twin.stage import Hammer
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.system import MechanicalSystem, modes
-from flexstage.system.characteristics import axis_mode
+from flexstage.system.analysis import axis_mode
 
 #: What amplifier and stack are like: bandwidth [Hz], largest current [A], creep per decade [1].
 _BANDWIDTH_HZ = 2000.0

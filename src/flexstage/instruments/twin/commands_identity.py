@@ -4,10 +4,19 @@ from collections.abc import Iterable, Sequence
 
 from flexstage import __version__
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Client, GcsCommand, Reply
+from flexstage.instruments.twin.command import (
+    Client,
+    GcsCommand,
+    Reply,
+    chosen,
+    fact,
+    nothing,
+    number,
+    unsigned,
+    unsigned_or_hex,
+)
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_arguments import chosen, number, unsigned, unsigned_or_hex
-from flexstage.instruments.twin.gcs_state import ControllerState
+from flexstage.instruments.twin.gcs_state import ControllerState, ServoDraft
 from flexstage.instruments.twin.parameters import (
     PARAMETERS,
     SIMULATED_TIME,
@@ -15,7 +24,6 @@ from flexstage.instruments.twin.parameters import (
     listing,
     value_text,
 )
-from flexstage.instruments.twin.servo_parameters import ServoDraft
 
 #: Longest simulated time that one command leads on by [s].
 _LONGEST = 3600.0
@@ -27,12 +35,6 @@ _CHARACTERS = (
     "#9 Get Wave Generator Status",
     "#24 Stop All Axes",
 )
-
-
-def nothing(words: Sequence[str]) -> None:
-    """Refuse arguments."""
-    if words:
-        raise GcsError(code.NUMBER_OF_PARAMETERS)
 
 
 def identity_line(state: ControllerState) -> str:
@@ -49,16 +51,6 @@ def identity_line(state: ControllerState) -> str:
         model = f"{model} (simulated)"
     fields = (vendor, model, said.serial_number or "0", said.firmware or __version__)
     return ", ".join(field.replace(",", " ").replace("\n", " ") for field in fields)
-
-
-def _identity(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [identity_line(state)]
-
-
-def _syntax_version(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [state.model.syntax]
 
 
 def _versions(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
@@ -203,50 +195,23 @@ def _stage_names(state: ControllerState, _: Client, words: Sequence[str]) -> Rep
     return [f"{name}={axis.stage_axis}" for name, axis in axes]
 
 
-def _outputs(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [str(len(state.outputs))]
-
-
-def _inputs(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [str(len(state.channels))]
-
-
 #: Commands about the controller; ``HLP?`` is made from the list of all of them.
 IDENTITY = (
-    GcsCommand(name="*IDN?", arguments="", text="Get Device Identification", run=_identity),
-    GcsCommand(name="CCL", arguments="<Level> [<PSWD>]", text="Set Command Level", run=_level),
-    GcsCommand(name="CCL?", arguments="", text="Get Command Level", run=_read_level),
-    GcsCommand(name="CST?", arguments="[{<AxisID>}]", text="Get Stage Of Axis", run=_stage_names),
-    GcsCommand(name="CSV?", arguments="", text="Get Current Syntax Version", run=_syntax_version),
-    GcsCommand(name="ERR?", arguments="", text="Get Error Number", run=_read_error),
-    GcsCommand(name="HPA?", arguments="", text="Get List Of Available Parameters", run=_parameters),
-    GcsCommand(name="IDN?", arguments="", text="Get Device Identification", run=_identity),
-    GcsCommand(
-        name="RBT", arguments="", text="Reboot System", run=_reboot, changes=True, moves=True
-    ),
-    GcsCommand(name="SAI?", arguments="[ALL]", text="Get Axis Identifiers", run=_axis_names),
-    GcsCommand(
-        name="SEP?",
-        arguments="[{<ItemID> <PamID>}]",
-        text="Get Parameters As Delivered",
-        run=_read_delivered,
-    ),
-    GcsCommand(
-        name="SPA",
-        arguments="{<ItemID> <PamID> <PamValue>}",
-        text="Set Volatile Memory Parameters",
-        run=_set_parameters,
-        changes=True,
-    ),
-    GcsCommand(
-        name="SPA?",
-        arguments="[{<ItemID> <PamID>}]",
-        text="Get Volatile Memory Parameters",
-        run=_read_parameters,
-    ),
-    GcsCommand(name="TPC?", arguments="", text="Get Number Of Output Channels", run=_outputs),
-    GcsCommand(name="TSC?", arguments="", text="Get Number Of Input Channels", run=_inputs),
-    GcsCommand(name="VER?", arguments="", text="Get Versions", run=_versions),
-)
+    GcsCommand("*IDN?", "", "Get Device Identification", fact(identity_line)),
+    GcsCommand("CCL", "<Level> [<PSWD>]", "Set Command Level", _level),
+    GcsCommand("CCL?", "", "Get Command Level", _read_level),
+    GcsCommand("CST?", "[{<AxisID>}]", "Get Stage Of Axis", _stage_names),
+    GcsCommand("CSV?", "", "Get Current Syntax Version", fact(lambda s: s.model.syntax)),
+    GcsCommand("ERR?", "", "Get Error Number", _read_error),
+    GcsCommand("HPA?", "", "Get List Of Available Parameters", _parameters),
+    GcsCommand("IDN?", "", "Get Device Identification", fact(identity_line)),
+    GcsCommand("RBT", "", "Reboot System", _reboot, changes=True, moves=True),
+    GcsCommand("SAI?", "[ALL]", "Get Axis Identifiers", _axis_names),
+    GcsCommand("SEP?", "[{<ItemID> <PamID>}]", "Get Parameters As Delivered", _read_delivered),
+    GcsCommand("SPA", "{<ItemID> <PamID> <PamValue>}", "Set Volatile Memory Parameters",
+               _set_parameters, changes=True),
+    GcsCommand("SPA?", "[{<ItemID> <PamID>}]", "Get Volatile Memory Parameters", _read_parameters),
+    GcsCommand("TPC?", "", "Get Number Of Output Channels", fact(lambda s: str(len(s.outputs)))),
+    GcsCommand("TSC?", "", "Get Number Of Input Channels", fact(lambda s: str(len(s.channels)))),
+    GcsCommand("VER?", "", "Get Versions", _versions),
+)  # fmt: skip

@@ -3,11 +3,17 @@
 from collections.abc import Sequence
 
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Client, GcsCommand, Reply
-from flexstage.instruments.twin.commands_identity import nothing
+from flexstage.instruments.twin.command import (
+    Client,
+    GcsCommand,
+    Reply,
+    chosen,
+    fact,
+    printed,
+    unsigned,
+)
 from flexstage.instruments.twin.commands_motion import of_axes, of_inputs
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_arguments import chosen, printed, unsigned
 from flexstage.instruments.twin.gcs_state import MICRO, ControllerState
 
 #: Bits of the status register.
@@ -82,52 +88,19 @@ def _interfaces(state: ControllerState, _: Client, words: Sequence[str]) -> Repl
     return [f"{name}={value}" for name, value in chosen(words, facts, code.UNKNOWN_PARAMETER)]
 
 
-def _serial_number(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [state.device.identity.serial_number or "0"]
-
-
 #: Commands of the controller's state; inputs for the target, and switches of the stage, are none.
 STATUS = (
-    GcsCommand(
-        name="AOS?",
-        arguments="[{<AxisID>}]",
-        text="Get Analog Input Offset",
-        run=of_axes(lambda _, __: printed(0.0)),
-    ),
-    GcsCommand(
-        name="IFC?", arguments="[{<InterfacePam>}]", text="Get Interface Parameters",
-        run=_interfaces,
-    ),
-    GcsCommand(
-        name="LIM?", arguments="[{<AxisID>}]", text="Indicate Limit Switches",
-        run=of_axes(lambda _, __: "0"),
-    ),
-    GcsCommand(
-        name="OVF?", arguments="[{<AxisID>}]", text="Get Overflow State", run=of_axes(_overflow)
-    ),
-    GcsCommand(
-        name="SRG?",
-        arguments="[{<AxisID> <RegisterID>}]",
-        text="Query Status Register Value",
-        run=_registers,
-        poll=True,
-    ),
-    GcsCommand(name="SSN?", arguments="", text="Get Device Serial Number", run=_serial_number),
-    GcsCommand(
-        name="TAD?",
-        arguments="[{<InputID>}]",
-        text="Get ADC Value Of Input Signal",
-        run=of_inputs(_digits),
-    ),
-    GcsCommand(
-        name="TNS?",
-        arguments="[{<InputID>}]",
-        text="Get Normalized Input Signal Value",
-        run=of_inputs(lambda s, n: printed(_normalized(s, n))),
-    ),
-    GcsCommand(
-        name="TRS?", arguments="[{<AxisID>}]", text="Indicate Reference Switch",
-        run=of_axes(lambda _, __: "0"),
-    ),
+    GcsCommand("AOS?", "[{<AxisID>}]", "Get Analog Input Offset",
+               of_axes(lambda _, __: printed(0.0))),
+    GcsCommand("IFC?", "[{<InterfacePam>}]", "Get Interface Parameters", _interfaces),
+    GcsCommand("LIM?", "[{<AxisID>}]", "Indicate Limit Switches", of_axes(lambda _, __: "0")),
+    GcsCommand("OVF?", "[{<AxisID>}]", "Get Overflow State", of_axes(_overflow)),
+    GcsCommand("SRG?", "[{<AxisID> <RegisterID>}]", "Query Status Register Value", _registers,
+               poll=True),
+    GcsCommand("SSN?", "", "Get Device Serial Number",
+               fact(lambda s: s.device.identity.serial_number or "0")),
+    GcsCommand("TAD?", "[{<InputID>}]", "Get ADC Value Of Input Signal", of_inputs(_digits)),
+    GcsCommand("TNS?", "[{<InputID>}]", "Get Normalized Input Signal Value",
+               of_inputs(lambda s, n: printed(_normalized(s, n)))),
+    GcsCommand("TRS?", "[{<AxisID>}]", "Indicate Reference Switch", of_axes(lambda _, __: "0")),
 )  # fmt: skip

@@ -11,29 +11,26 @@ from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.experiment.virtual.guide import GuideErrors
 from flexstage.hysteresis.chain.creep import Creep
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.device import ChannelDescription
-from flexstage.instruments.twin.hammer import Hammer
+from flexstage.instruments.twin.default_servo import sampled_response
 from flexstage.instruments.twin.loop import (
     LoopState,
     SensorArrays,
     ServoArrays,
     run_loop,
 )
-from flexstage.instruments.twin.parasitic_motion import (
-    beside_channels,
+from flexstage.instruments.twin.piezo_parts import PiezoAxis, commands, drive_arrays, mode_arrays
+from flexstage.instruments.twin.sensors import (
+    Disturbances,
+    SensorBench,
     kinds_of,
     neighbour,
     polynomial,
     readings_beside,
     sources,
 )
-from flexstage.instruments.twin.piezo_parts import PiezoAxis, commands, drive_arrays, mode_arrays
-from flexstage.instruments.twin.sensors import Disturbances, SensorBench
-from flexstage.instruments.twin.small_signal import sampled_response
 from flexstage.instruments.twin.stack import ChargeDrive, relaxed_stacks, stack_arrays
-from flexstage.instruments.twin.stage import Blow, StageSamples, VirtualStage
+from flexstage.instruments.twin.stage import Blow, Hammer, MadeStage, StageSamples
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 
@@ -41,7 +38,7 @@ from flexstage.system import MechanicalSystem
 _FILTERS = 8
 
 
-class PiezoStage(VirtualStage):
+class PiezoStage(MadeStage):
     """A piezo stage sample by sample, as `VirtualStage` says.
 
     Each command goes through a converter, which holds it (20 bit over the voltage range), and an
@@ -74,10 +71,9 @@ class PiezoStage(VirtualStage):
         hammer: Hammer | None = None,
         notes: Sequence[str] = (),
     ) -> None:
-        self._stage, self._parts, self._system = stage, tuple(axes), system
-        self._rate, self._creep, self._bandwidth = sample_rate_hz, creep, bandwidth_hz
-        self._notes, self._hammer = tuple(notes), hammer
-        self._channels = beside_channels(self.axes)
+        super().__init__(stage, {a.name: a.limits for a in axes}, sample_rate_hz, hammer, notes)
+        self._parts, self._system = tuple(axes), system
+        self._creep, self._bandwidth = creep, bandwidth_hz
         self._bench, self._seed = sensors or SensorBench(), seed
         self._quiet, self._scatter = quiet, scatter
         self._modes = mode_arrays(system, self._parts, sample_rate_hz)
@@ -99,17 +95,9 @@ class PiezoStage(VirtualStage):
         self.reset()
 
     @property
-    def stage(self) -> Stage:
-        return self._stage
-
-    @property
     def system(self) -> MechanicalSystem:
         """Its model as made."""
         return self._system
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        return tuple(a.name for a in self._parts)
 
     @property
     def parts(self) -> tuple[PiezoAxis, ...]:
@@ -119,22 +107,6 @@ class PiezoStage(VirtualStage):
     @property
     def kind(self) -> Literal["piezo", "screw"]:
         return "piezo"
-
-    @property
-    def channels(self) -> tuple[ChannelDescription, ...]:
-        return self._channels
-
-    @property
-    def sample_rate_hz(self) -> float:
-        return self._rate
-
-    @property
-    def limits(self) -> Mapping[str, AxisLimits]:
-        return {a.name: a.limits for a in self._parts}
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        return self._notes
 
     def servo_settings(self, axis: str) -> ServoSettings:
         self._number(axis)
@@ -190,9 +162,7 @@ class PiezoStage(VirtualStage):
 
     def strike(self, axis: str) -> Blow:
         self._number(axis)
-        if self._hammer is None:
-            raise ModelError(f"there is no hammer beside this model of {self._stage.name}")
-        return self._hammer.strike(axis)
+        return super().strike(axis)
 
     def reset(self) -> None:
         """Relax the stage: time and all memory back to 0, settings as delivered."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.instruments.twin import errors_gcs as code
+from flexstage.instruments.twin.command import number, unsigned
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_arguments import number, unsigned
 
 #: Words behind the kind of a segment.
 _WORDS = {"SIN_P": 6, "RAMP": 7, "LIN": 6}
