@@ -9,8 +9,7 @@ import numpy as np
 from flexstage.errors import ModelError
 from flexstage.experiment.updating.parameters import with_neck_thickness
 from flexstage.lumped import hinge_springs, lumped_system
-from flexstage.lumped.assemble import layout_of
-from flexstage.lumped.hinge_kinematics import hinge_matrix
+from flexstage.lumped.assemble import hinge_matrix, layout_of
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 
