@@ -6,11 +6,16 @@ from flexstage.errors import ControllerError, FlexstageError
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.clock import Pace
 from flexstage.instruments.twin.command import Client, GcsCommand, Reply, nothing
-from flexstage.instruments.twin.commands_identity import IDENTITY, delivered, help_lines
+from flexstage.instruments.twin.commands_identity import (
+    IDENTITY,
+    STATUS,
+    delivered,
+    help_lines,
+    status_register,
+)
 from flexstage.instruments.twin.commands_motion import MOTION, halt, moving_bits
 from flexstage.instruments.twin.commands_recorder import RECORDER
 from flexstage.instruments.twin.commands_setup import SETUP, TRIGGERS
-from flexstage.instruments.twin.commands_status import STATUS, status_register
 from flexstage.instruments.twin.commands_waves import WAVES, running_bits
 from flexstage.instruments.twin.controller import VirtualController
 from flexstage.instruments.twin.controller_models import OWN, ControllerModel

@@ -12,7 +12,6 @@ from flexstage.experiment.virtual.guide import GuideErrors
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.piezo_parts import commands
 from flexstage.instruments.twin.sensors import (
     Disturbances,
     SensorBench,
@@ -22,7 +21,7 @@ from flexstage.instruments.twin.sensors import (
     readings_beside,
     sources,
 )
-from flexstage.instruments.twin.stage import Hammer, MadeStage, StageSamples
+from flexstage.instruments.twin.stage import Hammer, MadeStage, StageSamples, commands
 from flexstage.stage import Stage
 
 

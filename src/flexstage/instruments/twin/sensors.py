@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.experiment.virtual.bench import SimulatedSensor
 from flexstage.experiment.virtual.guide import MOTIONS, GuideErrors
 from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
@@ -128,25 +128,6 @@ _NOISE, _ROOM, _FIXED = 0, 1, 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AxisSensor:
-    """A kind of sensor."""
-
-    noise_rms: float = 5e-9
-    """Rms of its white noise, in its unit."""
-    mains_amplitude: float = 10e-9
-    """Amplitude of what it picks up of the mains."""
-    step: float = 1e-10
-    """Its smallest step; 0 for none."""
-    gain_scatter: float = 5e-5
-    """Standard deviation of its gain [1]."""
-
-    def __post_init__(self) -> None:
-        for name in ("noise_rms", "mains_amplitude", "step", "gain_scatter"):
-            if not 0.0 <= (value := getattr(self, name)) < math.inf:
-                raise ModelError(f"the {name} of a sensor must be 0 or more, got {value!r}")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SensorBench:
     """The sensors around a stage, and the room that it stands in.
 
@@ -156,15 +137,25 @@ class SensorBench:
     no one's own. Noise is white up to half the rate of the loop, whatever that is.
     """
 
-    along: AxisSensor = field(default_factory=AxisSensor)
+    along: SimulatedSensor = field(
+        default_factory=lambda: SimulatedSensor(
+            noise_rms=5e-9, mains_amplitude=10e-9, resolution_step=1e-10, calibration=5e-5
+        )
+    )
     """Reads along an axis, and closes its loop."""
-    beside: AxisSensor = field(
-        default_factory=lambda: AxisSensor(noise_rms=3e-9, mains_amplitude=6e-9, gain_scatter=2e-3)
+    beside: SimulatedSensor = field(
+        default_factory=lambda: SimulatedSensor(
+            noise_rms=3e-9, mains_amplitude=6e-9, resolution_step=1e-10, calibration=2e-3
+        )
     )
     """Reads across it, in the plane and out of it."""
-    angle: AxisSensor = field(
-        default_factory=lambda: AxisSensor(
-            noise_rms=5e-8, mains_amplitude=5e-8, step=1e-9, gain_scatter=2e-3
+    angle: SimulatedSensor = field(
+        default_factory=lambda: SimulatedSensor(
+            noise_rms=5e-8,
+            mains_amplitude=5e-8,
+            resolution_step=1e-9,
+            calibration=2e-3,
+            unit="rad",
         )
     )
     """Reads rotations [rad]."""
@@ -197,17 +188,17 @@ class Disturbances:
         quiet: bool = False,
         scatter: bool = True,
     ) -> None:
-        sensors: list[AxisSensor] = [getattr(bench, kind) for kind in kinds]
+        sensors: list[SimulatedSensor] = [getattr(bench, kind) for kind in kinds]
         self._seed, self._rate, self._quiet = seed, sample_rate_hz, quiet
         self._size = len(sensors)
         rng = self._stream(_FIXED)
         draw = rng.standard_normal(self._size)
         self._phase = rng.uniform(0.0, 2.0 * np.pi, self._size)[:, None]
         weight = rng.uniform(0.6, 1.4, self._size) * rng.choice((-1.0, 1.0), self._size)
-        spread = np.array([s.gain_scatter for s in sensors])
+        spread = np.array([s.calibration for s in sensors])
         #: Gain of each sensor [1], and its smallest step; shape (sensors,).
         self.gain: Array = 1.0 + spread * draw if scatter else np.ones(self._size)
-        self.step: Array = np.array([0.0 if quiet else s.step for s in sensors])
+        self.step: Array = np.array([0.0 if quiet else s.resolution_step for s in sensors])
         self._rms = np.array([s.noise_rms for s in sensors])[:, None]
         self._mains = np.array([s.mains_amplitude for s in sensors])[:, None]
         self._mains_hz = bench.mains_frequency_hz

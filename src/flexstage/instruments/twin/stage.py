@@ -4,6 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from flexstage.arrays import Array
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
@@ -203,3 +206,14 @@ class MadeStage(VirtualStage):
         if self._hammer is None:
             raise ModelError(f"there is no hammer beside this model of {self._stage.name}")
         return self._hammer.strike(axis)
+
+
+def commands(command: ArrayLike, axes: int) -> Array:
+    """Return a copy of commands as a loop takes them, shape (axes, n)."""
+    given = np.array(command, dtype=np.float64, order="C")
+    if given.ndim != 2 or given.shape[0] != axes:
+        raise ModelError(f"a command of {axes} axes has the shape ({axes}, n), got {given.shape}")
+    if not np.all(np.isfinite(given)):
+        a, k = np.argwhere(~np.isfinite(given))[0]
+        raise ModelError(f"the command of axis {a} is {given[a, k]} at sample {k}: not finite")
+    return given
