@@ -1,5 +1,7 @@
 """Tests of an axis that stands: small steps, and noise."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from flexstage.errors import RecordError
@@ -80,8 +82,6 @@ def evaluate_hold(test: Test, records: list[Record], campaign: Campaign) -> Test
 def _figure(
     test: Test, quantity: str, raw: Estimate, setup: SensorSetup | None, role: Role, note: str
 ) -> Figure:
-    from dataclasses import replace
-
     whole = raw if setup is None else measured(raw, setup, role=role)
     return Figure(
         quantity=quantity, axis=test.axis, estimate=replace(whole, note=note), test=test.name

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.experiment.uncertainty.sensor import SensorSetup
 from flexstage.experiment.virtual.as_built import AsBuilt, AsBuiltAxis
-from flexstage.experiment.virtual.guide import MOTIONS
+from flexstage.experiment.virtual.imperfections import MOTIONS
 from flexstage.records import Channel, Record
 from flexstage.system import modes
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.experiment.virtual.guide import MOTIONS, GuideErrors
+from flexstage.experiment.virtual.imperfections import MOTIONS, GuideErrors
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.twin.device import ChannelDescription
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual.guide import GuideErrors
+from flexstage.experiment.virtual.imperfections import GuideErrors
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.virtual_stack import VirtualStack
 from flexstage.instruments.limits import AxisLimits

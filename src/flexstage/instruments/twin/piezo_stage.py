@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual.guide import GuideErrors
+from flexstage.experiment.virtual.imperfections import GuideErrors
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
