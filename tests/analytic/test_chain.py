@@ -14,8 +14,7 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.element import ChainElement
-from flexstage.hysteresis.chain.first_order import lag_moments, ramp_share
-from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.chain.lag import Lag, lag_moments, ramp_share
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.chain.stage_modes import StageModes, stage_zeros

@@ -9,11 +9,11 @@ from scipy.optimize import brentq
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.dead_zones import dead_zone_line, dead_zones
 from flexstage.hysteresis.models.duhem import Duhem
 from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.models.play import play_columns, stop_columns
+from flexstage.hysteresis.models.play_sum import dead_zone_line, dead_zones
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 from flexstage.hysteresis.models.preisach import Preisach, preisach_columns, preisach_gram
 

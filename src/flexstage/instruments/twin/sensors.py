@@ -12,7 +12,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
+from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 
 _BLOCK = 4096
 #: Streams of one seed.

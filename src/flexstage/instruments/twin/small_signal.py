@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Complex
 from flexstage.hysteresis.chain.creep import Creep
-from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
+from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.instruments.twin.loop import ModeArrays
 
 
