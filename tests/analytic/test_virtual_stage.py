@@ -41,11 +41,10 @@ def screw():
 
 def quiet(**changes: float) -> Laboratory:
     """A laboratory whose sensors are right."""
-    from flexstage.experiment.uncertainty.sensor import SensorSetup
-    from flexstage.experiment.virtual.bench import BenchSensor
+    from flexstage.experiment.virtual.bench import SimulatedSensor
 
-    perfect = BenchSensor(setup=SensorSetup(), noise=0.0)
-    turn = BenchSensor(setup=SensorSetup(), noise=0.0, unit="rad")
+    perfect = SimulatedSensor(noise_rms=0.0)
+    turn = SimulatedSensor(noise_rms=0.0, unit="rad")
     return Laboratory(
         position=perfect, transverse=perfect, angle=turn, signal_to_noise=1e12, **changes
     )

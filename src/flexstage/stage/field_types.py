@@ -14,12 +14,12 @@ from typing import Any
 
 from flexstage.hinges import Profile
 from flexstage.hinges.registry import PROFILES
-from flexstage.stage.drive import Drive, Force, PiezoStack, Screw
+from flexstage.stage.drive import DRIVES, Drive
 from flexstage.units import DIMENSIONS
 
 #: Classes of which a file names the kind.
 FAMILIES: dict[type, dict[str, type]] = {
-    Drive: {kind.kind: kind for kind in (Screw, PiezoStack, Force)},
+    Drive: dict(DRIVES),
     Profile: dict(PROFILES),
 }
 #: Name of the dimension that a unit of a characteristic belongs to.

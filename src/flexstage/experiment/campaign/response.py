@@ -101,7 +101,7 @@ def _found(test: Test, modes: tuple[Mode, ...]) -> Mode:
 
 
 def _figures(test: Test, campaign: Campaign, mode: Mode | DecayMode) -> tuple[Figure, ...]:
-    sensor = campaign.setup(test.along)
+    sensor = campaign.instrument(test.along)
 
     def whole(raw: Estimate, note: str, *, clocked: bool) -> Estimate:
         seen = raw if sensor is None or not clocked else measured(raw, sensor, role="frequency")

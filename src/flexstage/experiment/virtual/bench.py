@@ -1,5 +1,6 @@
 """A virtual laboratory: its sensors, and the records of the virtual stage that it writes."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -7,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.experiment.uncertainty.sensor import SensorSetup
+from flexstage.errors import ModelError
 from flexstage.experiment.virtual.as_built import AsBuilt, AsBuiltAxis
 from flexstage.experiment.virtual.imperfections import MOTIONS
 from flexstage.records import Channel, Record
+from flexstage.sensor import SensorSpecification
 from flexstage.system import modes
 
 _ANGLES = ("roll", "pitch", "yaw")
@@ -34,15 +36,21 @@ _SPHERES = np.array(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BenchSensor:
-    """A sensor: what is stated of it, and its noise."""
+class SimulatedSensor(SensorSpecification):
+    """A sensor that is simulated: what it is off by is drawn as its specification states it."""
 
-    setup: SensorSetup
-    """Standard uncertainties of calibration, alignment and drift."""
-    noise: float
-    """Rms of its noise from sample to sample, in the unit of its reading."""
+    noise_rms: float
+    """Rms of its white noise, in the unit of its reading."""
+    mains_amplitude: float = 0.0
+    """Amplitude of what it picks up of the mains, in the unit of its reading."""
     unit: str = "m"
     """Unit of its reading."""
+
+    def __post_init__(self) -> None:
+        SensorSpecification.__post_init__(self)
+        for name in ("noise_rms", "mains_amplitude"):
+            if not 0.0 <= (value := getattr(self, name)) < math.inf:
+                raise ModelError(f"the {name} of a sensor must be 0 or more, got {value!r}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,21 +63,21 @@ class Laboratory:
     room, and no one's own.
     """
 
-    position: BenchSensor = field(
-        default_factory=lambda: BenchSensor(
-            setup=SensorSetup(calibration=5e-4, alignment=1e-3, drift=2e-11), noise=5e-9
+    position: SimulatedSensor = field(
+        default_factory=lambda: SimulatedSensor(
+            calibration=5e-4, alignment=1e-3, drift=2e-11, noise_rms=5e-9
         )
     )
     """Reads along the axis."""
-    transverse: BenchSensor = field(
-        default_factory=lambda: BenchSensor(
-            setup=SensorSetup(calibration=2e-3, alignment=5e-4, drift=2e-11), noise=3e-9
+    transverse: SimulatedSensor = field(
+        default_factory=lambda: SimulatedSensor(
+            calibration=2e-3, alignment=5e-4, drift=2e-11, noise_rms=3e-9
         )
     )
     """Read across it, in the plane and out of it."""
-    angle: BenchSensor = field(
-        default_factory=lambda: BenchSensor(
-            setup=SensorSetup(calibration=2e-3, drift=1e-10), noise=5e-8, unit="rad"
+    angle: SimulatedSensor = field(
+        default_factory=lambda: SimulatedSensor(
+            calibration=2e-3, drift=1e-10, noise_rms=5e-8, unit="rad"
         )
     )
     """Reads roll, pitch and yaw [rad]."""
@@ -105,11 +113,10 @@ class _Drawn:
         return (1.0 + self.gain) * seen + self.drift * time
 
 
-def drawn(sensor: BenchSensor, rng: np.random.Generator) -> _Drawn:
+def drawn(sensor: SimulatedSensor, rng: np.random.Generator) -> _Drawn:
     """Draw what a sensor is off by, of what is stated of it: gain, angle and drift."""
-    s = sensor.setup
     g, a, d = rng.standard_normal(3)
-    return _Drawn(gain=s.calibration * g, angle=s.alignment * a, drift=s.drift * d)
+    return _Drawn(gain=sensor.calibration * g, angle=sensor.alignment * a, drift=sensor.drift * d)
 
 
 def _generator(seed: int, what: int) -> np.random.Generator:
@@ -166,10 +173,14 @@ def motion_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: in
 
 
 def _read(
-    sensor: BenchSensor, truth: Array, along: Array | float, time: Array, rng: np.random.Generator
+    sensor: SimulatedSensor,
+    truth: Array,
+    along: Array | float,
+    time: Array,
+    rng: np.random.Generator,
 ) -> Array:
     clean = drawn(sensor, rng).read(truth, along, time)
-    return clean + sensor.noise * rng.standard_normal(clean.size)
+    return clean + sensor.noise_rms * rng.standard_normal(clean.size)
 
 
 def hold_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0) -> Record:
@@ -191,7 +202,7 @@ def staircase_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed:
     lab = laboratory
     rng = _generator(seed, 30 + [a.name for a in built.axes].index(axis))
     low, high = own.command_range
-    step = own.smallest_step or _STEP_OVER_NOISE * lab.position.noise
+    step = own.smallest_step or _STEP_OVER_NOISE * lab.position.noise_rms
     level = np.repeat(np.arange(lab.levels, dtype=np.float64), lab.per_level)
     time = np.arange(level.size) / lab.sample_rate_hz
     rise = step / own.stroke * (high - low)
@@ -250,7 +261,7 @@ def sphere_record(
     approach = own.repeatability * rng.standard_normal(laboratory.cycles)
     position = own.position(command) + np.repeat(approach, 2 * stations)
     x, y, z, roll, pitch, yaw = _pose(own, position, along_x=axis != "y")
-    gain = 1.0 + laboratory.position.setup.calibration * rng.standard_normal(3)
+    gain = 1.0 + laboratory.position.calibration * rng.standard_normal(3)
     # the plate lies a little askew, which the rigid motion does not see
     spheres = _SPHERES @ _rotation(*(2e-3 * rng.standard_normal(3))).T
     channels: dict[str, tuple[Array, str]] = {"command": (command, own.command_unit)}

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexstage.experiment.campaign.plan import Campaign, Columns, SensorSpecification, Test
+from flexstage.experiment.campaign.plan import Campaign, Columns, Test
 from flexstage.experiment.virtual.as_built import AsBuilt, AsBuiltAxis
 from flexstage.experiment.virtual.bench import (
-    BenchSensor,
     HammerBench,
     Laboratory,
+    SimulatedSensor,
     hold_record,
     motion_record,
     sphere_record,
@@ -20,6 +20,7 @@ from flexstage.experiment.virtual.bench import (
 )
 from flexstage.experiment.virtual.imperfections import MOTIONS, straight_line
 from flexstage.records import Record
+from flexstage.sensor import SensorSpecification
 from flexstage.system import modes
 
 _SAMPLES = 2000
@@ -61,7 +62,7 @@ def true_figures(
             ("roll", axis.name): guide.range("roll"),
             ("repeatability", axis.name): axis.repeatability,
             ("linearity", axis.name): _linearity(axis),
-            ("noise", axis.name): lab.position.noise,
+            ("noise", axis.name): lab.position.noise_rms,
             ("drift", axis.name): 0.0,
             ("resolution", axis.name): _resolution(axis, lab),
             ("natural_frequency_hz", axis.name): float(found.frequency_hz[axis.mode]),
@@ -103,7 +104,7 @@ def _resolution(axis: AsBuiltAxis, laboratory: Laboratory) -> float:
     if axis.smallest_step is None:
         samples = int(_AVERAGED * laboratory.per_level)
         factor = 2.0 * math.sqrt(2.0) * float(ndtri(_CONFIDENCE))
-        return factor * laboratory.position.noise / math.sqrt(samples)
+        return factor * laboratory.position.noise_rms / math.sqrt(samples)
     low, high = axis.command_range
     middle, steps = 0.5 * (low + high), laboratory.levels - 1
     rise = axis.smallest_step / axis.stroke * (high - low)
@@ -259,8 +260,10 @@ def _band(built: AsBuilt) -> tuple[float, float]:
     return 0.6 * min(own), 1.5 * max(own)
 
 
-def _instrument(name: str, sensor: BenchSensor) -> SensorSpecification:
-    s = sensor.setup
+def _instrument(name: str, sensor: SimulatedSensor) -> SensorSpecification:
     return SensorSpecification(
-        name=name, calibration=s.calibration, alignment=s.alignment, drift=s.drift
+        name=name,
+        calibration=sensor.calibration,
+        alignment=sensor.alignment,
+        drift=sensor.drift,
     )

@@ -12,8 +12,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.experiment.updating.parameters import with_neck_thickness
 from flexstage.lumped import hinge_springs, lumped_system
-from flexstage.lumped.assemble import layout_of
-from flexstage.lumped.hinge_kinematics import hinge_matrix
+from flexstage.lumped.assemble import hinge_matrix, layout_of
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 
