@@ -1,23 +1,8 @@
-"""Files that survive: folders forced to disk, and a mark that a stream is being written."""
+"""A mark on a file that it is being written."""
 
-import contextlib
-import os
 import sys
 from pathlib import Path
 from typing import IO, Any
-
-
-def sync_folder(folder: Path) -> None:
-    """Force the names in a folder to the disk, where the system can."""
-    if sys.platform == "win32":
-        return
-    # some network file systems cannot; the files are there all the same
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
 
 
 def locked(file: IO[Any]) -> bool:

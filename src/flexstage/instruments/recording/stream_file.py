@@ -9,7 +9,8 @@ from typing import Any, BinaryIO, cast
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.instruments.recording.files import locked, sync_folder
+from flexstage.files.write import sync_folder
+from flexstage.instruments.recording.files import locked
 from flexstage.instruments.recording.frames import StreamHead, frame_bytes, head_bytes
 
 
