@@ -99,7 +99,7 @@ html_theme_options = {
 
 # The rooms from low to high. What does not exist yet has no page.
 SUBPACKAGES = [
-    "errors", "units", "quantities", "estimate", "material", "characteristic",
+    "errors", "units", "quantities", "estimate", "sensor", "material", "characteristic",
     "provenance",
     "records", "hinges", "stage", "designs", "system", "lumped",
     "fem", "hysteresis",

@@ -8,10 +8,9 @@ from numpy.testing import assert_allclose
 
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.protocol import Signal
-from flexstage.instruments.twin.clock import FastTime, Pace, Pacemaker, RealClock
+from flexstage.instruments.twin.clock import FastTime, Pace, Pacemaker, RealClock, StepClock
 from flexstage.instruments.twin.controller import VirtualController
 from flexstage.instruments.twin.device import Refusal, RefusedError
-from flexstage.instruments.twin.time_source import StepClock
 from tests.simple_stage import SimpleStage
 
 

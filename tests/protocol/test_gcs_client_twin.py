@@ -13,8 +13,7 @@ from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError
 from flexstage.instruments.gcs.controller import PiController
 from flexstage.instruments.gcs.profile import TransferLimits
-from flexstage.instruments.gcs.tcp import TcpLink
-from flexstage.instruments.gcs.transport import InProcess
+from flexstage.instruments.gcs.transport import InProcess, TcpLink
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.build import virtual_stage

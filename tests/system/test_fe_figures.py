@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import MeshSettings, Refinement, StageModel
 from flexstage.fem.accuracy import RefinementStep
-from flexstage.fem.mesh_regions import MOUNTING
+from flexstage.fem.geometry import MOUNTING
 from flexstage.fem.sampling import Sampler
 from flexstage.quantities import number
 from flexstage.report import ModelRun, Study, report_html

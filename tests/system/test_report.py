@@ -31,7 +31,7 @@ from flexstage.report.front_page import verdict
 from flexstage.report.html import CHAPTERS, SECTIONS
 from flexstage.stage.mass import mass_properties
 from flexstage.system import modes
-from flexstage.system.characteristics import pulsating_limit
+from flexstage.system.analysis import pulsating_limit
 from tests.studies import page_of, study_of
 
 QUANTITIES = {

@@ -326,7 +326,8 @@ def _single(
     sample_rate: str | None,
     skip_lines: int,
 ) -> "Campaign":
-    from flexstage.experiment.campaign.plan import Campaign, FileReading, SensorSpecification, Test
+    from flexstage.experiment.campaign.plan import Campaign, FileReading, Test
+    from flexstage.sensor import SensorSpecification
     from flexstage.units import parse
 
     if not files:

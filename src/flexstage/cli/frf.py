@@ -353,9 +353,9 @@ def _responded(
     fit: dict[str, Any],
 ) -> "tuple[dict[str, Any], Any, MeasuredResponse]":
     from flexstage.experiment.modal.fit import fit_modes
+    from flexstage.experiment.spectra.checks import HitOptions
     from flexstage.experiment.spectra.estimate import estimate_response
     from flexstage.experiment.spectra.from_record import response_from_record
-    from flexstage.experiment.spectra.options import HitOptions
 
     estimate: ResponseEstimate | None = None
     added = 0.0

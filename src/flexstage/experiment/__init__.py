@@ -45,12 +45,13 @@ if TYPE_CHECKING:
     from flexstage.experiment.uncertainty.budget_file import Budget, read_budget
     from flexstage.experiment.uncertainty.monte_carlo import monte_carlo, validate
     from flexstage.experiment.uncertainty.propagate import propagate
-    from flexstage.experiment.uncertainty.sensor import SensorSetup, measured
+    from flexstage.experiment.uncertainty.sensor import measured
     from flexstage.experiment.updating.parameters import UpdateParameter, stage_with
-    from flexstage.experiment.updating.predict import predict
+    from flexstage.experiment.updating.problem import predict
     from flexstage.experiment.updating.update import Updated, update_stage
     from flexstage.experiment.virtual.as_built import AsBuilt
     from flexstage.experiment.virtual.campaign import virtual_campaign
+    from flexstage.sensor import SensorSpecification
 
 __all__ = [
     "AsBuilt",
@@ -65,7 +66,7 @@ __all__ = [
     "MotionCurve",
     "Positioning",
     "RingDown",
-    "SensorSetup",
+    "SensorSpecification",
     "Spectra",
     "Stabilisation",
     "Staircase",

@@ -80,7 +80,7 @@ def _network(
     timeout: float | None,
 ) -> Instrument:
     from flexstage.instruments.gcs.controller import PiController
-    from flexstage.instruments.gcs.tcp import DEFAULT_PORT, TcpLink
+    from flexstage.instruments.gcs.transport import DEFAULT_PORT, TcpLink
 
     _options(address, parts, ())
     try:
@@ -106,7 +106,7 @@ def _serial(
     timeout: float | None,
 ) -> Instrument:
     from flexstage.instruments.gcs.controller import PiController
-    from flexstage.instruments.gcs.serial_port import DEFAULT_BAUD, SerialLink
+    from flexstage.instruments.gcs.transport import DEFAULT_BAUD, SerialLink
 
     options = _options(address, parts, ("baud",))
     baud = options.get("baud", str(DEFAULT_BAUD))
@@ -123,14 +123,14 @@ def _gateway(
     gateway: object, stage: Stage, axes: Mapping[str, str] | None, timeout: float | None
 ) -> Instrument:
     from flexstage.instruments.gcs.controller import PiController
-    from flexstage.instruments.gcs.gateway import GatewayLink, is_gateway
+    from flexstage.instruments.gcs.transport import GatewayLink, is_gateway
 
     if not is_gateway(gateway):
         raise ModelError(
             f"an instrument is given by its address ({_FORMS}) or by an object with the methods "
             f"send(text) and read(), got a {type(gateway).__name__}"
         )
-    return PiController.open(GatewayLink(gateway), stage, axes=axes, timeout=_wait(timeout))  # pyright: ignore[reportArgumentType]
+    return PiController.open(GatewayLink(gateway), stage, axes=axes, timeout=_wait(timeout))
 
 
 def _twin(

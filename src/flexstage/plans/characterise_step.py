@@ -60,7 +60,7 @@ def _ratios(context: RunContext, found: Characterisation) -> Iterator[Figure]:
         record = context.measured(result.test.name).record
         if stroke is None or record.channel("command").unit != "m":
             continue
-        sensor = found.campaign.setup(result.test.along)
+        sensor = found.campaign.instrument(result.test.along)
         gain = stroke.gain.times(math.copysign(1.0, stroke.gain.value), "1")
         if sensor is not None:
             # what a sensor is off by is a share of the stroke, and so of the ratio

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.errors import FlexstageError, LimitError
-from flexstage.instruments.checks import check_waveform
-from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.limits import AxisLimits, check_waveform
 from flexstage.plans.axis_limits import (
     AxisSetting,
     axis_setting,

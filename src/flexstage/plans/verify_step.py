@@ -372,7 +372,7 @@ def _estimate(context: RunContext, run: FollowedRun, action: Verify) -> Estimate
         spread = float(np.std(run.widths, ddof=1)) / n**0.5
         parts = (Component(name="cycle to cycle", uncertainty=spread, degrees_of_freedom=n - 1.0),)
     raw = Estimate(value=run.tracking.loop_width, unit="m", components=parts)
-    whole = measured(raw, context.plan.sensor(action.along).setup, role="transverse range")
+    whole = measured(raw, context.plan.sensor(action.along), role="transverse range")
     note = (
         f"{run.way}, {action.reference.rate:g} Hz, {100.0 * action.reference.share:g} % of the "
         "stroke, mean cycle"

@@ -12,7 +12,7 @@ from flexstage.files.nodes import Mapping, Node
 from flexstage.files.yaml_text import Number
 from flexstage.hinges import Profile
 from flexstage.hinges.registry import PROFILES
-from flexstage.stage.drive import Drive, Force, PiezoStack, Screw
+from flexstage.stage.drive import DRIVES, Drive
 from flexstage.stage.outline import Circle, Loop
 from flexstage.units import DIMENSIONS
 
@@ -121,8 +121,8 @@ STAGE_FILE = Format(
     error=StageError,
     length_unit=True,
     families={
-        Drive: {kind.kind: kind for kind in (Screw, PiezoStack, Force)},
-        Profile: dict(PROFILES),
+        Drive: DRIVES,
+        Profile: PROFILES,
     },
     forms={
         **FORMS,

@@ -12,9 +12,10 @@ from flexstage.experiment.noise.allan import allan_deviation
 from flexstage.experiment.noise.hold import hold_noise
 from flexstage.experiment.noise.levels import levels_of_command
 from flexstage.experiment.noise.staircase import staircase
-from flexstage.experiment.uncertainty.sensor import Role, SensorSetup, measured
+from flexstage.experiment.uncertainty.sensor import Role, measured
 from flexstage.records import Record
 from flexstage.records.sampling import require_uniform
+from flexstage.sensor import SensorSpecification
 
 
 def evaluate_staircase(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
@@ -45,7 +46,7 @@ def evaluate_staircase(test: Test, records: list[Record], campaign: Campaign) ->
         raw, note = found.smallest_told, f"mean of the smallest steps; {found.smallest_told.note}"
     return TestResult(
         test=test,
-        figures=(_figure(test, "resolution", raw, campaign.setup(test.along), "noise", note),),
+        figures=(_figure(test, "resolution", raw, campaign.instrument(test.along), "noise", note),),
         details={"staircase": found, "along": along, "time": record.time},
         notes=found.notes,
     )
@@ -60,12 +61,12 @@ def evaluate_hold(test: Test, records: list[Record], campaign: Campaign) -> Test
     require_uniform(record)
     along = column(test, record, "along")
     found = hold_noise(along, record.sample_rate_hz)
-    setup = campaign.setup(test.along)
+    sensor = campaign.instrument(test.along)
     return TestResult(
         test=test,
         figures=(
-            _figure(test, "noise", found.rms, setup, "noise", "rms about a straight line"),
-            _figure(test, "drift", found.drift, setup, "drift", "while the stage is held"),
+            _figure(test, "noise", found.rms, sensor, "noise", "rms about a straight line"),
+            _figure(test, "drift", found.drift, sensor, "drift", "while the stage is held"),
         ),
         details={
             "hold": found,
@@ -78,11 +79,16 @@ def evaluate_hold(test: Test, records: list[Record], campaign: Campaign) -> Test
 
 
 def _figure(
-    test: Test, quantity: str, raw: Estimate, setup: SensorSetup | None, role: Role, note: str
+    test: Test,
+    quantity: str,
+    raw: Estimate,
+    sensor: SensorSpecification | None,
+    role: Role,
+    note: str,
 ) -> Figure:
     from dataclasses import replace
 
-    whole = raw if setup is None else measured(raw, setup, role=role)
+    whole = raw if sensor is None else measured(raw, sensor, role=role)
     return Figure(
         quantity=quantity, axis=test.axis, estimate=replace(whole, note=note), test=test.name
     )

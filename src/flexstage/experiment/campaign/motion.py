@@ -15,9 +15,10 @@ from flexstage.experiment.motion.linearity import linearity
 from flexstage.experiment.motion.motion_curve import MotionCurve
 from flexstage.experiment.motion.stroke import stroke
 from flexstage.experiment.noise.resolution import screw_resolution
-from flexstage.experiment.uncertainty.sensor import Role, SensorSetup, measured
+from flexstage.experiment.uncertainty.sensor import Role, measured
 from flexstage.quantities import QUANTITIES
 from flexstage.records import Record
+from flexstage.sensor import SensorSpecification
 
 _ROTATIONS = {"roll": "roll", "pitch": "pitch", "yaw": "parasitic_rotation"}
 _REVERSED = "the reading falls as the command rises: the stroke is given as a length"
@@ -86,19 +87,23 @@ def motion_figures(
     cycles = motion_cycles(command)
     found = stroke(command, along, time, cycles=cycles, command_unit=command_unit)
     straight = linearity(found.curve)
-    sensor, side, angle = (campaign.setup(n) for n in (test.along, test.transverse, test.angle))
+    sensor, side, angle = (
+        campaign.instrument(n) for n in (test.along, test.transverse, test.angle)
+    )
     lasting = _half_cycle(cycles, time) if timed else 0.0
     figures: list[Figure] = []
 
     def add(
         quantity: str,
         raw: Estimate,
-        setup: SensorSetup | None,
+        instrument: SensorSpecification | None,
         role: Role,
         pitch: Estimate | None = None,
     ) -> None:
         whole = (
-            raw if setup is None else measured(raw, setup, role=role, duration=lasting, pitch=pitch)
+            raw
+            if instrument is None
+            else measured(raw, instrument, role=role, duration=lasting, pitch=pitch)
         )
         figures.append(
             Figure(

@@ -15,8 +15,9 @@ from flexstage.experiment.campaign.results import Figure, TestResult
 from flexstage.experiment.motion.approaches import Approaches, Visits, visits
 from flexstage.experiment.motion.positioning import Positioning, positioning
 from flexstage.experiment.motion.staircase_levels import staircase_dwells
-from flexstage.experiment.uncertainty.sensor import SensorSetup, measured
+from flexstage.experiment.uncertainty.sensor import measured
 from flexstage.records import Record
+from flexstage.sensor import SensorSpecification
 
 #: Figures that stand in the table of a stage: quantity, field of `Positioning`, what it is.
 _FIGURES: tuple[tuple[str, str, str], ...] = (
@@ -68,7 +69,7 @@ def evaluate_positioning(test: Test, records: list[Record], campaign: Campaign) 
     reached = _table(test, record, command) if table else _sequence(test, record, command)
     upward, downward, notes = _set_alike(reached, deviations=test.deviations)
     found = positioning(reached.target, upward, downward)
-    sensor = campaign.setup(test.along)
+    sensor = campaign.instrument(test.along)
     if sensor is not None:
         found = _measured(found, sensor)
     return TestResult(
@@ -216,7 +217,7 @@ def _set_alike(reached: _Reached, *, deviations: bool) -> tuple[Array, Array, tu
     return reached.upward - zero, reached.downward - zero, (note,)
 
 
-def _measured(found: Positioning, sensor: SensorSetup) -> Positioning:
+def _measured(found: Positioning, sensor: SensorSpecification) -> Positioning:
     """Return the figures with what the sensor adds to their uncertainty.
 
     A figure of deviations along the travel has the error of the length over all of it: a gain that

@@ -99,7 +99,7 @@ def _found(test: Test, modes: tuple[Mode, ...]) -> Mode:
 
 
 def _figures(test: Test, campaign: Campaign, mode: Mode | DecayMode) -> tuple[Figure, ...]:
-    sensor = campaign.setup(test.along)
+    sensor = campaign.instrument(test.along)
 
     def whole(raw: Estimate, note: str, *, clocked: bool) -> Estimate:
         from dataclasses import replace

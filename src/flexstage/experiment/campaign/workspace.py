@@ -32,7 +32,7 @@ def evaluate_workspace(test: Test, records: list[Record], campaign: Campaign) ->
         )
     rounds = min(v.size for v in visits)
     found = workspace(np.stack([points[v[:rounds]] for v in visits], axis=1))
-    sensor = campaign.setup(test.along)
+    sensor = campaign.instrument(test.along)
     # two sensors, each with a direction of its own
     pair = None if sensor is None else replace(sensor, alignment=2.0**0.5 * sensor.alignment)
     notes = []
@@ -40,8 +40,8 @@ def evaluate_workspace(test: Test, records: list[Record], campaign: Campaign) ->
         notes.append(f"{rounds} whole rounds are used, visits beyond them are left out")
 
     def figure(quantity: str, raw: Estimate, role: Role, note: str) -> Figure:
-        setup = pair if role == "squareness" else sensor
-        whole = raw if setup is None else measured(raw, setup, role=role)
+        own = pair if role == "squareness" else sensor
+        whole = raw if own is None else measured(raw, own, role=role)
         return Figure(
             quantity=quantity,
             axis=test.axis,

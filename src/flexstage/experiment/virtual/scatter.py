@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.experiment.updating.necks import with_neck_thickness
+from flexstage.experiment.updating.parameters import with_neck_thickness
 from flexstage.lumped import hinge_springs, lumped_system
-from flexstage.lumped.assemble import layout_of
-from flexstage.lumped.hinge_kinematics import hinge_matrix
+from flexstage.lumped.assemble import hinge_matrix, layout_of
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 

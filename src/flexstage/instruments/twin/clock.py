@@ -6,12 +6,14 @@ held, whether it is a question that a client repeats while it waits.
 
 import math
 import threading
+import time
+from collections.abc import Callable
 from typing import Protocol
 
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.twin.controller import VirtualController
+from flexstage.instruments.twin.controller_core import duration
 from flexstage.instruments.twin.device import Refusal, RefusedError
-from flexstage.instruments.twin.time_source import Clock, RealClock, duration
 
 #: Simulated time of one command of a fast conversation [s].
 _COMMAND = 1e-3
@@ -19,6 +21,60 @@ _COMMAND = 1e-3
 _LOOK, _PATIENCE = 5e-3, 0.25
 #: Longest time for which the lock is held at once [s of simulated time], and the pause after it.
 _PIECE, _BREATH = 20e-3, 1e-4
+
+
+class Clock(Protocol):
+    """Tells the time, and waits."""
+
+    def now(self) -> float:
+        """Return the time from some moment on [s]."""
+        ...
+
+    def wait(self, seconds: float, ended: threading.Event) -> bool:
+        """Wait some time, or until an event is set."""
+        ...
+
+
+class RealClock(Clock):
+    """The clock of the computer, which is never set back."""
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def wait(self, seconds: float, ended: threading.Event) -> bool:
+        return ended.wait(seconds)
+
+
+class StepClock(Clock):
+    """A clock that stands until it is told to go on.
+
+    `on_wait` is called with the seconds of each wait, before the clock goes on by them.
+
+    Examples
+    --------
+    >>> clock = StepClock()
+    >>> clock.advance(0.25)
+    >>> clock.now()
+    0.25
+    """
+
+    def __init__(self, on_wait: Callable[[float], None] | None = None) -> None:
+        self._now = 0.0
+        self._on_wait = on_wait
+
+    def now(self) -> float:
+        return self._now
+
+    def advance(self, seconds: float) -> None:
+        """Go on."""
+        self._now += duration(seconds)
+
+    def wait(self, seconds: float, ended: threading.Event) -> bool:
+        """Go on at once by the time that is waited for."""
+        if self._on_wait is not None:
+            self._on_wait(seconds)
+        self.advance(seconds)
+        return ended.is_set()
 
 
 class Pace(Protocol):

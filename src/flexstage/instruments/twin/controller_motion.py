@@ -6,10 +6,9 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.axis_state import AxisState
+from flexstage.instruments.twin.axis_state import AxisState, require_within
 from flexstage.instruments.twin.controller_core import ControllerCore
 from flexstage.instruments.twin.device import Refusal, RefusedError
-from flexstage.instruments.twin.wave_checks import require_within
 
 #: Part by which a speed may pass its limit because texts are rounded.
 _ROUNDING = 1e-6

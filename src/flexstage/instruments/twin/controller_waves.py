@@ -3,10 +3,9 @@
 from collections.abc import Collection, Sequence
 
 from flexstage.arrays import Array
-from flexstage.instruments.twin.axis_state import AxisState
+from flexstage.instruments.twin.axis_state import AxisState, check_feedforward, check_wave
 from flexstage.instruments.twin.controller_core import ControllerCore
 from flexstage.instruments.twin.device import Refusal, RefusedError
-from flexstage.instruments.twin.wave_checks import check_feedforward, check_wave
 from flexstage.instruments.twin.wave_tables import WaveRun
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from flexstage.errors import ModelError
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, new_figure
 from flexstage.system import Analysis
-from flexstage.system.characteristics import pulsating_limit
+from flexstage.system.analysis import pulsating_limit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
