@@ -12,9 +12,8 @@ from flexstage.experiment.campaign.results import TestResult, figure_of
 from flexstage.experiment.motion.curve_extremes import curve_range
 from flexstage.experiment.motion.curve_fit import fit_motion_curve
 from flexstage.experiment.motion.cycles import MotionCycles, motion_cycles
-from flexstage.experiment.motion.linearity import linearity
 from flexstage.experiment.motion.motion_curve import MotionCurve
-from flexstage.experiment.motion.stroke import stroke
+from flexstage.experiment.motion.stroke import linearity, stroke
 from flexstage.experiment.noise.resolution import screw_resolution
 from flexstage.experiment.uncertainty.sensor import Role, measured
 from flexstage.quantities import QUANTITIES

@@ -10,7 +10,7 @@ from flexstage.experiment.modal.fit import fit_modes
 from flexstage.experiment.modal.result import Mode
 from flexstage.experiment.modal.ring_down import DecayMode, RingDown, ring_down
 from flexstage.experiment.spectra.estimate import estimate_response
-from flexstage.experiment.spectra.from_record import response_from_record
+from flexstage.experiment.spectra.response import response_from_record
 from flexstage.experiment.uncertainty.sensor import measured
 from flexstage.records import Record
 
