@@ -16,7 +16,7 @@ from flexstage.experiment.modal.stabilisation import stable_poles
 from flexstage.experiment.modal.variable_projection import ResponseBlock, eliminate, remaining
 from flexstage.experiment.spectra.response import MeasuredResponse
 from flexstage.records import Channel, Record
-from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
+from flexstage.report.figures.modal_fit import draw_modal_fit, draw_stabilisation
 from flexstage.report.figures.style import encode
 from tests.tiers import limits, sizes
 

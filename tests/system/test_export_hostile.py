@@ -18,7 +18,7 @@ import yaml
 from fmpy.validation import validate_fmu
 
 from flexstage.cli import main
-from flexstage.cli.output_files import name_for_files
+from flexstage.cli.output import name_for_files
 from flexstage.errors import ModelError
 from flexstage.export import dynamic_model
 from flexstage.export.diagram.svg import diagram_files

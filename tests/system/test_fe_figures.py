@@ -19,7 +19,7 @@ from flexstage.fem.sampling import Sampler
 from flexstage.quantities import number
 from flexstage.report import ModelRun, Study, report_html
 from flexstage.report.figures.convergence import changes, draw_convergence
-from flexstage.report.figures.fe_modes import draw_fe_modes, out_of_plane
+from flexstage.report.figures.fields import draw_fe_modes, out_of_plane
 from flexstage.report.figures.neck_stress import draw_neck_stress, worst_necks
 from flexstage.report.figures.style import encode
 from flexstage.report.html import SECTIONS

@@ -21,10 +21,9 @@ from flexstage.report import Study, report_html, results_json, run_study, study_
 from flexstage.report.figures.bode import draw_bode
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.following import draw_drive_fit
+from flexstage.report.figures.hinges import draw_stress
 from flexstage.report.figures.mode_shapes import mode_motion
-from flexstage.report.figures.static_shape import draw_static_shape
-from flexstage.report.figures.stress_bars import draw_stress
-from flexstage.report.figures.stroke import draw_stroke
+from flexstage.report.figures.static_shape import draw_static_shape, draw_stroke
 from flexstage.report.figures.style import FORMATS, encode, inline_svg
 from flexstage.report.files import write_files
 from flexstage.report.front_page import verdict

@@ -12,7 +12,7 @@ from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError
 from flexstage.quantities import beside, display
 from flexstage.report.figures.centring import draw_polar
-from flexstage.report.figures.resonance import draw_resonance
+from flexstage.report.figures.modal_fit import draw_resonance
 from flexstage.report.figures.style import inline_svg
 from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.page import captioned, figure, row_of, table_html

@@ -10,23 +10,23 @@ from flexstage.report.bench import bench_section, centring_section
 from flexstage.report.figures.bench import draw_bench
 from flexstage.report.figures.bode import draw_bode
 from flexstage.report.figures.drawing import draw_stage
+from flexstage.report.figures.hinges import draw_stress
 from flexstage.report.figures.mode_shapes import body_symbols, mode_cards
-from flexstage.report.figures.static_shape import draw_static_shape
-from flexstage.report.figures.stress_bars import draw_stress
-from flexstage.report.figures.stroke import draw_stroke
+from flexstage.report.figures.static_shape import draw_static_shape, draw_stroke
 from flexstage.report.figures.style import inline_svg
 from flexstage.report.findings import FINDINGS
 from flexstage.report.front_page import front_page, outer_size
 from flexstage.report.hysteresis import hysteresis_section
 from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.measurement_html import measurement_section, measurement_text
-from flexstage.report.mesh_sections import (
+from flexstage.report.model_sections import (
     convergence_section,
+    diagram_section,
+    equations_section,
     fe_modes_section,
     neck_stress_section,
 )
 from flexstage.report.page import figure, folded, page_html, row_of
-from flexstage.report.structure import diagram_section, equations_section
 from flexstage.report.study import Study
 from flexstage.report.tables import (
     characteristics_table,

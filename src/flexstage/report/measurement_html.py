@@ -7,15 +7,20 @@ from typing import Any
 import flexstage
 from flexstage.experiment.campaign.results import TestResult
 from flexstage.quantities import beside, display, number
-from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
+from flexstage.report.figures.modal_fit import (
+    draw_modal_fit,
+    draw_stabilisation,
+    strongest_output,
+)
+from flexstage.report.figures.motion_error import (
+    draw_motion_error,
+    draw_positioning,
+    draw_workspace,
+)
 from flexstage.report.figures.noise import draw_hold, draw_staircase
-from flexstage.report.figures.positioning import draw_positioning
-from flexstage.report.figures.resonance import strongest_output
-from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
 from flexstage.report.figures.style import inline_svg
-from flexstage.report.measurement import MeasuredRow, MeasurementComparison
+from flexstage.report.measurement import MeasuredRow, MeasurementComparison, positioning_tables
 from flexstage.report.page import figure, page_html, row_of
-from flexstage.report.positioning_tables import positioning_tables
 from flexstage.report.tables import column_title
 
 _MOTIONS = {

@@ -1,4 +1,4 @@
-"""Where poles settle as the order of a model rises, and the modal fit beside what was measured."""
+"""Modal fits beside what was measured: stabilisation, response, resonance, and free decay."""
 
 from typing import TYPE_CHECKING
 
@@ -6,12 +6,18 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.estimate import Estimate
 from flexstage.experiment.modal.result import ModalFit
-from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
+from flexstage.experiment.modal.ring_down import RingDown
+from flexstage.quantities import beside
+from flexstage.records import Record
+from flexstage.report.figures.measured_response import shown_lines
+from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure, scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 # half width of a 95 % interval of a normal distribution
 _NORMAL = 1.959964
@@ -160,3 +166,86 @@ def _unit(outputs: tuple[str, ...], inputs: tuple[str, ...]) -> str:
         return ""
     output = outputs[0].replace("^2", "²")
     return f" [({output})/{inputs[0]}]" if "/" in output else f" [{output}/{inputs[0]}]"
+
+
+def draw_resonance(
+    fit: ModalFit,
+    *,
+    axis: str,
+    label: str,
+    frequency_hz: Estimate | None = None,
+    published_hz: float | None = None,
+) -> "Figure":
+    """Draw the magnitude of a response with its strongest mode.
+
+    The output that the first input moves most, its fit, and the natural frequency with all that is
+    uncertain in it [Hz]; a published one is an upright line. `label` is what the points are.
+    """
+    output = strongest_output(fit)
+    one = fit.fitted[0].measured
+    f, measured = one.frequency_hz, np.abs(one.response[:, output, 0])
+    figure = new_figure(5.0, 2.9)
+    axes = figure.subplots()
+    dress(axes)
+    fine = np.linspace(f[0], f[-1], 1500)
+    axes.semilogy(f, measured, ".", color=CYCLE[1], markersize=2.2, label=label)
+    axes.semilogy(fine, np.abs(fit.response(fine, 0)[:, output, 0]), color=CYCLE[0], linewidth=1.0,
+                  label="fit")  # fmt: skip
+    if published_hz is not None:
+        axes.axvline(published_hz, color=INK, linewidth=0.9, linestyle=(0, (5, 2)),
+                     label=f"published, measured: {published_hz:.10g} Hz")  # fmt: skip
+    axes.set_xlim(f[0], f[-1])
+    axes.set_xlabel("frequency [Hz]", color=INK)
+    axes.set_ylabel(f"{one.outputs[output]} / {one.inputs[0]}", color=INK, parse_math=False)
+    axes.legend(loc="upper right", fontsize=7.0, frameon=False, labelcolor=MUTED)
+    title = f"{axis}, {label}"
+    if frequency_hz is not None:
+        value, spread = beside(frequency_hz.value, frequency_hz.expanded)
+        title += f": {value} ± {spread} Hz"
+    entitle(axes, title)
+    return figure
+
+
+def strongest_output(fit: ModalFit) -> int:
+    """Return the number of the output that the first input moves most."""
+    measured = fit.fitted[0].measured.response[:, :, 0]
+    return int(np.argmax(np.abs(measured).max(axis=0)))
+
+
+#: Channels that are drawn, at most.
+_CHANNELS = 4
+
+
+def draw_ring_down(fit: RingDown, record: Record) -> "Figure":
+    """Draw a free decay, the damped sines that were fitted to it, and what they leave.
+
+    Of the first four channels; the record gives their units.
+    """
+    names = fit.channels[:_CHANNELS]
+    figure = new_figure(8.6, 1.2 + 2.6 * len(names))
+    panels = figure.subplots(2 * len(names), 1, sharex=True, height_ratios=(2.2, 1.0) * len(names))
+    for axes in panels:
+        dress(axes)
+    for k, name in enumerate(names):
+        unit, factor = scale(record.channel(name).unit)
+        measured, fitted = factor * fit.measured[:, k], factor * fit.fitted[:, k]
+        upper, lower = panels[2 * k], panels[2 * k + 1]
+        colour = CYCLE[k % len(CYCLE)]
+        at = shown_lines(measured)
+        upper.plot(fit.time[at], measured[at], color=colour, linewidth=0.9, label="measured")
+        upper.plot(
+            fit.time[at], fitted[at], color=INK, linewidth=0.8, linestyle=(0, (4, 2)), label="fit"
+        )
+        upper.set_ylabel(f"{name}{unit}", color=INK)
+        rest = measured - fitted
+        at = shown_lines(rest)
+        lower.plot(fit.time[at], rest[at], color=colour, linewidth=0.7)
+        lower.set_ylabel("measured\nless fit", color=INK)
+        if k == 0:
+            upper.legend(loc="upper right", ncols=2, fontsize=7.5, frameon=False, labelcolor=INK)
+    panels[-1].set_xlabel("time [s]", color=INK)
+    panels[-1].set_xlim(float(fit.time[0]), float(np.max(fit.time)))
+    figure.align_ylabels(panels)
+    found = ", ".join(f"{mode.frequency_hz.value:.2f} Hz" for mode in fit.modes[:5])
+    entitle(panels[0], f"free decay: {found}" if found else "free decay: no mode stands out")
+    return figure
