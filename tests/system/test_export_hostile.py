@@ -27,8 +27,8 @@ from flexstage.export.fmu.fmu_file import fmu_files
 from flexstage.export.fmu.names import plain_names
 from flexstage.export.matlab.files import matlab_files
 from flexstage.export.step import step_files
+from flexstage.files.write import write_files
 from flexstage.lumped import lumped_system
-from flexstage.report.files import write_files
 from flexstage.stage import Stage, read_stage
 from tests.c_compiler import compile_program
 from tests.octave_program import OCTAVE, run_octave

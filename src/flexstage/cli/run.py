@@ -112,7 +112,7 @@ def run(
             "no instrument is named: give --instrument, such as gcs://192.168.0.10:50000, or "
             "twin://?seed=1 for a simulation; or look at the plan with --dry-run"
         )
-    from flexstage.report.files import require_writable
+    from flexstage.files.write import require_writable
 
     if resume and out is None:
         raise PlanError("--resume needs --folder: the folder of the run that was interrupted")

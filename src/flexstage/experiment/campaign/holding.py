@@ -1,5 +1,7 @@
 """Tests of an axis that stands: small steps, and noise."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from flexstage.errors import RecordError
@@ -86,8 +88,6 @@ def _figure(
     role: Role,
     note: str,
 ) -> Figure:
-    from dataclasses import replace
-
     whole = raw if sensor is None else measured(raw, sensor, role=role)
     return Figure(
         quantity=quantity, axis=test.axis, estimate=replace(whole, note=note), test=test.name

@@ -1,6 +1,7 @@
 """Tests of an axis that runs in cycles over its stroke, read by sensors or by spheres."""
 
 import math
+from dataclasses import replace
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
@@ -11,9 +12,8 @@ from flexstage.experiment.campaign.results import Figure, TestResult
 from flexstage.experiment.motion.curve_extremes import curve_range
 from flexstage.experiment.motion.curve_fit import fit_motion_curve
 from flexstage.experiment.motion.cycles import MotionCycles, motion_cycles
-from flexstage.experiment.motion.linearity import linearity
 from flexstage.experiment.motion.motion_curve import MotionCurve
-from flexstage.experiment.motion.stroke import stroke
+from flexstage.experiment.motion.stroke import linearity, stroke
 from flexstage.experiment.noise.resolution import screw_resolution
 from flexstage.experiment.uncertainty.sensor import Role, measured
 from flexstage.quantities import QUANTITIES
@@ -178,7 +178,5 @@ def _half_cycle(cycles: MotionCycles, time: Array) -> float:
 
 
 def _in_unit(estimate: Estimate, quantity: str, note: str) -> Estimate:
-    from dataclasses import replace
-
     said = f"{note}; {estimate.note}" if estimate.note else note
     return replace(estimate.times(1.0, QUANTITIES[quantity].unit), note=said)

@@ -12,9 +12,8 @@ from flexstage.experiment.campaign.loading import column, runs_of
 from flexstage.experiment.campaign.motion import only
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import Figure, TestResult
-from flexstage.experiment.motion.approaches import Approaches, Visits, visits
+from flexstage.experiment.motion.approaches import Approaches, Visits, staircase_dwells, visits
 from flexstage.experiment.motion.positioning import Positioning, positioning
-from flexstage.experiment.motion.staircase_levels import staircase_dwells
 from flexstage.experiment.uncertainty.sensor import measured
 from flexstage.records import Record
 from flexstage.sensor import SensorSpecification

@@ -1,5 +1,7 @@
 """Tests that make an axis vibrate: natural frequency and damping."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from flexstage.errors import RecordError
@@ -10,7 +12,7 @@ from flexstage.experiment.modal.fit import fit_modes
 from flexstage.experiment.modal.result import Mode
 from flexstage.experiment.modal.ring_down import DecayMode, RingDown, ring_down
 from flexstage.experiment.spectra.estimate import estimate_response
-from flexstage.experiment.spectra.from_record import response_from_record
+from flexstage.experiment.spectra.response import response_from_record
 from flexstage.experiment.uncertainty.sensor import measured
 from flexstage.records import Record
 
@@ -102,8 +104,6 @@ def _figures(test: Test, campaign: Campaign, mode: Mode | DecayMode) -> tuple[Fi
     sensor = campaign.instrument(test.along)
 
     def whole(raw: Estimate, note: str, *, clocked: bool) -> Estimate:
-        from dataclasses import replace
-
         seen = raw if sensor is None or not clocked else measured(raw, sensor, role="frequency")
         return replace(seen, note=note)
 

@@ -13,8 +13,8 @@ from flexstage.experiment.uncertainty.expression import Expression
 from flexstage.experiment.uncertainty.influence import Influence
 from flexstage.experiment.uncertainty.monte_carlo import MonteCarlo, monte_carlo
 from flexstage.experiment.uncertainty.propagate import Propagated, propagate
+from flexstage.files.nodes import Mapping, Node, Scalar, Sequence, parse_yaml, read_text
 from flexstage.records.columns import measured_unit
-from flexstage.stage.yaml_reader import Mapping, Node, Scalar, Sequence, parse_yaml, read_text
 
 _TOP = ("quantity", "unit", "equation", "influences", "correlations", "notes")
 _INFLUENCE = (

@@ -1,10 +1,12 @@
-"""Reads YAML text into plain nodes that remember their line, and refuses what no description needs.
+"""Reads YAML and JSON into plain nodes that remember their line, and refuses what none needs.
 
-Only the events of the parser are used: no object is built from a tag, no alias is followed, and the
-limits are checked while the text is read, so a hostile file ends early. Scalars are told apart by
-the core schema of YAML 1.2: only true and false are booleans, and 12:30 is text.
+Of YAML only the events of the parser are used: no object is built from a tag, no alias is followed,
+and the limits are checked while the text is read, so a hostile file ends early. Scalars are told
+apart by the core schema of YAML 1.2: only true and false are booleans, and 12:30 is text.
 """
 
+import collections.abc
+import json
 import math
 import re
 import stat
@@ -13,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
-from flexstage.errors import FlexstageError, StageError
+from flexstage.errors import FlexstageError
 
 #: Largest file that is read [bytes].
 MAX_BYTES = 1_000_000
@@ -39,8 +41,8 @@ _OTHERS = {
 class Scalar:
     """A single value."""
 
-    line: int
-    """Line of the file on which it stands, from 1."""
+    line: int | None
+    """Line of the file on which it stands, from 1; None where there are no lines."""
     text: str
     """The value as it is written, quotes and escapes resolved."""
     value: str | float | int | bool | None
@@ -51,8 +53,8 @@ class Scalar:
 class Sequence:
     """A list."""
 
-    line: int
-    """Line of the file on which it begins, from 1."""
+    line: int | None
+    """Line of the file on which it begins, from 1; None where there are no lines."""
     items: "list[Node]" = field(default_factory=list)
     """Its entries."""
 
@@ -61,8 +63,8 @@ class Sequence:
 class Mapping:
     """A mapping of names to values."""
 
-    line: int
-    """Line of the file on which it begins, from 1."""
+    line: int | None
+    """Line of the file on which it begins, from 1; None where there are no lines."""
     items: "dict[str, Node]" = field(default_factory=dict)
     """Its entries in order."""
     key_lines: dict[str, int] = field(default_factory=dict)
@@ -72,9 +74,7 @@ class Mapping:
 Node = Scalar | Sequence | Mapping
 
 
-def read_text(
-    path: Path, kind: str = "stage file", error: type[FlexstageError] = StageError
-) -> str:
+def read_text(path: Path, kind: str, error: type[FlexstageError]) -> str:
     """Read a small text file.
 
     `kind` is what it should be, for messages. A file that is no regular one, too large or not UTF-8
@@ -112,8 +112,8 @@ def read_text(
 def parse_yaml(
     text: str,
     source: str,
-    kind: str = "stage file",
-    error: type[FlexstageError] = StageError,
+    kind: str,
+    error: type[FlexstageError],
     *,
     finite: bool = True,
 ) -> Node:
@@ -146,13 +146,66 @@ def parse_yaml(
         raise error(f"{source}: this is not YAML: it holds half a character") from None
 
 
-def plain(node: Node) -> object:
+def parse_json(text: str | bytes, source: str, kind: str, error: type[FlexstageError]) -> Node:
+    """Parse the JSON that a program wrote; its nodes have no lines.
+
+    Refused are repeated keys, as of two of a name one would be lost unseen.
+    """
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise error(f"{source}: the key '{twice[:60]}' is given twice in the {kind}")
+        return found
+
+    try:
+        return node_of(json.loads(text, object_pairs_hook=once))
+    except json.JSONDecodeError as fault:
+        raise error(
+            f"{source}, line {fault.lineno}: this is not the JSON of a {kind}: {fault.msg}"
+        ) from None
+    except UnicodeDecodeError:
+        raise error(f"{source}: this is not the JSON of a {kind}: it is not UTF-8 text") from None
+    except RecursionError:
+        raise error(f"{source}: this is not the JSON of a {kind}: it is nested too deep") from None
+    except ValueError:  # a number of thousands of digits
+        raise error(f"{source}: this is not the JSON of a {kind}: a number is too long") from None
+
+
+def node_of(data: Any) -> Node:
+    """Return plain data as nodes without lines."""
+    if isinstance(data, Given):
+        return data.node
+    if isinstance(data, collections.abc.Mapping):
+        return Mapping(None, {str(key): node_of(value) for key, value in data.items()})
+    if isinstance(data, (list, tuple)):
+        return Sequence(None, [node_of(value) for value in data])
+    if data is None or isinstance(data, (str, bool, int, float)):
+        text = str(data).lower() if isinstance(data, bool) else str(data)
+        return Scalar(None, "" if data is None else text, data)
+    if hasattr(data, "tolist"):  # of NumPy
+        return node_of(data.tolist())
+    return Scalar(None, repr(data), repr(data))
+
+
+def plain(node: Node) -> Any:
     """Return what nodes hold as plain data."""
     if isinstance(node, Mapping):
         return {key: plain(value) for key, value in node.items.items()}
     if isinstance(node, Sequence):
         return [plain(value) for value in node.items]
     return node.value
+
+
+class Given(dict[str, object]):
+    """What a mapping of a file holds as plain data, with its node and how that is read."""
+
+    def __init__(self, node: Mapping, decoder: Any) -> None:
+        super().__init__(plain(node))
+        self.node = node
+        self.decoder = decoder
 
 
 class _Builder:

@@ -2,8 +2,13 @@
 
 from typing import Any
 
-from flexstage.stage.encoder import Number
-from flexstage.stage.yaml_reader import NUMBER
+from flexstage.files.nodes import NUMBER
+
+
+class Number(str):
+    """Digits that stand in a file without quotes."""
+
+    __slots__ = ()
 
 
 def yaml_text(data: Any) -> str:
@@ -36,7 +41,7 @@ def _flow(value: Any, depth: int) -> Any:
 
 
 def plain_dumper() -> type:
-    """Make what writes plain data so that `yaml_reader` reads it back.
+    """Make what writes plain data so that `flexstage.files.nodes` reads it back.
 
     For ``yaml.dump``: no part is named and referred to, and a text that is a number to the reader
     stands in quotes.
