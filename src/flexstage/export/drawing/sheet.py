@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import flexstage
+from flexstage.export.drawing.canvas import MEDIUM, THICK, THIN, Box, Canvas, text_width
 from flexstage.export.drawing.contours import PlateContours, plate_contours
+from flexstage.export.drawing.notch_details import CELL, draw_detail, notch_kinds, ratio
 from flexstage.export.drawing.notes import millimetres
-from flexstage.export.drawing.sheet.canvas import MEDIUM, THICK, THIN, Box, Canvas, text_width
-from flexstage.export.drawing.sheet.details import CELL, draw_detail, notch_kinds, ratio
-from flexstage.export.drawing.sheet.view import (
+from flexstage.export.drawing.plate_view import (
     View,
     draw_view,
     hinge_marks,
