@@ -21,8 +21,8 @@ from flexstage.experiment.spectra.averaging import (
 from flexstage.experiment.spectra.checks import HitOptions, PeriodOptions
 from flexstage.experiment.spectra.density import spectral_density
 from flexstage.experiment.spectra.estimate import estimate_response, recognised
-from flexstage.experiment.spectra.from_record import response_from_record
 from flexstage.experiment.spectra.repeated import find_period
+from flexstage.experiment.spectra.response import response_from_record
 from flexstage.records import Channel, Record
 from flexstage.report.figures.measured_response import draw_response
 from flexstage.report.figures.style import encode

@@ -10,8 +10,8 @@ from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.fit import fit_modes
+from flexstage.experiment.modal.result import modal_assurance, shape_from_residues
 from flexstage.experiment.modal.ring_down import ring_down
-from flexstage.experiment.modal.shapes import modal_assurance, shape_from_residues
 from flexstage.experiment.modal.stabilisation import stable_poles
 from flexstage.experiment.modal.variable_projection import ResponseBlock, eliminate, remaining
 from flexstage.experiment.spectra.response import MeasuredResponse

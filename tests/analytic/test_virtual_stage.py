@@ -17,12 +17,13 @@ from flexstage.experiment.virtual.bench import (
     workspace_record,
 )
 from flexstage.experiment.virtual.campaign import true_figures, virtual_campaign
-from flexstage.experiment.virtual.guide import GuideErrors, random_guide
-from flexstage.experiment.virtual.scatter import (
+from flexstage.experiment.virtual.imperfections import (
+    GuideErrors,
     Scatter,
     displaced_system,
     displacements,
     manufactured,
+    random_guide,
 )
 from flexstage.lumped import lumped_system
 from flexstage.system import frequency_response, modes

@@ -152,8 +152,8 @@ def _written(
     runs: "Mapping[str, ModelRun]", folder: Path | None, figure: Path | None, *, vtu: bool
 ) -> list[Path]:
     """Write what was asked for: of several models each into a folder of its name."""
+    from flexstage.files.write import write_files
     from flexstage.report import results_json
-    from flexstage.report.files import write_files
 
     files: list[Path] = []
     for name, run in runs.items():

@@ -168,8 +168,8 @@ def characterise(
     from flexstage.experiment.campaign.evaluate import characterise as run
     from flexstage.experiment.campaign.file import read_campaign
     from flexstage.experiment.campaign.plan import Columns
+    from flexstage.files.write import write_files
     from flexstage.report import compare_measurement
-    from flexstage.report.files import write_files
     from flexstage.report.measurement import measurement_results
     from flexstage.report.measurement_html import measurement_text
 

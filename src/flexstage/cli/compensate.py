@@ -90,9 +90,9 @@ def compensate(
 
     The inverse of an identified model compensates its hysteresis, lag and creep.
     """
+    from flexstage.hysteresis.drive_model import in_unit_of_model
     from flexstage.hysteresis.inversion import feedforward
     from flexstage.hysteresis.model_file import read_model_file
-    from flexstage.hysteresis.suitability import in_unit_of_model
 
     kind = record_format(out)
     file = read_model_file(model)

@@ -109,7 +109,7 @@ def export(
         raise ModelError(f"--fmi is 2.0, 3.0 or both, got '{fmi[:40]}'")
     if precision not in _PRECISIONS:
         raise ModelError(f"--precision is double or single, got '{precision[:40]}'")
-    from flexstage.report.files import write_files
+    from flexstage.files.write import write_files
 
     request = ExportRequest(
         stage=find_stage(stage),

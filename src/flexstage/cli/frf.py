@@ -324,7 +324,7 @@ def _responded(
     from flexstage.experiment.modal.fit import fit_modes
     from flexstage.experiment.spectra.checks import HitOptions
     from flexstage.experiment.spectra.estimate import estimate_response
-    from flexstage.experiment.spectra.from_record import response_from_record
+    from flexstage.experiment.spectra.response import response_from_record
 
     estimate: ResponseEstimate | None = None
     added = 0.0

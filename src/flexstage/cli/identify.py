@@ -202,7 +202,7 @@ def identify(
 def _chain(delay: str | None, creep: str | None) -> Any:
     if delay is None and creep is None:
         return None
-    from flexstage.hysteresis.identification.chain_filter import ChainValues
+    from flexstage.hysteresis.identification.fit_rows import ChainValues
     from flexstage.units import parse
 
     known = 0.0 if creep is None or creep.strip().rstrip("%") == "0" else relative(creep)

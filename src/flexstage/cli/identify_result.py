@@ -61,7 +61,7 @@ def _parameters(found: "Identification") -> dict[str, Any]:
     """Value, standard error and unit of each parameter; arrays of them for arrays."""
     import numpy as np
 
-    from flexstage.hysteresis.identification.parameter_units import parameter_unit
+    from flexstage.hysteresis.drive_model import parameter_unit
 
     m = found.model
     made: dict[str, Any] = {}
@@ -203,7 +203,7 @@ def _in_words(found: "Identification") -> list[str]:
 
 def _rows(found: "Identification", result: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     """Name, value, standard error and unit of what was found, as people read them."""
-    from flexstage.hysteresis.identification.parameter_units import parameter_unit
+    from flexstage.hysteresis.drive_model import parameter_unit
     from flexstage.units import readable_unit
 
     m = found.model

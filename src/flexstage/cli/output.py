@@ -190,7 +190,7 @@ def _figure(text: str | Path) -> Path:
 
 
 def _folder(text: str | Path) -> Path:
-    from flexstage.report.files import require_writable
+    from flexstage.files.write import require_writable
 
     path = output_path(text)
     require_writable(path)
@@ -215,7 +215,7 @@ def name_for_files(name: str) -> str:
 
 def write_file(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
-    from flexstage.report.files import write_files
+    from flexstage.files.write import write_files
 
     write_files(path.parent, {path.name: content})
 

@@ -112,7 +112,7 @@ def run(
             "no instrument is named: give --instrument, such as gcs://192.168.0.10:50000, or "
             "twin://?seed=1 for a simulation; or look at the plan with --dry-run"
         )
-    from flexstage.report.files import require_writable
+    from flexstage.files.write import require_writable
 
     if resume and out is None:
         raise PlanError("--resume needs --folder: the folder of the run that was interrupted")
@@ -333,7 +333,7 @@ def _figure(result: "PlanResult", figure: Any) -> tuple[str, ...]:
     from flexstage.quantities import beside, display, number
 
     shown = display(figure.quantity)
-    value = figure.estimate.value * shown.factor
+    value = figure.value * shown.factor
     expanded = figure.estimate.expanded * shown.factor
     known = [r for r in result.published_of(figure) if r.origin == "published-measured"]
     label = shown.label + (", drives in place" if result.drives_in_place(figure) else "")

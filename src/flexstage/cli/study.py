@@ -68,8 +68,8 @@ def study(
     Writes report.html and results.json, and virtual-measurement.html unless --no-virtual.
     """
     from flexstage.designs import find_stage
+    from flexstage.files.write import require_writable, write_files
     from flexstage.report import results_json, run_study, study_results
-    from flexstage.report.files import require_writable, write_files
     from flexstage.report.html import report_pages
     from flexstage.report.results import characteristic_row
 

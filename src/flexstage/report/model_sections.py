@@ -44,7 +44,7 @@ def diagram_section(study: "Study") -> str:
     if lumped is None or not study.stage.drives:
         return ""
     from flexstage.export import dynamic_model
-    from flexstage.export.diagram.files import diagram_files
+    from flexstage.export.diagram.svg import diagram_files
 
     identified = {
         axis: made.runs[0].identification.model for axis, made in study.experiments.items()

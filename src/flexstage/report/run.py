@@ -137,9 +137,7 @@ def _further(result: PlanResult) -> str:
     for found in (*own, *result.further_figures):
         shown = display(found.quantity)
         label = shown.label + (", drives in place" if result.drives_in_place(found) else "")
-        value, spread = beside(
-            found.estimate.value * shown.factor, found.estimate.expanded * shown.factor
-        )
+        value, spread = beside(found.value * shown.factor, found.estimate.expanded * shown.factor)
         rows.append(
             f'<tr><td class="text">{escape(label)}</td><td class="text">{escape(found.axis)}</td>'
             f'<td class="text">{escape(found.test)}</td><td>{value}</td><td>{spread}</td>'

@@ -13,12 +13,13 @@ from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.updating.parameters import UpdateParameter
 from flexstage.experiment.updating.update import update_stage
-from flexstage.experiment.virtual.guide import GuideErrors, random_guide
-from flexstage.experiment.virtual.scatter import (
+from flexstage.experiment.virtual.imperfections import (
+    GuideErrors,
     Scatter,
     displaced_system,
     displacements,
     manufactured,
+    random_guide,
 )
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import HysteresisModel

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.experiment.virtual.as_built import AsBuilt, AsBuiltAxis
-from flexstage.experiment.virtual.guide import MOTIONS
+from flexstage.experiment.virtual.imperfections import MOTIONS
 from flexstage.records import Channel, Record
 from flexstage.sensor import SensorSpecification
 from flexstage.system import modes

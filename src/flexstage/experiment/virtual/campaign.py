@@ -18,7 +18,7 @@ from flexstage.experiment.virtual.bench import (
     staircase_record,
     workspace_record,
 )
-from flexstage.experiment.virtual.guide import MOTIONS, straight_line
+from flexstage.experiment.virtual.imperfections import MOTIONS, straight_line
 from flexstage.records import Record
 from flexstage.sensor import SensorSpecification
 from flexstage.system import modes

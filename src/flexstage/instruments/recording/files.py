@@ -1,4 +1,4 @@
-"""Files that survive: streams, folders forced to disk, a mark that a stream is being written."""
+"""Files that survive: streams, and a mark that a stream is being written."""
 
 import contextlib
 import os
@@ -10,20 +10,8 @@ from typing import IO, Any, BinaryIO, cast
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
+from flexstage.files.write import sync_folder
 from flexstage.instruments.recording.frames import StreamHead, frame_bytes, head_bytes
-
-
-def sync_folder(folder: Path) -> None:
-    """Force the names in a folder to the disk, where the system can."""
-    if sys.platform == "win32":
-        return
-    # some network file systems cannot; the files are there all the same
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
 
 
 def locked(file: IO[Any]) -> bool:

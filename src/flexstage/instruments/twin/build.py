@@ -8,7 +8,7 @@ import numpy as np
 from flexstage.errors import ModelError
 from flexstage.experiment.virtual.as_built import AsBuilt, as_built
 from flexstage.experiment.virtual.bench import SimulatedSensor
-from flexstage.experiment.virtual.scatter import (
+from flexstage.experiment.virtual.imperfections import (
     Scatter,
     displaced_system,
     displacements,

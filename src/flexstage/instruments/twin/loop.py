@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array, Complex
 from flexstage.hysteresis.chain.creep import Creep
-from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
+from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.twin.stack import StackArrays, StackState, step_stack
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual.guide import GuideErrors
+from flexstage.experiment.virtual.imperfections import GuideErrors
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.virtual_stack import VirtualStack

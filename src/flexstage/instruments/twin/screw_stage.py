@@ -8,7 +8,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual.guide import GuideErrors
+from flexstage.experiment.virtual.imperfections import GuideErrors
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings

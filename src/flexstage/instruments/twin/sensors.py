@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.experiment.virtual.bench import SimulatedSensor
-from flexstage.experiment.virtual.guide import MOTIONS, GuideErrors
-from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
+from flexstage.experiment.virtual.imperfections import MOTIONS, GuideErrors
+from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.twin.device import ChannelDescription
 
