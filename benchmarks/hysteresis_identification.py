@@ -22,12 +22,12 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.identification.chain_filter import rows_of
 from flexstage.hysteresis.identification.chain_search import find_chain
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.bouc_wen import BoucWenFamily, shape_at
 from flexstage.hysteresis.identification.families.family import Data, behind_chain
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
+from flexstage.hysteresis.identification.fit_rows import rows_of
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.misfit import cross_validate, misfit

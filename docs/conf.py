@@ -99,7 +99,7 @@ html_theme_options = {
 
 # The rooms from low to high. What does not exist yet has no page.
 SUBPACKAGES = [
-    "errors", "units", "quantities", "estimate", "material", "characteristic",
+    "errors", "units", "quantities", "estimate", "sensor", "material", "characteristic",
     "provenance",
     "records", "hinges", "stage", "designs", "system", "lumped",
     "fem", "hysteresis",
@@ -130,7 +130,7 @@ def write_reference() -> None:
             module += "\n   :imported-members:"
         page = f"# flexstage.{name}\n\n```{{eval-rst}}\n{module}\n```\n"
         (folder / f"{name}.md").write_text(page, encoding="utf-8")
-    from flexstage.cli.reference import command_line_page
+    from flexstage.cli.command import command_line_page
 
     page = folder.parent / "command-line.md"
     page.write_text(command_line_page(), encoding="utf-8")

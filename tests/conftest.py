@@ -43,7 +43,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def _without_progress() -> Iterator[None]:
     """Lines of progress come by the clock: what a test reads must not depend on the machine."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("flexstage.cli.terminal._SILENT", math.inf)
+        patch.setattr("flexstage.cli.output._SILENT", math.inf)
         yield
 
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
-from flexstage.instruments.checks import check_position, check_voltage, check_waveform
-from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.limits import AxisLimits, check_position, check_voltage, check_waveform
 from flexstage.instruments.protocol import Capability, Identity, Signal
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform

@@ -11,8 +11,7 @@ from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPran
 from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.piezo_parts import PiezoAxis
-from flexstage.instruments.twin.piezo_stage import PiezoStage
+from flexstage.instruments.twin.piezo_stage import PiezoAxis, PiezoStage
 from flexstage.instruments.twin.sensors import SensorBench
 from flexstage.instruments.twin.stack import ChargeDrive
 from flexstage.lumped import lumped_system

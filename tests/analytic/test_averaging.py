@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.hysteresis.identification.averaging import averaged
+from flexstage.hysteresis.identification.fit_rows import averaged
 from flexstage.hysteresis.identification.measurement import measurement, without_history
 from flexstage.records import Channel, Record
 

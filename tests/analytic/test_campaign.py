@@ -16,10 +16,10 @@ from flexstage.experiment.campaign.plan import (
     Campaign,
     Columns,
     FileReading,
-    SensorSpecification,
     Test,
 )
 from flexstage.records import Channel, Record
+from flexstage.sensor import SensorSpecification
 from tests.measuring_files import function_58
 
 STROKE, LOOP, BEND, WANDER = 63.7e-6, 3.1e-6, 4.3e-8, 6.1e-10

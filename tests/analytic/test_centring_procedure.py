@@ -8,8 +8,15 @@ import pytest
 from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ARCSEC
 from flexstage.centring.head_averaging import against_reference
-from flexstage.centring.move import move_errors, nearest_in_box, planned_move
-from flexstage.centring.move_model import MoveErrors, MoveModel, length_prediction, unknown_moves
+from flexstage.centring.move import (
+    MoveErrors,
+    MoveModel,
+    length_prediction,
+    move_errors,
+    nearest_in_box,
+    planned_move,
+    unknown_moves,
+)
 from flexstage.centring.positioner import Positioner, VirtualPositioner
 from flexstage.centring.procedure import Centring, centre
 from flexstage.centring.rotary_table import (

@@ -14,11 +14,10 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.element import ChainElement
-from flexstage.hysteresis.chain.first_order import lag_moments, ramp_share
-from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.chain.lag import Lag, lag_moments, ramp_share
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.chain.sensor import Sensor
-from flexstage.hysteresis.chain.stage_modes import StageModes, stage_zeros
+from flexstage.hysteresis.chain.stage_modes import StageModes, _polynomials
 
 
 def polyline(count: int = 40, seed: int = 5) -> Array:
@@ -318,7 +317,8 @@ def test_given_derivatives_and_spline_agree_for_several_modes() -> None:
 
 
 def test_zeros_of_a_stage_are_where_it_does_not_answer() -> None:
-    for zero in stage_zeros(TWO):
+    above, _, unit = _polynomials(TWO)
+    for zero in unit * np.roots(above):
         w, zeta = TWO.omega, np.array(TWO.damping_ratio)
         mode = w**2 / (zero**2 + 2.0 * zeta * w * zero + w**2)
         assert abs(TWO.static_share + np.sum(np.array(TWO.share) * mode)) < 1e-10

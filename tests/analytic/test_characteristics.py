@@ -60,6 +60,6 @@ def test_rows_that_mix_up_their_words_are_refused(changes: dict, part: str) -> N
 
 
 def test_every_quantity_has_a_unit_that_stage_files_can_write() -> None:
-    from flexstage.stage.field_types import DIMENSION_OF_UNIT
+    from flexstage.files.format import DIMENSION_OF_UNIT
 
     assert {q.unit for q in QUANTITIES.values() if q.unit != "1"} <= set(DIMENSION_OF_UNIT)

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
-from flexstage.hysteresis.chain.first_order import lags_through_segments
+from flexstage.hysteresis.chain.lag import lags_through_segments
 from flexstage.hysteresis.chain.modal import modes_through_segments, unit_step
 from flexstage.hysteresis.chain.polynomial_panels import (
     lags_through_panels,

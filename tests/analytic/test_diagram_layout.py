@@ -11,14 +11,13 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.export import DynamicModel, dynamic_model
-from flexstage.export.diagram.cells import Cell, Net, Pin
-from flexstage.export.diagram.files import diagram_files
 from flexstage.export.diagram.graph import Diagram
 from flexstage.export.diagram.grid import route
 from flexstage.export.diagram.markup import SMALL, plain, text_width
 from flexstage.export.diagram.page import PageLayout, PlacedBlock, PlacedLine, layout
+from flexstage.export.diagram.shapes import Cell, Net, Pin
 from flexstage.export.diagram.stage_diagram import stage_diagram
-from flexstage.export.diagram.svg import diagram_svg
+from flexstage.export.diagram.svg import diagram_files, diagram_svg
 from flexstage.hysteresis import LogCreep, Sensor
 from flexstage.lumped import lumped_system
 

@@ -13,7 +13,7 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.buckling import buckling
 from flexstage.elasticity.large_displacement import follow_drive, follow_load
 from flexstage.elasticity.loaded import loaded, material_stress, stress_stiffening
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.material import Material
 

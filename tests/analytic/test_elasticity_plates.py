@@ -8,7 +8,7 @@ import pytest
 from netgen.occ import OCCGeometry, Vec
 
 from flexstage.elasticity import Continuum, face, von_mises
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.material import Material
 
 E, NU = 68.3e9, 0.33

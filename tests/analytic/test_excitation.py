@@ -12,8 +12,8 @@ from scipy.optimize import minimize_scalar, nnls
 from scipy.signal import lfilter
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.excitations.coverage import memory_coverage
 from flexstage.hysteresis.excitations.design import Excitation, excitation
+from flexstage.hysteresis.excitations.excitation import memory_coverage
 from flexstage.hysteresis.excitations.segments import ExcitationDesign, fitted, shortest
 from flexstage.hysteresis.excitations.shapes import SHAPES, Movement, multisine
 from flexstage.hysteresis.identification.cycles import cycles

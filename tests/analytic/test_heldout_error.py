@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows
 from flexstage.hysteresis.identification.families.family import Data
+from flexstage.hysteresis.identification.fit_rows import ChainValues, Rows
 from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.misfit import another_stretch, rms_standard_error
 

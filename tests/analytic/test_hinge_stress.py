@@ -15,7 +15,7 @@ from flexstage.hinges import (
     largest_rotation,
     stress_rows,
 )
-from flexstage.hinges.concentration import _SMALL, _neuber
+from flexstage.hinges.stress import _SMALL, _neuber
 from flexstage.material import material
 
 B = 8.3e-3

@@ -11,7 +11,6 @@ from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
-from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.chain_misfit import ChainMisfit
 from flexstage.hysteresis.identification.chain_search import find_chain
 from flexstage.hysteresis.identification.cycles import cycles
@@ -19,21 +18,21 @@ from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import (
     Data,
     Fit,
+    LinearFamily,
     behind_chain,
     equations,
     folds_of,
     residual,
 )
-from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.families.refined import RefinedFamily
 from flexstage.hysteresis.identification.families.search import SearchFamily
+from flexstage.hysteresis.identification.fit_rows import ChainValues, rows_of
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
-from flexstage.hysteresis.identification.misfit import Folds, Misfit, misfit
+from flexstage.hysteresis.identification.misfit import Folds, Misfit, estimates, misfit
 from flexstage.hysteresis.identification.model_choice import FittedModel, choose
 from flexstage.hysteresis.identification.projection import normal_equations, solve
-from flexstage.hysteresis.identification.uncertainty import estimates
 from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.hysteresis.models.dahl import Dahl

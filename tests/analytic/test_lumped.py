@@ -84,8 +84,7 @@ def test_lever_frequency_is_that_of_a_pendulum_on_a_spring() -> None:
 
 
 def _stiffened(stage: Stage) -> np.ndarray:
-    from flexstage.lumped.assemble import layout_of
-    from flexstage.lumped.hinge_kinematics import hinge_matrix
+    from flexstage.lumped.assemble import hinge_matrix, layout_of
 
     spring = hinge_springs(stage)[0]
     b = hinge_matrix(layout_of(stage), spring.hinge)

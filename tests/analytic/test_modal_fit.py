@@ -10,13 +10,13 @@ from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.fit import fit_modes
+from flexstage.experiment.modal.result import modal_assurance, shape_from_residues
 from flexstage.experiment.modal.ring_down import ring_down
-from flexstage.experiment.modal.shapes import modal_assurance, shape_from_residues
 from flexstage.experiment.modal.stabilisation import stable_poles
 from flexstage.experiment.modal.variable_projection import ResponseBlock, eliminate, remaining
 from flexstage.experiment.spectra.response import MeasuredResponse
 from flexstage.records import Channel, Record
-from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
+from flexstage.report.figures.modal_fit import draw_modal_fit, draw_stabilisation
 from flexstage.report.figures.style import encode
 from tests.tiers import limits, sizes
 

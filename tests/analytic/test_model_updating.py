@@ -9,9 +9,12 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ConvergenceError, HingeError, ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.updating.necks import with_neck_thickness
-from flexstage.experiment.updating.parameters import UpdateParameter, stage_with
-from flexstage.experiment.updating.predict import UPDATABLE, predict
+from flexstage.experiment.updating.parameters import (
+    UpdateParameter,
+    stage_with,
+    with_neck_thickness,
+)
+from flexstage.experiment.updating.problem import UPDATABLE, predict
 from flexstage.experiment.updating.update import update_stage
 from flexstage.hinges import (
     CornerFilleted,

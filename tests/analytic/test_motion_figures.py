@@ -9,15 +9,13 @@ from scipy.signal import lfilter
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
+from flexstage.experiment.motion.approaches import staircase_dwells
 from flexstage.experiment.motion.coupling import cross_coupling, squareness
 from flexstage.experiment.motion.curve_extremes import curve_loop_width, curve_range, zone_contacts
 from flexstage.experiment.motion.curve_fit import fit_motion_curve
-from flexstage.experiment.motion.cycles import motion_cycles
-from flexstage.experiment.motion.linearity import linearity
+from flexstage.experiment.motion.cycles import motion_cycles, spread_estimate
 from flexstage.experiment.motion.motion_curve import CurveBasis, MotionCurve
-from flexstage.experiment.motion.sample_deviation import spread_estimate
-from flexstage.experiment.motion.staircase_levels import staircase_dwells
-from flexstage.experiment.motion.stroke import stroke
+from flexstage.experiment.motion.stroke import linearity, stroke
 from flexstage.experiment.motion.workspace import (
     workspace,
     workspace_from_grid,

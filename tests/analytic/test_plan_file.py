@@ -42,8 +42,7 @@ def test_units_are_read_and_what_is_left_out_is_as_usual():
 def test_a_sensor_is_an_instrument_of_a_campaign_without_its_channel():
     own = plan_from_text(HEAD + LOOPS + MOTION).sensor("x")
     assert own.instrument.name == "x"
-    assert own.instrument.setup == own.setup
-    assert own.setup.calibration == 0.0005
+    assert own.instrument.calibration == own.calibration == 0.0005
     assert not hasattr(own.instrument, "channel")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import StageError
 from flexstage.fem import MeshSettings, StageModel, plane_model, solid_model
 from flexstage.fem.geometry import patches, stage_faces

@@ -9,13 +9,13 @@ from scipy.optimize import brentq
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.dead_zones import dead_zone_line, dead_zones
 from flexstage.hysteresis.models.duhem import Duhem
 from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.models.play import play_columns, stop_columns
+from flexstage.hysteresis.models.play import play_columns
+from flexstage.hysteresis.models.play_sum import dead_zone_line, dead_zones
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach, preisach_columns, preisach_gram
+from flexstage.hysteresis.models.preisach import Preisach, preisach_columns
 
 STROKE = 60e-6
 
@@ -79,13 +79,10 @@ def duhem() -> Duhem:
 # ------------------------------------------------------------------------------------- plays
 
 
-def test_play_and_stop_by_hand() -> None:
+def test_play_by_hand() -> None:
     u = [3.0, 1.0, -4.0, -4.0, 2.5]
     plays = play_columns(u, [0.5, 2.0])
     assert plays == pytest.approx(np.array([[2.5, 1], [1.5, 1], [-3.5, -2], [-3.5, -2], [2, 0.5]]))
-    assert stop_columns(u, [0.5, 2.0]) == pytest.approx(
-        np.array([[0.5, 2], [-0.5, 0], [-0.5, -2], [-0.5, -2], [0.5, 2]])
-    )
 
 
 def test_plays_go_on_from_a_state() -> None:
@@ -189,15 +186,6 @@ def test_preisach_columns_are_the_model() -> None:
     state = np.append(u[20], play_columns(u[:21], model.thresholds)[-1])
     rest = preisach_columns(u[21:], model.thresholds, model.knots, state)
     assert np.array_equal(rest, columns[21:])
-
-
-def test_preisach_gram_is_that_of_the_columns() -> None:
-    model = preisach()
-    u = drive(8, 60)
-    others = np.column_stack([model.simulate(u).values * 1e6, u, np.ones(u.size)])
-    whole = np.hstack([preisach_columns(u, model.thresholds, model.knots), others])
-    gram = preisach_gram(u, model.thresholds, model.knots, others)
-    assert gram == pytest.approx(whole.T @ whole, rel=1e-12, abs=1e-13 * np.max(gram))
 
 
 def test_preisach_goes_on_with_its_outermost_slopes() -> None:

@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 
 from flexstage.hysteresis import DriveModel, ValidityRange
-from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
-from flexstage.hysteresis.identification.cycles import by_rate, cycles
+from flexstage.hysteresis.identification.cycles import by_rate, cycles, first_moving
 from flexstage.hysteresis.identification.families.family import Data
+from flexstage.hysteresis.identification.fit_rows import ChainValues, rows_of
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import (
     measurement,
     without_history,
 )
 from flexstage.hysteresis.identification.misfit import misfit
-from flexstage.hysteresis.identification.warm_up import first_moving
 from flexstage.hysteresis.models.dahl import Dahl
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 from flexstage.records import Channel, Record

@@ -9,7 +9,7 @@ import pyuff
 
 from flexstage.errors import RecordError
 from flexstage.records import FORMATS, Channel, Record, read_record, write_record
-from flexstage.records.cmm_numbers import decimal_sign, printed_number
+from flexstage.records.cmm_words import decimal_sign, printed_number
 from flexstage.records.columns import measured_unit
 from flexstage.records.require import require_live, require_unclipped, require_unit
 from flexstage.records.write import record_bytes

@@ -10,8 +10,7 @@ from scipy.special import ndtri
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.noise.allan import allan_deviation
-from flexstage.experiment.noise.allan_freedom import allan_freedom
+from flexstage.experiment.noise.allan import allan_deviation, allan_freedom
 from flexstage.experiment.noise.hold import expected_peak_to_peak, hold_noise
 from flexstage.experiment.noise.levels import levels_of_command, levels_of_reading
 from flexstage.experiment.noise.mains import mains_lines

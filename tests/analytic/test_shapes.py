@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.report.figures.labels import Placer
-from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
+from flexstage.report.figures.shapes import BodyShape, Placer, body_shapes, extent
 from flexstage.stage import Circle, Stage, mass_properties
 
 NAMES = ["vgtu-piezo", "vgtu-mechanical", "parallelogram"]

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
+from flexstage.hysteresis.drive_model import DriveModel, ValidityRange, in_unit_of_model, unsuited
 from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.suitability import in_unit_of_model, unsuited
 
 DT = 1e-3
 DRIVE = DriveModel(

@@ -9,15 +9,14 @@ import scipy.linalg
 from netgen.meshing import Element1D, Element2D, FaceDescriptor, Mesh, MeshPoint, Pnt
 
 from flexstage.designs import design
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import mesh as plane_meshes
 from flexstage.fem.condensation import Condensed, condense, recover, surface_stress
 from flexstage.fem.constrained import Constrained
 from flexstage.fem.cutting import Placed, cut_free
-from flexstage.fem.geometry import stage_faces
+from flexstage.fem.geometry import exactly, neck_edge, patch_edge, stage_faces
 from flexstage.fem.mesh import MeshSettings, worst_shape
-from flexstage.fem.mesh_regions import exactly, neck_edge, patch_edge
 from flexstage.fem.model import StageModel
 from flexstage.fem.necks import neck_points, neck_stress
 from flexstage.fem.plane import plane_model

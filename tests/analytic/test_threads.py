@@ -8,7 +8,7 @@ import time
 import ngsolve as ng
 import pytest
 
-from flexstage.elasticity import threads
+from flexstage.elasticity import resources
 
 
 def set_machine(
@@ -21,11 +21,11 @@ def set_machine(
         passed = time.monotonic() - began
         return passed + began, own * passed, idle * passed
 
-    patch.setattr(threads, "_now", now)
-    patch.setattr(threads, "_cores", lambda: set(range(cores)))
-    patch.setattr(threads, "_read", lambda path: quota if path.endswith("cpu.max") else "")
-    patch.setattr(threads, "_WATCHED", 0.02)
-    patch.setattr(threads, "_watch", threads._Watch())
+    patch.setattr(resources, "_now", now)
+    patch.setattr(resources, "_cores", lambda: set(range(cores)))
+    patch.setattr(resources, "_read", lambda path: quota if path.endswith("cpu.max") else "")
+    patch.setattr(resources, "_WATCHED", 0.02)
+    patch.setattr(resources, "_watch", resources._Watch())
 
 
 @pytest.mark.parametrize(
@@ -48,24 +48,24 @@ def test_cores_that_others_use_are_left_to_them(
     expected: int,
 ) -> None:
     set_machine(monkeypatch, cores=cores, idle=idle, own=own, quota=quota)
-    assert threads.free_cores() == expected
+    assert resources.free_cores() == expected
 
 
 def test_what_was_counted_is_kept_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     set_machine(monkeypatch, cores=4, idle=4.0, own=0.0)
-    assert threads.free_cores() == 4
-    monkeypatch.setattr(threads, "_cores", lambda: {0})
-    assert threads.free_cores() == 4
-    monkeypatch.setattr(threads, "_KEPT", 0.0)
-    assert threads.free_cores() == 1
+    assert resources.free_cores() == 4
+    monkeypatch.setattr(resources, "_cores", lambda: {0})
+    assert resources.free_cores() == 4
+    monkeypatch.setattr(resources, "_KEPT", 0.0)
+    assert resources.free_cores() == 1
 
 
 def test_the_use_of_the_cores_is_read_from_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
     # user, nice, system, idle, iowait, ...; the core that we may not run on does not count
     stat = "cpu  9 9 9 9 9\ncpu0 1 2 3 70 5 6\ncpu1 1 2 3 1000 5 6\ncpu3 4 4 4 20 5 6\nintr 1 2 3 4"
-    monkeypatch.setattr(threads, "_read", lambda path: stat)
-    monkeypatch.setattr(threads, "_cores", lambda: {0, 3})
-    assert threads._idle() == pytest.approx(100.0 * threads._TICK)
+    monkeypatch.setattr(resources, "_read", lambda path: stat)
+    monkeypatch.setattr(resources, "_cores", lambda: {0, 3})
+    assert resources._idle() == pytest.approx(100.0 * resources._TICK)
 
 
 def test_a_limit_holds_and_blocks_within_take_the_threads_of_the_outer_one(
@@ -73,14 +73,14 @@ def test_a_limit_holds_and_blocks_within_take_the_threads_of_the_outer_one(
 ) -> None:
     set_machine(monkeypatch, cores=3, idle=3.0, own=0.0)
     monkeypatch.delenv("NGS_NUM_THREADS")
-    with threads.parallel():
+    with resources.parallel():
         assert ng.GetNumThreads() == 3
-        with threads.parallel(1):
+        with resources.parallel(1):
             assert ng.GetNumThreads() == 3
-    with threads.parallel(2):
+    with resources.parallel(2):
         assert ng.GetNumThreads() == 2
     monkeypatch.setenv("NGS_NUM_THREADS", "1")
-    with threads.parallel():
+    with resources.parallel():
         assert ng.GetNumThreads() == 1
     assert ng.GetNumThreads() == 1
 
@@ -95,8 +95,8 @@ def test_on_busy_cores_there_is_one_thread(monkeypatch: pytest.MonkeyPatch) -> N
     ]
     try:
         time.sleep(0.5)
-        monkeypatch.setattr(threads, "_watch", threads._Watch())
-        assert threads.free_cores() == 1
+        monkeypatch.setattr(resources, "_watch", resources._Watch())
+        assert resources.free_cores() == 1
     finally:
         for process in busy:
             process.kill()

@@ -8,13 +8,15 @@ import pytest
 from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
+from flexstage.experiment.virtual.bench import SimulatedSensor
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.parasitic_motion import kinds_of
-from flexstage.instruments.twin.sensors import AxisSensor, Disturbances, SensorBench
+from flexstage.instruments.twin.sensors import Disturbances, SensorBench, kinds_of
 from tests.twin_parts import small_stage
 
 BENCH = SensorBench(
-    along=AxisSensor(noise_rms=4.3e-9, mains_amplitude=9.1e-9, step=1e-10, gain_scatter=3e-3),
+    along=SimulatedSensor(
+        noise_rms=4.3e-9, mains_amplitude=9.1e-9, resolution_step=1e-10, calibration=3e-3
+    ),
     mains_frequency_hz=60.0,
 )
 KINDS = ["along", "along", "beside", "angle"]
@@ -131,6 +133,6 @@ def test_noise_never_comes_again() -> None:
 
 def test_bad_sensors_are_refused() -> None:
     with pytest.raises(ModelError, match="noise_rms"):
-        AxisSensor(noise_rms=-1e-9)
-    with pytest.raises(ModelError, match="step"):
-        AxisSensor(step=float("inf"))
+        SimulatedSensor(noise_rms=-1e-9)
+    with pytest.raises(ModelError, match="resolution_step"):
+        SimulatedSensor(noise_rms=0.0, resolution_step=float("inf"))

@@ -21,7 +21,7 @@ from flexstage.instruments.twin.screw_stage import ScrewStage
 from flexstage.instruments.twin.stage import VirtualStage
 from flexstage.stage import Screw
 from flexstage.system import modes
-from flexstage.system.characteristics import axis_mode
+from flexstage.system.analysis import axis_mode
 
 PIEZO, SCREWS = design("vgtu-piezo"), design("vgtu-mechanical")
 MODELS = ("lumped", "superelement")

@@ -13,13 +13,15 @@ from hypothesis import strategies as st
 from flexstage.errors import ConvergenceError, ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.uncertainty.budget_file import budget_from_text
-from flexstage.experiment.uncertainty.correlation import (
+from flexstage.experiment.uncertainty.expression import FUNCTIONS, Expression, hypot
+from flexstage.experiment.uncertainty.influence import (
+    DISTRIBUTIONS,
+    Influence,
     correlation_matrix,
     groups,
+    influence_from,
     normal_correlations,
 )
-from flexstage.experiment.uncertainty.expression import FUNCTIONS, Expression, hypot
-from flexstage.experiment.uncertainty.influence import DISTRIBUTIONS, Influence, influence_from
 from flexstage.experiment.uncertainty.monte_carlo import (
     monte_carlo,
     numerical_tolerance,
@@ -27,7 +29,8 @@ from flexstage.experiment.uncertainty.monte_carlo import (
     validate,
 )
 from flexstage.experiment.uncertainty.propagate import propagate
-from flexstage.experiment.uncertainty.sensor import ROLES, SensorSetup, measured
+from flexstage.experiment.uncertainty.sensor import ROLES, measured
+from flexstage.sensor import SensorSpecification
 
 SHAPES = {
     "uniform": 1 / math.sqrt(3),
@@ -447,7 +450,7 @@ def test_a_budget_file_is_read_in_si():
         ("63.12 um", "63.12 parsec", "line 6.*unknown unit"),
         ("12 nm", "12 K", "line 6.*the value is in m"),
         ("12 nm", "-12 nm", "line 6.*0 or more"),
-        ("dof: 9", "dof: many", "line 6.*plain number"),
+        ("dof: 9", "dof: many", "line 6.*number without a unit"),
         ("uncertainty: 12 nm", "uncertanty: 12 nm", "line 6.*did you mean 'uncertainty'"),
         ("dof: 9", "half_width: 3 nm", "line 6.*one of the two"),
         ("name: c", "name: l", "."),
@@ -513,7 +516,7 @@ BY_HAND = {
 
 # -------------------------------------------------------------------------------------- sensors
 
-FULL = SensorSetup(
+FULL = SensorSpecification(
     calibration=3e-4,
     nonlinearity=2e-4,
     alignment=0.02,
@@ -596,7 +599,7 @@ def test_the_other_roles():
 @pytest.mark.parametrize("role", ROLES)
 def test_a_perfect_sensor_adds_nothing(role):
     one = raw()
-    assert measured(one, SensorSetup(), role=role, duration=9.0) == one
+    assert measured(one, SensorSpecification(), role=role, duration=9.0) == one
 
 
 def test_bounds_of_a_spread_stay_and_widen():
@@ -606,34 +609,34 @@ def test_bounds_of_a_spread_stay_and_widen():
         components=(Component(name="noise", uncertainty=5e-10, degrees_of_freedom=40),),
         bounds=(3.2e-9, 5.3e-9),
     )
-    found = measured(spread, SensorSetup(calibration=0.1), role="noise")
+    found = measured(spread, SensorSpecification(calibration=0.1), role="noise")
     low, high = found.interval()
     assert low < 3.2e-9
     assert high > 5.3e-9
     assert 4e-9 - low == pytest.approx(math.hypot(0.8e-9, 1.959964 * 0.4e-9), rel=1e-6, abs=0)
-    long = measured(spread, SensorSetup(alignment=0.1), role="length")
+    long = measured(spread, SensorSpecification(alignment=0.1), role="length")
     assert long.bounds[0] > 3.2e-9 * 0.99
 
 
 def test_bad_setups_are_refused():
     with pytest.raises(ModelError, match="calibration of a sensor"):
-        SensorSetup(calibration=-0.1)
+        SensorSpecification(calibration=-0.1)
     with pytest.raises(ModelError, match="angle in rad"):
-        SensorSetup(alignment=3.0)
+        SensorSpecification(alignment=3.0)
     with pytest.raises(ModelError, match="unknown role"):
         measured(raw(), FULL, role="width")
     with pytest.raises(ModelError, match="duration"):
         measured(raw(), FULL, role="length", duration=-1.0)
-    assert SensorSetup(abbe_offset=-2e-3).abbe_offset == -2e-3
+    assert SensorSpecification(abbe_offset=-2e-3).abbe_offset == -2e-3
 
 
 def _trial(rng, dominated):
     """One measured stroke: its estimate, from a sensor whose errors are drawn."""
     truth, n = 63e-6, 8
     setup = (
-        SensorSetup(alignment=0.05)
+        SensorSpecification(alignment=0.05)
         if dominated
-        else SensorSetup(
+        else SensorSpecification(
             calibration=1e-4, nonlinearity=5e-5, alignment=0.01, abbe_offset=2e-3,
             abbe_uncertainty=0.5e-3, temperature_uncertainty=0.01, expansion=11e-6,
             length_of_loop=0.05, drift=1e-10, resolution_step=6e-9,
@@ -677,7 +680,9 @@ def test_the_interval_of_a_stroke_covers_the_truth(dominated, count):
 def test_the_cosine_error_has_its_exact_moments():
     a = np.random.default_rng(4).normal(0.0, 0.3, 2_000_000)
     k = 1.0 - np.cos(a)
-    found = measured(raw(value=1.0, u=1e-9, unit="m"), SensorSetup(alignment=0.3), role="length")
+    found = measured(
+        raw(value=1.0, u=1e-9, unit="m"), SensorSpecification(alignment=0.3), role="length"
+    )
     mean, spread = 1.0 - 1.0 / found.value, found.components[1].uncertainty / found.value**2
     assert mean == pytest.approx(k.mean(), rel=3e-3)
     assert spread == pytest.approx(k.std(), rel=3e-3)

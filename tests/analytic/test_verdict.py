@@ -9,10 +9,10 @@ from flexstage.errors import RecordError
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
-from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.faults import butterfly, clipped, without_spikes
+from flexstage.hysteresis.identification.fit_rows import ChainValues, rows_of
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.zero_changes import zero_changes

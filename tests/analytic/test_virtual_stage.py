@@ -10,21 +10,21 @@ from flexstage.errors import ModelError
 from flexstage.experiment.virtual.as_built import as_built
 from flexstage.experiment.virtual.bench import (
     HammerBench,
+    Laboratory,
     motion_record,
     sphere_record,
     staircase_record,
     workspace_record,
 )
-from flexstage.experiment.virtual.campaign import virtual_campaign
-from flexstage.experiment.virtual.guide import GuideErrors, random_guide
-from flexstage.experiment.virtual.laboratory import Laboratory
-from flexstage.experiment.virtual.scatter import (
+from flexstage.experiment.virtual.campaign import true_figures, virtual_campaign
+from flexstage.experiment.virtual.imperfections import (
+    GuideErrors,
     Scatter,
     displaced_system,
     displacements,
     manufactured,
+    random_guide,
 )
-from flexstage.experiment.virtual.truth import true_figures
 from flexstage.lumped import lumped_system
 from flexstage.system import frequency_response, modes
 
@@ -41,11 +41,10 @@ def screw():
 
 def quiet(**changes: float) -> Laboratory:
     """A laboratory whose sensors are right."""
-    from flexstage.experiment.uncertainty.sensor import SensorSetup
-    from flexstage.experiment.virtual.laboratory import BenchSensor
+    from flexstage.experiment.virtual.bench import SimulatedSensor
 
-    perfect = BenchSensor(setup=SensorSetup(), noise=0.0)
-    turn = BenchSensor(setup=SensorSetup(), noise=0.0, unit="rad")
+    perfect = SimulatedSensor(noise_rms=0.0)
+    turn = SimulatedSensor(noise_rms=0.0, unit="rad")
     return Laboratory(
         position=perfect, transverse=perfect, angle=turn, signal_to_noise=1e12, **changes
     )

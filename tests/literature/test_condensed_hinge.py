@@ -18,7 +18,7 @@ from netgen.occ import Glue, OCCGeometry
 
 from flexstage.designs import design
 from flexstage.elasticity import Continuum, face, parallel
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import HingeError
 from flexstage.hinges import CornerFilleted, Leaf, RightCircular, compliance
 from flexstage.hinges import finite_element as fe

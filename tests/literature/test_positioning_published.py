@@ -32,7 +32,7 @@ from flexstage.experiment.campaign.plan import Campaign, Columns, Test
 from flexstage.experiment.motion.approaches import visits
 from flexstage.experiment.motion.positioning import Positioning
 from flexstage.records import Channel, Record
-from flexstage.report.figures.positioning import draw_positioning
+from flexstage.report.figures.motion_error import draw_positioning
 
 UM, MM = 1e-6, 1e-3
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flexstage.experiment.modal.fit import fit_modes
-from flexstage.experiment.modal.shapes import modal_assurance
+from flexstage.experiment.modal.result import modal_assurance
 from flexstage.experiment.modal.stabilisation import stable_poles
 from flexstage.experiment.spectra.response import MeasuredResponse
 

@@ -11,7 +11,7 @@ from netgen.occ import Box, OCCGeometry, gp_Pnt
 from ngsolve.meshes import MakeStructured2DMesh
 
 from flexstage.elasticity import Continuum, face
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.material import Material
 
 E, NU, RHO = 68.3e9, 0.33, 2710.0

@@ -13,8 +13,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexstage.hysteresis.oscillator.input import input_pieces
-from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator, parameter_row
+from flexstage.hysteresis.oscillator.oscillator import (
+    BoucWenOscillator,
+    input_pieces,
+    parameter_row,
+)
 from flexstage.hysteresis.oscillator.steps import _first_zero, advance
 
 RATE = 800.0

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum, face, von_mises
-from flexstage.elasticity.stress import von_mises_of
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.loaded import von_mises_of
+from flexstage.elasticity.shapes import METRE
 from flexstage.material import Material
 from tests.peers import calculix
 from tests.peers.grids import Grid, join, patch, sweep

@@ -15,7 +15,7 @@ import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.elasticity.stress import von_mises_of
+from flexstage.elasticity.loaded import von_mises_of
 from flexstage.material import Material
 from tests.peers.grids import Grid
 

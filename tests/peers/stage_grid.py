@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.stage import Axis, Stage
 from tests.peers.calculix import Answer, Job, solve
 from tests.peers.grids import Grid, Sweep, sweep, triangles
@@ -20,8 +20,7 @@ def plane_grid(stage: Stage, *, neck_size: float, size: float, grading: float = 
     import ngsolve as ng
     from netgen import occ
 
-    from flexstage.fem.geometry import stage_faces
-    from flexstage.fem.mesh_regions import surface_edge
+    from flexstage.fem.geometry import stage_faces, surface_edge
 
     shape = stage_faces(stage).shape
     necks = {surface_edge(h.name): h.profile.neck_thickness for h in stage.hinges}

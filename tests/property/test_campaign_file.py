@@ -15,9 +15,9 @@ from flexstage.experiment.campaign.plan import (
     Campaign,
     Columns,
     FileReading,
-    SensorSpecification,
     Test,
 )
+from flexstage.sensor import SensorSpecification
 from tests.strategies import names, texts
 
 #: Awkward numbers on purpose: many digits, tiny, and what reads as an integer.

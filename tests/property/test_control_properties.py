@@ -8,7 +8,7 @@ from flexstage.control import compensate, loop_margins, raster, sine, triangle
 from flexstage.control.design import tune_plant
 from flexstage.control.loop_plant import LoopPlant
 from flexstage.control.periodic import delayed, steady_input
-from flexstage.control.trajectories.turns import there_and_back
+from flexstage.control.trajectories.triangle import there_and_back
 from flexstage.hysteresis import DriveModel, PrandtlIshlinskii, StageModes, ValidityRange
 from flexstage.instruments.servo import ServoSettings
 

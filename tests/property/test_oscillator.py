@@ -13,8 +13,7 @@ from scipy.optimize import brentq
 
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.hysteresis.oscillator.identification import identify_oscillator
-from flexstage.hysteresis.oscillator.input import input_pieces
-from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator
+from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator, input_pieces
 from flexstage.hysteresis.oscillator.start import EquationError, force_of_motion
 
 RATE = 730.0

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from flexstage.errors import StageError
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
-from flexstage.stage.field_types import FAMILIES
 from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
+from flexstage.stage.format import STAGE_FILE
 from tests.reference_stages import NAMES, reference_stage
 from tests.strategies import drives, profiles, stages
 
@@ -36,8 +36,10 @@ def test_round_trip_of_the_reference_stages(name: str) -> None:
 def test_every_kind_is_in_the_strategies() -> None:
     from hypothesis import find
 
-    for family, strategy in zip(FAMILIES, (drives("d", ["a", "b"]), profiles()), strict=True):
-        for kind in FAMILIES[family].values():
+    for family, strategy in zip(
+        STAGE_FILE.families, (drives("d", ["a", "b"]), profiles()), strict=True
+    ):
+        for kind in STAGE_FILE.families[family].values():
             find(strategy, lambda value, kind=kind: type(value) is kind)
 
 

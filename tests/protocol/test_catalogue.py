@@ -9,9 +9,9 @@ import pytest
 import sqlalchemy as sa
 
 from flexstage.errors import NotConnectedError, RecordError
-from flexstage.instruments.catalogue import migrations
 from flexstage.instruments.catalogue.address import catalogue_engine, default_catalogue
 from flexstage.instruments.catalogue.catalogue import Catalogue
+from flexstage.instruments.catalogue.database import LATEST, STEPS, migrate, schema_version
 from flexstage.instruments.catalogue.entries import (
     CalibrationEntry,
     ModelEntry,
@@ -288,7 +288,7 @@ def at_version(address, version):
     engine = catalogue_engine(address)
     link = engine.connect().execution_options(flexstage_writes=True)
     with link as connection, connection.begin():
-        migrations.migrate(connection, migrations.STEPS[:version])
+        migrate(connection, STEPS[:version])
     return engine
 
 
@@ -318,7 +318,7 @@ def test_a_database_of_version_1_is_led_on_with_what_it_holds(address):
         assert opened.enter_run(run(1)) is True
     engine = catalogue_engine(address)
     with engine.connect() as connection:
-        assert migrations.schema_version(connection) == migrations.LATEST == 2
+        assert schema_version(connection) == LATEST == 2
     engine.dispose()
 
 
@@ -332,9 +332,9 @@ def test_a_step_that_fails_changes_nothing(address, monkeypatch):
     engine = catalogue_engine(address)
     link = engine.connect().execution_options(flexstage_writes=True)
     with link as connection, pytest.raises(sa.exc.DBAPIError), connection.begin():
-        migrations.migrate(connection, [*migrations.STEPS, broken])
+        migrate(connection, [*STEPS, broken])
     with engine.connect() as connection:
-        assert migrations.schema_version(connection) == 1
+        assert schema_version(connection) == 1
         names = {c["name"] for c in sa.inspect(connection).get_columns("runs")}
         assert not names & {"half", "lost"}
     engine.dispose()

@@ -14,12 +14,21 @@ from hypothesis import strategies as st
 
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.gcs.client import GcsClient
-from flexstage.instruments.gcs.codes import SENTENCES, error_sentence
-from flexstage.instruments.gcs.gateway import GatewayLink
-from flexstage.instruments.gcs.replies import assignments, number, take_lines, whole_number
-from flexstage.instruments.gcs.serial_port import SerialLink
-from flexstage.instruments.gcs.tcp import TcpLink
-from flexstage.instruments.gcs.transport import InProcess, NoAnswerError
+from flexstage.instruments.gcs.replies import (
+    SENTENCES,
+    assignments,
+    error_sentence,
+    number,
+    take_lines,
+    whole_number,
+)
+from flexstage.instruments.gcs.transport import (
+    GatewayLink,
+    InProcess,
+    NoAnswerError,
+    SerialLink,
+    TcpLink,
+)
 from flexstage.instruments.twin import errors_gcs
 from tests.gcs_script import InMemory, ScriptedController, served
 
@@ -388,7 +397,7 @@ def test_a_gateway_that_lost_its_connection_or_fails_is_not_connected():
 
 def test_an_object_without_send_and_read_is_no_gateway():
     with pytest.raises(ModelError, match=r"needs the methods send\(text\) and read\(\)"):
-        GatewayLink(object())  # pyright: ignore[reportArgumentType]
+        GatewayLink(object())
 
 
 def test_a_conversation_over_a_serial_port():

@@ -12,8 +12,7 @@ from flexstage.errors import ControllerError, FlexstageError, LimitError, NotCon
 from flexstage.instruments.gcs.client import GcsClient
 from flexstage.instruments.gcs.controller import PiController
 from flexstage.instruments.gcs.profile import TransferLimits
-from flexstage.instruments.gcs.tcp import TcpLink
-from flexstage.instruments.gcs.transport import InProcess, NoAnswerError
+from flexstage.instruments.gcs.transport import InProcess, NoAnswerError, TcpLink
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.waveform import Waveform
 from tests.gcs_script import CutError, InMemory, ScriptedController, served

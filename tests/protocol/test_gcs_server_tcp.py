@@ -123,7 +123,7 @@ GONE = """
 import signal, socket, time
 signal.signal(signal.SIGPIPE, signal.SIG_DFL)
 from flexstage.errors import NotConnectedError
-from flexstage.instruments.gcs.tcp import TcpLink
+from flexstage.instruments.gcs.transport import TcpLink
 from flexstage.instruments.twin.server import GcsServer
 from tests.gcs_device import controller
 

@@ -46,31 +46,6 @@ def test_names_stay_in_the_folder(tmp_path):
         place.stream("../..")
 
 
-def test_the_state_is_written_whole_or_not_at_all(tmp_path):
-    place = RunFolder.create(tmp_path, "s", when=WHEN)
-    assert place.read_state() == {}
-    state = {"steps": {"a": [1, 2.5, None, "ž"]}}
-    place.write_state(state)
-    assert place.read_state() == state
-    before = place.state_file.read_bytes()
-    for bad in ({"a": float("nan")}, {"a": object()}):
-        with pytest.raises((TypeError, ValueError)):
-            place.write_state(bad)
-    assert place.state_file.read_bytes() == before
-    assert sorted(p.name for p in place.path.iterdir()) == [
-        "models", "records", "report", "run.json",
-    ]  # fmt: skip
-    place.state_file.write_text("[1, 2]")
-    with pytest.raises(RecordError, match="holds no state"):
-        place.read_state()
-    place.state_file.write_text("[" * 100_000)
-    with pytest.raises(RecordError, match="cannot be read"):
-        place.read_state()
-    place.state_file.write_text("{")
-    with pytest.raises(RecordError, match="cannot be read"):
-        place.read_state()
-
-
 def test_a_folder_that_is_not_there_or_cannot_be_made_is_told(tmp_path):
     with pytest.raises(RecordError, match="there is no folder"):
         RunFolder.open(tmp_path / "none")

@@ -237,7 +237,7 @@ def test_a_mesh_that_will_not_fit_is_refused_before_it_is_made(
     assert run("part", bar, "--size", "6", "--hold", "x-min") == 2
     assert "no size of elements makes it small enough" in capsys.readouterr().err
     monkeypatch.undo()
-    monkeypatch.setattr("flexstage.elasticity.memory.memory_available", lambda: 1e3)
+    monkeypatch.setattr("flexstage.elasticity.resources.memory_available", lambda: 1e3)
     monkeypatch.setattr("flexstage.fem.part_estimate.memory_available", lambda: 1e3)
     words = ("--hold", "y-min", "--ratio", "x-max:x-min:y-max", "--interfaces", "mean", "--force")
     assert run("part", bar, *words, "--size", "6", "--order", "2", "--modes", "0") == 0

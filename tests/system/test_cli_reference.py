@@ -2,8 +2,7 @@
 
 import re
 
-from flexstage.cli.command import FORMER_OPTIONS
-from flexstage.cli.reference import command_line_page
+from flexstage.cli.command import FORMER_OPTIONS, command_line_page
 from tests.system.test_cli_json import commands
 
 

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from flexstage.cli import main
-from flexstage.cli.terminal import make_table
+from flexstage.cli.output import make_table
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "parallelogram.yaml"
 

@@ -8,10 +8,8 @@ import pytest
 from flexstage.designs import design
 from flexstage.experiment.campaign.evaluate import evaluate
 from flexstage.experiment.virtual.as_built import as_built
-from flexstage.experiment.virtual.bench import HammerBench
-from flexstage.experiment.virtual.campaign import virtual_campaign
-from flexstage.experiment.virtual.laboratory import Laboratory
-from flexstage.experiment.virtual.truth import true_figures
+from flexstage.experiment.virtual.bench import HammerBench, Laboratory
+from flexstage.experiment.virtual.campaign import true_figures, virtual_campaign
 from tests.tiers import limits, sizes
 
 

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import MeshSettings, Refinement, StageModel
 from flexstage.fem.accuracy import RefinementStep
-from flexstage.fem.mesh_regions import MOUNTING
+from flexstage.fem.geometry import MOUNTING
 from flexstage.fem.sampling import Sampler
 from flexstage.quantities import number
 from flexstage.report import ModelRun, Study, report_html
 from flexstage.report.figures.convergence import changes, draw_convergence
-from flexstage.report.figures.fe_modes import draw_fe_modes, out_of_plane
+from flexstage.report.figures.fields import draw_fe_modes, out_of_plane
 from flexstage.report.figures.neck_stress import draw_neck_stress, worst_necks
 from flexstage.report.figures.style import encode
 from flexstage.report.html import SECTIONS

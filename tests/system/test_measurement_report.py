@@ -12,8 +12,8 @@ from flexstage.cli import main
 from flexstage.designs import design
 from flexstage.experiment.campaign.evaluate import evaluate
 from flexstage.experiment.virtual.as_built import as_built
+from flexstage.experiment.virtual.bench import Laboratory
 from flexstage.experiment.virtual.campaign import virtual_campaign
-from flexstage.experiment.virtual.laboratory import Laboratory
 from flexstage.quantities import display
 from flexstage.report import (
     compare_measurement,

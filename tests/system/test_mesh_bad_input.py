@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.elasticity import memory
+from flexstage.elasticity import resources
 from flexstage.errors import ModelError, StageError
 from flexstage.fem import MeshSettings, plane_model, solid_model, superelement_model
-from flexstage.fem.mesh_regions import exactly
+from flexstage.fem.geometry import exactly
 from flexstage.hinges import Leaf
 from flexstage.stage import Body, Circle, Loop, Stage
 
@@ -26,7 +26,7 @@ def test_a_mesh_that_turns_out_too_large_is_refused_before_it_is_factorised(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # the coarse bound lets it pass, the true number of unknowns does not
-    monkeypatch.setattr(memory, "memory_available", lambda: 6e6)
+    monkeypatch.setattr(resources, "memory_available", lambda: 6e6)
     with pytest.raises(ModelError, match="take a lower order or larger elements"):
         plane_model(STAGE, MeshSettings(order=4, size=2.0))
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from netgen import occ
 
-from flexstage.elasticity import Continuum, memory
-from flexstage.elasticity.memory import memory_needed, require_memory
+from flexstage.elasticity import Continuum, resources
+from flexstage.elasticity.resources import memory_needed, require_memory
 from flexstage.errors import FlexstageError, ModelError, StageError
 from flexstage.fem.interface import interface_modes, interface_stiffness
 from flexstage.fem.part import Part, read_step
@@ -254,7 +254,7 @@ def test_elements_that_curving_folds_are_straightened() -> None:
 
 
 def test_a_mesh_that_is_too_large_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory, "memory_available", lambda: 22e9)
+    monkeypatch.setattr(resources, "memory_available", lambda: 22e9)
     with pytest.raises(ModelError, match=r"needs about 41 GB .* 22 GB are free") as caught:
         require_memory(1_178_000, 3, 4)
     assert one_sentence(str(caught.value))
@@ -287,12 +287,12 @@ def test_free_memory_is_found_and_limits_count(
         "/sys/fs/cgroup/memory.max": "3000000000\n",
         "/sys/fs/cgroup/memory.current": "1000000000\n",
     }
-    monkeypatch.setattr(memory, "_read", lambda path: files.get(path, ""))
-    assert memory.memory_available() == 2e9
+    monkeypatch.setattr(resources, "_read", lambda path: files.get(path, ""))
+    assert resources.memory_available() == 2e9
     files["/sys/fs/cgroup/memory.max"] = "max\n"
-    assert memory.memory_available() == 4.096e9
+    assert resources.memory_available() == 4.096e9
     del files["/proc/meminfo"]
-    assert memory.memory_available() > 0.0
+    assert resources.memory_available() > 0.0
 
 
 @pytest.mark.usefixtures("meshed_here")

@@ -13,6 +13,7 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
+from flexstage.files.write import write_files
 from flexstage.hinges import Leaf
 from flexstage.material import material
 from flexstage.plans.results import IdentifiedStep
@@ -21,17 +22,15 @@ from flexstage.report import Study, report_html, results_json, run_study, study_
 from flexstage.report.figures.bode import draw_bode
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.following import draw_drive_fit
+from flexstage.report.figures.hinges import draw_stress
 from flexstage.report.figures.mode_shapes import mode_motion
-from flexstage.report.figures.static_shape import draw_static_shape
-from flexstage.report.figures.stress_bars import draw_stress
-from flexstage.report.figures.stroke import draw_stroke
+from flexstage.report.figures.static_shape import draw_static_shape, draw_stroke
 from flexstage.report.figures.style import FORMATS, encode, inline_svg
-from flexstage.report.files import write_files
 from flexstage.report.front_page import verdict
 from flexstage.report.html import CHAPTERS, SECTIONS
 from flexstage.stage.mass import mass_properties
 from flexstage.system import modes
-from flexstage.system.characteristics import pulsating_limit
+from flexstage.system.analysis import pulsating_limit
 from tests.studies import page_of, study_of
 
 QUANTITIES = {
@@ -414,7 +413,7 @@ def test_a_write_that_breaks_off_leaves_nothing(
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("flexstage.report.files.os.fsync", full)
+    monkeypatch.setattr("flexstage.files.write.os.fsync", full)
     with pytest.raises(OSError, match="No space"):
         write_files(tmp_path / "new", {"a.txt": b"half"})
     assert not (tmp_path / "new").exists()

@@ -208,8 +208,8 @@ FILE_FAULTS = [
         ("expected an angle",),
         True,
     ),
-    Broken("wrong version", "flexstage: 1", "flexstage: 2", ("version 1", "'2'"), True),
-    Broken("no version", "flexstage: 1\n", "", ("'flexstage: 1' is missing",), True),
+    Broken("wrong version", "flexstage: 1", "flexstage: 2", ("version 1", "version 2"), True),
+    Broken("no version", "flexstage: 1\n", "", ("'flexstage: 1', which is missing",), True),
     Broken("not YAML", "bodies:\n  base:", "bodies:\n  base: [", ("not YAML",)),
     Broken("tab", "  base:\n", "\tbase:\n", ("not YAML",)),
     Broken(

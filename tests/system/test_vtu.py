@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from flexstage.designs import design
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import MeshSettings, StageModel
 from flexstage.fem.vtu import vtu_files

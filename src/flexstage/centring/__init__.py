@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         eccentricity,
     )
     from flexstage.centring.equal_division import equal_division
+    from flexstage.centring.first_order import Eccentricity
     from flexstage.centring.geometry import (
         ARCSEC,
         exact_error,
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from flexstage.centring.positioner import Positioner, VirtualPositioner
     from flexstage.centring.procedure import Centring, centre
     from flexstage.centring.rotary_table import RotaryTable, VirtualBench
-    from flexstage.centring.scale_centre import Eccentricity
     from flexstage.centring.self_calibration import order_visibility, self_calibration
     from flexstage.centring.trial_moves import response_to_moves
     from flexstage.centring.turns import Turns, mean_turn

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
-from flexstage.centring.first_order import Combined, combined
+from flexstage.centring.first_order import Combined, Eccentricity, centre_from, combined
 from flexstage.centring.geometry import SCALE_KINDS, ScaleKind, beyond_first_order
 from flexstage.centring.harmonic_fit import HarmonicFit
 from flexstage.centring.harmonics import fit_harmonics, fit_many
-from flexstage.centring.scale_centre import Eccentricity, centre_from
 from flexstage.centring.turns import find_turns
 from flexstage.errors import ModelError, RecordError
 

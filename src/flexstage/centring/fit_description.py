@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit
+from flexstage.centring.harmonic_fit import HarmonicFit, harmonic_of
 from flexstage.centring.normal_equations import HarmonicProblem, NormalEquations
 from flexstage.centring.outliers import Outlier
 from flexstage.centring.residual_noise import from_spectrum, from_turns
 from flexstage.centring.turns import Turns
-from flexstage.centring.vector_interval import direction_estimate, length_estimate
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
 
@@ -59,7 +58,7 @@ def described(
     covariance = white * np.outer(grown, grown)
     first = problem.first
     harmonics = tuple(
-        _harmonic(
+        harmonic_of(
             order,
             c[first + 2 * i : first + 2 * i + 2],
             covariance[first + 2 * i : first + 2 * i + 2, first + 2 * i : first + 2 * i + 2],
@@ -98,7 +97,7 @@ def covering_both(fit: HarmonicFit, with_all: HarmonicFit) -> HarmonicFit:
         both = (math.sqrt(worst) + 0.5 * shift) ** 2 * np.eye(2)
         part = slice(2 * i, 2 * i + 2)
         covariance[part, part] = both
-        wider = _harmonic(
+        wider = harmonic_of(
             own.order, np.array([own.cosine.value, own.sine.value]), both,
             min(own.cosine.degrees_of_freedom, other.cosine.degrees_of_freedom), fit.unit,
         )  # fmt: skip
@@ -169,29 +168,6 @@ def _whole(residual: Array, weights: Array | None, keep: NDArray[np.bool_] | Non
     """Return the residuals in the order of the samples, as weighed; none where set aside."""
     left = residual if weights is None else residual * np.sqrt(weights)
     return left if keep is None else np.where(keep, left, 0.0)
-
-
-def _harmonic(order: int, ab: Array, covariance: Array, freedom: float, unit: str) -> Harmonic:
-    parts = [
-        Estimate(
-            value=float(value),
-            unit=unit,
-            components=(
-                Component(
-                    name="noise", uncertainty=math.sqrt(variance), degrees_of_freedom=freedom
-                ),
-            ),
-        )
-        for value, variance in zip(ab, np.diag(covariance), strict=True)
-    ]
-    return Harmonic(
-        order=order,
-        cosine=parts[0],
-        sine=parts[1],
-        amplitude=length_estimate(ab, covariance, unit, degrees_of_freedom=freedom),
-        phase=direction_estimate(ab, covariance, degrees_of_freedom=freedom),
-        covariance=covariance,
-    )
 
 
 def _nuisance(

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,18 @@ class Harmonic:
     """From the cosine towards the sine [rad]."""
     covariance: Array
     """Of a and b, shape (2, 2)."""
+
+    def less(self, earlier: "Harmonic") -> "Harmonic":
+        """Return how it differs from the same harmonic of an earlier record."""
+
+        def part(own: Estimate, other: Estimate) -> Estimate:
+            before = (replace(c, name=f"{c.name}, before") for c in other.components)
+            value = own.value - other.value
+            return replace(own, value=value, components=(*own.components, *before))
+
+        cosine, sine = part(self.cosine, earlier.cosine), part(self.sine, earlier.sine)
+        freedom = min(self.cosine.degrees_of_freedom, earlier.cosine.degrees_of_freedom)
+        return _harmonic(self.order, cosine, sine, self.covariance + earlier.covariance, freedom)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,19 +142,32 @@ def scale_harmonic(
     freedoms = np.array([h.cosine.degrees_of_freedom for h in found])
     total = float(shares.sum())
     freedom = float(total**2 / np.sum(shares**2 / freedoms)) if total > 0.0 else math.inf
-    unit = fits[0].unit
+    return harmonic_of(order, mean, covariance, freedom, fits[0].unit)
+
+
+def harmonic_of(
+    order: int, vector: Array, covariance: Array, freedom: float, unit: str
+) -> Harmonic:
+    """Return a harmonic from its a and b, which only noise makes uncertain."""
 
     def part(i: int) -> Estimate:
         own = Component(
             name="noise", uncertainty=math.sqrt(covariance[i, i]), degrees_of_freedom=freedom
         )
-        return Estimate(value=float(mean[i]), unit=unit, components=(own,))
+        return Estimate(value=float(vector[i]), unit=unit, components=(own,))
 
+    return _harmonic(order, part(0), part(1), covariance, freedom)
+
+
+def _harmonic(
+    order: int, cosine: Estimate, sine: Estimate, covariance: Array, freedom: float
+) -> Harmonic:
+    vector, unit = (cosine.value, sine.value), cosine.unit
     return Harmonic(
         order=order,
-        cosine=part(0),
-        sine=part(1),
-        amplitude=length_estimate(mean, covariance, unit, degrees_of_freedom=freedom),
-        phase=direction_estimate(mean, covariance, degrees_of_freedom=freedom),
+        cosine=cosine,
+        sine=sine,
+        amplitude=length_estimate(vector, covariance, unit, degrees_of_freedom=freedom),
+        phase=direction_estimate(vector, covariance, degrees_of_freedom=freedom),
         covariance=covariance,
     )

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.centring.first_order import Combined, combined
+from flexstage.centring.first_order import Combined, Eccentricity, centre_from, combined
 from flexstage.centring.geometry import exact_run_out
 from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit, scale_harmonic
 from flexstage.centring.harmonics import fit_harmonics
-from flexstage.centring.scale_centre import Eccentricity, centre_from
 from flexstage.errors import ModelError, RecordError
 
 

@@ -7,8 +7,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.centring.move import Approach, PlannedMove, move_errors, planned_move
-from flexstage.centring.move_model import MoveModel, unknown_moves
+from flexstage.centring.move import (
+    Approach,
+    MoveModel,
+    PlannedMove,
+    move_errors,
+    planned_move,
+    unknown_moves,
+)
 from flexstage.centring.positioner import Positioner
 from flexstage.centring.rotary_table import CentreReading, RotaryTable
 from flexstage.errors import ModelError

@@ -23,6 +23,7 @@ from flexstage.cli.export import export
 from flexstage.cli.frf import frf
 from flexstage.cli.hinges import hinges
 from flexstage.cli.identify import identify
+from flexstage.cli.output import print_json
 from flexstage.cli.part import part
 from flexstage.cli.predict import predict
 from flexstage.cli.records import records
@@ -30,7 +31,6 @@ from flexstage.cli.run import run
 from flexstage.cli.runs import runs
 from flexstage.cli.show import show
 from flexstage.cli.study import study
-from flexstage.cli.terminal import print_json
 from flexstage.cli.twin import twin
 from flexstage.cli.uncertainty import uncertainty
 from flexstage.errors import FlexstageError

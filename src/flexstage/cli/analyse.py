@@ -12,10 +12,20 @@ from flexstage.cli.options import (
     QuietOption,
     StageArgument,
     model_names,
+    option,
     relative,
 )
-from flexstage.cli.output_files import figure_option, folder_option
-from flexstage.cli.terminal import console, make_table, print_json, progress_bar
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    folder_option,
+    make_table,
+    name_for_files,
+    picture,
+    print_json,
+    print_notes,
+    progress_bar,
+)
 from flexstage.errors import FlexstageError, ModelError
 
 if TYPE_CHECKING:
@@ -34,25 +44,21 @@ def analyse(
     plane: PlaneOption = "auto",
     accuracy: Annotated[
         float | None,
-        typer.Option(
-            parser=relative,
-            metavar="SHARE",
-            help="Refine the mesh of the plane or solid model until --quantity changes by less "
+        option(
+            "SHARE",
+            "Refine the mesh of the plane or solid model until --quantity changes by less "
             "than this share, such as 0.1%.",
+            parser=relative,
         ),
     ] = None,
     quantity: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME", help="Quantity that --accuracy refers to, such as max_stress."
-        ),
+        str, option("NAME", "Quantity that --accuracy refers to, such as max_stress.")
     ] = "natural_frequency_hz",
     supports: Annotated[
         str,
-        typer.Option(
-            metavar="rigid|elastic",
-            help="Rigid or elastic frame under the reactions of the drives (plane and solid "
-            "models).",
+        option(
+            "rigid|elastic",
+            "Rigid or elastic frame under the reactions of the drives (plane and solid models).",
         ),
     ] = "rigid",
     stroke: Annotated[
@@ -126,8 +132,7 @@ def analyse(
         _print(screen, run)
     for name, why in left_out.items():
         screen.print(f"note: the {name} model was left out: {why}", markup=False)
-    for file in files:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+    print_notes(screen, (), files)
 
 
 def _printed(
@@ -147,8 +152,8 @@ def _written(
     runs: "Mapping[str, ModelRun]", folder: Path | None, figure: Path | None, *, vtu: bool
 ) -> list[Path]:
     """Write what was asked for: of several models each into a folder of its name."""
+    from flexstage.files.write import write_files
     from flexstage.report import results_json
-    from flexstage.report.files import write_files
 
     files: list[Path] = []
     for name, run in runs.items():
@@ -174,8 +179,7 @@ def _print(screen: "Console", run: "ModelRun") -> None:
     _responses(screen, analysis)
     _loads(screen, analysis)
     _bars(screen, run.bars)
-    for note in analysis.validity:
-        screen.print(f"note: {note}", style="dim", markup=False)
+    print_notes(screen, analysis.validity)
 
 
 def _results(run: "ModelRun") -> dict[str, Any]:
@@ -188,14 +192,13 @@ def _diagrams(
     analysis: "Analysis", figure: Path = Path("bode.svg"), model: str = ""
 ) -> dict[str, bytes]:
     """A Bode diagram of each axis, by the name of the figure, the model and the axis."""
-    from flexstage.cli.output_files import name_for_files
     from flexstage.report.figures.bode import draw_bode
-    from flexstage.report.figures.style import encode
 
-    kind = figure.suffix.lower().removeprefix(".")
     stem = f"{figure.stem}-{model}" if model else figure.stem
     return {
-        f"{stem}-{name_for_files(a.axis)}{figure.suffix}": encode(draw_bode(analysis, a.axis), kind)
+        f"{stem}-{name_for_files(a.axis)}{figure.suffix}": picture(
+            figure, draw_bode(analysis, a.axis)
+        )
         for a in analysis.axes
     }
 

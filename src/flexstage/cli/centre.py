@@ -1,41 +1,46 @@
 """`flexstage centre`: eccentricity of a scale on a turning table, and the move that removes it."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from flexstage.cli.centre_heads import (
+    MAGNET,
     doubts,
     each_has_one,
     head_angles,
     head_of,
+    kind_notes,
     orders_of,
     radius_of,
     spelled,
 )
 from flexstage.cli.centre_report import change, joined, print_setting, report
-from flexstage.cli.centre_setting import MAGNET, setting
 from flexstage.cli.centre_trial import positions_of, print_trial, trial
-from flexstage.cli.options import JsonOption
-from flexstage.cli.output_files import figure_option, write_file
+from flexstage.cli.options import JsonOption, option, with_groups
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    picture,
+    print_json,
+    print_notes,
+    write_file,
+)
 from flexstage.cli.reading import (
-    DatasetOption,
-    DecimalOption,
-    DelimiterOption,
-    FormatOption,
-    RowsOption,
-    SkipLinesOption,
+    WHOLE_FILE,
+    FileOptions,
     column,
     read_records,
 )
-from flexstage.cli.terminal import console, print_json
 from flexstage.errors import ModelError, RecordError
 
 _DIRECTIONS = ("ccw", "cw")
 
 
+@with_groups
 def centre(
     records: Annotated[
         list[Path],
@@ -47,131 +52,118 @@ def centre(
     ],
     error: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMN,...",
-            help="Numbers or names of the error columns, one for each head: angle reading minus "
+        option(
+            "COLUMN,...",
+            "Numbers or names of the error columns, one for each head: angle reading minus "
             "true angle; or, in a unit of length, the readings of indicators on the rim.",
         ),
     ] = None,
     reading: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMN,...",
-            help="Instead of --error: columns of the readings of the heads, wrapped at a turn or "
+        option(
+            "COLUMN,...",
+            "Instead of --error: columns of the readings of the heads, wrapped at a turn or "
             "not; the true angle is subtracted.",
         ),
     ] = None,
     angle: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMN",
-            help="Number or name of the column of the true angle, wrapped or not (default: "
+        option(
+            "COLUMN",
+            "Number or name of the column of the true angle, wrapped or not (default: "
             "samples are evenly spaced over --turns).",
         ),
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option(
-            metavar="UNIT",
-            help="Unit of angle and error if neither the file nor --angle-unit and --error-unit "
+        option(
+            "UNIT",
+            "Unit of angle and error if neither the file nor --angle-unit and --error-unit "
             'give it, such as "deg", "rad", "arcsec", "turn" or "count"; harmonics are printed in '
             "it.",
         ),
     ] = None,
-    angle_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help="Unit of the angle.")
-    ] = None,
+    angle_unit: Annotated[str | None, option("UNIT", "Unit of the angle.")] = None,
     error_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help="Unit of the errors, or of the readings.")
+        str | None, option("UNIT", "Unit of the errors, or of the readings.")
     ] = None,
     counts: Annotated[
-        float | None,
-        typer.Option(metavar="NUMBER", help="Counts per turn, for columns in counts."),
+        float | None, option("NUMBER", "Counts per turn, for columns in counts.")
     ] = None,
     heads: Annotated[
         str | None,
-        typer.Option(
-            metavar="ANGLES",
-            help="Angles of the heads or indicators in the room, bare numbers in degrees, such as "
+        option(
+            "ANGLES",
+            "Angles of the heads or indicators in the room, bare numbers in degrees, such as "
             '"0,90,180,270".',
         ),
     ] = None,
     radius: Annotated[
         str | None,
-        typer.Option(
-            metavar="LENGTH",
-            help='Radius at which the scale is read, such as "50 mm"; needed for the eccentricity.',
+        option(
+            "LENGTH",
+            'Radius at which the scale is read, such as "50 mm"; needed for the eccentricity.',
         ),
     ] = None,
-    diameter: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Diameter, instead of --radius.")
-    ] = None,
+    diameter: Annotated[str | None, option("LENGTH", "Diameter, instead of --radius.")] = None,
     kind: Annotated[
         str | None,
-        typer.Option(
-            metavar="disc|drum|magnet",
-            help="disc (default): radial lines or poles on a face, read at the radius; drum: "
+        option(
+            "disc|drum|magnet",
+            "disc (default): radial lines or poles on a face, read at the radius; drum: "
             "lines or poles parallel to the axis on a rim; magnet: one pair of poles on the axis, "
             "whose harmonic of order 1 is not eccentricity alone.",
         ),
     ] = None,
     orders: Annotated[
         str | None,
-        typer.Option(
-            metavar="RANGE",
-            help='Orders to fit, such as "1:12" or "1,2,4" (default: 1:12, or fewer if there are '
+        option(
+            "RANGE",
+            'Orders to fit, such as "1:12" or "1,2,4" (default: 1:12, or fewer if there are '
             "few samples).",
         ),
     ] = None,
     turns: Annotated[
-        float | None,
-        typer.Option(
-            metavar="NUMBER", help="Number of turns in the record, if there is no --angle."
-        ),
+        float | None, option("NUMBER", "Number of turns in the record, if there is no --angle.")
     ] = None,
     sign: Annotated[
         int,
-        typer.Option(
-            metavar="1|-1",
-            help="-1 if the errors are true angle minus angle reading: all printed and drawn "
+        option(
+            "1|-1",
+            "-1 if the errors are true angle minus angle reading: all printed and drawn "
             "values change their sign.",
         ),
     ] = 1,
     head_direction: Annotated[
         str,
-        typer.Option(
-            metavar="ccw|cw",
-            help="Direction in which the heads travel round the scale as the angle grows, seen in "
+        option(
+            "ccw|cw",
+            "Direction in which the heads travel round the scale as the angle grows, seen in "
             "the frame x, y that turns with the table; head angles count in this direction. Over "
             "a table that turns counter-clockwise they travel cw.",
         ),
     ] = "ccw",
     stage_at: Annotated[
         str | None,
-        typer.Option(
-            metavar="X,Y;...",
-            help="Positions of the stage at each setting, bare numbers in um, such as "
+        option(
+            "X,Y;...",
+            "Positions of the stage at each setting, bare numbers in um, such as "
             '"0,0; 20,0; 0,20; 20,20": gives the orders that follow the moves, their gain, and the '
             "centre, for any scale and without a radius.",
         ),
     ] = None,
     mount_angle: Annotated[
         str,
-        typer.Option(
-            metavar="ANGLE",
-            help="Direction of the x axis of the stage in the frame that turns with the table, "
+        option(
+            "ANGLE",
+            "Direction of the x axis of the stage in the frame that turns with the table, "
             'such as "30 deg"; a bare number is in degrees.',
         ),
     ] = "0 deg",
     outliers: Annotated[
         bool, typer.Option(help="Find outliers, report them, and exclude them.")
     ] = True,
-    rows: RowsOption = None,
-    format: FormatOption = None,
-    dataset: DatasetOption = None,
-    skip_lines: SkipLinesOption = 0,
-    delimiter: DelimiterOption = None,
-    decimal: DecimalOption = None,
+    how: FileOptions = WHOLE_FILE,
     figure: Annotated[
         Path | None,
         figure_option("Draw the error over the turn and its harmonics."),
@@ -182,6 +174,7 @@ def centre(
 
     The harmonics of the error over the turn are fitted; that of order 1 gives the eccentricity.
     """
+    from flexstage.centring.setting import fit_setting
     from flexstage.units import parse
 
     _require(figure, sign, head_direction, kind, angle, turns)
@@ -202,13 +195,8 @@ def centre(
         units=[*own, *[spelled(error_unit)] * len(names)],
         sample_rate=None,
         time=None,
-        format=format,
-        dataset=dataset,
-        rows=rows,
-        skip_lines=skip_lines,
-        delimiter=delimiter,
-        decimal=decimal,
         over="point",
+        **vars(how),
     )
     at = head_angles(heads, len(read), len(names))
     mirror = -1.0 if head_direction == "cw" else 1.0
@@ -233,17 +221,12 @@ def centre(
         if len(read) > 1 and heads is not None and each_has_one(heads, found)
         else len(names)
     )
-    settings = [
-        setting(
-            found[i : i + size],
-            size_of_scale,
-            kind,
-            orders_of(orders),
-            outliers,
-            on_trial=stage_at is not None,
-        )
-        for i in range(0, len(found), size)
-    ]
+    settings = []
+    for i in range(0, len(found), size):
+        one = fit_setting(found[i : i + size], size_of_scale, kind, orders_of(orders), outliers)
+        # of settings at known positions the kind says nothing that they do not say themselves
+        more = [] if stage_at is not None else kind_notes(one, kind, size_of_scale is not None)
+        settings.append(replace(one, notes=tuple(dict.fromkeys((*one.notes, *more)))))
     written = error_unit or unit
     reports = [report(s, mirror, mounted, written) for s in settings]
     for i in range(1, len(reports)):
@@ -254,10 +237,9 @@ def centre(
         result["trial"] = trial(settings, positions_of(stage_at, len(settings)), kind)
     if figure is not None:
         from flexstage.report.figures.centring import draw_polar
-        from flexstage.report.figures.style import encode
 
         drawn = draw_polar([s.fits[0] for s in settings], [s.heads[0].angle for s in settings])
-        write_file(figure, encode(drawn, figure.suffix.lower().lstrip(".")))
+        write_file(figure, picture(figure, drawn))
         result["files"] = [str(figure)]
     if json:
         print_json(result)
@@ -266,10 +248,7 @@ def centre(
         print_setting(one)
     if stage_at is not None:
         print_trial(result["trial"])
-    for note in notes:
-        console().print(f"note: {note}", style="dim", markup=False)
-    if figure is not None:
-        console().print(f"wrote {figure}", markup=False, soft_wrap=True)
+    print_notes(console(), notes, [] if figure is None else [figure])
 
 
 def _columns(

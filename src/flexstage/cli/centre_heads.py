@@ -1,8 +1,7 @@
-"""What `flexstage centre` is given: columns of heads or indicators, in SI units, and their fit."""
+"""What `flexstage centre` is given: columns of heads or indicators in SI units, kind and size."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from flexstage.cli.options import positive_length
@@ -12,27 +11,13 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from flexstage.centring.setting import Head, Setting
     from flexstage.records import Channel, Record
 
     Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Head:
-    """A column of errors, in SI, with the angles that belong to it."""
-
-    name: str
-    """Name of the column."""
-    file: str
-    """File that it is from."""
-    angle: "Array"
-    """Angle of the table [rad], shape (n,)."""
-    error: "Array"
-    """Error [rad], or what an indicator reads [m], shape (n,)."""
-    head_angle: float
-    """Where the head stands [rad], as the head travels."""
-    radial: bool
-    """Whether it is an indicator."""
+#: A magnet of one pair of poles on the axis, as `--kind` has it.
+MAGNET = "magnet"
 
 
 def head_angles(text: str | None, files: int, columns: int) -> list[float]:
@@ -59,7 +44,7 @@ def head_angles(text: str | None, files: int, columns: int) -> list[float]:
     )
 
 
-def each_has_one(text: str, found: Sequence[Head]) -> bool:
+def each_has_one(text: str, found: "Sequence[Head]") -> bool:
     """Say whether every column of every file has an angle of its own."""
     return len(text.split(",")) == len(found)
 
@@ -97,7 +82,7 @@ def head_of(
     *,
     reading: bool = False,
     sign: int = 1,
-) -> Head:
+) -> "Head":
     """Return a column of errors with its angles, in SI.
 
     Even samples over so many turns where there is no column of the angle. Units are of the angle,
@@ -107,6 +92,7 @@ def head_of(
     """
     import numpy as np
 
+    from flexstage.centring.setting import Head
     from flexstage.centring.turns import unwrap_error
 
     angle_unit, error_unit, unit, counts = units
@@ -147,7 +133,7 @@ def _require_alike(read: "Array", theta: "Array", name: str) -> None:
         )
 
 
-def doubts(heads: Sequence[Head]) -> list[str]:
+def doubts(heads: "Sequence[Head]") -> list[str]:
     """Say where an angle looks as if it was in another unit."""
     import numpy as np
 
@@ -190,6 +176,36 @@ def _values(
             + f": choose another column, or say its unit by {option}"
         )
     return channel.values * factor, known
+
+
+def kind_notes(setting: "Setting", kind: str | None, sized: bool) -> list[str]:
+    """Say what the harmonic of order 1 is, of a scale of that kind."""
+    if setting.heads[0].radial:
+        return []
+    if kind == MAGNET:
+        return [
+            "of a magnet on the axis that a few probes read, order 1 is that of offsets of their "
+            "signals as well, and in which orders eccentricity shows hangs on how the probes are "
+            "joined: no move follows from one record; measure at four positions of the stage or "
+            "more, and give them by --stage-at"
+        ]
+    if not sized:
+        return [
+            "give --radius or --diameter for the eccentricity and the move, if lines or many poles "
+            "are read there; order 1 of a magnet on the axis is no eccentricity alone"
+        ]
+    if setting.like_magnet:
+        return [
+            "order 2 is larger than order 1, as of a magnet on the axis, whose order 1 is no "
+            "eccentricity alone: no move is given; say --kind disc or drum if lines or many poles "
+            "are read at the radius"
+        ]
+    if kind is None:
+        return [
+            "taken for a disc, of lines or many poles that are read at the radius: of a magnet on "
+            "the axis order 1 is no eccentricity alone; --kind says which"
+        ]
+    return []
 
 
 def radius_of(radius: str | None, diameter: str | None) -> float | None:

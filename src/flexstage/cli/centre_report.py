@@ -1,15 +1,14 @@
 """What `flexstage centre` says: its JSON, and its tables."""
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from flexstage.cli.centre_heads import TURN_WORDS
-from flexstage.cli.centre_setting import Setting
-from flexstage.cli.terminal import console, make_table
+from flexstage.cli.output import console, make_table, print_notes
 
 if TYPE_CHECKING:
     from flexstage.centring import Eccentricity, Harmonic
+    from flexstage.centring.setting import Setting
     from flexstage.estimate import Estimate
 
 _ARCSEC = math.pi / 648_000.0
@@ -20,7 +19,7 @@ _OF_HEADS = f"angle read less true angle is {_WAVES}"
 _OF_INDICATORS = f"what is read, outwards more, is {_WAVES}"
 
 
-def report(setting: Setting, mirror: float, mount: float, written: str | None) -> dict[str, Any]:
+def report(setting: "Setting", mirror: float, mount: float, written: str | None) -> dict[str, Any]:
     """Return what is said of one setting, as plain data.
 
     `mirror` is -1 where the heads travel clockwise, `mount` the direction of the stage's x axis
@@ -137,7 +136,9 @@ def _centred(found: "Eccentricity", mirror: float, mount: float) -> dict[str, An
     }
 
 
-def change(before: Setting, after: Setting, mirror: float, written: str | None) -> dict[str, Any]:
+def change(
+    before: "Setting", after: "Setting", mirror: float, written: str | None
+) -> dict[str, Any]:
     """Return how one setting differs from that before it, as plain data.
 
     Harmonics of the difference; and of the eccentricity, which is the move in between.
@@ -146,7 +147,7 @@ def change(before: Setting, after: Setting, mirror: float, written: str | None) 
     unit, factor = _written(written, "m" if radial else "rad")
     earlier = {} if radial != before.heads[0].radial else {h.order: h for h in before.harmonics}
     rows = [
-        _harmonic(_difference(h, earlier[h.order]), unit, factor, radial)
+        _harmonic(h.less(earlier[h.order]), unit, factor, radial)
         for h in after.harmonics
         if h.order in earlier
     ]
@@ -161,33 +162,6 @@ def change(before: Setting, after: Setting, mirror: float, written: str | None) 
             "x": x, "y": mirror * y, "uncertainty_x": ux, "uncertainty_y": uy, "unit": "m",
         }  # fmt: skip
     return out
-
-
-def _difference(new: "Harmonic", old: "Harmonic") -> "Harmonic":
-    from flexstage.centring import Harmonic
-    from flexstage.centring.vector_interval import direction_estimate, length_estimate
-
-    def part(own: "Estimate", other: "Estimate") -> "Estimate":
-        return replace(
-            own,
-            value=own.value - other.value,
-            components=(
-                *own.components,
-                *(replace(c, name=f"{c.name}, before") for c in other.components),
-            ),
-        )
-
-    cosine, sine = part(new.cosine, old.cosine), part(new.sine, old.sine)
-    vector, covariance = (cosine.value, sine.value), new.covariance + old.covariance
-    freedom = min(new.cosine.degrees_of_freedom, old.cosine.degrees_of_freedom)
-    return Harmonic(
-        order=new.order,
-        cosine=cosine,
-        sine=sine,
-        amplitude=length_estimate(vector, covariance, cosine.unit, degrees_of_freedom=freedom),
-        phase=direction_estimate(vector, covariance, degrees_of_freedom=freedom),
-        covariance=covariance,
-    )
 
 
 def _plain(estimate: "Estimate | None") -> dict[str, Any] | None:
@@ -233,8 +207,7 @@ def print_setting(result: dict[str, Any]) -> None:
         _print_change(result["change"])
     if result["outliers"]:
         screen.print(_outliers(result["outliers"]), style="yellow", markup=False)
-    for note in result["notes"]:
-        screen.print(f"note: {note}", style="dim", markup=False)
+    print_notes(screen, result["notes"])
 
 
 def _print_harmonics(

@@ -4,11 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.centre_setting import MAGNET, Setting
-from flexstage.cli.terminal import console, make_table
+from flexstage.cli.centre_heads import MAGNET
+from flexstage.cli.output import console, make_table, print_notes
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
+    from flexstage.centring.setting import Setting
     from flexstage.centring.trial_moves import OrderResponse
 
 _ARCSEC = math.pi / 648_000.0
@@ -34,7 +35,7 @@ def positions_of(text: str, settings: int) -> list[tuple[float, float]]:
 
 
 def trial(
-    settings: Sequence[Setting], positions: Sequence[tuple[float, float]], kind: str | None
+    settings: "Sequence[Setting]", positions: Sequence[tuple[float, float]], kind: str | None
 ) -> dict[str, Any]:
     """Return how the harmonics of settings follow the positions, as plain data."""
     from flexstage.centring import response_to_moves
@@ -147,5 +148,4 @@ def print_trial(result: dict[str, Any]) -> None:
             f"position by {dx:+.4f}, {dy:+.4f} µm",
             markup=False,
         )
-    for note in result["notes"]:
-        screen.print(f"note: {note}", style="dim", markup=False)
+    print_notes(screen, result["notes"])

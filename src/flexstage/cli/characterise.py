@@ -7,8 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.characterise_tables import print_measurement
-from flexstage.cli.options import JsonOption, ModelsOption, QuietOption, model_names, relative
-from flexstage.cli.output_files import folder_option
+from flexstage.cli.options import (
+    JsonOption,
+    ModelsOption,
+    QuietOption,
+    model_names,
+    option,
+    relative,
+)
+from flexstage.cli.output import console, folder_option, print_json, progress_bar
 from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
@@ -19,7 +26,6 @@ from flexstage.cli.reading import (
     SkipLinesOption,
     TimeOption,
 )
-from flexstage.cli.terminal import console, print_json, progress_bar
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -43,31 +49,29 @@ def characterise(
     ] = None,
     stage: Annotated[
         str | None,
-        typer.Option(
-            metavar="STAGE",
-            help="A stage file, or the name of a built-in design, to compare with its models and "
+        option(
+            "STAGE",
+            "A stage file, or the name of a built-in design, to compare with its models and "
             "published values.",
         ),
     ] = None,
     virtual_seed: Annotated[
         int | None,
-        typer.Option(
-            metavar="SEED",
+        option(
+            "SEED",
+            "Instead of files: simulate the measurements of --stage, with this random seed.",
             min=0,
-            help="Instead of files: simulate the measurements of --stage, with this random seed.",
         ),
     ] = None,
     test: Annotated[
         str,
-        typer.Option(
-            metavar="KIND",
-            help="Kind of test: motion, spheres, positioning, staircase, hold, response, "
+        option(
+            "KIND",
+            "Kind of test: motion, spheres, positioning, staircase, hold, response, "
             "ring-down or workspace.",
         ),
     ] = "motion",
-    axis: Annotated[
-        str, typer.Option(metavar="NAME", help="The axis that moves; for a workspace both, as xy.")
-    ] = "x",
+    axis: Annotated[str, option("NAME", "The axis that moves; for a workspace both, as xy.")] = "x",
     command: Annotated[str | None, _column("the command")] = None,
     along: Annotated[str | None, _column("the position along the axis")] = None,
     across: Annotated[str | None, _column("the transverse motion in the plane")] = None,
@@ -77,36 +81,33 @@ def characterise(
     yaw: Annotated[str | None, _column("the rotation about the normal")] = None,
     input: Annotated[str | None, _column("the force or other excitation")] = None,
     output: Annotated[
-        str | None,
-        typer.Option(metavar="COLUMNS", help="Columns of the response, separated by commas."),
+        str | None, option("COLUMNS", "Columns of the response, separated by commas.")
     ] = None,
     corner: Annotated[str | None, _column("the number of the corner")] = None,
     x: Annotated[str | None, _column("the reading in x at the corners")] = None,
     y: Annotated[str | None, _column("the reading in y at the corners")] = None,
     spheres: Annotated[
-        str | None,
-        typer.Option(metavar="NAMES", help="Names of the spheres, separated by commas."),
+        str | None, option("NAMES", "Names of the spheres, separated by commas.")
     ] = None,
     direction: Annotated[
         str | None, _column("the direction of approach: up or down, 1 or -1")
     ] = None,
     upward: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMNS",
-            help="For a table with a row for each target: columns of the upward runs, separated by "
+        option(
+            "COLUMNS",
+            "For a table with a row for each target: columns of the upward runs, separated by "
             "commas.",
         ),
     ] = None,
     downward: Annotated[
-        str | None,
-        typer.Option(metavar="COLUMNS", help="For such a table: columns of the downward runs."),
+        str | None, option("COLUMNS", "For such a table: columns of the downward runs.")
     ] = None,
     cycle: Annotated[
         str,
-        typer.Option(
-            metavar="FORM",
-            help="For positioning with a row for each approach: standard (series up and down) or "
+        option(
+            "FORM",
+            "For positioning with a row for each approach: standard (series up and down) or "
             "step (each target from both sides in turn); auto also finds rests of several samples.",
         ),
     ] = "auto",
@@ -119,41 +120,28 @@ def characterise(
     ] = False,
     commands: Annotated[
         str | None,
-        typer.Option(
-            metavar="LENGTHS",
-            help="For spheres: command at each station, separated by commas, if there is no such "
+        option(
+            "LENGTHS",
+            "For spheres: command at each station, separated by commas, if there is no such "
             'column: "0 um,5 um,10 um,5 um,0 um".',
         ),
     ] = None,
     column_unit: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="ROLE=UNIT",
-            help='Unit of a column without one, such as "along=um"; may be repeated.',
-        ),
+        option("ROLE=UNIT", 'Unit of a column without one, such as "along=um"; may be repeated.'),
     ] = None,
     calibration: Annotated[
         str | None,
-        typer.Option(
-            metavar="SHARE",
-            help='Relative standard uncertainty of the sensor sensitivity, such as "0.05%".',
+        option(
+            "SHARE", 'Relative standard uncertainty of the sensor sensitivity, such as "0.05%".'
         ),
     ] = None,
     alignment: Annotated[
         str | None,
-        typer.Option(
-            metavar="ANGLE",
-            help='Standard uncertainty of the direction of the sensors, such as "1 mrad".',
-        ),
+        option("ANGLE", 'Standard uncertainty of the direction of the sensors, such as "1 mrad".'),
     ] = None,
     confidence: Annotated[
-        float,
-        typer.Option(
-            metavar="SHARE",
-            min=0.5,
-            max=0.9999,
-            help="For a staircase: confidence level of a step.",
-        ),
+        float, option("SHARE", "For a staircase: confidence level of a step.", min=0.5, max=0.9999)
     ] = 0.95,
     models: ModelsOption = "lumped,superelement",
     sample_rate: SampleRateOption = None,
@@ -180,8 +168,8 @@ def characterise(
     from flexstage.experiment.campaign.evaluate import characterise as run
     from flexstage.experiment.campaign.file import read_campaign
     from flexstage.experiment.campaign.plan import Columns
+    from flexstage.files.write import write_files
     from flexstage.report import compare_measurement
-    from flexstage.report.files import write_files
     from flexstage.report.measurement import measurement_results
     from flexstage.report.measurement_html import measurement_text
 
@@ -326,7 +314,8 @@ def _single(
     sample_rate: str | None,
     skip_lines: int,
 ) -> "Campaign":
-    from flexstage.experiment.campaign.plan import Campaign, FileReading, SensorSpecification, Test
+    from flexstage.experiment.campaign.plan import Campaign, FileReading, Test
+    from flexstage.sensor import SensorSpecification
     from flexstage.units import parse
 
     if not files:

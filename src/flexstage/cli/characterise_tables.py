@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.terminal import make_table
+from flexstage.cli.output import make_table, print_notes
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -39,14 +39,11 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
     for measured in result.found.results:
         if "positioning" in measured.details:
             _print_positioning(screen, measured)
-    for note in result.notes:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    for file in saved:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+    print_notes(screen, result.notes, saved)
 
 
 def _print_positioning(screen: "Console", result: "TestResult") -> None:
-    from flexstage.report.positioning_tables import positioning_tables
+    from flexstage.report.measurement import positioning_tables
 
     tables = positioning_tables(result.details["positioning"])
     first, second, *others = tables.axis_heads

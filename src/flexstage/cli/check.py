@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from flexstage.cli.options import JsonOption, StageArgument
-from flexstage.cli.terminal import count, print_json
+from flexstage.cli.output import count, print_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

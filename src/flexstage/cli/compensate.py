@@ -5,24 +5,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import CurrentOption, JsonOption, SlewOption
-from flexstage.cli.output_files import file_option, write_file
+from flexstage.cli.options import CurrentOption, JsonOption, SlewOption, option, with_groups
+from flexstage.cli.output import console, file_option, print_json, print_notes, write_file
 from flexstage.cli.predict import moved_for
 from flexstage.cli.reading import (
-    DatasetOption,
-    DecimalOption,
-    DelimiterOption,
-    FormatOption,
-    ResampleOption,
-    RowsOption,
-    SampleRateOption,
-    SkipLinesOption,
-    TimeOption,
+    AS_TIMED,
+    WHOLE_FILE,
+    FileOptions,
+    TimeOptions,
     column,
     read_records,
     record_format,
 )
-from flexstage.cli.terminal import console, print_json
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -30,23 +24,17 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.inversion import Feedforward
 
 
+@with_groups
 def compensate(
     model: Annotated[
         Path,
         typer.Argument(metavar="MODEL", help="A model file written by `flexstage identify --out`."),
     ],
-    reference: Annotated[
-        Path, typer.Option(metavar="FILE", help="Record of the wanted readings over time.")
-    ],
-    column_: Annotated[
-        str,
-        typer.Option("--column", metavar="COLUMN", help="Number or name of its column."),
-    ] = "0",
-    sample_rate: SampleRateOption = None,
-    time: TimeOption = None,
-    resample: ResampleOption = None,
+    reference: Annotated[Path, option("FILE", "Record of the wanted readings over time.")],
+    column_: Annotated[str, option("COLUMN", "Number or name of its column.", "--column")] = "0",
+    timing: TimeOptions = AS_TIMED,
     reference_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help='Unit of the reference, such as "um".')
+        str | None, option("UNIT", 'Unit of the reference, such as "um".')
     ] = None,
     relative: Annotated[
         bool,
@@ -58,9 +46,9 @@ def compensate(
     ] = False,
     voltage: Annotated[
         str | None,
-        typer.Option(
-            metavar="LOW:HIGH",
-            help='Voltage range of the command, such as "0:120" (default: the range on which the '
+        option(
+            "LOW:HIGH",
+            'Voltage range of the command, such as "0:120" (default: the range on which the '
             "model was identified).",
         ),
     ] = None,
@@ -68,35 +56,30 @@ def compensate(
     current: CurrentOption = None,
     capacitance: Annotated[
         str | None,
-        typer.Option(
-            metavar="CAPACITANCE",
-            help='Capacitance of the stack, such as "6.4 uF": limits the slope with --current.',
+        option(
+            "CAPACITANCE",
+            'Capacitance of the stack, such as "6.4 uF": limits the slope with --current.',
         ),
     ] = None,
     reference_bandwidth: Annotated[
         str | None,
-        typer.Option(
-            metavar="FREQUENCY",
-            help="Bandwidth to which the reference is smoothed (default: a quarter of the "
+        option(
+            "FREQUENCY",
+            "Bandwidth to which the reference is smoothed (default: a quarter of the "
             "resonance of the model).",
         ),
     ] = None,
     start: Annotated[
         str,
-        typer.Option(
-            metavar="conditioned|rest|TIME",
-            help="State before the start: conditioned by cycles over the whole range that end at "
+        option(
+            "conditioned|rest|TIME",
+            "State before the start: conditioned by cycles over the whole range that end at "
             "its low end, with creep as before the record of the model; rest: unused; or a time, "
             'such as "30 s" or inf: conditioned, and then in motion as in the reference for that '
             "time.",
         ),
     ] = "conditioned",
-    rows: RowsOption = None,
-    format: FormatOption = None,
-    dataset: DatasetOption = None,
-    skip_lines: SkipLinesOption = 0,
-    delimiter: DelimiterOption = None,
-    decimal: DecimalOption = None,
+    how: FileOptions = WHOLE_FILE,
     out: Annotated[
         Path | None,
         file_option("Write time, command, reference and prediction (.csv, .npz, .h5 or .mat)."),
@@ -107,9 +90,9 @@ def compensate(
 
     The inverse of an identified model compensates its hysteresis, lag and creep.
     """
+    from flexstage.hysteresis.drive_model import in_unit_of_model
     from flexstage.hysteresis.inversion import feedforward
     from flexstage.hysteresis.model_file import read_model_file
-    from flexstage.hysteresis.suitability import in_unit_of_model
 
     kind = record_format(out)
     file = read_model_file(model)
@@ -119,16 +102,9 @@ def compensate(
         [reference],
         [wanted],
         units=[reference_unit],
-        sample_rate=sample_rate,
-        time=time,
-        format=format,
-        dataset=dataset,
-        rows=rows,
-        skip_lines=skip_lines,
-        delimiter=delimiter,
-        decimal=decimal,
-        resample=resample,
         even=True,
+        **vars(timing),
+        **vars(how),
     )[0]
     channel = record.channel(wanted)
     values, converted = in_unit_of_model(
@@ -250,7 +226,4 @@ def _print(result: dict[str, Any]) -> None:
         f"{readable(output, result['predicted_max_error'])} at most (the model with itself: what "
         "it leaves of a measured drive adds to it)"
     )
-    for note in result["notes"]:
-        screen.print(f"note: {note}", style="yellow", markup=False)
-    if result["file"]:
-        screen.print(f"wrote {result['file']}", markup=False, soft_wrap=True)
+    print_notes(screen, result["notes"], filter(None, [result["file"]]), style="yellow")

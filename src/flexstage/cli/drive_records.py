@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
+from flexstage.cli.options import option
 from flexstage.cli.reading import column, column_list, file_rates, read_records
 from flexstage.errors import RecordError
 
@@ -15,17 +14,17 @@ if TYPE_CHECKING:
 
 BranchesOption = Annotated[
     str | None,
-    typer.Option(
-        metavar="UP,DOWN",
-        help="Instead of --output: columns of the rising and the falling branch, in a table with "
+    option(
+        "UP,DOWN",
+        "Instead of --output: columns of the rising and the falling branch, in a table with "
         "one row for each input and no times.",
     ),
 ]
 CurveOption = Annotated[
     str | None,
-    typer.Option(
-        metavar="COLUMN|files|columns",
-        help="First-order reversal curves, measured on the way back to saturation: the column of "
+    option(
+        "COLUMN|files|columns",
+        "First-order reversal curves, measured on the way back to saturation: the column of "
         'their numbers or reversal points; "files" if each file is one curve, "columns" if '
         "--output lists one column for each.",
     ),

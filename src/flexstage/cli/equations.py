@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, StageArgument
-from flexstage.cli.output_files import file_option, write_file
-from flexstage.cli.terminal import print_json
+from flexstage.cli.options import JsonOption, StageArgument, option
+from flexstage.cli.output import file_option, print_json, write_file
 from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
@@ -28,27 +27,26 @@ def equations(
     stage: StageArgument,
     form: Annotated[
         str,
-        typer.Option(
+        option(
+            "text|latex|svg",
+            "Plain text, a LaTeX document, or the structural diagram as a drawing.",
             "--to",
-            metavar="text|latex|svg",
-            help="Plain text, a LaTeX document, or the structural diagram as a drawing.",
         ),
     ] = "text",
     reduce: Annotated[
         str,
-        typer.Option(
-            metavar="auto|symmetry|condense|none",
-            help="Reduction of the coordinates for transfer functions; auto uses the symmetry of "
+        option(
+            "auto|symmetry|condense|none",
+            "Reduction of the coordinates for transfer functions; auto uses the symmetry of "
             "the stage if it leaves few enough coordinates, else condensation to drives and "
             "probes.",
         ),
     ] = "auto",
     axis: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Axis of the transfer function (default: all)."),
+        str | None, option("NAME", "Axis of the transfer function (default: all).")
     ] = None,
     damping: Annotated[
-        str, typer.Option(metavar="rayleigh|hinge|none", help="Damping model of the equations.")
+        str, option("rayleigh|hinge|none", "Damping model of the equations.")
     ] = "rayleigh",
     out: Annotated[
         Path | None,

@@ -6,10 +6,24 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import AxisOption, CurrentOption, JsonOption, SlewOption, designs_like
-from flexstage.cli.output_files import file_option, write_file
+from flexstage.cli.options import (
+    AxisOption,
+    CurrentOption,
+    JsonOption,
+    SlewOption,
+    designs_like,
+    option,
+)
+from flexstage.cli.output import (
+    console,
+    count,
+    file_option,
+    make_table,
+    print_json,
+    print_notes,
+    write_file,
+)
 from flexstage.cli.reading import record_format
-from flexstage.cli.terminal import console, count, make_table, print_json
 from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
@@ -41,27 +55,23 @@ def excite(
     axis: AxisOption = None,
     voltage: Annotated[
         str | None,
-        typer.Option(
-            metavar="LOW:HIGH",
-            help='Voltage range, such as "0:120" (default: that of the stack).',
-        ),
+        option("LOW:HIGH", 'Voltage range, such as "0:120" (default: that of the stack).'),
     ] = None,
     loop_rates: Annotated[
         str | None,
-        typer.Option(
-            metavar="FREQUENCIES",
-            help='Repetition rates of the major loop, such as "0.5,5" in Hz (default: chosen).',
+        option(
+            "FREQUENCIES",
+            'Repetition rates of the major loop, such as "0.5,5" in Hz (default: chosen).',
         ),
     ] = None,
     duration: Annotated[
-        str | None,
-        typer.Option(metavar="TIME", help='Longest duration of the record, such as "60 s".'),
+        str | None, option("TIME", 'Longest duration of the record, such as "60 s".')
     ] = None,
     sample_rate: Annotated[
         str | None,
-        typer.Option(
-            metavar="RATE",
-            help='Sample rate, such as "10 kHz" (default: as the fastest loop and the multisine '
+        option(
+            "RATE",
+            'Sample rate, such as "10 kHz" (default: as the fastest loop and the multisine '
             "require).",
         ),
     ] = None,
@@ -69,34 +79,28 @@ def excite(
     current: CurrentOption = None,
     capacitance: Annotated[
         str | None,
-        typer.Option(
-            metavar="CAPACITANCE",
-            help='Capacitance of the stack, such as "6.4 uF" (default: that of STAGE).',
+        option(
+            "CAPACITANCE", 'Capacitance of the stack, such as "6.4 uF" (default: that of STAGE).'
         ),
     ] = None,
     frequency: Annotated[
         str | None,
-        typer.Option(
-            metavar="FREQUENCY",
-            help="Lowest natural frequency with the drives in place (default: that of the lumped "
+        option(
+            "FREQUENCY",
+            "Lowest natural frequency with the drives in place (default: that of the lumped "
             "model of STAGE).",
         ),
     ] = None,
     shape: Annotated[
-        str,
-        typer.Option(
-            metavar="smooth|sine|triangle", help="Shape of the voltage between turning points."
-        ),
+        str, option("smooth|sine|triangle", "Shape of the voltage between turning points.")
     ] = "smooth",
     hold_time: Annotated[
-        str | None,
-        typer.Option(metavar="TIME", help='Hold time after the step, for creep; "0 s" for none.'),
+        str | None, option("TIME", 'Hold time after the step, for creep; "0 s" for none.')
     ] = None,
     rest: Annotated[
         str | None,
-        typer.Option(
-            metavar="VOLTAGE",
-            help="Voltage before and after the record (default: 0 V if within the range).",
+        option(
+            "VOLTAGE", "Voltage before and after the record (default: 0 V if within the range)."
         ),
     ] = None,
     multisine: Annotated[
@@ -106,8 +110,7 @@ def excite(
         ),
     ] = True,
     seed: Annotated[
-        int,
-        typer.Option(metavar="NUMBER", min=0, help="Random seed of the phases of the multisine."),
+        int, option("NUMBER", "Random seed of the phases of the multisine.", min=0)
     ] = 0,
     out: Annotated[
         Path | None,
@@ -286,5 +289,4 @@ def _print(result: dict[str, Any]) -> None:
         screen.print(f"left out: {'; '.join(result['left_out'])}", markup=False)
     for warning in result["warnings"]:
         screen.print(f"warning: {warning}", style="yellow", markup=False)
-    if result["file"]:
-        screen.print(f"wrote {result['file']}", markup=False, soft_wrap=True)
+    print_notes(screen, (), filter(None, [result["file"]]))

@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from flexstage.cli.export_formats import FORMATS
-from flexstage.cli.export_request import ExportRequest
+from flexstage.cli.export_formats import FORMATS, ExportRequest
 from flexstage.cli.options import (
     CurrentOption,
     JsonOption,
@@ -15,11 +14,18 @@ from flexstage.cli.options import (
     PlaneOption,
     QuietOption,
     StageArgument,
+    option,
     positive_length,
     relative,
 )
-from flexstage.cli.output_files import folder_option
-from flexstage.cli.terminal import console, make_table, print_json, progress_bar
+from flexstage.cli.output import (
+    console,
+    folder_option,
+    make_table,
+    print_json,
+    print_notes,
+    progress_bar,
+)
 from flexstage.errors import ModelError, StageError
 
 _Fmi = Literal["2.0", "3.0"]
@@ -33,11 +39,10 @@ def export(
     stage: StageArgument,
     to: Annotated[
         str,
-        typer.Option(
+        option(
+            "|".join(FORMATS),
+            "Format; several separated by commas; 'all' writes every format that the stage allows.",
             "--to",
-            metavar="|".join(FORMATS),
-            help="Format; several separated by commas; 'all' writes every format that the stage "
-            "allows.",
         ),
     ],
     out: Annotated[
@@ -47,47 +52,39 @@ def export(
     model: ModelOption = "superelement",
     plane: PlaneOption = "auto",
     time_step: Annotated[
-        str,
-        typer.Option(metavar="TIME", help="Time between samples (fmu, c, mat, simulink)."),
+        str, option("TIME", "Time between samples (fmu, c, mat, simulink).")
     ] = "0.1 ms",
     hysteresis: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="usual|none|NAME=FILE",
-            help="Hysteresis of the piezo stacks: a Bouc-Wen loop of usual width, none, or the "
+        option(
+            "usual|none|NAME=FILE",
+            "Hysteresis of the piezo stacks: a Bouc-Wen loop of usual width, none, or the "
             "model file of 'flexstage identify' for a drive or axis (may be repeated).",
         ),
     ] = None,
     creep: Annotated[
         float | None,
-        typer.Option(
+        option(
+            "SHARE",
+            'Creep of the stacks per decade of time, such as "1.5%" (default: no creep).',
             parser=relative,
-            metavar="SHARE",
-            help='Creep of the stacks per decade of time, such as "1.5%" (default: no creep).',
         ),
     ] = None,
     bandwidth: Annotated[
         str | None,
-        typer.Option(
-            metavar="FREQUENCY",
-            help='Bandwidth of the amplifiers, such as "2 kHz" (default: no amplifier).',
+        option(
+            "FREQUENCY", 'Bandwidth of the amplifiers, such as "2 kHz" (default: no amplifier).'
         ),
     ] = None,
     current: CurrentOption = None,
     sensor_bandwidth: Annotated[
         str | None,
-        typer.Option(
-            metavar="FREQUENCY",
-            help="Bandwidth of the sensors (default: readings equal the true motion).",
-        ),
+        option("FREQUENCY", "Bandwidth of the sensors (default: readings equal the true motion)."),
     ] = None,
     keep_modes: Annotated[
-        int | None,
-        typer.Option(metavar="NUMBER", min=1, help="Number of modes to keep (default: all)."),
+        int | None, option("NUMBER", "Number of modes to keep (default: all).", min=1)
     ] = None,
-    fmi: Annotated[
-        str, typer.Option(metavar="2.0|3.0|both", help="FMI version of the FMU.")
-    ] = "both",
+    fmi: Annotated[str, option("2.0|3.0|both", "FMI version of the FMU.")] = "both",
     source_only: Annotated[
         bool,
         typer.Option(
@@ -95,14 +92,11 @@ def export(
         ),
     ] = False,
     precision: Annotated[
-        str, typer.Option(metavar="double|single", help="Floating-point precision of the C header.")
+        str, option("double|single", "Floating-point precision of the C header.")
     ] = "double",
     kerf: Annotated[
         str | None,
-        typer.Option(
-            metavar="LENGTH",
-            help='Kerf of wire cutting, such as "0.28 mm"; adds the wire path to the DXF.',
-        ),
+        option("LENGTH", 'Kerf of wire cutting, such as "0.28 mm"; adds the wire path to the DXF.'),
     ] = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
@@ -115,7 +109,7 @@ def export(
         raise ModelError(f"--fmi is 2.0, 3.0 or both, got '{fmi[:40]}'")
     if precision not in _PRECISIONS:
         raise ModelError(f"--precision is double or single, got '{precision[:40]}'")
-    from flexstage.report.files import write_files
+    from flexstage.files.write import write_files
 
     request = ExportRequest(
         stage=find_stage(stage),
@@ -168,8 +162,7 @@ def export(
     for name, paths in files.items():
         table.add_row(name, FORMATS[name].about, _shown(paths))
     screen.print(table)
-    for note in notes:
-        screen.print(f"note: {note}", style="dim", markup=False)
+    print_notes(screen, notes)
 
 
 def _formats(text: str) -> list[str]:

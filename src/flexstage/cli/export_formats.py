@@ -1,10 +1,163 @@
-"""The formats of `flexstage export`: what each is, and what writes it."""
+"""What `flexstage export` was asked for, with models made where needed, and what it can write."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, cast
 
-from flexstage.cli.export_request import ExportRequest
-from flexstage.errors import StageError
+from flexstage.cli.output import name_for_files
+from flexstage.errors import ModelError, StageError
+
+if TYPE_CHECKING:
+    from flexstage.export import DynamicModel
+    from flexstage.hysteresis import DriveModel, LogCreep, Sensor
+    from flexstage.report.models import ModelRun
+    from flexstage.stage import Stage
+    from flexstage.system import MechanicalSystem
+
+
+@dataclass(kw_only=True, eq=False)
+class ExportRequest:
+    """A stage and the choices for it."""
+
+    stage: "Stage"
+    """The stage."""
+    model: str
+    """Name of its model."""
+    plane: str
+    """Plane state of the notches."""
+    step: float
+    """Step between samples [s]."""
+    hysteresis: Sequence[str]
+    """What `read_hysteresis` takes."""
+    creep: float | None
+    """Creep of the stacks in a decade of time, over the step [1]."""
+    bandwidth_hz: float | None
+    """Bandwidth of the amplifiers [Hz]."""
+    current_limit: float | None
+    """Largest current of an amplifier [A]."""
+    sensor_bandwidth_hz: float | None
+    """Bandwidth of the sensors [Hz]."""
+    mode_count: int | None
+    """Number of modes that are kept."""
+    precision: str
+    """``double`` or ``single``, of the C header."""
+    fmi: tuple[Literal["2.0", "3.0"], ...]
+    """Versions of FMI, of ``2.0`` and ``3.0``."""
+    source_only: bool
+    """Whether an FMU holds no compiled library."""
+    kerf: float | None
+    """Width of the cut by the wire [m]."""
+    remarks: list[str] = field(default_factory=list)
+    """What the user should know about the files that were made."""
+
+    @property
+    def name(self) -> str:
+        """Name of the stage, as files can have it."""
+        return name_for_files(self.stage.name)
+
+    @cached_property
+    def run(self) -> "ModelRun":
+        """The analysis by the chosen model, and its mesh."""
+        from flexstage.report import run_model
+        from flexstage.report.models import ModelOptions
+
+        return run_model(self.stage, self.model, ModelOptions(plane=self.plane))  # type: ignore[arg-type]
+
+    @property
+    def system(self) -> "MechanicalSystem":
+        """The mechanical system of the chosen model."""
+        return self.run.analysis.system
+
+    @cached_property
+    def dynamic(self) -> "DynamicModel":
+        """The stage with its drives, as other programs run it."""
+        return self._dynamic(self.system)
+
+    @cached_property
+    def dynamic_of_bodies(self) -> "DynamicModel":
+        """The same by rigid bodies on hinges, which is what a diagram of blocks shows."""
+        from flexstage.lumped import lumped_system
+
+        return self._dynamic(lumped_system(self.stage, plane=self.plane))  # type: ignore[arg-type]
+
+    def require_hysteresis(self) -> None:
+        """Refuse a hysteresis that the stacks cannot have, before the mechanics are computed."""
+        from flexstage.export.drive_models import models_by_drive
+
+        models_by_drive(self.stage, self.drive_hysteresis)
+
+    @cached_property
+    def drive_hysteresis(self) -> "Mapping[str, DriveModel] | Literal['usual', 'none']":
+        """The hysteresis of each stack, from its file or as a word."""
+        return read_hysteresis(self.hysteresis)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks, and where the models that were made stop being valid, each note once."""
+        found = dict.fromkeys(self.remarks)
+        chosen = self.__dict__.get("dynamic")
+        if chosen is not None:
+            found |= dict.fromkeys(chosen.notes)
+        bodies = self.__dict__.get("dynamic_of_bodies")
+        if bodies is not None:
+            # another model than the chosen one, perhaps
+            before = "" if chosen is None else "Diagram and Simulink: "
+            found |= {f"{before}{note}": None for note in bodies.notes if note not in found}
+        return tuple(found)
+
+    def _dynamic(self, system: "MechanicalSystem") -> "DynamicModel":
+        from flexstage.export import dynamic_model
+
+        return dynamic_model(
+            self.stage,
+            system,
+            step=self.step,
+            hysteresis=self.drive_hysteresis,
+            creep=self._creep(),
+            bandwidth_hz=self.bandwidth_hz,
+            current_limit=self.current_limit,
+            sensors=self._sensors(system),
+            mode_count=self.mode_count,
+        )
+
+    def _creep(self) -> "LogCreep | None":
+        from flexstage.hysteresis import LogCreep
+
+        return None if self.creep is None else LogCreep(rate_per_decade=self.creep)
+
+    def _sensors(self, system: "MechanicalSystem") -> "Mapping[str, Sensor]":
+        from flexstage.hysteresis import Sensor
+
+        if self.sensor_bandwidth_hz is None:
+            return {}
+        return {p.name: Sensor(bandwidth_hz=self.sensor_bandwidth_hz) for p in system.probes}
+
+
+def read_hysteresis(
+    given: Sequence[str],
+) -> "Mapping[str, DriveModel] | Literal['usual', 'none']":
+    """Return the identified model of each drive, of texts ``NAME=FILE``.
+
+    A text may be ``usual`` or ``none`` alone, which is returned.
+    """
+    from flexstage.hysteresis.model_file import read_model_file
+
+    if len(given) == 1 and given[0] in ("usual", "none"):
+        return cast(Literal["usual", "none"], given[0])
+    models: dict[str, DriveModel] = {}
+    for text in given:
+        name, sign, path = text.partition("=")
+        if not (name and sign and path):
+            raise ModelError(
+                f"--hysteresis is usual, none, or NAME=FILE for each drive, got '{text[:80]}'"
+            )
+        if name in models:
+            raise ModelError(f"--hysteresis gives a model for '{name}' twice: give it once")
+        models[name] = read_model_file(Path(path)).model
+    return models
+
 
 Files = dict[str, bytes]
 
@@ -22,7 +175,7 @@ class ExportFormat:
 
 
 def _diagram(request: ExportRequest) -> Files:
-    from flexstage.export.diagram.files import diagram_files
+    from flexstage.export.diagram.svg import diagram_files
 
     return diagram_files(request.stage, model=request.dynamic_of_bodies)
 
@@ -85,7 +238,7 @@ def _dxf(request: ExportRequest) -> Files:
 
 
 def _drawing(request: ExportRequest) -> Files:
-    from flexstage.export.drawing.sheet.compose import drawing_svg
+    from flexstage.export.drawing.sheet import drawing_svg
 
     return {f"{request.name}-drawing.svg": drawing_svg(request.stage)}
 

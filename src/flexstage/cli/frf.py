@@ -11,24 +11,28 @@ from flexstage.cli.options import (
     JsonOption,
     OutputUnitOption,
     QuietOption,
+    option,
     positive_frequency,
+    with_groups,
 )
-from flexstage.cli.output_files import figure_option, file_option, write_file
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    file_option,
+    picture,
+    print_json,
+    progress_bar,
+    write_file,
+)
 from flexstage.cli.reading import (
-    DatasetOption,
-    DecimalOption,
-    DelimiterOption,
-    FormatOption,
-    ResampleOption,
-    RowsOption,
-    SampleRateOption,
-    SkipLinesOption,
-    TimeOption,
+    AS_TIMED,
+    WHOLE_FILE,
+    FileOptions,
+    TimeOptions,
     column_list,
     read_records,
     record_format,
 )
-from flexstage.cli.terminal import console, print_json, progress_bar
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -40,6 +44,7 @@ if TYPE_CHECKING:
 _NEEDED = "records over time need --input and --output: name the columns"
 
 
+@with_groups
 def frf(
     records: Annotated[
         list[Path],
@@ -48,82 +53,62 @@ def frf(
             help="Measured records, averaged together, or measured frequency responses.",
         ),
     ],
-    input: Annotated[
-        str | None,
-        typer.Option(metavar="COLUMN", help="Number or name of the input column."),
-    ] = None,
+    input: Annotated[str | None, option("COLUMN", "Number or name of the input column.")] = None,
     output: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMNS", help="Numbers or names of the output columns, separated by commas."
-        ),
+        option("COLUMNS", "Numbers or names of the output columns, separated by commas."),
     ] = None,
     response: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMNS",
-            help="Columns of a measured response, if the headings do not name them: frequency, "
+        option(
+            "COLUMNS",
+            "Columns of a measured response, if the headings do not name them: frequency, "
             'real and imaginary part, "0,1,2", or magnitude and phase, "0,1 dB,2 deg".',
         ),
     ] = None,
     estimator: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="H1 for noise in the outputs, H2 for noise in the input, Hv for both.",
-        ),
+        str, option("NAME", "H1 for noise in the outputs, H2 for noise in the input, Hv for both.")
     ] = "H1",
     excitation: Annotated[
         str,
-        typer.Option(
-            metavar="KIND",
-            help="random, periodic, hammer, step or sweep; auto recognises it from the input.",
+        option(
+            "KIND", "random, periodic, hammer, step or sweep; auto recognises it from the input."
         ),
     ] = "auto",
     resolution: Annotated[
-        str | None,
-        typer.Option(metavar="FREQUENCY", help='Frequency resolution, such as "0.5 Hz".'),
+        str | None, option("FREQUENCY", 'Frequency resolution, such as "0.5 Hz".')
     ] = None,
     segment: Annotated[
-        int | None,
-        typer.Option(
-            metavar="NUMBER", min=8, help="Samples of a segment, instead of --resolution."
-        ),
+        int | None, option("NUMBER", "Samples of a segment, instead of --resolution.", min=8)
     ] = None,
-    window: Annotated[
-        str, typer.Option(metavar="NAME", help="Window of random segments: hann, hamming...")
-    ] = "hann",
+    window: Annotated[str, option("NAME", "Window of random segments: hann, hamming...")] = "hann",
     exponential: Annotated[
         float | None,
-        typer.Option(
-            metavar="SHARE",
-            help="For hammer tests: value of the exponential window at the end of a hit; the "
+        option(
+            "SHARE",
+            "For hammer tests: value of the exponential window at the end of a hit; the "
             "damping that it adds is subtracted.",
         ),
     ] = None,
     band: Annotated[
         str | None,
-        typer.Option(
-            metavar="LOW:HIGH",
-            help='Band in which modes are fitted, such as "200:800" in Hz or "0.2 kHz:0.8 kHz".',
+        option(
+            "LOW:HIGH",
+            'Band in which modes are fitted, such as "200:800" in Hz or "0.2 kHz:0.8 kHz".',
         ),
     ] = None,
     fit_modes: Annotated[
-        str,
-        typer.Option(metavar="NUMBER|auto", help="Number of modes to fit; 0 for none."),
+        str, option("NUMBER|auto", "Number of modes to fit; 0 for none.")
     ] = "auto",
     near: Annotated[
         str | None,
-        typer.Option(
-            metavar="FREQUENCIES",
-            help='Fit modes near these frequencies only, such as "365,660" in Hz.',
-        ),
+        option("FREQUENCIES", 'Fit modes near these frequencies only, such as "365,660" in Hz.'),
     ] = None,
     weight: Annotated[
         str,
-        typer.Option(
-            metavar="NAME",
-            help="Weight of the frequency lines: noise, by their variance or the residual of the "
+        option(
+            "NAME",
+            "Weight of the frequency lines: noise, by their variance or the residual of the "
             "fit; relative, by the inverse of their magnitude, for responses over decades; "
             "uniform.",
         ),
@@ -148,15 +133,8 @@ def frf(
     ] = False,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
-    sample_rate: SampleRateOption = None,
-    time: TimeOption = None,
-    resample: ResampleOption = None,
-    rows: RowsOption = None,
-    format: FormatOption = None,
-    dataset: DatasetOption = None,
-    skip_lines: SkipLinesOption = 0,
-    delimiter: DelimiterOption = None,
-    decimal: DecimalOption = None,
+    timing: TimeOptions = AS_TIMED,
+    how: FileOptions = WHOLE_FILE,
     out: Annotated[
         Path | None,
         file_option("Write the response (.csv, .npz, .h5 or .mat)."),
@@ -194,7 +172,7 @@ def frf(
     inputs, outputs = column_list(input), column_list(output)
     units = [input_unit] * len(inputs) + [output_unit] * len(outputs)
     existing = not (inputs or outputs or ring_down)
-    if existing and (sample_rate or time or resample):
+    if existing and any(vars(timing).values()):
         raise ModelError(_NEEDED)
     if response is not None and not existing:
         raise ModelError(
@@ -206,16 +184,9 @@ def frf(
             records,
             [*inputs, *outputs],
             units=units,
-            sample_rate=sample_rate,
-            time=time,
-            format=format,
-            dataset=dataset,
-            rows=rows,
-            skip_lines=skip_lines,
-            delimiter=delimiter,
-            decimal=decimal,
             over="table" if existing else "any",
-            resample=resample,
+            **vars(timing),
+            **vars(how),
         )
         if existing:
             chosen = None if response is None else response.split(",")
@@ -271,11 +242,9 @@ def _written(
     if out is not None and response is not None:
         contents[out] = record_bytes(response_record(response, read), record_format(out))
     if figure is not None:
-        from flexstage.report.figures.style import encode
-
         for name, drawn in draw().items():
             path = figure.with_name(f"{figure.stem}{name}{figure.suffix}")
-            contents[path] = encode(drawn, figure.suffix.lower().lstrip("."))
+            contents[path] = picture(figure, drawn)
     for path, content in contents.items():
         write_file(path, content)
     return [str(path) for path in contents]
@@ -353,9 +322,9 @@ def _responded(
     fit: dict[str, Any],
 ) -> "tuple[dict[str, Any], Any, MeasuredResponse]":
     from flexstage.experiment.modal.fit import fit_modes
+    from flexstage.experiment.spectra.checks import HitOptions
     from flexstage.experiment.spectra.estimate import estimate_response
-    from flexstage.experiment.spectra.from_record import response_from_record
-    from flexstage.experiment.spectra.options import HitOptions
+    from flexstage.experiment.spectra.response import response_from_record
 
     estimate: ResponseEstimate | None = None
     added = 0.0
@@ -374,7 +343,7 @@ def _responded(
 
     def draw() -> Any:
         from flexstage.report.figures.measured_response import draw_response
-        from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
+        from flexstage.report.figures.modal_fit import draw_modal_fit, draw_stabilisation
 
         if found is None:
             return {"": draw_response(responses[0])}
@@ -403,7 +372,7 @@ def _decayed(
     found = ring_down(read[0], outputs, count=count)
 
     def draw() -> Any:
-        from flexstage.report.figures.decay import draw_ring_down
+        from flexstage.report.figures.modal_fit import draw_ring_down
 
         return {"": draw_ring_down(found, read[0])}
 

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.terminal import make_table
+from flexstage.cli.output import make_table, print_notes
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -161,7 +161,4 @@ def print_modes(screen: "Console", result: dict[str, Any]) -> None:
         if name in result:
             value, u = result[name]["value"], result[name]["uncertainty"]
             screen.print(f"{name} {value:.4g} s, standard uncertainty {u:.2g} s")
-    for note in result["notes"]:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    for file in result["files"]:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+    print_notes(screen, result["notes"], result["files"])

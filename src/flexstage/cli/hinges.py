@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.choose import did_you_mean
-from flexstage.cli.options import JsonOption, PlaneOption, positive_length
-from flexstage.cli.terminal import console, make_table, print_json
+from flexstage.cli.options import JsonOption, PlaneOption, option, positive_length
+from flexstage.cli.output import console, make_table, print_json
 from flexstage.errors import HingeError
 
 if TYPE_CHECKING:
@@ -18,37 +18,22 @@ if TYPE_CHECKING:
 def hinges(
     profile: Annotated[
         str,
-        typer.Option(
-            metavar="KIND",
-            help="circular, elliptical, corner-filleted, leaf, parabolic, hyperbolic, v, power.",
+        option(
+            "KIND", "circular, elliptical, corner-filleted, leaf, parabolic, hyperbolic, v, power."
         ),
     ] = "circular",
-    neck: Annotated[
-        str, typer.Option(metavar="LENGTH", help='Thickness of the neck, such as "0.5 mm".')
-    ] = "0.5 mm",
-    width: Annotated[
-        str, typer.Option(metavar="LENGTH", help='Width of the hinge, such as "10 mm".')
-    ] = "10 mm",
-    material: Annotated[
-        str, typer.Option(metavar="NAME", help="Name of a material in the catalogue.")
-    ] = "Al 7075-T6",
+    neck: Annotated[str, option("LENGTH", 'Thickness of the neck, such as "0.5 mm".')] = "0.5 mm",
+    width: Annotated[str, option("LENGTH", 'Width of the hinge, such as "10 mm".')] = "10 mm",
+    material: Annotated[str, option("NAME", "Name of a material in the catalogue.")] = "Al 7075-T6",
     radius: Annotated[
-        str | None,
-        typer.Option(metavar="LENGTH", help="Radius of a circular notch, or of the fillets."),
+        str | None, option("LENGTH", "Radius of a circular notch, or of the fillets.")
     ] = None,
-    length: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Total length of the notch.")
-    ] = None,
-    depth: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Depth of the notch on one side.")
-    ] = None,
+    length: Annotated[str | None, option("LENGTH", "Total length of the notch.")] = None,
+    depth: Annotated[str | None, option("LENGTH", "Depth of the notch on one side.")] = None,
     half_angle: Annotated[
-        str | None,
-        typer.Option(metavar="ANGLE", help='Half opening angle of a v notch, such as "30 deg".'),
+        str | None, option("ANGLE", 'Half opening angle of a v notch, such as "30 deg".')
     ] = None,
-    exponent: Annotated[
-        float | None, typer.Option(metavar="N", help="Exponent of a power notch.")
-    ] = None,
+    exponent: Annotated[float | None, option("N", "Exponent of a power notch.")] = None,
     one_sided: Annotated[
         bool, typer.Option("--one-sided", help="Cut the notch on one side only.")
     ] = False,
@@ -117,15 +102,15 @@ def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: b
     if surplus:
         raise HingeError(f"a {kind} notch has no {' or '.join(surplus)}: it takes {list_wanted}")
     values: dict[str, Any] = {}
-    for name, option in zip(fields, wanted, strict=True):
-        text = given[option]
-        if option == "exponent":
+    for name, which in zip(fields, wanted, strict=True):
+        text = given[which]
+        if which == "exponent":
             values[name] = float(str(text))
         else:
             size = (
                 parse(str(text), "angle")
-                if option == "half-angle"
-                else positive_length(str(text), f"--{option}")
+                if which == "half-angle"
+                else positive_length(str(text), f"--{which}")
             )
             values[name] = 0.5 * size if name == "half_length" else size
     return cls(neck_thickness=positive_length(neck, "the neck"), one_sided=one_sided, **values)

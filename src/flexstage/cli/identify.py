@@ -14,27 +14,31 @@ from flexstage.cli.options import (
     JsonOption,
     OutputUnitOption,
     QuietOption,
+    option,
     positive_frequency,
     relative,
+    with_groups,
 )
-from flexstage.cli.output_files import figure_option, file_option, write_file
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    file_option,
+    picture,
+    print_json,
+    progress_bar,
+    write_file,
+)
 from flexstage.cli.predict import (
     on_records,
     prediction_result,
     print_predictions,
 )
 from flexstage.cli.reading import (
-    DatasetOption,
-    DecimalOption,
-    DelimiterOption,
-    FormatOption,
-    ResampleOption,
-    RowsOption,
-    SampleRateOption,
-    SkipLinesOption,
-    TimeOption,
+    AS_TIMED,
+    WHOLE_FILE,
+    FileOptions,
+    TimeOptions,
 )
-from flexstage.cli.terminal import console, print_json, progress_bar
 from flexstage.errors import ModelError, RecordError
 
 if TYPE_CHECKING:
@@ -42,6 +46,7 @@ if TYPE_CHECKING:
     from flexstage.records import Record
 
 
+@with_groups
 def identify(
     records: Annotated[
         list[Path],
@@ -51,86 +56,75 @@ def identify(
             "from hysteresis.",
         ),
     ],
-    input: Annotated[
-        str, typer.Option(metavar="COLUMN", help="Number or name of the input column.")
-    ],
-    output: Annotated[
-        str | None,
-        typer.Option(metavar="COLUMN", help="Number or name of the output column."),
-    ] = None,
+    input: Annotated[str, option("COLUMN", "Number or name of the input column.")],
+    output: Annotated[str | None, option("COLUMN", "Number or name of the output column.")] = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
     hysteresis_model: Annotated[
         str,
-        typer.Option(
-            metavar="NAME",
-            help="A hysteresis model, such as bouc-wen or preisach, or several separated by "
+        option(
+            "NAME",
+            "A hysteresis model, such as bouc-wen or preisach, or several separated by "
             "commas; auto tries all. The simplest model is chosen that predicts held-out cycles "
             "as well as the best.",
         ),
     ] = "auto",
-    sample_rate: SampleRateOption = None,
-    time: TimeOption = None,
-    resample: ResampleOption = None,
+    timing: TimeOptions = AS_TIMED,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
     train: Annotated[
         str | None,
-        typer.Option(
-            metavar="START:STOP",
-            help="Samples to fit, numbered as for --rows; all others are held out (default: all "
+        option(
+            "START:STOP",
+            "Samples to fit, numbered as for --rows; all others are held out (default: all "
             "are fitted, and held-out errors come from cross-validation over whole cycles).",
         ),
     ] = None,
     delay: Annotated[
         str | None,
-        typer.Option(
-            metavar="TIME",
-            help='Known delay of the output, such as "5 ms"; delay and creep are then not fitted.',
+        option(
+            "TIME",
+            'Known delay of the output, such as "5 ms"; delay and creep are then not fitted.',
         ),
     ] = None,
     creep: Annotated[
         str | None,
-        typer.Option(
-            metavar="SHARE",
-            help='Known creep per decade of time, such as "1.2%"; delay and creep are then not '
-            "fitted.",
+        option(
+            "SHARE",
+            'Known creep per decade of time, such as "1.2%"; delay and creep are then not fitted.',
         ),
     ] = None,
     resonance: Annotated[
         str | None,
-        typer.Option(
-            metavar="FREQUENCY",
-            help='Known resonance of the stage with its drives in place, such as "808 Hz" '
+        option(
+            "FREQUENCY",
+            'Known resonance of the stage with its drives in place, such as "808 Hz" '
             "(default: identified).",
         ),
     ] = None,
     damping_ratio: Annotated[
-        float,
-        typer.Option(
-            metavar="RATIO", min=1e-4, max=0.9, help="Damping ratio of the known resonance."
-        ),
+        float, option("RATIO", "Damping ratio of the known resonance.", min=1e-4, max=0.9)
     ] = 0.01,
     test_record: Annotated[
         list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            help="Another record, read with the same options, on which the model is tested without "
+        option(
+            "FILE",
+            "Another record, read with the same options, on which the model is tested without "
             "another fit; may be repeated.",
         ),
     ] = None,
     temperature: Annotated[
         str | None,
-        typer.Option(
-            metavar="LOW:HIGH",
-            help='Temperature of the record, such as "294.5:296" in K; stored in the model file.',
+        option(
+            "LOW:HIGH",
+            'Temperature of the record, such as "294.5:296" in K; stored in the model file.',
         ),
     ] = None,
     stage: Annotated[
         str | None,
-        typer.Option(
-            metavar="STAGE",
-            help="A stage file, or the name of a built-in design: the record is compared with its "
+        option(
+            "STAGE",
+            "A stage file, or the name of a built-in design: the record is compared with its "
             "voltage range and stroke.",
         ),
     ] = None,
@@ -143,12 +137,7 @@ def identify(
             "away.",
         ),
     ] = False,
-    rows: RowsOption = None,
-    format: FormatOption = None,
-    dataset: DatasetOption = None,
-    skip_lines: SkipLinesOption = 0,
-    delimiter: DelimiterOption = None,
-    decimal: DecimalOption = None,
+    how: FileOptions = WHOLE_FILE,
     out: Annotated[
         Path | None,
         file_option("Write the model, as readable text."),
@@ -174,18 +163,11 @@ def identify(
         branches=branches,
         curve=curve,
         units=(input_unit, output_unit),
-        sample_rate=sample_rate,
-        time=time,
-        resample=resample,
-        format=format,
-        dataset=dataset,
-        rows=rows,
-        skip_lines=skip_lines,
-        delimiter=delimiter,
-        decimal=decimal,
+        **vars(timing),
+        **vars(how),
     )
     read, others = given[: len(records)], given[len(records) :]
-    if (branches or curve) and sample_rate is None and delay is None and creep is None:
+    if (branches or curve) and timing.sample_rate is None and delay is None and creep is None:
         delay = "0 s"  # which rows without times do not tell
     with progress_bar("identify", quiet=quiet):
         found = run(
@@ -201,7 +183,7 @@ def identify(
         )
     tested = on_records(found.model, others, driven, follows)
     if stage is not None:
-        from flexstage.cli.drive_description import against_description
+        from flexstage.cli.identify_result import against_description
 
         said = against_description(found, stage, axis)
         found = dataclasses.replace(found, warnings=(*said, *found.warnings))
@@ -220,7 +202,7 @@ def identify(
 def _chain(delay: str | None, creep: str | None) -> Any:
     if delay is None and creep is None:
         return None
-    from flexstage.hysteresis.identification.chain_filter import ChainValues
+    from flexstage.hysteresis.identification.fit_rows import ChainValues
     from flexstage.units import parse
 
     known = 0.0 if creep is None or creep.strip().rstrip("%") == "0" else relative(creep)
@@ -256,11 +238,9 @@ def _write(
         content.append((out, model_text(_file(found, read)).encode()))
     if figure is not None:
         from flexstage.report.figures.identification import draw_identification
-        from flexstage.report.figures.style import encode
 
         drawn = draw_identification(found, [r.source for r in read])
-        image = encode(drawn, figure.suffix.lower().lstrip("."))
-        content.append((figure, image))
+        content.append((figure, picture(figure, drawn)))
     for path, own in content:
         write_file(path, own)
     return [path for path, _ in content]

@@ -1,12 +1,14 @@
-"""What `flexstage identify` finds, as plain data and as people read it."""
+"""What `flexstage identify` finds, as data and for people; how it fits the drive's description."""
 
 import dataclasses
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from flexstage.cli.output import make_table, print_notes
 from flexstage.cli.predict import start_value
-from flexstage.cli.terminal import make_table
+from flexstage.errors import StageError
+from flexstage.units import readable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -59,7 +61,7 @@ def _parameters(found: "Identification") -> dict[str, Any]:
     """Value, standard error and unit of each parameter; arrays of them for arrays."""
     import numpy as np
 
-    from flexstage.hysteresis.identification.parameter_units import parameter_unit
+    from flexstage.hysteresis.drive_model import parameter_unit
 
     m = found.model
     made: dict[str, Any] = {}
@@ -149,10 +151,7 @@ def print_identification(
     screen.print(values)
     for warning in found.warnings:
         screen.print(f"warning: {warning}", style="yellow", markup=False)
-    for note in result["notes"]:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    for file in result["files"]:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+    print_notes(screen, result["notes"], result["files"])
 
 
 def _percents(candidate: "Candidate") -> tuple[str, str, str]:
@@ -204,7 +203,7 @@ def _in_words(found: "Identification") -> list[str]:
 
 def _rows(found: "Identification", result: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     """Name, value, standard error and unit of what was found, as people read them."""
-    from flexstage.hysteresis.identification.parameter_units import parameter_unit
+    from flexstage.hysteresis.drive_model import parameter_unit
     from flexstage.units import readable_unit
 
     m = found.model
@@ -247,3 +246,66 @@ def _numbers(value: float, error: float | None, factor: float) -> tuple[str, str
     error *= factor
     least = min(error, abs(value) or error)
     return f"{value:.{max(1 - math.floor(math.log10(least)), 0)}f}", f"{error:.2g}"
+
+
+#: A record beyond this many times what the drive takes or moves is not of it as it is described.
+_BEYOND = 3.0
+#: One of less than this share is of a small part of its range, or of another prefix of the unit.
+_SMALL = 1.0 / 100.0
+
+
+def against_description(found: "Identification", stage: str, axis: str | None) -> tuple[str, ...]:
+    """Compare range and stroke of a record with the drive of a stage.
+
+    The axis is the first one where None. Returns a sentence for each that does not suit the drive.
+    """
+    from flexstage.designs import find_stage
+    from flexstage.lumped import lumped_system
+    from flexstage.stage import PiezoStack
+    from flexstage.system import analyse_axis
+
+    described = find_stage(stage)
+    if not described.axes:
+        raise StageError(f"{described.name} has no axis: give it one, or leave --stage out")
+    chosen = described.axis(axis) if axis is not None else described.axes[0]
+    drive = described.drive(chosen.drive)
+    if not isinstance(drive, PiezoStack):
+        raise StageError(
+            f"axis '{chosen.name}' of {described.name} is driven by a {drive.kind}, and a piezo "
+            "stack is needed: choose another axis, or leave --stage out"
+        )
+    system = lumped_system(described)
+    port = next(a for a in system.axes if a.name == chosen.name)
+    # a stack on the stage moves less, and one that is measured by itself does not pass the stage
+    strokes = (drive.free_stroke, abs(analyse_axis(system, port).output_displacement))
+    low, high = found.measurement.input_range
+    of = f"the drive of axis '{chosen.name}' of {described.name}"
+    said = []
+    if drive.voltage_range is not None:
+        takes = (drive.voltage_range[1] - drive.voltage_range[0],)
+        said.append(
+            _compare("input", high - low, found.model.input_unit, "V", takes, f"{of} takes")
+        )
+    said.append(
+        _compare("output", found.stroke, found.model.output_unit, "m", strokes, f"{of} moves")
+    )
+    return tuple(sentence for sentence in said if sentence)
+
+
+def _compare(
+    what: str, span: float, unit: str, wanted: str, known: tuple[float, ...], verb: str
+) -> str:
+    """Say that a span is far from what is known, whichever of it is meant."""
+    if unit != wanted:
+        own = f"in {unit}" if unit else "without a unit"
+        return f"the {what} is {own} and {verb} {wanted}: the two cannot be compared"
+    least, most = min(known), max(known)
+    if _SMALL * least <= span <= _BEYOND * most:
+        return ""
+    nearest = most if span > most else least
+    times = span / nearest if span > nearest else nearest / span
+    return (
+        f"the {what} spans {readable(unit, span)} and {verb} {readable(unit, nearest)}, "
+        f"{times:.3g} times {'less' if span > nearest else 'more'}: is the unit of the {what} "
+        "right, and is it the record of this drive?"
+    )

@@ -1,10 +1,41 @@
 """Options and arguments that several commands have, and what their texts mean."""
 
-from typing import Annotated
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from typing import Annotated, Any
 
 import typer
 
 from flexstage.errors import ModelError
+
+
+def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
+    """Declare an option: what its value is called in the help, and what it says."""
+    return typer.Option(*names, metavar=metavar, help=help, **more)
+
+
+def with_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command an option for each field of every parameter that is a dataclass of options."""
+    groups: dict[str, type[Any]] = {}
+    own: list[inspect.Parameter] = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        if isinstance(parameter.annotation, type) and is_dataclass(parameter.annotation):
+            groups[name] = parameter.annotation
+            own += inspect.signature(groups[name]).parameters.values()
+        else:
+            own.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+
+    @functools.wraps(command)
+    def run(**given: Any) -> None:
+        for name, made in groups.items():
+            given[name] = made(**{field.name: given.pop(field.name) for field in fields(made)})
+        command(**given)
+
+    run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in own}
+    return run
 
 
 def designs_like(incomplete: str) -> list[str]:
@@ -33,49 +64,37 @@ StageArgument = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the result, or the error, as one JSON object.")
 ]
+_MODELS = (
+    "lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite elements "
+    "in the plane; solid: finite elements in three dimensions"
+)
 ModelOption = Annotated[
     str,
-    typer.Option(
-        metavar="NAME",
-        help="lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
-        "elements in the plane; solid: finite elements in three dimensions.",
-    ),
+    option("NAME", f"{_MODELS}."),
 ]
 ModelsOption = Annotated[
     str,
-    typer.Option(
-        "--model",
-        metavar="NAME",
-        help="lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
-        "elements in the plane; solid: finite elements in three dimensions; several separated by "
-        "commas, or all.",
-    ),
+    option("NAME", f"{_MODELS}; several separated by commas, or all.", "--model"),
 ]
 QuietOption = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print no progress on standard error.")
 ]
-AxisOption = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Axis of the stage (default: the first).")
-]
-InputUnitOption = Annotated[
-    str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V" or "N".')
-]
+AxisOption = Annotated[str | None, option("NAME", "Axis of the stage (default: the first).")]
+InputUnitOption = Annotated[str | None, option("UNIT", 'Unit of the input, such as "V" or "N".')]
 OutputUnitOption = Annotated[
-    str | None, typer.Option(metavar="UNIT", help='Unit of the output, such as "um" or "m/s^2".')
+    str | None, option("UNIT", 'Unit of the output, such as "um" or "m/s^2".')
 ]
 SlewOption = Annotated[
-    str | None,
-    typer.Option(metavar="SLOPE", help='Largest slope of the voltage, such as "2000 V/s".'),
+    str | None, option("SLOPE", 'Largest slope of the voltage, such as "2000 V/s".')
 ]
 CurrentOption = Annotated[
-    str | None,
-    typer.Option(metavar="CURRENT", help='Largest current of the amplifier, such as "50 mA".'),
+    str | None, option("CURRENT", 'Largest current of the amplifier, such as "50 mA".')
 ]
 PlaneOption = Annotated[
     str,
-    typer.Option(
-        metavar="auto|stress|strain",
-        help="Plane state of the notches; auto decides by the ratio of width to neck.",
+    option(
+        "auto|stress|strain",
+        "Plane state of the notches; auto decides by the ratio of width to neck.",
     ),
 ]
 

@@ -7,10 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption
-from flexstage.cli.output_files import figure_option, write_file
+from flexstage.cli.options import JsonOption, QuietOption, option
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    make_table,
+    picture,
+    print_json,
+    progress_bar,
+    write_file,
+)
 from flexstage.cli.part_materials import DEFAULT, materials_of
-from flexstage.cli.terminal import console, make_table, print_json, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,77 +34,64 @@ def part(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A STEP file with solids.")],
     solids: Annotated[
         str,
-        typer.Option(
-            metavar="NAMES",
-            help="Solids to use, by name or number from 1, separated by commas; solids whose faces "
+        option(
+            "NAMES",
+            "Solids to use, by name or number from 1, separated by commas; solids whose faces "
             "touch are joined.",
         ),
     ] = "all",
     material: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="[SOLID=]MATERIAL",
-            help=f'Material: a name from the catalogue (default: {DEFAULT}), or "E=193 GPa, '
+        option(
+            "[SOLID=]MATERIAL",
+            f'Material: a name from the catalogue (default: {DEFAULT}), or "E=193 GPa, '
             'nu=0.31, rho=7750 kg/m^3"; for one solid with its name or number first, such '
             'as "2=E=46 GPa, nu=0.3, rho=7600 kg/m^3"; may be repeated.',
         ),
     ] = None,
     hold: Annotated[
         str,
-        typer.Option(
-            metavar="FACES",
-            help="Fixed faces, separated by commas: names, or x-min, z-max, ... for the plane "
+        option(
+            "FACES",
+            "Fixed faces, separated by commas: names, or x-min, z-max, ... for the plane "
             "faces at an end of the part.",
         ),
     ] = "",
     move: Annotated[
-        str,
-        typer.Option(
-            metavar="FACES",
-            help="Faces to move: their stiffness against the fixed faces is computed.",
-        ),
+        str, option("FACES", "Faces to move: their stiffness against the fixed faces is computed.")
     ] = "",
     at: Annotated[
         str,
-        typer.Option(
-            metavar="X,Y,Z",
-            help='Reference point of the stiffness, such as "0 mm,0 mm,7.5 mm"; bare numbers are '
+        option(
+            "X,Y,Z",
+            'Reference point of the stiffness, such as "0 mm,0 mm,7.5 mm"; bare numbers are '
             "in millimetres (default: the centroid of the moved faces).",
         ),
     ] = "",
     ratio: Annotated[
         str,
-        typer.Option(
-            metavar="FACES:FACES:FACES",
-            help="Two faces that a drive pushes apart, and the output face: its motion for each "
+        option(
+            "FACES:FACES:FACES",
+            "Two faces that a drive pushes apart, and the output face: its motion for each "
             "micrometre of the drive is computed, with one end fixed.",
         ),
     ] = "",
     interfaces: Annotated[
         str,
-        typer.Option(
-            metavar="rigid|mean|both",
-            help="Fixed, moved and pushed faces are rigid, or deform and count by their mean "
-            "motion.",
+        option(
+            "rigid|mean|both",
+            "Fixed, moved and pushed faces are rigid, or deform and count by their mean motion.",
         ),
     ] = "both",
-    order: Annotated[
-        int, typer.Option(metavar="N", help="Order of the elements; 0 lists the faces only.")
-    ] = 3,
+    order: Annotated[int, option("N", "Order of the elements; 0 lists the faces only.")] = 3,
     size: Annotated[
         str | None,
-        typer.Option(
-            metavar="LENGTH",
-            help='Largest element, such as "2 mm"; a bare number is in millimetres.',
-        ),
+        option("LENGTH", 'Largest element, such as "2 mm"; a bare number is in millimetres.'),
     ] = None,
     thin: Annotated[
-        float,
-        typer.Option(metavar="N", help="Largest element in thin places, in local thicknesses."),
+        float, option("N", "Largest element in thin places, in local thicknesses.")
     ] = 1.5,
-    modes: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Number of natural frequencies to compute.")
-    ] = 6,
+    modes: Annotated[int, option("N", "Number of natural frequencies to compute.", min=0)] = 6,
     force: Annotated[
         bool, typer.Option("--force", help="Continue although the memory may not suffice.")
     ] = False,
@@ -148,10 +142,9 @@ def part(
             )
     if figure is not None:
         from flexstage.report.figures.part import draw_part
-        from flexstage.report.figures.style import encode
 
         drawn = draw_part(read, held=held, moved=moved)
-        write_file(figure, encode(drawn, figure.suffix.lower().lstrip(".")))
+        write_file(figure, picture(figure, drawn))
     if json:
         print_json(_plain(read, of, found))
         return

@@ -6,20 +6,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
-from flexstage.cli.options import InputUnitOption, JsonOption, OutputUnitOption
-from flexstage.cli.output_files import figure_option, write_file
-from flexstage.cli.reading import (
-    DatasetOption,
-    DecimalOption,
-    DelimiterOption,
-    FormatOption,
-    ResampleOption,
-    RowsOption,
-    SampleRateOption,
-    SkipLinesOption,
-    TimeOption,
+from flexstage.cli.options import InputUnitOption, JsonOption, OutputUnitOption, option, with_groups
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    make_table,
+    picture,
+    print_json,
+    print_notes,
+    write_file,
 )
-from flexstage.cli.terminal import console, make_table, print_json
+from flexstage.cli.reading import (
+    AS_TIMED,
+    WHOLE_FILE,
+    FileOptions,
+    TimeOptions,
+)
 from flexstage.errors import ModelError, UnitError
 
 if TYPE_CHECKING:
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from flexstage.records import Record
 
 
+@with_groups
 def predict(
     model: Annotated[
         Path,
@@ -41,35 +44,23 @@ def predict(
         list[Path],
         typer.Argument(metavar="RECORD...", help="Measured files of the same drive."),
     ],
-    input: Annotated[
-        str, typer.Option(metavar="COLUMN", help="Number or name of the input column.")
-    ],
-    output: Annotated[
-        str | None,
-        typer.Option(metavar="COLUMN", help="Number or name of the output column."),
-    ] = None,
+    input: Annotated[str, option("COLUMN", "Number or name of the input column.")],
+    output: Annotated[str | None, option("COLUMN", "Number or name of the output column.")] = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
-    sample_rate: SampleRateOption = None,
-    time: TimeOption = None,
-    resample: ResampleOption = None,
+    timing: TimeOptions = AS_TIMED,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
     start: Annotated[
         str,
-        typer.Option(
-            metavar="auto|rested|TIME",
-            help="State before the record: rested at the first command, or in motion for a time, "
+        option(
+            "auto|rested|TIME",
+            "State before the record: rested at the first command, or in motion for a time, "
             'such as "30 s" or inf, since the low end of the range; auto estimates it from the '
             "first samples.",
         ),
     ] = "auto",
-    rows: RowsOption = None,
-    format: FormatOption = None,
-    dataset: DatasetOption = None,
-    skip_lines: SkipLinesOption = 0,
-    delimiter: DelimiterOption = None,
-    decimal: DecimalOption = None,
+    how: FileOptions = WHOLE_FILE,
     figure: Annotated[
         Path | None,
         figure_option("Draw the measured and the predicted loop of the first record."),
@@ -93,27 +84,16 @@ def predict(
         branches=branches,
         curve=curve,
         units=(input_unit, output_unit),
-        sample_rate=sample_rate,
-        time=time,
-        resample=resample,
-        format=format,
-        dataset=dataset,
-        rows=rows,
-        skip_lines=skip_lines,
-        delimiter=delimiter,
-        decimal=decimal,
+        **vars(timing),
+        **vars(how),
     )
     found = on_records(file.model, read, driven, follows, before)
     written = []
     if figure is not None:
-        from flexstage.report.figures.prediction import draw_prediction
-        from flexstage.report.figures.style import encode
+        from flexstage.report.figures.identification import draw_prediction
 
         band = file.errors.get("heldout_95")
-        image = encode(
-            draw_prediction(found[0], file.model, band), figure.suffix.lower().lstrip(".")
-        )
-        write_file(figure, image)
+        write_file(figure, picture(figure, draw_prediction(found[0], file.model, band)))
         written.append(str(figure))
     result = {
         "model": file.model.hysteresis.kind,
@@ -132,8 +112,7 @@ def predict(
     screen = console()
     print_predictions(screen, found, file.model, f"{file.model.hysteresis.kind}, {model}")
     _print_band(screen, found, file.errors.get("heldout_95"))
-    for name in written:
-        screen.print(f"wrote {name}", markup=False, soft_wrap=True)
+    print_notes(screen, (), written)
 
 
 def on_records(
@@ -284,8 +263,7 @@ def print_predictions(
         if model.creep is not None:
             did = start_in_words(*p.starts)
             screen.print(f"before, the drive is taken to have {did}", markup=False)
-        for note in p.notes:
-            screen.print(f"note: {note}", style="yellow", markup=False)
+        print_notes(screen, p.notes, style="yellow")
 
 
 def _print_band(screen: "Console", found: "Sequence[Prediction]", band: float | None) -> None:

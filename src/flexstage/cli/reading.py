@@ -1,10 +1,10 @@
 """What commands that read measured files share: options, and how they are understood."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
+from flexstage.cli.options import option
 from flexstage.errors import ModelError, RecordError
 
 if TYPE_CHECKING:
@@ -22,71 +22,86 @@ _FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat"
 _SECTION = "Reading files"
 SampleRateOption = Annotated[
     str | None,
-    typer.Option(
+    option(
+        "RATE",
+        'Sample rate, such as "200" or "10 kHz"; one for each file if separated by commas.',
         rich_help_panel=_SECTION,
-        metavar="RATE",
-        help='Sample rate, such as "200" or "10 kHz"; one for each file if separated by commas.',
     ),
 ]
 TimeOption = Annotated[
-    str | None,
-    typer.Option(
-        rich_help_panel=_SECTION, metavar="COLUMN", help="Number or name of the time column."
-    ),
+    str | None, option("COLUMN", "Number or name of the time column.", rich_help_panel=_SECTION)
 ]
 FormatOption = Annotated[
     str | None,
-    typer.Option(
-        rich_help_panel=_SECTION,
-        metavar="NAME",
-        help="text, matlab, hdf5, tdms, numpy, universal, gcs, touchstone or cmm (default: by "
+    option(
+        "NAME",
+        "text, matlab, hdf5, tdms, numpy, universal, gcs, touchstone or cmm (default: by "
         "content and ending).",
+        rich_help_panel=_SECTION,
     ),
 ]
 DatasetOption = Annotated[
     str | None,
-    typer.Option(
-        rich_help_panel=_SECTION,
-        metavar="NAME",
-        help="Group, variable, array, function or feature of a file that contains several; several "
+    option(
+        "NAME",
+        "Group, variable, array, function or feature of a file that contains several; several "
         "separated by commas.",
+        rich_help_panel=_SECTION,
     ),
 ]
 SkipLinesOption = Annotated[
     int,
-    typer.Option(
-        rich_help_panel=_SECTION,
-        min=0,
-        metavar="NUMBER",
-        help="Lines to skip at the start of a text file.",
-    ),
+    option("NUMBER", "Lines to skip at the start of a text file.", rich_help_panel=_SECTION, min=0),
 ]
 DelimiterOption = Annotated[
-    str | None,
-    typer.Option(rich_help_panel=_SECTION, metavar="TEXT", help="Column separator of a text file."),
+    str | None, option("TEXT", "Column separator of a text file.", rich_help_panel=_SECTION)
 ]
 DecimalOption = Annotated[
-    str | None,
-    typer.Option(rich_help_panel=_SECTION, metavar=".|,", help="Decimal sign of a text file."),
+    str | None, option(".|,", "Decimal sign of a text file.", rich_help_panel=_SECTION)
 ]
 RowsOption = Annotated[
     str | None,
-    typer.Option(
+    option(
+        "START:STOP",
+        "Samples to read, numbered from 0; either end may be omitted.",
         rich_help_panel=_SECTION,
-        metavar="START:STOP",
-        help="Samples to read, numbered from 0; either end may be omitted.",
     ),
 ]
 ResampleOption = Annotated[
     str | None,
-    typer.Option(
-        rich_help_panel=_SECTION,
-        metavar="RATE|median",
-        help='Resample unevenly timed samples to even times: at a rate such as "10 Hz", not finer '
+    option(
+        "RATE|median",
+        'Resample unevenly timed samples to even times: at a rate such as "10 Hz", not finer '
         "than the samples, or at that of the median step; one for each file if separated by "
         "commas.",
+        rich_help_panel=_SECTION,
     ),
 ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeOptions:
+    """Options on the times of samples."""
+
+    sample_rate: SampleRateOption = None
+    time: TimeOption = None
+    resample: ResampleOption = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileOptions:
+    """Options on what is read of a file, and how."""
+
+    rows: RowsOption = None
+    format: FormatOption = None
+    dataset: DatasetOption = None
+    skip_lines: SkipLinesOption = 0
+    delimiter: DelimiterOption = None
+    decimal: DecimalOption = None
+
+
+#: None of them given.
+AS_TIMED, WHOLE_FILE = TimeOptions(), FileOptions()
 
 
 def column(text: str) -> str | int:

@@ -5,20 +5,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption
+from flexstage.cli.options import JsonOption, with_groups
+from flexstage.cli.output import console, make_table, print_json, print_notes
 from flexstage.cli.reading import (
-    DatasetOption,
-    DecimalOption,
-    DelimiterOption,
-    FormatOption,
-    RowsOption,
+    WHOLE_FILE,
+    FileOptions,
     SampleRateOption,
-    SkipLinesOption,
     TimeOption,
     column,
     file_rates,
 )
-from flexstage.cli.terminal import console, make_table, print_json
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
@@ -27,16 +23,12 @@ if TYPE_CHECKING:
     from flexstage.records import Record
 
 
+@with_groups
 def records(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Measured files.")],
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
-    rows: RowsOption = None,
-    format: FormatOption = None,
-    dataset: DatasetOption = None,
-    skip_lines: SkipLinesOption = 0,
-    delimiter: DelimiterOption = None,
-    decimal: DecimalOption = None,
+    how: FileOptions = WHOLE_FILE,
     json: JsonOption = False,
 ) -> None:
     """List columns, units, rate and gaps of measured files."""
@@ -47,12 +39,8 @@ def records(
     found = []
     for file, rate in zip(files, rates, strict=True):
         given: dict[str, Any] = {
-            "format": format,
-            "dataset": dataset,
-            "rows": row_range(rows, "--rows"),
-            "skip_lines": skip_lines,
-            "delimiter": delimiter,
-            "decimal": decimal,
+            **vars(how),
+            "rows": row_range(how.rows, "--rows"),
             # no column has to be complete, and gaps are told
             "columns": [],
         }
@@ -144,8 +132,7 @@ def _print(screen: "Console", one: dict[str, Any]) -> None:
         screen.print(f"gap of {gap['seconds']:.4g} s after sample {gap['after_sample']}")
     if len(gaps) > 5:
         screen.print(f"and {len(gaps) - 5} more gaps")
-    for note in one["notes"]:
-        screen.print(f"note: {note}", style="dim", markup=False)
+    print_notes(screen, one["notes"])
 
 
 def _length(one: dict[str, Any]) -> str:

@@ -7,9 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption
-from flexstage.cli.output_files import folder_option, name_for_files, write_file
-from flexstage.cli.terminal import console, make_table, print_json, progress_bar
+from flexstage.cli.options import JsonOption, QuietOption, option
+from flexstage.cli.output import (
+    console,
+    folder_option,
+    make_table,
+    name_for_files,
+    print_json,
+    print_notes,
+    progress_bar,
+    write_file,
+)
 from flexstage.errors import FlexstageError, PlanError
 
 if TYPE_CHECKING:
@@ -23,17 +31,16 @@ def run(
     ],
     instrument: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="gcs://HOST:PORT, serial:///dev/ttyUSB0, ni://Dev1, or twin://?seed=3 for a "
+        option(
+            "ADDRESS",
+            "gcs://HOST:PORT, serial:///dev/ttyUSB0, ni://Dev1, or twin://?seed=3 for a "
             "simulation; required except with --dry-run.",
         ),
     ] = None,
     stage: Annotated[
         str | None,
-        typer.Option(
-            metavar="STAGE",
-            help="A stage file, or the name of a built-in design, instead of that of the plan.",
+        option(
+            "STAGE", "A stage file, or the name of a built-in design, instead of that of the plan."
         ),
     ] = None,
     out: Annotated[
@@ -51,20 +58,18 @@ def run(
     ] = False,
     only: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Steps to carry out, separated by commas; the steps that they need are included.",
+        option(
+            "NAMES",
+            "Steps to carry out, separated by commas; the steps that they need are included.",
         ),
     ] = None,
-    operator: Annotated[
-        str, typer.Option(metavar="TEXT", help="Name of the operator, for the records.")
-    ] = "",
-    note: Annotated[str, typer.Option(metavar="TEXT", help="A remark for the records.")] = "",
+    operator: Annotated[str, option("TEXT", "Name of the operator, for the records.")] = "",
+    note: Annotated[str, option("TEXT", "A remark for the records.")] = "",
     catalogue: Annotated[
         str | None,
-        typer.Option(
-            metavar="URL",
-            help="Catalogue of the records: a file, or a PostgreSQL URL; 'none' for none "
+        option(
+            "URL",
+            "Catalogue of the records: a file, or a PostgreSQL URL; 'none' for none "
             "(default: that of the user).",
         ),
     ] = None,
@@ -107,7 +112,7 @@ def run(
             "no instrument is named: give --instrument, such as gcs://192.168.0.10:50000, or "
             "twin://?seed=1 for a simulation; or look at the plan with --dry-run"
         )
-    from flexstage.report.files import require_writable
+    from flexstage.files.write import require_writable
 
     if resume and out is None:
         raise PlanError("--resume needs --folder: the folder of the run that was interrupted")
@@ -237,8 +242,7 @@ def _print_dry(found: "DryRun", title: str) -> None:
             table.add_row(*head, *_motion(motion))
     screen.print(table)
     for step in found.steps:
-        for note in step.notes:
-            screen.print(f"note: {step.name}: {note}", style="dim", markup=False)
+        print_notes(screen, (f"{step.name}: {note}" for note in step.notes))
 
 
 def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
@@ -294,9 +298,7 @@ def _print(result: "PlanResult") -> None:
                 f"{1e6 * last.length:.3f} um: {step.reason}",
                 markup=False,
             )
-    for note in result.notes:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    screen.print(f"wrote {result.folder / 'report.html'}", markup=False, soft_wrap=True)
+    print_notes(screen, result.notes, [result.folder / "report.html"])
 
 
 def _print_verified(step: Any) -> None:
@@ -323,8 +325,7 @@ def _print_verified(step: Any) -> None:
     screen = console()
     screen.print(table)
     for run_ in step.runs:
-        for note in run_.notes:
-            screen.print(f"note: {step.name}, {run_.way}: {note}", style="dim", markup=False)
+        print_notes(screen, (f"{step.name}, {run_.way}: {note}" for note in run_.notes))
 
 
 def _figure(result: "PlanResult", figure: Any) -> tuple[str, ...]:
@@ -332,7 +333,7 @@ def _figure(result: "PlanResult", figure: Any) -> tuple[str, ...]:
     from flexstage.quantities import beside, display, number
 
     shown = display(figure.quantity)
-    value = figure.estimate.value * shown.factor
+    value = figure.value * shown.factor
     expanded = figure.estimate.expanded * shown.factor
     known = [r for r in result.published_of(figure) if r.origin == "published-measured"]
     label = shown.label + (", drives in place" if result.drives_in_place(figure) else "")

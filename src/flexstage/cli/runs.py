@@ -8,9 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.command import CliCommand, CliGroup
-from flexstage.cli.options import JsonOption
-from flexstage.cli.output_files import file_option, output_path
-from flexstage.cli.terminal import console, count, make_table, print_json
+from flexstage.cli.options import JsonOption, option
+from flexstage.cli.output import (
+    console,
+    count,
+    file_option,
+    make_table,
+    output_path,
+    print_json,
+    print_notes,
+)
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
@@ -26,17 +33,15 @@ runs = typer.Typer(
 
 _Catalogue = Annotated[
     str | None,
-    typer.Option(
-        "--catalogue",
-        metavar="URL",
-        help="Catalogue: a file, or postgresql://user@host/database (default: "
+    option(
+        "URL",
+        "Catalogue: a file, or postgresql://user@host/database (default: "
         "FLEXSTAGE_CATALOGUE, or that of the user).",
+        "--catalogue",
     ),
 ]
-_Stage = Annotated[str | None, typer.Option(metavar="NAME", help="Only this stage.")]
-_Serial = Annotated[
-    str | None, typer.Option(metavar="TEXT", help="Only the stage with this serial number.")
-]
+_Stage = Annotated[str | None, option("NAME", "Only this stage.")]
+_Serial = Annotated[str | None, option("TEXT", "Only the stage with this serial number.")]
 
 
 @runs.callback(invoke_without_command=True)
@@ -44,20 +49,17 @@ def _list(
     context: typer.Context,
     stage: _Stage = None,
     serial_number: _Serial = None,
-    test: Annotated[
-        str | None, typer.Option(metavar="KIND", help="Only this kind of test, such as motion.")
-    ] = None,
+    test: Annotated[str | None, option("KIND", "Only this kind of test, such as motion.")] = None,
     since: Annotated[
         str | None,
-        typer.Option(
-            metavar="TIME",
-            help='Only since a date, a date and time (UTC unless a zone is given), or "7 d" for '
+        option(
+            "TIME",
+            'Only since a date, a date and time (UTC unless a zone is given), or "7 d" for '
             "the last seven days.",
         ),
     ] = None,
     limit: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="NUMBER", help="Largest number of runs, the latest ones."),
+        int | None, option("NUMBER", "Largest number of runs, the latest ones.", min=1)
     ] = None,
     catalogue: _Catalogue = None,
     json: JsonOption = False,
@@ -238,8 +240,7 @@ def recover(
         f"safe: {found.samples / rate:.6g} s at {rate:g} Hz",
         markup=False,
     )
-    for note in found.notes:
-        screen.print(f"note: {note}", style="yellow", markup=False)
+    print_notes(screen, found.notes, style="yellow")
     if target is not None:
         screen.print(f"wrote {target}", markup=False, soft_wrap=True)
         kept = "removed" if removed else "kept"
@@ -251,12 +252,10 @@ def calibrations(
     stage: _Stage = None,
     serial_number: _Serial = None,
     what: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Only this quantity, such as the gain of a sensor."),
+        str | None, option("NAME", "Only this quantity, such as the gain of a sensor.")
     ] = None,
     valid_at: Annotated[
-        str | None,
-        typer.Option(metavar="TIME", help="Only those valid at a date, or a date and time."),
+        str | None, option("TIME", "Only those valid at a date, or a date and time.")
     ] = None,
     catalogue: _Catalogue = None,
     json: JsonOption = False,

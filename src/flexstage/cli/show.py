@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 
 from flexstage.cli.options import JsonOption, StageArgument
-from flexstage.cli.output_files import file_option, name_for_files, writable, write_file
-from flexstage.cli.terminal import print_json
+from flexstage.cli.output import file_option, name_for_files, print_json, writable, write_file
 from flexstage.errors import ModelError
 
 

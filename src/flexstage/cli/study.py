@@ -12,9 +12,17 @@ from flexstage.cli.options import (
     QuietOption,
     StageArgument,
     model_names,
+    option,
 )
-from flexstage.cli.output_files import folder_option, name_for_files
-from flexstage.cli.terminal import console, make_table, print_json, progress_bar
+from flexstage.cli.output import (
+    console,
+    folder_option,
+    make_table,
+    name_for_files,
+    print_json,
+    print_notes,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -42,10 +50,7 @@ def study(
     ] = True,
     measured: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Test description (.yaml) whose measured values are added to the table.",
-        ),
+        option("FILE", "Test description (.yaml) whose measured values are added to the table."),
     ] = None,
     virtual: Annotated[
         bool,
@@ -54,9 +59,7 @@ def study(
             help="Simulate measurements of the stage, and centring an encoder scale with it.",
         ),
     ] = True,
-    seed: Annotated[
-        int, typer.Option(metavar="NUMBER", min=0, help="Random seed of the simulated stage.")
-    ] = 1,
+    seed: Annotated[int, option("NUMBER", "Random seed of the simulated stage.", min=0)] = 1,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -65,8 +68,8 @@ def study(
     Writes report.html and results.json, and virtual-measurement.html unless --no-virtual.
     """
     from flexstage.designs import find_stage
+    from flexstage.files.write import require_writable, write_files
     from flexstage.report import results_json, run_study, study_results
-    from flexstage.report.files import require_writable, write_files
     from flexstage.report.html import report_pages
     from flexstage.report.results import characteristic_row
 
@@ -118,10 +121,7 @@ def study(
         screen.print(f"note: the {model} model was left out: {why}", markup=False)
     for axis, why in result.experiments_left_out.items():
         screen.print(f"note: the hysteresis of axis {axis} was left out: {why}", markup=False)
-    for note in described.notes:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    for file in files:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+    print_notes(screen, described.notes, files)
 
 
 def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> list["Table"]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
-from flexstage.cli.options import JsonOption, StageArgument
+from flexstage.cli.options import JsonOption, StageArgument, option
 from flexstage.errors import NotConnectedError, UnitError
 
 if TYPE_CHECKING:
@@ -26,36 +26,29 @@ _PORTS = 65535
 
 def twin(
     stage: StageArgument,
-    port: Annotated[
-        int, typer.Option(metavar="NUMBER", help="TCP port; 0 for any free port.")
-    ] = 50000,
+    port: Annotated[int, option("NUMBER", "TCP port; 0 for any free port.")] = 50000,
     host: Annotated[
         str,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Address to listen on; any address but 127.0.0.1 lets others on the network move "
+        option(
+            "ADDRESS",
+            "Address to listen on; any address but 127.0.0.1 lets others on the network move "
             "the stage.",
         ),
     ] = "127.0.0.1",
-    seed: Annotated[
-        int, typer.Option(metavar="NUMBER", min=0, help="Random seed of the simulated stage.")
-    ] = 0,
+    seed: Annotated[int, option("NUMBER", "Random seed of the simulated stage.", min=0)] = 0,
     model: Annotated[
         str,
-        typer.Option(
-            metavar="|".join(_MODELS),
-            help="Model of the mechanics: rigid bodies, or bodies condensed to their hinges.",
+        option(
+            "|".join(_MODELS),
+            "Model of the mechanics: rigid bodies, or bodies condensed to their hinges.",
         ),
     ] = "lumped",
     servo_rate: Annotated[
-        str, typer.Option(metavar="FREQUENCY", help='Rate of the servo loop, such as "10 kHz".')
+        str, option("FREQUENCY", 'Rate of the servo loop, such as "10 kHz".')
     ] = "10 kHz",
     amplifier: Annotated[
         str,
-        typer.Option(
-            metavar="|".join(_AMPLIFIERS),
-            help="Amplifier of the piezo stacks; no effect on screw drives.",
-        ),
+        option("|".join(_AMPLIFIERS), "Amplifier of the piezo stacks; no effect on screw drives."),
     ] = "voltage",
     fast: Annotated[
         bool,
@@ -63,15 +56,14 @@ def twin(
     ] = False,
     identity: Annotated[
         str,
-        typer.Option(
-            metavar="|".join(_IDENTITIES),
-            help="Controller type that it reports, by which programs choose their driver; "
+        option(
+            "|".join(_IDENTITIES),
+            "Controller type that it reports, by which programs choose their driver; "
             "flexstage: own name and all commands.",
         ),
     ] = _IDENTITIES[0],
     serial_number: Annotated[
-        str,
-        typer.Option(metavar="TEXT", help="Serial number that it reports (default: twin-SEED)."),
+        str, option("TEXT", "Serial number that it reports (default: twin-SEED).")
     ] = "",
     hold_control: Annotated[
         bool,
@@ -100,7 +92,7 @@ def twin(
         from flexstage.instruments.twin.build import virtual_stage
         from flexstage.instruments.twin.clock import FastTime, Pacemaker
         from flexstage.instruments.twin.controller import VirtualController
-        from flexstage.instruments.twin.controller_models import MODELS, OWN
+        from flexstage.instruments.twin.gcs_state import MODELS, OWN
         from flexstage.instruments.twin.interpreter import Interpreter
         from flexstage.instruments.twin.server import GcsServer
 

@@ -6,9 +6,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption
-from flexstage.cli.output_files import figure_option, write_file
-from flexstage.cli.terminal import console, make_table, print_json, progress_bar
+from flexstage.cli.options import JsonOption, QuietOption, option
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    make_table,
+    picture,
+    print_json,
+    print_notes,
+    progress_bar,
+    write_file,
+)
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -30,18 +38,15 @@ def uncertainty(
     ],
     trials: Annotated[
         str,
-        typer.Option(
-            metavar="NUMBER|auto",
-            help="Number of Monte Carlo trials; auto draws until two digits of the uncertainty are "
+        option(
+            "NUMBER|auto",
+            "Number of Monte Carlo trials; auto draws until two digits of the uncertainty are "
             "stable.",
         ),
     ] = "auto",
-    seed: Annotated[
-        int, typer.Option(metavar="NUMBER", min=0, help="Random seed of the trials.")
-    ] = 0,
+    seed: Annotated[int, option("NUMBER", "Random seed of the trials.", min=0)] = 0,
     confidence: Annotated[
-        float,
-        typer.Option(metavar="SHARE", help="Coverage probability of the intervals, 0 to 1."),
+        float, option("SHARE", "Coverage probability of the intervals, 0 to 1.")
     ] = 0.95,
     figure: Annotated[
         Path | None,
@@ -85,12 +90,11 @@ def _draw(
     if figure is None:
         return []
     from flexstage.report.figures.budget import draw_budget
-    from flexstage.report.figures.style import encode
 
-    picture = draw_budget(
+    shown = draw_budget(
         propagated, drawn, quantity=budget.quantity, unit=budget.unit, factor=budget.factor
     )
-    write_file(figure, encode(picture, figure.suffix.lower().lstrip(".")))
+    write_file(figure, picture(figure, shown))
     return [str(figure)]
 
 
@@ -224,10 +228,7 @@ def _print(screen: "Console", result: dict[str, Any]) -> None:
     if freedom is not None:
         screen.print(f"effective degrees of freedom {freedom:.1f}", markup=False)
     screen.print(_verdict(result), markup=False)
-    for note in result["notes"]:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    for file in result["files"]:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+    print_notes(screen, result["notes"], result["files"])
 
 
 def _decimals(uncertainty: float) -> int:

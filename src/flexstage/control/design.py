@@ -7,8 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from flexstage.control.loop_plant import LoopPlant, loop_plant
-from flexstage.control.margins import Margins, loop_frequencies, loop_margins
+from flexstage.control.loop_plant import (
+    LoopPlant,
+    Margins,
+    loop_frequencies,
+    loop_margins,
+    loop_plant,
+)
 from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel, StageModes
 from flexstage.instruments.servo import Notch, ServoSettings

@@ -2,11 +2,11 @@
 
 import math
 
-from flexstage.designs.actuator import DrivePlace
 from flexstage.designs.nested_xy_axis import AxisLayout, Placement
 from flexstage.designs.nested_xy_parameters import NestedXYParameters
 from flexstage.errors import StageError
 from flexstage.stage import Axis, Body, Circle, Drive, Loop, Probe, Stage
+from flexstage.stage.drive import placed
 
 # Rounding of sums of dimensions, far below what can be cut.
 _ROUNDING = 1e-10
@@ -138,15 +138,14 @@ def _frame(p: NestedXYParameters, x: AxisLayout) -> Body:
 
 def _drive(p: NestedXYParameters, axis: AxisLayout, place: Placement, ground: str) -> Drive:
     faces = ((axis.block_left, 0.0), (axis.reaction_face, 0.0))
-    return axis.parameters.actuator.drive(
-        DrivePlace(
-            name=axis.name,
-            pushes=f"{axis.name}in",
-            reacts=ground,
-            at=(place.to_plane(faces[0]), place.to_plane(faces[1])),
-            direction=place.angle,
-            patch_half_width=p.force_patch_half_width,
-        )
+    return placed(
+        axis.parameters.actuator,
+        name=axis.name,
+        pushes=f"{axis.name}in",
+        reacts=ground,
+        at=(place.to_plane(faces[0]), place.to_plane(faces[1])),
+        direction=place.angle,
+        patch_half_width=p.force_patch_half_width,
     )
 
 

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, field
 
-from flexstage.designs.actuator import ScrewActuator, StackActuator, VoiceCoil
 from flexstage.errors import StageError
 from flexstage.material import CATALOGUE, Material
+from flexstage.stage.drive import AnyActuator
 from flexstage.units import Length
 
 
@@ -48,7 +48,7 @@ class AxisParameters:
     """
     actuator_pocket_width: Length = 9e-3
     """Width of the pocket [m]."""
-    actuator: ScrewActuator | StackActuator | VoiceCoil
+    actuator: AnyActuator
     """What drives the axis."""
 
     def __post_init__(self) -> None:

@@ -3,12 +3,12 @@
 import math
 from dataclasses import dataclass, field
 
-from flexstage.designs.actuator import DrivePlace, ScrewActuator, StackActuator, VoiceCoil
 from flexstage.designs.nested_xy_parameters import require_positive
 from flexstage.errors import StageError
 from flexstage.hinges import RightCircular
 from flexstage.material import CATALOGUE, Material
 from flexstage.stage import Axis, Body, Circle, Hinge, Loop, Probe, Stage
+from flexstage.stage.drive import AnyActuator, ScrewActuator, placed
 from flexstage.units import Length
 
 
@@ -36,7 +36,7 @@ class ParallelogramParameters:
     """Distance between column and platform [m]."""
     mounting_hole_diameter: Length = 5.5e-3
     """Diameter of the two holes by which the base is bolted down [m]."""
-    actuator: ScrewActuator | StackActuator | VoiceCoil = field(
+    actuator: AnyActuator = field(
         default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=200e-6)
     )
     """What drives the guide."""
@@ -130,7 +130,8 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
                 )
             )
     middle = 0.5 * (platform_bottom + platform_top)
-    place = DrivePlace(
+    drive = placed(
+        p.actuator,
         name="x",
         pushes="platform",
         reacts="base",
@@ -151,7 +152,7 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
             ),
         ),
         hinges=tuple(hinges),
-        drives=(p.actuator.drive(place),),
+        drives=(drive,),
         probes=(Probe(name="x", body="platform", at=(0.0, middle), direction=0.0),),
         axes=(Axis(name="x", drive="x", probe="x"),),
     )

@@ -5,11 +5,11 @@ The study prints no dimensions: this geometry is a reconstruction, see `NOTES`.
 
 from dataclasses import replace
 
-from flexstage.designs.actuator import ScrewActuator
 from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
 from flexstage.designs.nested_xy_parameters import AxisParameters
 from flexstage.designs.published import rows
 from flexstage.stage import Stage
+from flexstage.stage.drive import ScrewActuator
 
 #: Half a degree of a turn is inferred: with it the three printed resolutions of 0.162, 0.155 and
 #: 0.157 um follow from the printed ratios 0.33, 111.53/350 and 113.05/350.

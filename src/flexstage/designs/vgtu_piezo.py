@@ -5,11 +5,11 @@ The study prints no dimensions: this geometry is a reconstruction, see `NOTES`.
 
 from dataclasses import replace
 
-from flexstage.designs.actuator import StackActuator
 from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
 from flexstage.designs.nested_xy_parameters import AxisParameters
 from flexstage.designs.published import rows
 from flexstage.stage import Stage
+from flexstage.stage.drive import StackActuator
 
 #: PI PICMA P-887.91, 36 mm long: figures of its data sheet. The study names only "P-887" and 38 um.
 _STACK = StackActuator(

@@ -12,10 +12,9 @@ if TYPE_CHECKING:
     from flexstage.elasticity.buckling import buckling
     from flexstage.elasticity.continuum import AttachedMass, Continuum
     from flexstage.elasticity.large_displacement import follow_drive, follow_load
-    from flexstage.elasticity.loaded import loaded, material_stress, stress_stiffening
+    from flexstage.elasticity.loaded import loaded, material_stress, stress_stiffening, von_mises
+    from flexstage.elasticity.resources import parallel
     from flexstage.elasticity.shapes import face
-    from flexstage.elasticity.stress import von_mises
-    from flexstage.elasticity.threads import parallel
 
 
 __all__ = [

@@ -10,8 +10,8 @@ import scipy.sparse as sp
 from flexstage.arrays import Array
 from flexstage.elasticity.continuum import Continuum
 from flexstage.elasticity.loaded import holding, volume_unit
-from flexstage.elasticity.threads import parallel
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.resources import parallel
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ConvergenceError, ModelError
 
 _MOST = 150  # vectors; 20 to 40 are usual

@@ -12,8 +12,8 @@ import scipy.sparse.linalg as spl
 
 from flexstage import progress
 from flexstage.arrays import Array
-from flexstage.elasticity.threads import parallel
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.resources import parallel
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.material import Material
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.elasticity.continuum import Continuum
 from flexstage.elasticity.loaded import green_strain, volume_unit
-from flexstage.elasticity.threads import parallel
+from flexstage.elasticity.resources import parallel
 from flexstage.errors import ConvergenceError, ModelError
 
 Field = ng.CoefficientFunction | float

@@ -1,11 +1,13 @@
-"""Plane faces with exact arcs, and their prisms, for the mesher."""
+"""Plane faces with exact arcs, and their prisms, for the mesher; the unit that it works in."""
 
 import math
 from collections.abc import Sequence
 
 from netgen.occ import ArcOfCircle, Face, Segment, TopoDS_Shape, Wire, gp_Pnt
 
-from flexstage.elasticity.unit import METRE
+#: One metre in the unit of geometry and mesh, the millimetre: the tolerances of the geometry
+#: kernel are absolute, and made for it. Everything else is SI.
+METRE = 1e3
 
 _NOTHING = 1e-12  # a segment shorter than this [m] is a repeated point
 

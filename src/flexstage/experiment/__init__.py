@@ -10,15 +10,14 @@ if TYPE_CHECKING:
     from flexstage.experiment.campaign.plan import Campaign, Columns, Test
     from flexstage.experiment.campaign.results import Characterisation
     from flexstage.experiment.modal.fit import fit_modes
-    from flexstage.experiment.modal.result import ModalFit
+    from flexstage.experiment.modal.result import ModalFit, modal_assurance
     from flexstage.experiment.modal.ring_down import RingDown, ring_down
-    from flexstage.experiment.modal.shapes import modal_assurance
     from flexstage.experiment.modal.stabilisation import Stabilisation, stable_poles
     from flexstage.experiment.motion.coupling import cross_coupling, squareness
     from flexstage.experiment.motion.curve_extremes import curve_loop_width, curve_range
     from flexstage.experiment.motion.curve_fit import fit_motion_curve
-    from flexstage.experiment.motion.linearity import Linearity, linearity
     from flexstage.experiment.motion.motion_curve import MotionCurve
+    from flexstage.experiment.motion.narrowest_zone import minimum_zone_cylinder
     from flexstage.experiment.motion.positioning import Positioning, positioning
     from flexstage.experiment.motion.rigid_body import rigid_motion
     from flexstage.experiment.motion.sphere import sphere_fit
@@ -28,9 +27,8 @@ if TYPE_CHECKING:
         least_squares_straightness,
         minimum_zone,
     )
-    from flexstage.experiment.motion.straightness_cylinder import minimum_zone_cylinder
     from flexstage.experiment.motion.straightness_noise import less_noise
-    from flexstage.experiment.motion.stroke import Stroke, stroke
+    from flexstage.experiment.motion.stroke import Linearity, Stroke, linearity, stroke
     from flexstage.experiment.motion.workspace import Workspace, workspace
     from flexstage.experiment.noise.allan import allan_deviation
     from flexstage.experiment.noise.hold import HoldNoise, hold_noise
@@ -39,18 +37,18 @@ if TYPE_CHECKING:
     from flexstage.experiment.noise.staircase import Staircase, staircase
     from flexstage.experiment.spectra.density import spectral_density
     from flexstage.experiment.spectra.estimate import estimate_response
-    from flexstage.experiment.spectra.from_record import response_from_record
-    from flexstage.experiment.spectra.response import MeasuredResponse
+    from flexstage.experiment.spectra.response import MeasuredResponse, response_from_record
     from flexstage.experiment.spectra.sums import Spectra
     from flexstage.experiment.uncertainty.budget_file import Budget, read_budget
     from flexstage.experiment.uncertainty.monte_carlo import monte_carlo, validate
     from flexstage.experiment.uncertainty.propagate import propagate
-    from flexstage.experiment.uncertainty.sensor import SensorSetup, measured
+    from flexstage.experiment.uncertainty.sensor import measured
     from flexstage.experiment.updating.parameters import UpdateParameter, stage_with
-    from flexstage.experiment.updating.predict import predict
+    from flexstage.experiment.updating.problem import predict
     from flexstage.experiment.updating.update import Updated, update_stage
     from flexstage.experiment.virtual.as_built import AsBuilt
     from flexstage.experiment.virtual.campaign import virtual_campaign
+    from flexstage.sensor import SensorSpecification
 
 __all__ = [
     "AsBuilt",
@@ -65,7 +63,7 @@ __all__ = [
     "MotionCurve",
     "Positioning",
     "RingDown",
-    "SensorSetup",
+    "SensorSpecification",
     "Spectra",
     "Stabilisation",
     "Staircase",

@@ -61,7 +61,7 @@ def _solids(stage: Stage, names: list[str]) -> "list[TopoDS_Shape]":
     """Return the solids; the names of solids and faces are added to a list."""
     from netgen.occ import Fuse, Z
 
-    from flexstage.elasticity.unit import METRE
+    from flexstage.elasticity.shapes import METRE
 
     parts, total = [], 0.0
     for body in stage.bodies:
@@ -111,7 +111,7 @@ def _name_necks(hinges: Iterable[Hinge], faces: "list[TopoDS_Shape]", names: lis
     """Name the faces on both sides of each neck, which other programs load and refine."""
     from netgen.occ import Pnt, Vertex
 
-    from flexstage.elasticity.unit import METRE
+    from flexstage.elasticity.shapes import METRE
 
     boxes = [f.bounding_box for f in faces]
     for hinge in hinges:

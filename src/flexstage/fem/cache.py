@@ -7,7 +7,6 @@ import logging
 import os
 import struct
 import sys
-import tempfile
 import threading
 import time
 from collections import OrderedDict
@@ -16,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from flexstage.files.write import draft_of
 
 Entry = Mapping[str, NDArray]
 _LOG = logging.getLogger(__name__)
@@ -103,17 +104,8 @@ class Cache:
         self._remember(key, entry)
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
-            handle, name = tempfile.mkstemp(suffix=_UNFINISHED, dir=self.directory)
-            unfinished = Path(name)
-            try:
-                with os.fdopen(handle, "wb") as file:
-                    self._write(file.write, data)
-                    file.flush()
-                    os.fsync(file.fileno())
-                unfinished.replace(self._path(key))
-            except BaseException:
-                unfinished.unlink(missing_ok=True)
-                raise
+            with draft_of(self._path(key)) as draft, draft.open("wb") as file:
+                self._write(file.write, data)
         except OSError as error:
             if not self._silent:
                 _LOG.warning("the cache in %s cannot be written: %s", self.directory, error)

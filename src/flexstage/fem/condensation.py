@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.fem.constrained import Constrained
-from flexstage.fem.geometry import stage_faces
+from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
 from flexstage.fem.mesh import sound_mesh
-from flexstage.fem.mesh_regions import MOUNTING, either, notch_region
 from flexstage.fem.necks import NeckPoints, neck_points
 from flexstage.fem.ports import drive_vector
 from flexstage.fem.substructure import BODY, PointReading, Substructure

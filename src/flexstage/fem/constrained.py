@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.traction import shaped
 

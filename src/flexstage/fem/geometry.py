@@ -1,4 +1,8 @@
-"""The plane of a stage as named faces that share their edges."""
+"""The plane of a stage as named faces that share their edges, and the names.
+
+In names `which` is 0 for the half on a hinge's first body, or the patch on the pushed body, and 1
+for the other.
+"""
 
 import math
 from collections.abc import Iterable
@@ -7,18 +11,58 @@ from dataclasses import dataclass
 from netgen.occ import Glue, TopoDS_Shape
 
 from flexstage.elasticity import face
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import StageError
-from flexstage.fem.mesh_regions import (
-    MOUNTING,
-    body_region,
-    neck_edge,
-    notch_region,
-    patch_edge,
-    surface_edge,
-)
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour, inner_notch
+
+_SYNTAX = frozenset("^$\\.*+?()[]{}|")  # characters that mean something in an expression
+
+#: Boundary by which the fixed bodies are held.
+MOUNTING = "mounting"
+
+
+def body_region(body: str) -> str:
+    """Return the name of the region of a body, its half notches left out."""
+    return f"body {body}"
+
+
+def notch_region(hinge: str, which: int) -> str:
+    """Return the name of the region of one half of a notch."""
+    return f"notch {hinge} {'ab'[which]}"
+
+
+def neck_edge(hinge: str) -> str:
+    """Return the name of the boundary between the two halves of a notch."""
+    return f"neck {hinge}"
+
+
+def surface_edge(hinge: str) -> str:
+    """Return the name of the free surface of a notch."""
+    return f"surface {hinge}"
+
+
+def patch_edge(drive: str, which: int) -> str:
+    """Return the name of the patch on which a drive acts."""
+    return f"patch {drive} {('push', 'react')[which]}"
+
+
+def exactly(name: str) -> str:
+    r"""Return the regular expression that matches one name and no other.
+
+    Examples
+    --------
+    >>> print(exactly("body x+"))
+    body x\+
+    """
+    # names come from stage files, and the mesher takes every name for an expression
+    return "".join(f"\\{c}" if c in _SYNTAX else c for c in name)
+
+
+def either(names: Iterable[str]) -> str:
+    """Return the regular expression that matches any of some names."""
+    return "|".join(f"({exactly(n)})" for n in names)
+
 
 Point = tuple[float, float]
 _NEAR = 1e-9  # two points are one [m]
@@ -52,7 +96,7 @@ class StageFaces:
     """Faces of a stage, or of some of its bodies with their half notches."""
 
     shape: TopoDS_Shape
-    """The faces, glued; regions and edges are named as in `flexstage.fem.mesh_regions`."""
+    """The faces, glued; regions and edges are named as in `flexstage.fem.geometry`."""
     patches: tuple[DrivePatch, ...]
     """Where drives touch them."""
     held: str

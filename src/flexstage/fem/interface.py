@@ -10,9 +10,8 @@ import scipy.sparse.linalg as spl
 
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
-from flexstage.elasticity.memory import require_memory
-from flexstage.elasticity.threads import parallel
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.resources import parallel, require_memory
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ConvergenceError, ModelError
 
 _PAIRS = ((1, 2), (2, 0), (0, 1))

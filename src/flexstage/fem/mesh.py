@@ -8,18 +8,15 @@ import numpy as np
 from netgen.meshing import IdentificationType
 from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vec
 
-from flexstage.elasticity.memory import require_memory
-from flexstage.elasticity.threads import parallel
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.resources import parallel, require_memory
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
-from flexstage.fem.geometry import StageFaces
-from flexstage.fem.mesh_regions import surface_edge
+from flexstage.fem.geometry import StageFaces, surface_edge
 from flexstage.stage import Stage
 
 #: Below it an element is a sliver that spoils the figures of its neighbourhood [1].
 SLIVER = 0.15
 _TRIES = 4
-
 
 #: Boundary on the middle plane of a stage, where a half of its thickness is meshed.
 MIDDLE = "middle"
@@ -107,7 +104,7 @@ def _outline(face: TopoDS_Shape) -> tuple[float, ...]:
 def plane_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
     """Mesh the plane of a stage with curved triangles.
 
-    It is in millimetres, with regions and boundaries named as in `flexstage.fem.mesh_regions`.
+    It is in millimetres, with regions and boundaries named as in `flexstage.fem.geometry`.
     """
     _afford(stage, faces, settings, 2)
     _refine(stage, faces, settings)

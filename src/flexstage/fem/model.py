@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.elasticity import AttachedMass, Continuum
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import StageFaces
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.necks import NeckPoints, neck_points, neck_stress

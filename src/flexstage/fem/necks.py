@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
-from flexstage.elasticity.stress import COMPONENTS
-from flexstage.elasticity.threads import parallel
-from flexstage.elasticity.unit import METRE
-from flexstage.fem.mesh_regions import exactly, surface_edge
+from flexstage.elasticity.loaded import COMPONENTS
+from flexstage.elasticity.resources import parallel
+from flexstage.elasticity.shapes import METRE
+from flexstage.fem.geometry import exactly, surface_edge
 from flexstage.stage import Stage
 
 # along an element's edge; its ends lie on vertices, where the elements beside it are averaged

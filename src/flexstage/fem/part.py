@@ -14,7 +14,7 @@ import ngsolve as ng
 from netgen.meshing import NgException
 from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vertex, gp_Pnt
 
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError, StageError
 from flexstage.fem.part_mesh import PartMesh, mesh_shape
 from flexstage.material import Material

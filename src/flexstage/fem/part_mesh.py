@@ -15,7 +15,7 @@ from typing import Any
 import ngsolve as ng
 from netgen.occ import OCCGeometry, TopoDS_Shape
 
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import mesher
 

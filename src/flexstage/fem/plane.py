@@ -4,10 +4,9 @@ from typing import Literal
 
 from flexstage import progress
 from flexstage.elasticity import Continuum
-from flexstage.elasticity.memory import require_memory
-from flexstage.fem.geometry import stage_faces
+from flexstage.elasticity.resources import require_memory
+from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
 from flexstage.fem.mesh import MeshSettings, sound_mesh
-from flexstage.fem.mesh_regions import MOUNTING, either, notch_region
 from flexstage.fem.model import StageModel, assemble
 from flexstage.fem.ports import Supports
 from flexstage.hinges import Leaf, plane_state

@@ -9,10 +9,16 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.elasticity import AttachedMass, Continuum
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
-from flexstage.fem.geometry import DrivePatch
-from flexstage.fem.mesh_regions import body_region, either, exactly, notch_region, patch_edge
+from flexstage.fem.geometry import (
+    DrivePatch,
+    body_region,
+    either,
+    exactly,
+    notch_region,
+    patch_edge,
+)
 from flexstage.stage import Drive, Probe, Stage
 
 #: Whether the fixed bodies give way under the drives that react on them.

@@ -14,18 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array, Integers
-from flexstage.elasticity.stress import COMPONENTS, von_mises_of
-from flexstage.elasticity.threads import parallel
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.loaded import COMPONENTS, von_mises_of
+from flexstage.elasticity.resources import parallel
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
+from flexstage.fem.geometry import body_region, exactly, notch_region
 from flexstage.fem.mesh import MIDDLE
-from flexstage.fem.mesh_regions import body_region, exactly, notch_region
 from flexstage.fem.model import StageModel, UncoupledProblem
 
 # Corners nearer than this [m] are one; the mesher's tolerance is a hundred times as large, and
 # rounding moves a corner by a millionth of it.
 _SAME = 1e-9
-
 
 # Where the stress has the opposite sign below the middle plane: yz and xz.
 _ODD = np.array([0, 0, 0, 1, 1, 0], dtype=bool)

@@ -2,10 +2,9 @@
 
 from flexstage import progress
 from flexstage.elasticity import Continuum
-from flexstage.elasticity.memory import require_memory
-from flexstage.fem.geometry import stage_faces
+from flexstage.elasticity.resources import require_memory
+from flexstage.fem.geometry import MOUNTING, stage_faces
 from flexstage.fem.mesh import MIDDLE, MeshSettings, prism_mesh
-from flexstage.fem.mesh_regions import MOUNTING
 from flexstage.fem.model import StageModel, assemble
 from flexstage.fem.plane import common_validity
 from flexstage.fem.ports import Supports

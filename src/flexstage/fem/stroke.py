@@ -17,7 +17,7 @@ from flexstage.fem.ports import Supports, body_motion, drive_vector
 from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, AxisAnalysis
-from flexstage.system.characteristics import axis_mode
+from flexstage.system.analysis import axis_mode
 
 _STEPS = 7
 

@@ -10,8 +10,8 @@ from numpy.polynomial import Legendre, Polynomial
 
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
-from flexstage.elasticity.unit import METRE
-from flexstage.fem.mesh_regions import exactly, neck_edge
+from flexstage.elasticity.shapes import METRE
+from flexstage.fem.geometry import exactly, neck_edge
 from flexstage.fem.substructure import CutNeck
 
 # Tractions without resultant go up to this degree; a neck is often one element wide.

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
         closed_forms,
     )
     from flexstage.hinges.compliance import compliance
-    from flexstage.hinges.concentration import concentration
     from flexstage.hinges.corner_filleted import CornerFilleted
     from flexstage.hinges.elliptical import Elliptical
     from flexstage.hinges.hinge_spring import HingeCompliance, plane_state
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from flexstage.hinges.power import PowerFunction
     from flexstage.hinges.profile import Profile, Samples
     from flexstage.hinges.registry import PROFILES
-    from flexstage.hinges.stress import largest_rotation, stress_rows
+    from flexstage.hinges.stress import concentration, largest_rotation, stress_rows
     from flexstage.hinges.v_fillet import VFillet
 
 __all__ = [

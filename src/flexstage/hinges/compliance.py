@@ -9,7 +9,6 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import HingeError
-from flexstage.hinges.ends import end_of_wedge, sharp_step
 from flexstage.hinges.hinge_spring import (
     ROOT_REACH,
     HingeCompliance,
@@ -18,7 +17,7 @@ from flexstage.hinges.hinge_spring import (
     plane_state,
 )
 from flexstage.hinges.profile import Profile, increments
-from flexstage.hinges.wedge import densities
+from flexstage.hinges.wedge import densities, end_of_wedge, sharp_step
 
 #: Methods that integrate along the contour: smooth in every dimension, and done in microseconds.
 QUADRATURES: tuple[str, ...] = ("euler-bernoulli", "timoshenko", "wedge")

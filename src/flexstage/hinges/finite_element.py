@@ -26,8 +26,8 @@ import ngsolve as ng
 import numpy as np
 
 from flexstage.elasticity import Continuum
-from flexstage.elasticity.threads import parallel
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.resources import parallel
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import HingeError
 from flexstage.hinges.half_mesh import half_mesh, half_notch_on_block
 from flexstage.hinges.hinge_spring import ROOT_REACH, HingeCompliance, PlaneState, plane_moduli

@@ -26,7 +26,7 @@ from netgen.occ import (
 )
 
 from flexstage.elasticity import face
-from flexstage.elasticity.unit import METRE
+from flexstage.elasticity.shapes import METRE
 from flexstage.errors import HingeError
 from flexstage.hinges.profile import Array, Profile
 

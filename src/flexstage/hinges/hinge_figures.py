@@ -7,10 +7,9 @@ from typing import Any
 from flexstage.errors import HingeError
 from flexstage.hinges.closed_forms import closed_form_compliance, closed_forms
 from flexstage.hinges.compliance import compliance
-from flexstage.hinges.concentration import concentration
 from flexstage.hinges.hinge_spring import PlaneState, plane_state
 from flexstage.hinges.profile import Profile
-from flexstage.hinges.stress import largest_rotation
+from flexstage.hinges.stress import concentration, largest_rotation
 from flexstage.material import Material
 
 #: Quantity, place on the diagonal of the compliance, unit of its stiffness.

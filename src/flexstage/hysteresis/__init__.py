@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.chain.sensor import Sensor
     from flexstage.hysteresis.chain.stage_modes import StageModes
     from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
-    from flexstage.hysteresis.excitations.coverage import memory_coverage
     from flexstage.hysteresis.excitations.design import excitation
-    from flexstage.hysteresis.excitations.record import Excitation
+    from flexstage.hysteresis.excitations.excitation import Excitation, memory_coverage
     from flexstage.hysteresis.identification.amplifier import identify_amplifier
     from flexstage.hysteresis.identification.chain_search import find_chain
     from flexstage.hysteresis.identification.cycles import Cycles, cycles
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
         IdentificationData,
         measurement,
     )
-    from flexstage.hysteresis.identification.uncertainty import ParameterEstimate
+    from flexstage.hysteresis.identification.misfit import ParameterEstimate
     from flexstage.hysteresis.inversion import Feedforward, feedforward, smoothed
     from flexstage.hysteresis.loops import Tracking, loop_width, tracking
     from flexstage.hysteresis.model import HysteresisModel, Response, Segments

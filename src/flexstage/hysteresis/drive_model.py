@@ -1,18 +1,20 @@
-"""A drive as it was identified: hysteresis, then the linear chain up to the reading."""
+"""A drive: hysteresis, creep, delay and modes in a row, and whether a command suits it."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.errors import ModelError
+from flexstage.errors import ModelError, UnitError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
+from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
-from flexstage.units import readable
+from flexstage.units import readable, si_unit
 
 #: What a drive did before the first command: it rested there for long; or it moved as it does then,
 #: for so many seconds since it stood at the low end of its range, infinitely many for long.
@@ -20,6 +22,47 @@ Start = Literal["rested"] | float
 
 #: Cycles after which the memory of what was before is gone, also where it fades only.
 _CONDITIONING = 4
+#: Spans that differ by more than this hint at a prefix of a unit: 1000, less a small loop.
+PREFIX = 300.0
+#: Rates that differ by more than this were not identified.
+_OTHER_RATE = 1.5
+_SLOPE = "{y}/{u}"
+#: Units that parameters have in most models, ...
+_COMMON: Mapping[str, str] = {
+    "anhysteretic": "{y}, {y}/{u}, {y}/{u}^2, {y}/{u}^3",
+    "beta": "1/{u}",
+    "centre": "{u}",
+    "creep_per_decade": "1",
+    "cubic": "{y}/{u}^3",
+    "dead_zone_weights": "1",
+    "dead_zones": "{y}",
+    "delay": "s",
+    "exponent": "1",
+    "gain": _SLOPE,
+    "gamma": "1/{u}",
+    "highest_input": "{u}",
+    "hysteresis_gain": _SLOPE,
+    "input_range": "{u}",
+    "knots": "{u}",
+    "limit": "{y}",
+    "lowest_input": "{u}",
+    "quadratic": "{y}/{u}^2",
+    "rate": "1/{u}",
+    "resonance_hz": "Hz",
+    "shape": "1/{u}",
+    "slopes": _SLOPE,
+    "stiffness": _SLOPE,
+    "tangent": "{y}/{u}, {y}/{u}^2",
+    "thresholds": "{u}",
+    "weights": _SLOPE,
+}
+#: ... and in the one that goes from output to input.
+_BACKWARD: Mapping[str, str] = {
+    "dead_zone_weights": "{u}/{y}",
+    "element_stiffness": "{u}/{y}",
+    "stiffness": "{u}/{y}",
+    "thresholds": "{y}",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,3 +240,119 @@ class DriveModel:
             f"{readable(self.input_unit, low, high)} that the model was identified on, by up to "
             f"{100.0 * beyond:.2g} % of that range: its output there is extrapolated"
         )
+
+
+def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -> tuple[Array, str]:
+    """Return values in the unit of a model.
+
+    Units are empty where nobody has said. The sentence is empty where nothing was converted. A
+    ModelError where one unit alone is known, or their dimensions differ.
+
+    Examples
+    --------
+    >>> in_unit_of_model([0.02], "mm", "um", "reference")
+    (array([20.]), 'the reference was converted from mm to um, the unit of the model')
+    """
+    given = samples(values, what)
+    if unit == model_unit:
+        return given, ""
+    if not unit:
+        raise ModelError(
+            f"the {what} has no unit and the model is in {model_unit}: name it with "
+            f'--reference-unit, such as --reference-unit "{model_unit}"'
+        )
+    if not model_unit:
+        raise ModelError(
+            f"the {what} is in {unit} and the model was identified without a unit: identify it "
+            "again with --input-unit and --output-unit"
+        )
+    try:
+        (own, si), (wanted, model_si) = si_unit(unit), si_unit(model_unit)
+    except UnitError as error:
+        raise ModelError(f"the {what} is in {unit}, the model in {model_unit}: {error}") from error
+    if si != model_si:
+        raise ModelError(
+            f"the {what} is in {unit}, the model gives {model_unit}: name its unit with "
+            "--reference-unit, or choose another column"
+        )
+    made = given * (own / wanted)
+    return made, f"the {what} was converted from {unit} to {model_unit}, the unit of the model"
+
+
+def unsuited(
+    model: DriveModel,
+    dt: float,
+    *,
+    command: ArrayLike,
+    reading: ArrayLike | None = None,
+) -> tuple[str, ...]:
+    """Say where a command and its readings leave what a model was identified on.
+
+    One sentence for each: the range of the command, spans that another prefix of the unit would
+    explain, and rates of cycles that were not identified; none of a model without such ranges. The
+    readings are wanted or measured ones.
+    """
+    if model.validity is None:
+        return ()
+    u = samples(command, "command")
+    limits = model.validity
+    spans = [("command", u, limits.input_range, model.input_unit)]
+    if reading is not None:
+        y = samples(reading, "reading")
+        spans.append(("reference or reading", y, limits.output_range, model.output_unit))
+    return tuple(
+        said
+        for said in (
+            model.outside(u),
+            *(_span(*given) for given in spans),
+            _rate(u, dt, limits.rate_range_hz),
+        )
+        if said
+    )
+
+
+def _span(what: str, values: Array, known: tuple[float, float], unit: str) -> str:
+    """Say that values span far more or far less than what is known."""
+    own, size = float(np.ptp(values)), known[1] - known[0]
+    if not size > 0.0 or size / PREFIX <= own <= size * PREFIX:
+        return ""
+    seen = f"{readable(unit, size)} that the model was identified on"
+    if own == 0.0:
+        return f"the {what} stands still, at {readable(unit, values[0], digits=5)}, of {seen}"
+    much = f"{own / size:.3g} times" if own > size else f"1/{size / own:.3g} of"
+    return f"the {what} spans {readable(unit, own)}, {much} the {seen}: is its unit right?"
+
+
+def _rate(u: Array, dt: float, known: tuple[float, float]) -> str:
+    """Say that cycles are faster or slower than those that are known."""
+    if not known[1] > 0.0 or not np.ptp(u) > 0.0:
+        return ""
+    rates = cycles(u, dt).rates_hz
+    slow, fast = known[0] / _OTHER_RATE, known[1] * _OTHER_RATE
+    other = [rate for rate in rates if not slow <= rate <= fast]
+    if not other:
+        return ""
+    at = f"{known[0]:.3g} Hz"
+    if known[1] > known[0]:
+        at = f"{known[0]:.3g} to {known[1]:.3g} Hz"
+    found = ", ".join(f"{rate:.3g}" for rate in other)
+    return (
+        f"cycles repeat at {found} Hz and the model was identified at {at}: lag, creep and "
+        "resonance at other rates are extrapolated; record cycles at that rate as well"
+    )
+
+
+def parameter_unit(kind: str, name: str, input_unit: str, output_unit: str) -> str:
+    """Return the unit of a parameter.
+
+    Of a kind that has an exponent it is that for 1. A name may be an element, such as
+    ``weights[3]``; units that nobody has said are called input and output.
+
+    Examples
+    --------
+    >>> parameter_unit("bouc-wen", "gain", "V", "m")
+    'm/V'
+    """
+    table = {**_COMMON, **_BACKWARD} if kind == "maxwell-slip" else _COMMON
+    template = table.get(name.split("[", maxsplit=1)[0], "1")
+    return template.format(u=input_unit or "input", y=output_unit or "output")

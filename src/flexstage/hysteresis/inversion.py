@@ -8,9 +8,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
-from flexstage.hysteresis.drive_model import DriveModel, Start, creep_start
+from flexstage.hysteresis.drive_model import PREFIX, DriveModel, Start, creep_start, unsuited
 from flexstage.hysteresis.model import Array, Response, samples
-from flexstage.hysteresis.suitability import PREFIX, unsuited
 from flexstage.units import readable
 
 #: A reference is made smooth up to this share of the lowest resonance.

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from flexstage.errors import FlexstageError, ModelError
+from flexstage.files.nodes import parse_yaml, plain, read_text
+from flexstage.files.yaml_text import plain_dumper
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS
-from flexstage.stage.yaml_reader import parse_yaml, plain, read_text
-from flexstage.stage.yaml_writer import plain_dumper
 
 #: Version of the format. A reader takes this one and none that is newer.
 _VERSION = 1

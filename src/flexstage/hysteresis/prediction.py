@@ -6,14 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.errors import RecordError
-from flexstage.hysteresis.drive_model import DriveModel, Start
-from flexstage.hysteresis.identification.cycles import Cycles, by_rate, cycles
+from flexstage.hysteresis.drive_model import DriveModel, Start, unsuited
+from flexstage.hysteresis.identification.cycles import (
+    Cycles,
+    by_rate,
+    cycles,
+    early_text,
+    first_moving,
+    warm_up,
+)
 from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
 from flexstage.hysteresis.identification.measurement import require_usable
 from flexstage.hysteresis.identification.misfit import root_mean_square
-from flexstage.hysteresis.identification.warm_up import early_text, first_moving, warm_up
 from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.suitability import unsuited
 from flexstage.records import Record
 
 #: What a drive can have done before a record: to have moved for long, for some seconds since it

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage import progress
 from flexstage.characteristic import Characteristics
@@ -35,6 +34,8 @@ _USUAL_WIDTH = 0.125
 #: Rate of the loops that are compared [Hz], and how many of them; the first ones are left out.
 _RATE_HZ = 1.0
 _CYCLES, _FIRST = 6, 3
+_LATE = slice(int(_FIRST * _SAMPLE_RATE_HZ / _RATE_HZ), None)
+_BOUNDS = np.arange(_CYCLES - _FIRST) * int(_SAMPLE_RATE_HZ / _RATE_HZ)
 #: Share of the stroke that the reference runs over, which leaves the inverse some room.
 _SHARE = 0.99
 #: Models that are tried on the designed record.
@@ -97,12 +98,12 @@ class _Bench:
     limits: tuple[float, float]
     resonance_hz: float
 
-    def run(self, voltage: Array) -> tuple[Array, Array]:
-        """Condition the stage by two cycles, run a command; return reading, and what was said."""
+    def run(self, voltage: Array) -> Array:
+        """Condition the stage by two cycles, and return the reading under a command."""
         before = self.cosine(2)
         whole = np.concatenate((before, voltage))
         response = self.plant.simulate({self.drive: whole}, 1.0 / _SAMPLE_RATE_HZ)
-        return response.measured[self.probe][before.size :], voltage
+        return response.measured[self.probe][before.size :]
 
     def cosine(self, cycles: int, share: float = 1.0) -> Array:
         """Cycles about the middle of the range, begun and ended at their low end."""
@@ -160,27 +161,23 @@ def virtual_experiment(
     progress.update(f"hysteresis, {axis}", 0.4)
     best = identify(_designed_record(bench), "voltage", axis, model=_MODELS)
     voltage = bench.cosine(_CYCLES)
-    measured, _ = bench.run(voltage)
-    late = slice(int(_FIRST * _SAMPLE_RATE_HZ / _RATE_HZ), None)
-    modelled = _modelled(bouc_wen.model, bench, voltage)
-    difference = (measured - modelled)[late]
-    runs_of = [(FAMILIES[found.kind].title, found) for found in (bouc_wen, best)]
-    reference = _reference(bench, measured[late])
-    open_voltage = bench.cosine(_CYCLES, _SHARE)
-    open_output = bench.run(open_voltage)[0][late]
+    measured = bench.run(voltage)[_LATE]
+    modelled = _modelled(bouc_wen.model, bench, voltage)[_LATE]
+    difference = measured - modelled
+    whole = _reference(bench, measured)
+    reference = whole[_LATE]
+    open_output = bench.run(bench.cosine(_CYCLES, _SHARE))[_LATE]
     # what a constant gain, and the best offset, would have given
-    offset = float(np.mean(open_output) - np.mean(reference[late]))
-    open_loop = tracking(reference[late] + offset, open_output, _bounds())
+    offset = float(np.mean(open_output) - np.mean(reference))
+    open_loop = tracking(reference + offset, open_output, _BOUNDS)
     runs = []
-    for title, found in runs_of:
-        command = feedforward(
-            found.model, reference, 1.0 / _SAMPLE_RATE_HZ, limits=bench.limits
-        ).command
-        output = bench.run(command)[0][late]
-        errors = tracking(reference[late], output, _bounds())
+    for found in (bouc_wen, best):
+        made = feedforward(found.model, whole, 1.0 / _SAMPLE_RATE_HZ, limits=bench.limits)
+        output = bench.run(made.command)[_LATE]
+        errors = tracking(reference, output, _BOUNDS)
         runs.append(
             CompensatedRun(
-                title=title,
+                title=FAMILIES[found.kind].title,
                 identification=found,
                 output=output,
                 tracking=errors,
@@ -189,22 +186,18 @@ def virtual_experiment(
         )
     return AxisExperiment(
         axis=axis,
-        voltage=voltage[late],
-        measured=measured[late],
-        modelled=modelled[late] + float(np.mean(difference)),
+        voltage=voltage[_LATE],
+        measured=measured,
+        modelled=modelled + float(np.mean(difference)),
         deviation=float(np.max(np.abs(difference - np.mean(difference)))),
-        stroke=float(np.ptp(measured[late])),
-        width=loop_width(voltage[late], measured[late], _bounds()),
+        stroke=float(np.ptp(measured)),
+        width=loop_width(voltage[_LATE], measured, _BOUNDS),
         time=np.arange(open_output.size) / _SAMPLE_RATE_HZ,
-        reference=reference[late],
+        reference=reference,
         open_output=open_output - offset,
         open_loop=open_loop,
         runs=tuple(runs),
     )
-
-
-def _bounds() -> NDArray[np.int_]:
-    return np.arange(_CYCLES - _FIRST) * int(_SAMPLE_RATE_HZ / _RATE_HZ)
 
 
 def _bench(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> _Bench:
@@ -221,7 +214,6 @@ def _bench(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> _Ben
     width = _published(stage, axis, "hysteresis_loop_width")
     share = _USUAL_WIDTH if stroke is None or width is None else width / stroke
     free, own = drive.free_stroke, share
-    late = slice(int(_FIRST * _SAMPLE_RATE_HZ / _RATE_HZ), None)
 
     def wired(free: float, own: float) -> _Bench:
         plant = stage_plant(
@@ -239,9 +231,10 @@ def _bench(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> _Ben
     # creep and the amplifier add to both, so that the stack itself needs a little less
     for _ in range(2):
         bench = wired(free, own)
-        reading, voltage = bench.run(bench.cosine(_CYCLES))
-        got = float(np.ptp(reading[late]))
-        got_share = loop_width(voltage[late], reading[late], _bounds()) / got
+        voltage = bench.cosine(_CYCLES)
+        reading = bench.run(voltage)[_LATE]
+        got = float(np.ptp(reading))
+        got_share = loop_width(voltage[_LATE], reading, _BOUNDS) / got
         free *= 1.0 if stroke is None else stroke / got
         own *= share / got_share
     return wired(free, own)
@@ -275,11 +268,10 @@ def _designed_record(bench: _Bench) -> Record:
 
 
 def _record(bench: _Bench, voltage: Array) -> Record:
-    reading, _ = bench.run(voltage)
     return Record(
         channels=(
             Channel(name="voltage", values=voltage, unit="V"),
-            Channel(name=bench.probe, values=reading, unit="m"),
+            Channel(name=bench.probe, values=bench.run(voltage), unit="m"),
         ),
         time=np.arange(voltage.size) / _SAMPLE_RATE_HZ,
         source="virtual stage",

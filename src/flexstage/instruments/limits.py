@@ -1,9 +1,18 @@
-"""What may be commanded of a stage: travel, voltage, speed and slew, from its own description."""
+"""What may be commanded of a stage, by its own description, looked at before any command leaves.
+
+Values, slopes, and jumps of whole waveforms are checked. Rounding is forgiven: a value may pass the
+end of a range by a billionth of the range, and a slope its limit by a billionth of itself.
+"""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from flexstage.errors import ModelError
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.errors import LimitError, ModelError
+from flexstage.instruments.waveform import Quantity, Waveform
 from flexstage.stage import PiezoStack, Screw, Stage
 
 Range = tuple[float, float]
@@ -86,3 +95,181 @@ def _common(a: Range | None, b: Range | None, what: str) -> Range | None:
 def _smaller(a: float | None, b: float | None) -> float | None:
     given = [v for v in (a, b) if v is not None]
     return min(given) if given else None
+
+
+_ROUNDING = 1e-9
+
+
+def check_position(limits: AxisLimits, value: float, axis: str) -> None:
+    """Refuse a position [m] that an axis must not be sent to; an unknown range forbids nothing.
+
+    Examples
+    --------
+    >>> check_position(AxisLimits(position=(0.0, 1e-4)), 1.2e-4, "x")
+    Traceback (most recent call last):
+    flexstage.errors.LimitError: axis 'x' cannot be sent to 120 um: its limits are 0 to 100 ...
+    """
+    _check_value(limits, float(value), axis, "position")
+
+
+def check_voltage(limits: AxisLimits, value: float, axis: str) -> None:
+    """Refuse a voltage [V] that a drive must not get, or that is for a drive without voltage.
+
+    Examples
+    --------
+    >>> check_voltage(AxisLimits(voltage=(-20.0, 120.0)), -20.0, "x")
+    """
+    _require_voltage(limits, axis)
+    _check_value(limits, float(value), axis, "voltage")
+
+
+def check_waveform(
+    limits: Mapping[str, AxisLimits],
+    waveform: Waveform,
+    *,
+    cycles: int = 1,
+    start: Mapping[str, float] | None = None,
+    tolerance: float = 0.0,
+) -> None:
+    """Refuse a waveform of which any sample, slope or jump is outside the limits of its axis.
+
+    Every sample is compared with the range of the axis, every step between samples with its speed
+    or slew, and so are the step from the last sample to the first where the waveform is repeated,
+    and the one from where the axis stands to the first sample, which takes one sample's time. It
+    runs endlessly for 0 cycles. `start` says where axes stand now [m, or V], and is not looked at
+    for those that it does not name; `tolerance` is what may lie between there and the first sample
+    beside what speed or slew allows, such as the noise of a reading.
+
+    Examples
+    --------
+    >>> ramp = Waveform(values={"x": np.array([0.0, 60.0, 120.0])}, sample_rate_hz=10.0,
+    ...                 quantity="voltage")
+    >>> check_waveform({"x": AxisLimits(voltage=(0.0, 120.0), slew=600.0)}, ramp)
+    >>> check_waveform({"x": AxisLimits(voltage=(0.0, 120.0), slew=600.0)}, ramp, cycles=2)
+    Traceback (most recent call last):
+    flexstage.errors.LimitError: axis 'x' would jump by -120 V from the last sample ...
+    """
+    if cycles < 0:
+        raise LimitError(f"a waveform runs a number of cycles from 0 (endlessly) up, got {cycles}")
+    quantity = waveform.quantity
+    for axis, given in waveform.values.items():
+        if axis not in limits:
+            raise LimitError(
+                f"the waveform moves axis '{axis}', and the instrument has "
+                f"{', '.join(map(repr, limits)) or 'none'}: name one of these"
+            )
+        own, v = limits[axis], np.asarray(given, dtype=np.float64)
+        if quantity == "voltage":
+            _require_voltage(own, axis)
+        _check_samples(own, v, axis, waveform)
+        _check_slopes(own, v, axis, waveform)
+        if cycles != 1:
+            _check_jump(own, float(v[0] - v[-1]), axis, waveform)
+        if start is not None and axis in start:
+            _check_start(own, float(start[axis]), float(v[0]), axis, waveform, tolerance)
+
+
+def _range(limits: AxisLimits, quantity: Quantity) -> tuple[float, float] | None:
+    return limits.voltage if quantity == "voltage" else limits.position
+
+
+def _rate(limits: AxisLimits, quantity: Quantity) -> float | None:
+    return limits.slew if quantity == "voltage" else limits.speed
+
+
+def _slack(bounds: tuple[float, float]) -> float:
+    return _ROUNDING * (bounds[1] - bounds[0])
+
+
+def _require_voltage(limits: AxisLimits, axis: str) -> None:
+    if limits.voltage is None:
+        raise LimitError(
+            f"axis '{axis}' takes no voltage, or its range is not known: command positions, or "
+            "give the voltage range of its drive in the stage file"
+        )
+
+
+def _check_value(limits: AxisLimits, value: float, axis: str, quantity: Quantity) -> None:
+    if not math.isfinite(value):
+        raise LimitError(f"axis '{axis}' cannot be sent to {value}: give a finite {quantity}")
+    bounds = _range(limits, quantity)
+    if bounds is None:
+        return
+    if not bounds[0] - _slack(bounds) <= value <= bounds[1] + _slack(bounds):
+        raise LimitError(
+            f"axis '{axis}' cannot be sent to {_text(value, quantity)}: its limits are "
+            f"{_span(bounds, quantity)}, so choose a {quantity} between them"
+        )
+
+
+def _check_samples(limits: AxisLimits, v: Array, axis: str, waveform: Waveform) -> None:
+    bounds = _range(limits, waveform.quantity)
+    if bounds is None:
+        return
+    slack = _slack(bounds)
+    outside = (v < bounds[0] - slack) | (v > bounds[1] + slack)
+    if outside.any():
+        k = int(np.argmax(outside))
+        raise LimitError(
+            f"axis '{axis}' would get {_text(float(v[k]), waveform.quantity)} at sample {k} "
+            f"({k / waveform.sample_rate_hz:g} s), and its limits are "
+            f"{_span(bounds, waveform.quantity)} ({int(outside.sum())} of {v.size} samples are "
+            "outside): make the amplitude smaller or move the middle"
+        )
+
+
+def _check_slopes(limits: AxisLimits, v: Array, axis: str, waveform: Waveform) -> None:
+    rate = _rate(limits, waveform.quantity)
+    if rate is None:
+        return
+    slopes = np.diff(v) * waveform.sample_rate_hz
+    fast = np.abs(slopes) > rate * (1.0 + _ROUNDING)
+    if fast.any():
+        k, quantity = int(np.argmax(fast)), waveform.quantity
+        raise LimitError(
+            f"axis '{axis}' would change by {_text(abs(float(slopes[k])), quantity)}/s after "
+            f"sample {k} ({k / waveform.sample_rate_hz:g} s), and {_text(rate, quantity)}/s is its "
+            f"limit; the fastest step has {_text(float(np.abs(slopes).max()), quantity)}/s: run it "
+            "slower or make the amplitude smaller"
+        )
+
+
+def _check_jump(limits: AxisLimits, step: float, axis: str, waveform: Waveform) -> None:
+    rate, quantity = _rate(limits, waveform.quantity), waveform.quantity
+    slope = abs(step) * waveform.sample_rate_hz
+    if rate is not None and slope > rate * (1.0 + _ROUNDING):
+        raise LimitError(
+            f"axis '{axis}' would jump by {_text(step, quantity)} from the last sample to the "
+            f"first when the waveform is repeated, at {_text(slope, quantity)}/s, and "
+            f"{_text(rate, quantity)}/s is its limit: let the waveform end where it begins, or run "
+            "it once"
+        )
+
+
+def _check_start(
+    limits: AxisLimits, stands: float, first: float, axis: str, waveform: Waveform, more: float
+) -> None:
+    rate, quantity = _rate(limits, waveform.quantity), waveform.quantity
+    if not math.isfinite(stands):
+        raise LimitError(
+            f"the {quantity} of axis '{axis}' reads {stands}, so its distance from the first "
+            "sample of the waveform is unknown: check its sensor and cable"
+        )
+    if rate is None:
+        return
+    allowed = rate * (1.0 + _ROUNDING) / waveform.sample_rate_hz + more
+    if abs(first - stands) > allowed:
+        raise LimitError(
+            f"axis '{axis}' is at {_text(stands, quantity)} and the waveform begins at "
+            f"{_text(first, quantity)}: at most {_text(allowed, quantity)} may lie between, so "
+            "move it there first"
+        )
+
+
+def _text(value: float, quantity: Quantity) -> str:
+    return f"{value:.6g} V" if quantity == "voltage" else f"{value * 1e6:.6g} um"
+
+
+def _span(bounds: tuple[float, float], quantity: Quantity) -> str:
+    scale = 1.0 if quantity == "voltage" else 1e6
+    return f"{bounds[0] * scale:.6g} to {_text(bounds[1], quantity)}"

@@ -7,8 +7,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError
-from flexstage.instruments.checks import check_position, check_voltage
-from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.limits import AxisLimits, check_position, check_voltage
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.instruments.waveform import Quantity, Waveform
 

@@ -13,7 +13,7 @@ import numpy as np
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
-from flexstage.instruments.checks import check_position, check_waveform
+from flexstage.instruments.limits import check_position, check_waveform
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.ramp import lead_to, require_loop
 from flexstage.instruments.waveform import Waveform

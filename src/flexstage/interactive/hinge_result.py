@@ -52,7 +52,7 @@ class HingeResult:
 
     def plot(self) -> "Figure":
         """Draw the contour of the notch, in millimetres."""
-        from flexstage.report.figures.notch import draw_notch
+        from flexstage.report.figures.hinges import draw_notch
 
         return draw_notch(self.profile)
 

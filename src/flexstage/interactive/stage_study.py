@@ -61,8 +61,8 @@ class StageStudy:
 
     def write(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write the report and the figures behind it: ``report.html`` and ``results.json``."""
+        from flexstage.files.write import write_files
         from flexstage.report import report_html, results_json, study_results
-        from flexstage.report.files import write_files
 
         results = results_json(study_results(self.study))
         page = report_html(self.study).encode()

@@ -13,9 +13,8 @@ from scipy.linalg import eigh, qr
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.lumped.evaluate import number, starting_values
 from flexstage.lumped.symbolic import DampingKind, SymbolicModel, SymbolicPort
-from flexstage.lumped.symbols import upright
+from flexstage.lumped.symbols import number, starting_values, upright
 from flexstage.lumped.symmetry import Mirror, find_mirror
 
 

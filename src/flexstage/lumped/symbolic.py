@@ -22,16 +22,15 @@ import sympy as sp
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.lumped.evaluate import number, starting_values
-from flexstage.lumped.hinge_block import generic_hinge
-from flexstage.lumped.rigid_bodies import Mechanism, Sight, mechanism
-from flexstage.lumped.symbolic_assembly import (
+from flexstage.lumped.hinge_block import (
     HingeConstants,
     assemble_blocks,
+    generic_hinge,
     hinge_constants,
     sight_vector,
 )
-from flexstage.lumped.symbols import SymbolTable
+from flexstage.lumped.rigid_bodies import Mechanism, Sight, mechanism
+from flexstage.lumped.symbols import SymbolTable, number, starting_values
 from flexstage.stage.model import Stage
 
 DampingKind = Literal["none", "hinge", "rayleigh"]

@@ -17,10 +17,10 @@ from flexstage.centring.rotary_table import CentreReading, table_reading
 from flexstage.centring.virtual_table import VirtualTable
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
+from flexstage.files.write import write_whole
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.instruments.ramp import lead_to
 from flexstage.plans.axis_limits import AxisSetting, axis_setting, estimated_stroke
-from flexstage.plans.files import write_text
 from flexstage.plans.recorded_command import park, prepare_loops
 from flexstage.plans.results import CentredStep
 from flexstage.plans.run_context import RunContext
@@ -222,7 +222,8 @@ def centre_scale(context: RunContext, name: str, action: Centre) -> Path:
         notes=_NOTES,
     )
     target = context.folder / "records" / f"{name}.json"
-    write_text(target, json.dumps(asdict(result), indent=1) + "\n")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(target, json.dumps(asdict(result), indent=1) + "\n")
     return target
 
 

@@ -1,37 +1,22 @@
 """The file of a plan."""
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
-from flexstage.choose import nearest, unknown
-from flexstage.errors import FlexstageError, PlanError
-from flexstage.plans.excite import EXCITATIONS
-from flexstage.plans.plan import Defaults, Plan, SensorEntry, Step, problems
+from flexstage.choose import nearest
+from flexstage.errors import PlanError
+from flexstage.files.decoder import Decoder, read, read_file
+from flexstage.files.format import Form, Format, check_name
+from flexstage.files.nodes import Mapping, Node, Sequence
+from flexstage.plans.excite import EXCITATIONS, Excite
+from flexstage.plans.plan import Plan, SensorEntry, Step, problems
 from flexstage.plans.verbs import Centre, Characterise, Compensate, Identify, Measure, Verify
-from flexstage.stage.decoder import Decoder
-from flexstage.stage.field_types import check_name
-from flexstage.stage.yaml_reader import Mapping as MappingNode
-from flexstage.stage.yaml_reader import Node, Scalar, Sequence, parse_yaml, read_text
 
-_VERSION = 1
-_VERBS: dict[str, type] = {
-    v.verb: v for v in (Measure, Characterise, Identify, Compensate, Verify, Centre)
+_VERBS: dict[str, Any] = {
+    "excite": Excite,
+    **{v.verb: v for v in (Measure, Characterise, Identify, Compensate, Verify, Centre)},
 }
-_HEAD = ("plan", "title", "stage", "serial_number", "sensors", "defaults", "steps", "notes")
-
-
-@dataclass(slots=True)
-class _PlanDecoder(Decoder):
-    """A decoder whose errors are those of a plan."""
-
-    def refuse(
-        self, node: Node, path: str, message: str, error: type[Exception] = PlanError
-    ) -> NoReturn:
-        wanted = PlanError if issubclass(error, FlexstageError) else error
-        where = f", {path}" if path else ""
-        raise wanted(f"{self.source}, line {node.line}{where}: {message}")
 
 
 def ready_plans() -> dict[str, Path]:
@@ -103,8 +88,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
         There is no such file, or it describes no possible plan; the message is one sentence with
         file, line and key.
     """
-    text = read_text(Path(path), "plan", PlanError)
-    return plan_from_text(text, source=os.fspath(path))
+    return _plan(*read_file(Path(path), PLAN_FILE))
 
 
 def plan_from_text(text: str, *, source: str = "plan") -> Plan:
@@ -124,64 +108,36 @@ def plan_from_text(text: str, *, source: str = "plan") -> Plan:
     >>> plan.axis_of("motion"), plan.step("loops").action.rate
     ('x', 0.5)
     """
-    root = parse_yaml(text, source, "plan", PlanError)
-    decoder = _PlanDecoder(source)
-    if not isinstance(root, MappingNode) or "plan" not in root.items:
-        decoder.refuse(root, "", "a plan begins with 'plan: 1'")
-    version: Any = decoder.decode(float, root.items["plan"], "plan")
-    if version != _VERSION:
-        decoder.refuse(
-            root.items["plan"],
-            "plan",
-            f"version {version:g} is not known: this flexstage reads version {_VERSION}",
-        )
-    decoder.check_keys(root, "", list(_HEAD))
-    for key in ("stage", "steps"):
-        if key not in root.items:
-            decoder.refuse(root, "", f"'{key}' is missing")
-    sensors = _optional(decoder, root, "sensors", tuple[SensorEntry, ...], ())
-    steps = _steps(decoder, root.items["steps"], sensors)
-    try:
-        return Plan(
-            stage=decoder.decode(str, root.items["stage"], "stage"),
-            title=_optional(decoder, root, "title", str, ""),
-            serial_number=_optional(decoder, root, "serial_number", str, ""),
-            sensors=sensors,
-            defaults=_optional(decoder, root, "defaults", Defaults, Defaults()),
-            steps=steps,
-            notes=_optional(decoder, root, "notes", tuple[str, ...], ()),
-        )
-    except FlexstageError as error:
-        if str(error).startswith(source):
-            raise
-        decoder.refuse(root, "", str(error))
+    return _plan(*read(text, source, PLAN_FILE))
 
 
-def _optional(decoder: Decoder, root: MappingNode, key: str, kind: Any, usual: Any) -> Any:
-    node = root.items.get(key)
-    return usual if node is None else decoder.decode(kind, node, key)
+def _plan(decoder: Decoder, root: Mapping) -> Plan:
+    sensors = root.items.get("sensors")
+    known = () if sensors is None else decoder.decode(tuple[SensorEntry, ...], sensors, "sensors")
+    listed = root.items.get("steps")
+    if "stage" in root.items and listed is not None:
+        if not isinstance(listed, Sequence) or not listed.items:
+            sentence = "expected a list of steps, each with a name and a verb"
+            decoder.refuse(listed, "steps", sentence)
+        # what is wrong between steps is told at the step
+        steps = decoder.decode(tuple[Step, ...], listed, "steps")
+        for k, message in problems(steps, known):
+            decoder.refuse(listed.items[k], f"steps[{k}]", message)
+    return decoder.build(Plan, root, "")
 
 
-def _steps(decoder: Decoder, node: Node, sensors: tuple[SensorEntry, ...]) -> tuple[Step, ...]:
-    if not isinstance(node, Sequence) or not node.items:
-        decoder.refuse(node, "steps", "expected a list of steps, each with a name and a verb")
-    steps = tuple(_step(decoder, item, f"steps[{k}]") for k, item in enumerate(node.items))
-    for k, message in problems(steps, sensors):
-        decoder.refuse(node.items[k], f"steps[{k}]", message)
-    return steps
-
-
-def _step(decoder: Decoder, node: Node, path: str) -> Step:
-    if not isinstance(node, MappingNode):
+def _read_step(decoder: Decoder, node: Node, path: str, _base: Any) -> Step:
+    if not isinstance(node, Mapping):
         decoder.refuse(node, path, "a step is a mapping of its name and a verb")
-    decoder.check_keys(node, path, ["name", "excite", *_VERBS])
+    decoder.check_keys(node, path, ["name", *_VERBS])
     if "name" not in node.items:
         decoder.refuse(node, path, "'name' is missing")
-    name = decoder.decode(str, node.items["name"], f"{path}.name")
-    check_name(name, lambda text: decoder.refuse(node.items["name"], f"{path}.name", text))
+    place = node.items["name"]
+    name = decoder.text(place, f"{path}.name")
+    check_name(name, lambda text: decoder.refuse(place, f"{path}.name", text))
     if any(c in name for c in '/\\:. *?"<>|'):
         decoder.refuse(
-            node.items["name"],
+            place,
             f"{path}.name",
             f"a step names its files: no space, dot, colon, slash or other mark that files cannot "
             f"have may be in '{name}'",
@@ -191,25 +147,37 @@ def _step(decoder: Decoder, node: Node, path: str) -> Step:
         decoder.refuse(
             node,
             path,
-            f"step '{name}' needs one verb of excite, {', '.join(_VERBS)}, got "
+            f"step '{name}' needs one verb of {', '.join(_VERBS)}, got "
             f"{', '.join(verbs) or 'none'}",
         )
     verb = verbs[0]
     inner, here = node.items[verb], f"{path}.{verb}"
-    if not isinstance(inner, MappingNode):
+    if not isinstance(inner, Mapping):
         decoder.refuse(inner, here, f"{verb} is a mapping of its options")
-    if verb != "excite":
-        return Step(name=name, action=decoder.build(_VERBS[verb], inner, here))
-    return Step(name=name, action=_excitation(decoder, inner, here))
+    return Step(name=name, action=decoder.decode(_VERBS[verb], inner, here))
 
 
-def _excitation(decoder: Decoder, node: MappingNode, path: str) -> Any:
-    listed = ", ".join(EXCITATIONS)
-    if "kind" not in node.items:
-        decoder.refuse(node, path, f"'kind' is missing (one of {listed})")
-    place = node.items["kind"]
-    kind = place.text if isinstance(place, Scalar) else ""
-    if kind not in EXCITATIONS:
-        decoder.refuse(place, f"{path}.kind", unknown("kind", kind, EXCITATIONS, 0.4))
-    rest = {key: value for key, value in node.items.items() if key != "kind"}
-    return decoder.build(EXCITATIONS[kind], MappingNode(node.line, rest, node.key_lines), path)
+def _step_schema(builder: Any) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "description": "A step: its name and one verb with its options.",
+        "properties": {
+            "name": {"type": "string", "description": "Its name, which names its files."},
+            **{verb: builder.of(kind) for verb, kind in _VERBS.items()},
+        },
+        "additionalProperties": False,
+        "required": ["name"],
+        "minProperties": 2,
+        "maxProperties": 2,
+    }
+
+
+#: The kind of file that holds a plan.
+PLAN_FILE = Format(
+    noun="plan",
+    key="plan",
+    error=PlanError,
+    only=True,
+    families={Excite: EXCITATIONS},
+    forms={Step: Form(read=_read_step, schema=_step_schema)},
+)

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from flexstage.errors import PlanError
+from flexstage.files.write import write_whole
 from flexstage.hysteresis import ModelFile, identify, model_text, read_model_file
-from flexstage.plans.files import write_text
 from flexstage.plans.results import CharacterisedStep, IdentifiedStep
 from flexstage.plans.run_context import RunContext
 from flexstage.plans.verbs import Identify
@@ -50,7 +50,8 @@ def identify_model(context: RunContext, name: str, action: Identify) -> Path:
         },
     )
     target = context.folder / "models" / f"{name}.yaml"
-    write_text(target, model_text(file))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(target, model_text(file))
     return target
 
 
@@ -62,8 +63,8 @@ def _resonance(context: RunContext, name: str, action: Identify) -> tuple[float,
     if not isinstance(found, CharacterisedStep):
         raise PlanError(f"step '{action.resonance}' has found no resonance")
     axis = context.plan.axis_of(name)
-    frequency = found.found.figure("natural_frequency_hz", axis).estimate.value
-    return frequency, found.found.figure("damping_ratio", axis).estimate.value
+    frequency = found.found.figure("natural_frequency_hz", axis).value
+    return frequency, found.found.figure("damping_ratio", axis).value
 
 
 def identified_from(context: RunContext, name: str, action: Identify, file: Path) -> IdentifiedStep:

@@ -6,8 +6,6 @@ from typing import Annotated
 
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
-from flexstage.experiment.campaign.plan import SensorSpecification
-from flexstage.experiment.uncertainty.sensor import SensorSetup
 from flexstage.plans.excite import Blows, Corners, EqualCycles, Excite
 from flexstage.plans.verbs import (
     Centre,
@@ -17,6 +15,7 @@ from flexstage.plans.verbs import (
     Measure,
     Verify,
 )
+from flexstage.sensor import SensorSpecification
 from flexstage.units import DIMENSIONS
 
 Action = Excite | Measure | Characterise | Identify | Compensate | Verify | Centre
@@ -32,7 +31,7 @@ class SensorEntry(SensorSpecification):
     """``m`` or ``rad``."""
 
     def __post_init__(self) -> None:
-        _ = self.instrument  # checks them
+        SensorSpecification.__post_init__(self)
         if not (self.channel >= 1 and self.channel == int(self.channel)):
             raise PlanError(
                 f"the channel of sensor '{self.name}' must be a whole number from 1, got "
@@ -42,12 +41,8 @@ class SensorEntry(SensorSpecification):
             raise PlanError(f"sensor '{self.name}' reads m or rad, got '{self.unit}'")
 
     @property
-    def setup(self) -> SensorSetup:
-        return self.instrument.setup
-
-    @property
     def instrument(self) -> SensorSpecification:
-        """What is known of its errors."""
+        """The same without its channel."""
         return SensorSpecification(
             **{f.name: getattr(self, f.name) for f in fields(SensorSpecification)}
         )

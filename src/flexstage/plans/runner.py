@@ -16,6 +16,7 @@ from pathlib import Path
 import flexstage
 from flexstage import progress
 from flexstage.errors import FlexstageError, PlanError
+from flexstage.files.write import write_whole
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.lock import stage_lock
 from flexstage.instruments.protocol import Identity, Instrument
@@ -24,7 +25,6 @@ from flexstage.plans.carry_out import carry_out, result_of
 from flexstage.plans.cataloguing import enter_all
 from flexstage.plans.command import CommandWaveform, Strike
 from flexstage.plans.dry_run import dry_run, natural_frequency
-from flexstage.plans.files import write_text
 from flexstage.plans.plan import Plan, SensorEntry, Step
 from flexstage.plans.results import PlanResult
 from flexstage.plans.results_file import results_text
@@ -186,7 +186,7 @@ def run_plan(
         steps=tuple(context.results[s.name] for s in plan.steps if s.name in context.results),
         notes=(*_notes(context), *told),
     )
-    write_text(where / "results.json", results_text(result))
+    write_whole(where / "results.json", results_text(result))
     return result
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from flexstage.errors import PlanError, RecordError
-from flexstage.plans.files import write_text
+from flexstage.files.write import write_whole
 
 _NAME = "run.json"
 _VERSION = 1
@@ -79,7 +79,7 @@ def file_hash(path: Path) -> str:
 
 def write_state(folder: Path, state: RunState) -> None:
     """Write the state whole, or leave the one that is there."""
-    write_text(folder / _NAME, json.dumps({"run": _VERSION, **asdict(state)}, indent=1) + "\n")
+    write_whole(folder / _NAME, json.dumps({"run": _VERSION, **asdict(state)}, indent=1) + "\n")
 
 
 def read_state(folder: Path) -> RunState | None:

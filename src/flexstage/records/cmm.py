@@ -8,19 +8,21 @@ from pathlib import Path
 import numpy as np
 
 from flexstage.errors import RecordError
-from flexstage.records.cmm_numbers import decimal_sign, is_difference, printed_number
 from flexstage.records.cmm_report import has_report, read_report
 from flexstage.records.cmm_words import (
     ANGLES,
     AXES,
     CoordinateReading,
     axis_name,
+    decimal_sign,
+    is_difference,
+    printed_number,
     printed_unit,
     role,
 )
 from flexstage.records.columns import Column, FileColumns
 from flexstage.records.text_heading import split_line
-from flexstage.records.text_lines import text_lines
+from flexstage.records.text_rows import text_lines
 
 _NEEDED = ("feature", "axis", "nominal", "measured")
 _DELIMITERS = ("\t", ";", "|", ",", None)

@@ -5,12 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexstage.errors import RecordError
-from flexstage.records.cmm_numbers import decimal_sign, is_difference, printed_number
 from flexstage.records.cmm_words import (
     AXES,
     LEFT_OUT,
     CoordinateReading,
     axis_name,
+    decimal_sign,
+    is_difference,
+    printed_number,
     printed_unit,
     role,
 )

@@ -5,7 +5,7 @@ from pathlib import Path
 from flexstage.errors import RecordError
 from flexstage.records.cmm import is_coordinate_report
 from flexstage.records.gcs_array import is_gcs_array
-from flexstage.records.text_lines import decoded
+from flexstage.records.text_rows import decoded
 from flexstage.records.touchstone import is_touchstone
 from flexstage.records.universal_sets import is_universal
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumns, labelled
-from flexstage.records.text_lines import text_lines
+from flexstage.records.text_rows import text_lines
 
 _KEY = re.compile(r"#\s*(?:REM\s+)?([A-Z_]+[0-9]*)\s*=\s*(.*)")
 _KEYS = re.compile(r"^#\s*(SEPARATOR|DIM|NDATA|SAMPLE_TIME|END_HEADER)\b", re.MULTILINE)

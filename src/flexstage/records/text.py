@@ -12,7 +12,6 @@ from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.records.columns import Column, FileColumns, complex_parts, labelled
 from flexstage.records.text_heading import COMMENT_MARKS, X_VALUE, Heading, heading_of
-from flexstage.records.text_lines import text_lines
 from flexstage.records.text_rows import (
     COMPLEX,
     NUMBER,
@@ -23,6 +22,7 @@ from flexstage.records.text_rows import (
     is_comment,
     is_missing,
     row_of,
+    text_lines,
 )
 
 _DELIMITER_NAMES = {"tab": "\t", "comma": ",", "semicolon": ";", "space": None, " ": None}

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
 from flexstage.records.columns import Column, FileColumns, complex_parts
-from flexstage.records.text_lines import text_lines
+from flexstage.records.text_rows import text_lines
 
 _OPTIONS = re.compile(
     r"^[ \t]*#[ \t]*(?:(?P<unit>[kMG]?hz)\b)?[ \t]*(?:(?P<kind>[syzhg])\b)?[ \t]*"

@@ -1,17 +1,15 @@
 """Writing a record: CSV, NumPy, HDF5 and MATLAB, all of which `read_record` reads back."""
 
-import contextlib
 import csv
 import io
-import os
 import re
-import tempfile
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
+from flexstage.files.write import write_whole
 from flexstage.records.record import Channel, Record
 from flexstage.records.text_heading import COMMENT_MARKS
 
@@ -73,27 +71,8 @@ def write_record(record: Record, path: str | Path) -> Path:
             "format"
         )
     content = record_bytes(record, known)
-    try:
-        _replace(target, content)
-    except OSError as error:
-        raise RecordError(f"'{target}' cannot be written: {error.strerror or error}") from error
+    write_whole(target, content, RecordError)
     return target
-
-
-def _replace(target: Path, content: bytes) -> None:
-    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
-    draft = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-        # a draft is private to its owner; a record is as readable as any new file
-        mask = os.umask(0)
-        os.umask(mask)
-        draft.chmod(0o666 & ~mask)
-        draft.replace(target)
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            draft.unlink()
 
 
 def _with_time(record: Record) -> tuple[Channel, ...]:

@@ -11,23 +11,26 @@ if TYPE_CHECKING:
     from flexstage.report.figures.centring import draw_polar
     from flexstage.report.figures.compensation import draw_compensation
     from flexstage.report.figures.convergence import draw_convergence
-    from flexstage.report.figures.decay import draw_ring_down
     from flexstage.report.figures.drawing import draw_stage
-    from flexstage.report.figures.fe_modes import draw_fe_modes
+    from flexstage.report.figures.fields import draw_fe_modes
     from flexstage.report.figures.following import draw_drive_fit, draw_following
-    from flexstage.report.figures.identification import draw_identification
+    from flexstage.report.figures.hinges import draw_notch, draw_stress
+    from flexstage.report.figures.identification import draw_identification, draw_prediction
     from flexstage.report.figures.measured_response import draw_response
-    from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
+    from flexstage.report.figures.modal_fit import (
+        draw_modal_fit,
+        draw_ring_down,
+        draw_stabilisation,
+    )
+    from flexstage.report.figures.motion_error import (
+        draw_motion_error,
+        draw_positioning,
+        draw_workspace,
+    )
     from flexstage.report.figures.neck_stress import draw_neck_stress
     from flexstage.report.figures.noise import draw_hold, draw_staircase
-    from flexstage.report.figures.notch import draw_notch
     from flexstage.report.figures.part import draw_part
-    from flexstage.report.figures.positioning import draw_positioning
-    from flexstage.report.figures.prediction import draw_prediction
-    from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
-    from flexstage.report.figures.static_shape import draw_static_shape
-    from flexstage.report.figures.stress_bars import draw_stress
-    from flexstage.report.figures.stroke import draw_stroke
+    from flexstage.report.figures.static_shape import draw_static_shape, draw_stroke
     from flexstage.report.figures.style import encode
     from flexstage.report.html import report_html
     from flexstage.report.measurement import MeasurementComparison, compare_measurement

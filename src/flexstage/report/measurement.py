@@ -1,17 +1,20 @@
-"""What was measured of a stage, beside what models and publications say of it."""
+"""What was measured of a stage, beside models and publications; positioning as ISO 230-2 has it."""
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
-from flexstage.characteristic import Characteristic, Characteristics
+from flexstage.characteristic import Characteristic, Characteristics, MeasuredCharacteristic
+from flexstage.estimate import Estimate
+from flexstage.experiment.motion.positioning import Positioning
 from flexstage.experiment.significance import Difference, difference
-from flexstage.quantities import display
-from flexstage.report.positioning_tables import positioning_data
+from flexstage.quantities import display, prefixed
 
 if TYPE_CHECKING:
-    from flexstage.experiment.campaign.results import Characterisation, Figure, TestResult
+    from flexstage.experiment.campaign.results import Characterisation, TestResult
     from flexstage.stage import Stage
+
 
 #: Quantities whose measured value has no sign.
 _RANGES = frozenset(("parasitic_rotation",))
@@ -21,7 +24,7 @@ _RANGES = frozenset(("parasitic_rotation",))
 class MeasuredRow:
     """One measured figure, and how far it is from what others say."""
 
-    figure: "Figure"
+    figure: MeasuredCharacteristic
     """The figure."""
     references: Mapping[str, Characteristic]
     """What others say, by origin."""
@@ -91,11 +94,9 @@ def compare_with_references(
     left_out: Mapping[str, str] | None = None,
 ) -> MeasurementComparison:
     """Compare what was measured with rows that models or publications have given."""
-    measured = {(row.quantity, row.axis): row for row in found.characteristics}
     rows = []
     present: dict[str, None] = {}
     for figure in found.figures:
-        own = measured[figure.quantity, figure.axis]
         given: dict[str, Characteristic] = {}
         for row in references.select(figure.quantity, figure.axis):
             if row.origin == found.campaign.origin:
@@ -107,7 +108,7 @@ def compare_with_references(
             MeasuredRow(
                 figure=figure,
                 references=given,
-                differences={origin: _compared(own, row) for origin, row in given.items()},
+                differences={origin: _compared(figure, row) for origin, row in given.items()},
             )
         )
     order = {row.origin: i for i, row in reversed(list(enumerate(references)))}
@@ -160,18 +161,17 @@ def _details(result: "TestResult") -> dict[str, Any]:
 
 
 def _row(row: MeasuredRow) -> dict[str, Any]:
-    estimate = row.figure.estimate
-    low, high = estimate.interval()
+    figure = row.figure
     return {
-        "quantity": row.figure.quantity,
-        "axis": row.figure.axis,
-        "value": estimate.value,
-        "unit": estimate.unit,
-        "uncertainty": estimate.uncertainty,
-        "degrees_of_freedom": _finite(estimate.degrees_of_freedom),
-        "interval": [low, high],
-        "test": row.figure.test,
-        "note": estimate.note,
+        "quantity": figure.quantity,
+        "axis": figure.axis,
+        "value": figure.value,
+        "unit": figure.unit,
+        "uncertainty": figure.uncertainty,
+        "degrees_of_freedom": figure.degrees_of_freedom,
+        "interval": list(figure.estimate.interval()),
+        "test": figure.test,
+        "note": figure.note,
         "budget": [
             {
                 "name": c.name,
@@ -179,7 +179,7 @@ def _row(row: MeasuredRow) -> dict[str, Any]:
                 "degrees_of_freedom": _finite(c.degrees_of_freedom),
                 "kind": c.kind,
             }
-            for c in estimate.components
+            for c in figure.components
         ],
         "differences": {
             origin: {
@@ -196,3 +196,109 @@ def _row(row: MeasuredRow) -> dict[str, Any]:
 
 def _finite(value: float) -> float | None:
     return None if value == float("inf") else value
+
+
+#: Figures of an axis: symbol, name, field of both directions; upward and downward have suffixes.
+_AXIS: tuple[tuple[str, str, str], ...] = (
+    ("A", "accuracy", "accuracy"),
+    ("R", "repeatability", "repeatability"),
+    ("E", "systematic deviation", "systematic"),
+    ("M", "mean bidirectional deviation", "mean_deviation"),
+    ("B", "reversal value", "reversal"),
+    ("B̄", "mean reversal value", "mean_reversal"),
+)
+#: Digits of A that are shown, which is one more than machines are tested to.
+_DIGITS = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PositioningTables:
+    """The two tables of a test: figures of the axis, and values at the targets."""
+
+    unit: str
+    """Unit of all figures but the targets."""
+    axis_heads: tuple[str, ...]
+    """Headings of the columns of `axis`."""
+    axis: tuple[tuple[str, ...], ...]
+    """A row of cells for each figure of the axis."""
+    target_heads: tuple[str, ...]
+    """Headings of the columns of `targets`."""
+    targets: tuple[tuple[str, ...], ...]
+    """A row of cells for each target."""
+
+
+def positioning_tables(found: Positioning) -> PositioningTables:
+    """Write the figures of an axis and of its targets, in unit and decimals of the accuracy."""
+    accuracy = abs(found.accuracy.value)
+    factor, prefix = prefixed(accuracy)
+    shown = factor * accuracy
+    digits = _DIGITS - 1 - math.floor(math.log10(shown)) if shown > 0.0 else 0
+    decimals = min(max(digits, 0), _DIGITS - 1)  # of exact positions what is left is rounding
+
+    def text(value: float) -> str:
+        return f"{factor * value:.{decimals}f}".replace("-", "−")
+
+    def given(name: str) -> tuple[str, ...]:
+        estimate = getattr(found, name, None)
+        return ("", "") if estimate is None else (text(estimate.value), _short(estimate, factor))
+
+    across, of_target = prefixed(float(abs(found.target).max()))
+    columns = (
+        found.mean_upward, found.mean_downward, found.mean_bidirectional, found.reversal_at_targets,
+        found.spread_upward, found.spread_downward, 4.0 * found.spread_upward,
+        4.0 * found.spread_downward, found.repeatability_at_targets,
+    )  # fmt: skip
+    pm = "± (95 %)"
+    return PositioningTables(
+        unit=f"{prefix}m",
+        axis_heads=("", "ISO 230-2", "upward", pm, "downward", pm, "both", pm),
+        axis=tuple(
+            (symbol, label, *given(f"{name}_upward"), *given(f"{name}_downward"), *given(name))
+            for symbol, label, name in _AXIS
+        ),
+        target_heads=(
+            f"target [{of_target}m]", "x̄ ↑", "x̄ ↓", "x̄", "B", "s ↑", "s ↓", "R ↑", "R ↓", "R",
+        ),
+        targets=tuple(
+            (f"{across * at:.7g}".replace("-", "−"), *(text(float(v[i])) for v in columns))
+            for i, at in enumerate(found.target)
+        ),
+    )  # fmt: skip
+
+
+def positioning_data(found: Positioning) -> dict[str, Any]:
+    """Return everything that a test of positioning gave as plain data, in SI units."""
+    figures = {
+        f.name: value
+        for f in fields(found)
+        if isinstance(value := getattr(found, f.name), Estimate)
+    }
+    at_targets = {
+        "target": found.target,
+        "mean_upward": found.mean_upward,
+        "mean_downward": found.mean_downward,
+        "mean_bidirectional": found.mean_bidirectional,
+        "reversal": found.reversal_at_targets,
+        "spread_upward": found.spread_upward,
+        "spread_downward": found.spread_downward,
+        "repeatability_upward": 4.0 * found.spread_upward,
+        "repeatability_downward": 4.0 * found.spread_downward,
+        "repeatability": found.repeatability_at_targets,
+    }
+    return {
+        "runs": found.runs,
+        "figures": {
+            name: {
+                "value": e.value,
+                "unit": e.unit,
+                "uncertainty": e.uncertainty,
+                "interval": list(e.interval()),
+            }
+            for name, e in figures.items()
+        },
+        "targets": {name: values.tolist() for name, values in at_targets.items()},
+    }
+
+
+def _short(estimate: Estimate, factor: float) -> str:
+    return f"{float(f'{factor * estimate.expanded:.2g}'):g}"

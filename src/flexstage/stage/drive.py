@@ -1,7 +1,7 @@
-"""What pushes a stage: a spring between two bodies with a commanded free displacement."""
+"""What pushes a stage: the part that one buys, and the spring that it is between two bodies."""
 
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, ClassVar
 
 from flexstage.errors import StageError
 from flexstage.stage.outline import Point
@@ -9,30 +9,10 @@ from flexstage.units import DIMENSIONS, Length, Stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Drive:
-    """What every drive has; use one of its kinds.
-
-    Notes
-    -----
-    Push and reaction act along one line, which goes through the pushed point in the direction of
-    the drive and turns with the reacting body. The point on the reacting body says where the drive
-    stands; `flexstage.stage.check` warns where it is further from that line than the patch reaches.
-    """
+class Actuator:
+    """What every actuator has, wherever it stands; use one of its kinds."""
 
     kind: ClassVar[str]
-
-    name: str
-    """Its name."""
-    pushes: str
-    """The body that it moves."""
-    reacts: str
-    """The body that it stands on."""
-    at: tuple[Point, Point]
-    """The points on the pushed and on the reacting body [m]."""
-    direction: Annotated[float, DIMENSIONS["angle"]]
-    """Direction in which it pushes, from the x axis to the left [rad]."""
-    patch_half_width: Length = 3e-3
-    """Half of the width over which the force is spread [m]."""
 
     @property
     def stroke(self) -> float | None:
@@ -46,23 +26,14 @@ class Drive:
 
     @property
     def spring(self) -> float | None:
-        """Stiffness of the drive itself [N/m]; None if rigid or not given, 0 for a force."""
+        """Stiffness of the actuator itself [N/m]; None if rigid or not given, 0 for a force."""
         return None
 
-    def _positive(self, *names: str) -> None:
-        for name in ("patch_half_width", *names):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < float("inf"):
-                raise StageError(
-                    f"drive '{self.name}': {name} must be positive and finite, got {value!r}"
-                )
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScrewActuator(Actuator):
+    """An adjustment screw."""
 
-@dataclass(frozen=True, kw_only=True)
-class ScrewProperties:
-    """What an adjustment screw is, wherever it stands."""
-
-    __slots__ = ()
     kind: ClassVar[str] = "screw"
 
     pitch: Length
@@ -75,14 +46,6 @@ class ScrewProperties:
     """Axial stiffness of screw and nut [N/m]; rigid where not given."""
     largest_speed: Annotated[float, DIMENSIONS["speed"]] | None = None
     """Largest speed at which it may be turned, as its advance [m/s]."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Screw(ScrewProperties, Drive):
-    """An adjustment screw."""
-
-    def __post_init__(self) -> None:
-        self._positive("pitch", "smallest_step", "travel", "stiffness", "largest_speed")
 
     @property
     def stroke(self) -> float | None:
@@ -97,11 +60,10 @@ class Screw(ScrewProperties, Drive):
         return self.stiffness
 
 
-@dataclass(frozen=True, kw_only=True)
-class StackProperties:
-    """What a piezoelectric stack is, wherever it stands."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StackActuator(Actuator):
+    """A piezoelectric stack."""
 
-    __slots__ = ()
     kind: ClassVar[str] = "piezo"
 
     free_stroke: Length
@@ -117,18 +79,6 @@ class StackProperties:
     largest_slew: Annotated[float, DIMENSIONS["slew rate"]] | None = None
     """Largest rate at which its voltage may change [V/s]."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PiezoStack(StackProperties, Drive):
-    """A piezoelectric stack."""
-
-    def __post_init__(self) -> None:
-        self._positive("free_stroke", "stiffness", "blocking_force", "capacitance", "largest_slew")
-        if self.voltage_range is not None and not self.voltage_range[0] < self.voltage_range[1]:
-            raise StageError(
-                f"drive '{self.name}': voltage_range must rise, got {self.voltage_range!r} V"
-            )
-
     @property
     def stroke(self) -> float | None:
         return self.free_stroke
@@ -138,24 +88,89 @@ class PiezoStack(StackProperties, Drive):
         return self.stiffness
 
 
-@dataclass(frozen=True, kw_only=True)
-class ForceProperties:
-    """What a source of force is, wherever it stands."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VoiceCoil(Actuator):
+    """A source of force that does not depend on displacement."""
 
-    __slots__ = ()
     kind: ClassVar[str] = "force"
 
     largest_force: Annotated[float, DIMENSIONS["force"]]
     """Largest force [N]."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Force(ForceProperties, Drive):
-    """A force that does not depend on displacement, such as a voice coil's."""
-
-    def __post_init__(self) -> None:
-        self._positive("largest_force")
-
     @property
     def spring(self) -> float | None:
         return 0.0
+
+
+#: An actuator of any kind, told apart by ``kind``.
+AnyActuator = ScrewActuator | StackActuator | VoiceCoil
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive(Actuator):
+    """What every drive has: an actuator and its place in a stage; use one of its kinds.
+
+    Notes
+    -----
+    Push and reaction act along one line, which goes through the pushed point in the direction of
+    the drive and turns with the reacting body. The point on the reacting body says where the drive
+    stands; `flexstage.stage.check` warns where it is further from that line than the patch reaches.
+    """
+
+    __slots__ = ()  # a kind has room for these fields beside those of its actuator
+
+    name: str
+    """Its name."""
+    pushes: str
+    """The body that it moves."""
+    reacts: str
+    """The body that it stands on."""
+    at: tuple[Point, Point]
+    """The points on the pushed and on the reacting body [m]."""
+    direction: Annotated[float, DIMENSIONS["angle"]]
+    """Direction in which it pushes, from the x axis to the left [rad]."""
+    patch_half_width: Length = 3e-3
+    """Half of the width over which the force is spread [m]."""
+
+    def __post_init__(self) -> None:
+        place = [f.name for f in fields(Drive) if f.name != "patch_half_width"]
+        for name in (f.name for f in fields(self) if f.name not in place):
+            value = getattr(self, name)
+            if name == "voltage_range" or value is None:
+                continue
+            if not 0.0 < value < float("inf"):
+                raise StageError(
+                    f"drive '{self.name}': {name} must be positive and finite, got {value!r}"
+                )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Screw(ScrewActuator, Drive):
+    """An adjustment screw."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PiezoStack(StackActuator, Drive):
+    """A piezoelectric stack."""
+
+    def __post_init__(self) -> None:
+        Drive.__post_init__(self)
+        if self.voltage_range is not None and not self.voltage_range[0] < self.voltage_range[1]:
+            raise StageError(
+                f"drive '{self.name}': voltage_range must rise, got {self.voltage_range!r} V"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Force(VoiceCoil, Drive):
+    """A force that does not depend on displacement, such as a voice coil's."""
+
+
+#: Kinds of drives, as files name them.
+DRIVES: dict[str, type[Drive]] = {kind.kind: kind for kind in (Screw, PiezoStack, Force)}
+
+
+def placed(actuator: AnyActuator, **place: Any) -> Drive:
+    """Put an actuator into a stage; `place` holds the fields that every `Drive` has."""
+    own = {f.name: getattr(actuator, f.name) for f in fields(actuator)}
+    return DRIVES[actuator.kind](**place, **own)

@@ -10,7 +10,7 @@ from flexstage.control.trajectories.trajectory import (
     period_samples,
     smooth_step,
 )
-from flexstage.control.trajectories.turns import (
+from flexstage.control.trajectories.triangle import (
     BEYOND,
     linear_between_turns,
     there_and_back,

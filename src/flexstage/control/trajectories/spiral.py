@@ -15,7 +15,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.control.trajectories.trajectory import Trajectory, period_samples
-from flexstage.control.trajectories.turns import linear_between_turns, there_and_back
+from flexstage.control.trajectories.triangle import linear_between_turns, there_and_back
 from flexstage.errors import ModelError
 
 #: Points of the path from which its time law is inverted.

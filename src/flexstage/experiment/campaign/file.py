@@ -2,17 +2,20 @@
 
 import os
 from pathlib import Path
-from typing import Any
 
 from flexstage.errors import StageError
 from flexstage.experiment.campaign.plan import Campaign
-from flexstage.stage.decoder import Decoder
-from flexstage.stage.encoder import Number, encode
-from flexstage.stage.yaml_reader import Mapping as MappingNode
-from flexstage.stage.yaml_reader import Scalar, parse_yaml, read_text
-from flexstage.stage.yaml_writer import yaml_text
+from flexstage.files.decoder import Decoder, read_file
+from flexstage.files.encoder import Encoder
+from flexstage.files.format import Format
+from flexstage.files.nodes import Mapping, Scalar
 
-_VERSION = 1
+#: The kind of file that describes tests.
+CAMPAIGN_FILE = Format(
+    noun="description of tests",
+    key="campaign",
+    error=StageError,
+)
 
 
 def read_campaign(path: str | os.PathLike[str]) -> Campaign:
@@ -20,38 +23,21 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
 
     Records are still named as in the file; a mistake is named by its line.
     """
-    file = Path(path)
-    source = os.fspath(path)
-    kind = "description of tests"
-    root = parse_yaml(read_text(file, kind), source, kind)
-    decoder = Decoder(source)
-    if not isinstance(root, MappingNode) or "campaign" not in root.items:
-        decoder.refuse(root, "", "a description of tests begins with 'campaign: 1'")
-    version: Any = decoder.decode(float, root.items["campaign"], "campaign")
-    if version != _VERSION:
-        decoder.refuse(
-            root.items["campaign"],
-            "campaign",
-            f"version {version:g} is not known: this flexstage reads version {_VERSION}",
-            StageError,
-        )
-    rest = MappingNode(
-        root.line, {k: v for k, v in root.items.items() if k != "campaign"}, root.key_lines
-    )
-    _check_instruments(decoder, rest)
-    return decoder.build(Campaign, rest, "")
+    decoder, root = read_file(Path(path), CAMPAIGN_FILE)
+    _check_instruments(decoder, root)
+    return decoder.build(Campaign, root, "")
 
 
-def _check_instruments(decoder: Decoder, root: MappingNode) -> None:
+def _check_instruments(decoder: Decoder, root: Mapping) -> None:
     """Refuse an instrument that is not described where a test names it."""
     listed = root.items.get("instruments")
-    known = list(listed.items) if isinstance(listed, MappingNode) else []
+    known = list(listed.items) if isinstance(listed, Mapping) else []
     entries = root.items.get("tests")
-    if not isinstance(entries, MappingNode) or not isinstance(listed, (MappingNode, type(None))):
+    if not isinstance(entries, Mapping) or not isinstance(listed, (Mapping, type(None))):
         return  # the decoder says what is wrong with that
     for name, test in entries.items.items():
         for role in ("along", "transverse", "angle"):
-            node = test.items.get(role) if isinstance(test, MappingNode) else None
+            node = test.items.get(role) if isinstance(test, Mapping) else None
             if isinstance(node, Scalar) and node.value is not None and node.text not in known:
                 decoder.refuse(
                     node,
@@ -66,5 +52,4 @@ def campaign_text(campaign: Campaign) -> str:
 
     `read_campaign` reads it back; what is as usual is left out.
     """
-    data = {"campaign": Number(_VERSION), **encode(Campaign, campaign, None)}
-    return yaml_text(data)
+    return Encoder(CAMPAIGN_FILE).text(campaign)

@@ -3,21 +3,22 @@
 import math
 
 from flexstage.arrays import Array
+from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.loading import column, optional_column
 from flexstage.experiment.campaign.plan import Campaign, Test
-from flexstage.experiment.campaign.results import Figure, TestResult
+from flexstage.experiment.campaign.results import TestResult, figure_of
 from flexstage.experiment.motion.curve_extremes import curve_range
 from flexstage.experiment.motion.curve_fit import fit_motion_curve
 from flexstage.experiment.motion.cycles import MotionCycles, motion_cycles
-from flexstage.experiment.motion.linearity import linearity
 from flexstage.experiment.motion.motion_curve import MotionCurve
-from flexstage.experiment.motion.stroke import stroke
+from flexstage.experiment.motion.stroke import linearity, stroke
 from flexstage.experiment.noise.resolution import screw_resolution
-from flexstage.experiment.uncertainty.sensor import Role, SensorSetup, measured
+from flexstage.experiment.uncertainty.sensor import Role, measured
 from flexstage.quantities import QUANTITIES
 from flexstage.records import Record
+from flexstage.sensor import SensorSpecification
 
 _ROTATIONS = {"roll": "roll", "pitch": "pitch", "yaw": "parasitic_rotation"}
 _REVERSED = "the reading falls as the command rises: the stroke is given as a length"
@@ -86,28 +87,28 @@ def motion_figures(
     cycles = motion_cycles(command)
     found = stroke(command, along, time, cycles=cycles, command_unit=command_unit)
     straight = linearity(found.curve)
-    sensor, side, angle = (campaign.setup(n) for n in (test.along, test.transverse, test.angle))
+    sensor, side, angle = (
+        campaign.instrument(n) for n in (test.along, test.transverse, test.angle)
+    )
     lasting = _half_cycle(cycles, time) if timed else 0.0
-    figures: list[Figure] = []
+    figures: list[MeasuredCharacteristic] = []
 
     def add(
         quantity: str,
         raw: Estimate,
-        setup: SensorSetup | None,
+        instrument: SensorSpecification | None,
         role: Role,
         pitch: Estimate | None = None,
     ) -> None:
         whole = (
-            raw if setup is None else measured(raw, setup, role=role, duration=lasting, pitch=pitch)
+            raw
+            if instrument is None
+            else measured(raw, instrument, role=role, duration=lasting, pitch=pitch)
         )
-        figures.append(
-            Figure(
-                quantity=quantity,
-                axis=test.axis,
-                estimate=_in_unit(whole, quantity, _NOTES[quantity]),
-                test=test.name,
-            )
-        )
+        note = _NOTES[quantity]
+        said = f"{note}; {whole.note}" if whole.note else note
+        whole = whole.times(1.0, QUANTITIES[quantity].unit)
+        figures.append(figure_of(campaign, test, quantity, whole, said))
 
     # a sensor that counts the other way reads the same stroke
     way = math.copysign(1.0, found.stroke.value)
@@ -170,10 +171,3 @@ def _half_cycle(cycles: MotionCycles, time: Array) -> float:
     """Time of one run, over which drift that is not taken off adds up [s]."""
     first, last = int(cycles.runs[0, 0, 0]), int(cycles.runs[-1, -1, 1])
     return float(time[last] - time[first]) / (2 * cycles.count)
-
-
-def _in_unit(estimate: Estimate, quantity: str, note: str) -> Estimate:
-    from dataclasses import replace
-
-    said = f"{note}; {estimate.note}" if estimate.note else note
-    return replace(estimate.times(1.0, QUANTITIES[quantity].unit), note=said)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from flexstage.errors import ModelError
 from flexstage.experiment.motion.approaches import CYCLES
-from flexstage.experiment.uncertainty.sensor import SensorSetup
+from flexstage.sensor import SensorSpecification
 from flexstage.units import DIMENSIONS
 
 #: Kinds of tests, and what each of them is.
@@ -88,48 +88,6 @@ class FileReading:
     """Samples to read, numbered from 0, such as ``400:7200``; either end may be omitted."""
     skip_lines: int = 0
     """Lines to skip at the start of a text file."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorSpecification:
-    """A sensor by name, with what is known of its errors."""
-
-    name: str
-    """Its name."""
-    calibration: float = 0.0
-    """Relative standard uncertainty of its sensitivity [1]."""
-    nonlinearity: float = 0.0
-    """Largest deviation from its line, over its range [1]."""
-    alignment: Annotated[float, DIMENSIONS["angle"]] = 0.0
-    """Standard uncertainty of the angle between its direction and that of the axis [rad]."""
-    abbe_offset: Annotated[float, DIMENSIONS["length"]] = 0.0
-    """Distance of its line from the point that counts [m]."""
-    abbe_uncertainty: Annotated[float, DIMENSIONS["length"]] = 0.0
-    """Standard uncertainty of that distance [m]."""
-    temperature_uncertainty: float = 0.0
-    """Standard uncertainty of the temperature over a test [K]."""
-    expansion: Annotated[float, DIMENSIONS["expansion"]] = 0.0
-    """Expansion of the loop between sensor and stage [1/K]."""
-    length_of_loop: Annotated[float, DIMENSIONS["length"]] = 0.0
-    """Length of that loop [m]."""
-    drift: float = 0.0
-    """Standard uncertainty of the drift that is left [m/s]."""
-    resolution_step: Annotated[float, DIMENSIONS["length"]] = 0.0
-    """Step of its reading [m]."""
-    time_base: float = 0.0
-    """Relative standard uncertainty of the clock that samples it [1]."""
-
-    def __post_init__(self) -> None:
-        try:
-            _ = self.setup
-        except ModelError as error:
-            raise ModelError(f"instrument '{self.name}': {error}") from error
-
-    @property
-    def setup(self) -> SensorSetup:
-        """The same without the name."""
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "name"}
-        return SensorSetup(**values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -267,6 +225,6 @@ class Campaign:
                         f"(there are: {listed})"
                     )
 
-    def setup(self, name: str | None) -> SensorSetup | None:
+    def instrument(self, name: str | None) -> SensorSpecification | None:
         """Return what is known of an instrument; None where none is named."""
-        return next((i.setup for i in self.instruments if i.name == name), None)
+        return next((i for i in self.instruments if i.name == name), None)

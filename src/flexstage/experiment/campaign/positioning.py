@@ -11,12 +11,12 @@ from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.loading import column, runs_of
 from flexstage.experiment.campaign.motion import only
 from flexstage.experiment.campaign.plan import Campaign, Test
-from flexstage.experiment.campaign.results import Figure, TestResult
-from flexstage.experiment.motion.approaches import Approaches, Visits, visits
+from flexstage.experiment.campaign.results import TestResult, figure_of
+from flexstage.experiment.motion.approaches import Approaches, Visits, staircase_dwells, visits
 from flexstage.experiment.motion.positioning import Positioning, positioning
-from flexstage.experiment.motion.staircase_levels import staircase_dwells
-from flexstage.experiment.uncertainty.sensor import SensorSetup, measured
+from flexstage.experiment.uncertainty.sensor import measured
 from flexstage.records import Record
+from flexstage.sensor import SensorSpecification
 
 #: Figures that stand in the table of a stage: quantity, field of `Positioning`, what it is.
 _FIGURES: tuple[tuple[str, str, str], ...] = (
@@ -68,18 +68,13 @@ def evaluate_positioning(test: Test, records: list[Record], campaign: Campaign) 
     reached = _table(test, record, command) if table else _sequence(test, record, command)
     upward, downward, notes = _set_alike(reached, deviations=test.deviations)
     found = positioning(reached.target, upward, downward)
-    sensor = campaign.setup(test.along)
+    sensor = campaign.instrument(test.along)
     if sensor is not None:
         found = _measured(found, sensor)
     return TestResult(
         test=test,
         figures=tuple(
-            Figure(
-                quantity=quantity,
-                axis=test.axis,
-                estimate=replace(getattr(found, name), note=f"{what} of ISO 230-2"),
-                test=test.name,
-            )
+            figure_of(campaign, test, quantity, getattr(found, name), f"{what} of ISO 230-2")
             for quantity, name, what in _FIGURES
         ),
         details={"positioning": found},
@@ -216,7 +211,7 @@ def _set_alike(reached: _Reached, *, deviations: bool) -> tuple[Array, Array, tu
     return reached.upward - zero, reached.downward - zero, (note,)
 
 
-def _measured(found: Positioning, sensor: SensorSetup) -> Positioning:
+def _measured(found: Positioning, sensor: SensorSpecification) -> Positioning:
     """Return the figures with what the sensor adds to their uncertainty.
 
     A figure of deviations along the travel has the error of the length over all of it: a gain that

@@ -2,15 +2,15 @@
 
 import numpy as np
 
+from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.plan import Campaign, Test
-from flexstage.experiment.campaign.results import Figure, TestResult
+from flexstage.experiment.campaign.results import TestResult, figure_of
 from flexstage.experiment.modal.fit import fit_modes
 from flexstage.experiment.modal.result import Mode
 from flexstage.experiment.modal.ring_down import DecayMode, RingDown, ring_down
 from flexstage.experiment.spectra.estimate import estimate_response
-from flexstage.experiment.spectra.from_record import response_from_record
+from flexstage.experiment.spectra.response import response_from_record
 from flexstage.experiment.uncertainty.sensor import measured
 from flexstage.records import Record
 
@@ -98,26 +98,14 @@ def _found(test: Test, modes: tuple[Mode, ...]) -> Mode:
     return mode_of_axis(modes)
 
 
-def _figures(test: Test, campaign: Campaign, mode: Mode | DecayMode) -> tuple[Figure, ...]:
-    sensor = campaign.setup(test.along)
-
-    def whole(raw: Estimate, note: str, *, clocked: bool) -> Estimate:
-        from dataclasses import replace
-
-        seen = raw if sensor is None or not clocked else measured(raw, sensor, role="frequency")
-        return replace(seen, note=note)
-
+def _figures(
+    test: Test, campaign: Campaign, mode: Mode | DecayMode
+) -> tuple[MeasuredCharacteristic, ...]:
+    sensor = campaign.instrument(test.along)
+    frequency = mode.frequency_hz
+    if sensor is not None:
+        frequency = measured(frequency, sensor, role="frequency")
     return (
-        Figure(
-            quantity="natural_frequency_hz",
-            axis=test.axis,
-            estimate=whole(mode.frequency_hz, "undamped, by modal fit", clocked=True),
-            test=test.name,
-        ),
-        Figure(
-            quantity="damping_ratio",
-            axis=test.axis,
-            estimate=whole(mode.damping_ratio, "share of the critical", clocked=False),
-            test=test.name,
-        ),
+        figure_of(campaign, test, "natural_frequency_hz", frequency, "undamped, by modal fit"),
+        figure_of(campaign, test, "damping_ratio", mode.damping_ratio, "share of the critical"),
     )

@@ -1,21 +1,26 @@
-"""From the end of a fit to modes: units, uncertainties, shapes, and what to beware of."""
+"""From the end of a fit to modes: which poles are modes of the stage, and what to beware of."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from flexstage.arrays import Array, Complex
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.modal.basis import ModalBasis
-from flexstage.experiment.modal.covariance import Worth, assess, meat
-from flexstage.experiment.modal.listing import listed, not_listed
+from flexstage.experiment.modal.covariance import Worth, assess, frequencies_of, residues_of
 from flexstage.experiment.modal.mode_selection import significances, threshold
 from flexstage.experiment.modal.prepare import Prepared
-from flexstage.experiment.modal.result import FittedResponse, ModalFit, Mode
-from flexstage.experiment.modal.shapes import shape_from_residues
+from flexstage.experiment.modal.result import FittedResponse, ModalFit, Mode, shape_from_residues
 from flexstage.experiment.modal.stabilisation import Stabilisation
 
+# with more damping than this a pole lifts its response by less than 1.75 above that at standstill
+_MOST_DAMPING = 0.3
+# what a mode must make of the sum of squares beside the line that it stands on, over noise
+_SEEN = 25.0
+# share of a guessed frequency within which its mode lies
+_NEAR = 0.1
 # share of a response that a fit may leave before it is said
 _UNEXPLAINED = 0.2
 
@@ -40,13 +45,13 @@ def assembled(
     worth = assess(basis, theta, blocks)
     strength = significances(basis, theta, blocks) if basis.count else np.zeros(0)
     outputs, inputs = _names(parts)
-    values, slopes = _frequencies(basis, theta, added_damping_rate)
+    values, slopes = frequencies_of(basis, theta, added_damping_rate)
     covariance = slopes @ worth.covariance @ slopes.T
     rate = max(part.measured.rate_uncertainty for part in parts)
     poles = []
     rising = [int(r) for r in np.argsort(values[::2], kind="stable")]
     for r in rising:
-        residues, matrix = _residues(basis, theta, worth, parts, r, (outputs, inputs))
+        residues, matrix = residues_of(basis, theta, worth, parts, r, (outputs, inputs))
         shape, spread = shape_from_residues(residues, matrix)
         deviation = np.sqrt(np.maximum(np.diagonal(matrix), 0.0)).reshape(*residues.shape, 2)
         poles.append(
@@ -64,7 +69,7 @@ def assembled(
                 significance=float(strength[r]),
             )
         )
-    kept, others = listed(poles, parts, band, wanted, worth.scale)
+    kept, others = _listed(poles, parts, band, wanted, worth.scale)
     modes = [poles[n] for n in kept]
     own = [2 * rising[n] + d for n in kept for d in (0, 1)]
     covariance = covariance[np.ix_(own, own)]
@@ -82,7 +87,7 @@ def assembled(
             )
             number += 1
     fitted = _fitted(worth, parts)
-    notes = [*_notes(modes, parts, band, worth, fitted, added_damping_rate), *not_listed(others)]
+    notes = [*_notes(modes, parts, band, worth, fitted, added_damping_rate), *_not_listed(others)]
     if wanted is not None:
         needed = threshold(basis, blocks)
         notes += [
@@ -109,6 +114,106 @@ def assembled(
     )
 
 
+def _listed(
+    poles: Sequence[Mode],
+    parts: Sequence[Prepared],
+    band: tuple[float, float],
+    wanted: int | Sequence[float] | None,
+    scale: float,
+) -> tuple[list[int], dict[str, list[Mode]]]:
+    """Tell modes from poles that stand for something else.
+
+    A mode is inside the band, has a peak, and is known within the width of that peak or the
+    distance of lines. Others stand for modes beyond the band, a drift, an amplifier or a
+    nonlinearity. All are modes where a number was `wanted`; else those near the frequencies [Hz].
+    `scale` is the mean square of noise over that of the weights. Returned are numbers of the modes,
+    and the others by the reason against them.
+    """
+    if isinstance(wanted, int):
+        return list(range(len(poles))), {}
+    if wanted is not None:
+        kept = sorted({_nearest(poles, frequency) for frequency in wanted})
+        rest = [mode for n, mode in enumerate(poles) if n not in kept]
+        return kept, {"not asked for": rest} if rest else {}
+    names = _names(parts)
+    lines = np.sort(np.concatenate([part.measured.frequency_hz for part in parts]))
+    kept = []
+    others: dict[str, list[Mode]] = {}
+    for n, mode in enumerate(poles):
+        f, zeta = mode.frequency_hz, mode.damping_ratio
+        width = max(2.0 * zeta.value * f.value, _spacing(lines, f.value))
+        if not band[0] <= f.value <= band[1]:
+            reason = "beyond the band"
+        elif zeta.value + min(zeta.expanded, zeta.value) > _MOST_DAMPING:
+            reason = "damped too much for a peak"
+        elif f.expanded > width:
+            reason = "not known within its width"
+        elif _beside(mode, parts, names, scale) < _SEEN:
+            reason = "on a single line"
+        else:
+            kept.append(n)
+            continue
+        others.setdefault(reason, []).append(mode)
+    return kept, others
+
+
+def _beside(
+    mode: Mode,
+    parts: Sequence[Prepared],
+    names: tuple[tuple[str, ...], tuple[str, ...]],
+    scale: float,
+) -> float:
+    """Sum of squares over noise that a mode makes on all lines but the nearest."""
+    total = 0.0
+    for part in parts:
+        rows = [names[0].index(name) for name in part.measured.outputs]
+        columns = [names[1].index(name) for name in part.measured.inputs]
+        omega = 2.0 * math.pi * part.measured.frequency_hz
+        residues = mode.residues[np.ix_(rows, columns)].ravel()
+        motion = residues[None, :] / (1j * omega - mode.pole)[:, None]
+        # weights are the root of two over the noise
+        square = 0.5 * np.abs(motion * part.block.weights) ** 2
+        square[int(np.argmin(np.abs(omega - abs(mode.pole))))] = 0.0
+        noise = np.full_like(square, scale)
+        if part.kept and not part.given:
+            # weights that were chosen do not say where the noise is: the lines do
+            own = (part.scatter / part.deviation) ** 2
+            noise = np.maximum(noise, own.reshape(noise.shape))
+        total += float((square / noise).sum())
+    return total
+
+
+def _nearest(poles: Sequence[Mode], frequency: float) -> int:
+    """Number of the mode near a frequency."""
+    off = [
+        abs(mode.frequency_hz.value / frequency - 1.0)
+        if mode.damping_ratio.value <= _MOST_DAMPING
+        else math.inf
+        for mode in poles
+    ]
+    if not off or min(off) > _NEAR:
+        raise ModelError(
+            f"no mode is found within {100.0 * _NEAR:g} % of {frequency:g} Hz: guess another "
+            "frequency, or fit another band"
+        )
+    return int(np.argmin(off))
+
+
+def _not_listed(others: dict[str, list[Mode]]) -> list[str]:
+    """Name the poles that are not listed, in one note."""
+    if not others:
+        return []
+    said = [
+        f"{', '.join(_named(mode) for mode in modes)} ({reason})"
+        for reason, modes in sorted(others.items())
+    ]
+    return [f"poles of the fit that are not listed as modes: {'; '.join(said)}"]
+
+
+def _named(mode: Mode) -> str:
+    return f"{mode.frequency_hz.value:.4g} Hz with {100.0 * mode.damping_ratio.value:.2g} % damping"
+
+
 def _names(parts: Sequence[Prepared]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     outputs = dict.fromkeys(name for part in parts for name in part.measured.outputs)
     inputs = dict.fromkeys(name for part in parts for name in part.measured.inputs)
@@ -125,107 +230,6 @@ def _estimate(
     )
     components = (noise, Component(name="sample rate", uncertainty=float(clock), kind="B"))
     return Estimate(value=float(value), unit=unit, components=components[: 1 + (clock > 0.0)])
-
-
-def _frequencies(basis: ModalBasis, theta: Array, rate: float) -> tuple[Array, Array]:
-    """Frequencies [Hz] and damping ratios without the window's, and their slopes by theta."""
-    values = np.empty(2 * basis.count)
-    slopes = np.zeros((2 * basis.count, basis.size))
-    added = rate / basis.reference
-    for r, (w, zeta) in enumerate(theta[: 2 * basis.count].reshape(-1, 2)):
-        # the window moves real parts alone: sigma = zeta w - added, and w_d stays
-        size = math.sqrt(w * w - 2.0 * zeta * w * added + added * added)
-        damping = (zeta * w - added) / size
-        by_w, by_zeta = (w - zeta * added) / size, -w * added / size
-        hertz = basis.reference / (2.0 * math.pi)
-        values[2 * r : 2 * r + 2] = hertz * size, damping
-        slopes[2 * r, 2 * r : 2 * r + 2] = hertz * by_w, hertz * by_zeta
-        slopes[2 * r + 1, 2 * r : 2 * r + 2] = (
-            (zeta - damping * by_w) / size,
-            (w - damping * by_zeta) / size,
-        )
-    return values, slopes
-
-
-def _residues(
-    basis: ModalBasis,
-    theta: Array,
-    worth: Worth,
-    parts: Sequence[Prepared],
-    mode: int,
-    names: tuple[tuple[str, ...], tuple[str, ...]],
-) -> tuple[Complex, Array]:
-    """Residues of a mode over all outputs and inputs, and the covariance of their parts in turn."""
-    weights = basis.residue_weights(theta, mode)
-    turn = np.stack([weights.real, weights.imag], axis=1)
-    own = slice(basis.per_mode * mode, basis.per_mode * (mode + 1))
-    slopes = _weight_slopes(basis, theta, mode)
-    residues, follow, crossed, influence = [], [], [], []
-    for column, cross in zip(worth.columns, worth.crossed, strict=True):
-        factors = column.factors[own]
-        residues.append(weights @ factors)
-        moved = np.stack([(slopes @ factors).real, (slopes @ factors).imag])
-        follow.append(moved - turn.T @ (column.inverse.T @ column.jacobian)[own])
-        crossed.append(cross[:, own] @ turn)
-        stacked = column.inverse[:, own] @ turn
-        half = stacked.shape[0] // 2
-        influence.append(stacked[:half] + 1j * stacked[half:])
-    size = 2 * len(residues)
-    v = np.concatenate(follow)
-    x = np.concatenate(crossed, axis=1)
-    matrix = v @ worth.covariance @ v.T + v @ x + (v @ x).T
-    for members, together in zip(worth.members, worth.shared, strict=True):
-        within = slice(2 * members[0], 2 * members[-1] + 2)
-        stacked = [influence[i] for i in members]
-        if np.array_equal(together, np.eye(len(members))):
-            for i, one in zip(members, stacked, strict=True):
-                pair = slice(2 * i, 2 * i + 2)
-                matrix[pair, pair] += worth.scale * meat(one, one, worth.lags)
-            continue
-        for a, i in enumerate(members):
-            joint = np.concatenate([together[a, b] * one for b, one in enumerate(stacked)], axis=1)
-            matrix[2 * i : 2 * i + 2, within] += worth.scale * meat(stacked[a], joint, worth.lags)
-    return _merged(np.array(residues), 0.5 * (matrix + matrix.T), parts, names, size)
-
-
-def _weight_slopes(basis: ModalBasis, theta: Array, mode: int) -> Complex:
-    """How the factors of a residue change with the parameters, shape (p, per_mode)."""
-    out = np.zeros((basis.size, basis.per_mode), dtype=np.complex128)
-    for p in (2 * mode, 2 * mode + 1):
-        step = np.zeros(basis.size)
-        step[p] = 1e-6 * max(abs(theta[p]), 1e-3)
-        change = basis.residue_weights(theta + step, mode) - basis.residue_weights(
-            theta - step, mode
-        )
-        out[p] = change / (2.0 * step[p])
-    return out
-
-
-def _merged(
-    residues: Complex,
-    matrix: Array,
-    parts: Sequence[Prepared],
-    names: tuple[tuple[str, ...], tuple[str, ...]],
-    size: int,
-) -> tuple[Complex, Array]:
-    """Put residues in their places; those measured more than once are averaged by variance."""
-    outputs, inputs = names
-    places = [
-        outputs.index(o) * len(inputs) + inputs.index(i)
-        for part in parts
-        for o in part.measured.outputs
-        for i in part.measured.inputs
-    ]
-    variance = np.diagonal(matrix).reshape(-1, 2).sum(axis=1)
-    precision = 1.0 / np.where(variance > 0.0, variance, 1.0)
-    mean = np.zeros((len(outputs) * len(inputs), residues.size))
-    mean[places, np.arange(residues.size)] = precision
-    total = mean.sum(axis=1)
-    known = total > 0.0
-    mean[known] /= total[known][:, None]
-    merged = np.where(known, mean @ residues, np.nan + 0.0j)
-    both = np.kron(mean, np.eye(2))
-    return merged.reshape(len(outputs), len(inputs)), both @ matrix[:size, :size] @ both.T
 
 
 def _fitted(worth: Worth, parts: Sequence[Prepared]) -> list[FittedResponse]:
@@ -281,7 +285,7 @@ def _notes(
             )
         if zeta <= 0.0:
             notes.append(f"the mode at {f:.5g} Hz has a damping not distinguishable from 0")
-        spacing = min(_spacing(part, f) for part in parts)
+        spacing = min(_spacing(part.measured.frequency_hz, f) for part in parts)
         if 0.0 < width < 2.0 * spacing:
             doubt = "that of the window" if windowed else "known badly"
             notes.append(
@@ -300,8 +304,7 @@ def _notes(
     return notes
 
 
-def _spacing(part: Prepared, frequency: float) -> float:
-    """Distance of the lines about a frequency [Hz]."""
-    lines = part.measured.frequency_hz
+def _spacing(lines: Array, frequency: float) -> float:
+    """Distance of rising lines about a frequency [Hz]."""
     at = int(np.clip(np.searchsorted(lines, frequency), 1, lines.size - 1))
     return float(lines[at] - lines[at - 1])

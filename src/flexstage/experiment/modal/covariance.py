@@ -1,4 +1,4 @@
-"""What poles and residues are worth, with noise that neighbouring lines and outputs share."""
+"""Poles and residues with their covariance, of noise that neighbouring lines and outputs share."""
 
 import math
 from collections.abc import Sequence
@@ -8,6 +8,7 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.experiment.modal.basis import ModalBasis
+from flexstage.experiment.modal.prepare import Prepared
 from flexstage.experiment.modal.variable_projection import Projected, ResponseBlock, project
 
 _LAGS = 8
@@ -151,3 +152,104 @@ def _shared(noise: Complex) -> Complex:
     if others.max() * math.sqrt(lines) < math.sqrt(math.log(pairs) + _SIGNIFICANT**2):
         return np.eye(count, dtype=np.complex128)
     return together
+
+
+def frequencies_of(basis: ModalBasis, theta: Array, rate: float) -> tuple[Array, Array]:
+    """Return frequencies [Hz] and dampings without the window's, and their slopes by theta."""
+    values = np.empty(2 * basis.count)
+    slopes = np.zeros((2 * basis.count, basis.size))
+    added = rate / basis.reference
+    for r, (w, zeta) in enumerate(theta[: 2 * basis.count].reshape(-1, 2)):
+        # the window moves real parts alone: sigma = zeta w - added, and w_d stays
+        size = math.sqrt(w * w - 2.0 * zeta * w * added + added * added)
+        damping = (zeta * w - added) / size
+        by_w, by_zeta = (w - zeta * added) / size, -w * added / size
+        hertz = basis.reference / (2.0 * math.pi)
+        values[2 * r : 2 * r + 2] = hertz * size, damping
+        slopes[2 * r, 2 * r : 2 * r + 2] = hertz * by_w, hertz * by_zeta
+        slopes[2 * r + 1, 2 * r : 2 * r + 2] = (
+            (zeta - damping * by_w) / size,
+            (w - damping * by_zeta) / size,
+        )
+    return values, slopes
+
+
+def residues_of(
+    basis: ModalBasis,
+    theta: Array,
+    worth: Worth,
+    parts: Sequence[Prepared],
+    mode: int,
+    names: tuple[tuple[str, ...], tuple[str, ...]],
+) -> tuple[Complex, Array]:
+    """Return residues over all outputs and inputs, and the covariance of their parts in turn."""
+    weights = basis.residue_weights(theta, mode)
+    turn = np.stack([weights.real, weights.imag], axis=1)
+    own = slice(basis.per_mode * mode, basis.per_mode * (mode + 1))
+    slopes = _weight_slopes(basis, theta, mode)
+    residues, follow, crossed, influence = [], [], [], []
+    for column, cross in zip(worth.columns, worth.crossed, strict=True):
+        factors = column.factors[own]
+        residues.append(weights @ factors)
+        moved = np.stack([(slopes @ factors).real, (slopes @ factors).imag])
+        follow.append(moved - turn.T @ (column.inverse.T @ column.jacobian)[own])
+        crossed.append(cross[:, own] @ turn)
+        stacked = column.inverse[:, own] @ turn
+        half = stacked.shape[0] // 2
+        influence.append(stacked[:half] + 1j * stacked[half:])
+    size = 2 * len(residues)
+    v = np.concatenate(follow)
+    x = np.concatenate(crossed, axis=1)
+    matrix = v @ worth.covariance @ v.T + v @ x + (v @ x).T
+    for members, together in zip(worth.members, worth.shared, strict=True):
+        within = slice(2 * members[0], 2 * members[-1] + 2)
+        stacked = [influence[i] for i in members]
+        if np.array_equal(together, np.eye(len(members))):
+            for i, one in zip(members, stacked, strict=True):
+                pair = slice(2 * i, 2 * i + 2)
+                matrix[pair, pair] += worth.scale * meat(one, one, worth.lags)
+            continue
+        for a, i in enumerate(members):
+            joint = np.concatenate([together[a, b] * one for b, one in enumerate(stacked)], axis=1)
+            matrix[2 * i : 2 * i + 2, within] += worth.scale * meat(stacked[a], joint, worth.lags)
+    return _merged(np.array(residues), 0.5 * (matrix + matrix.T), parts, names, size)
+
+
+def _weight_slopes(basis: ModalBasis, theta: Array, mode: int) -> Complex:
+    """How the factors of a residue change with the parameters, shape (p, per_mode)."""
+    out = np.zeros((basis.size, basis.per_mode), dtype=np.complex128)
+    for p in (2 * mode, 2 * mode + 1):
+        step = np.zeros(basis.size)
+        step[p] = 1e-6 * max(abs(theta[p]), 1e-3)
+        change = basis.residue_weights(theta + step, mode) - basis.residue_weights(
+            theta - step, mode
+        )
+        out[p] = change / (2.0 * step[p])
+    return out
+
+
+def _merged(
+    residues: Complex,
+    matrix: Array,
+    parts: Sequence[Prepared],
+    names: tuple[tuple[str, ...], tuple[str, ...]],
+    size: int,
+) -> tuple[Complex, Array]:
+    """Put residues in their places; those measured more than once are averaged by variance."""
+    outputs, inputs = names
+    places = [
+        outputs.index(o) * len(inputs) + inputs.index(i)
+        for part in parts
+        for o in part.measured.outputs
+        for i in part.measured.inputs
+    ]
+    variance = np.diagonal(matrix).reshape(-1, 2).sum(axis=1)
+    precision = 1.0 / np.where(variance > 0.0, variance, 1.0)
+    mean = np.zeros((len(outputs) * len(inputs), residues.size))
+    mean[places, np.arange(residues.size)] = precision
+    total = mean.sum(axis=1)
+    known = total > 0.0
+    mean[known] /= total[known][:, None]
+    merged = np.where(known, mean @ residues, np.nan + 0.0j)
+    both = np.kron(mean, np.eye(2))
+    return merged.reshape(len(outputs), len(inputs)), both @ matrix[:size, :size] @ both.T

@@ -21,7 +21,7 @@ from flexstage.experiment.modal.mode_selection import (
 )
 from flexstage.experiment.modal.prepare import Prepared, reweighted
 from flexstage.experiment.modal.scatter import local_poles
-from flexstage.experiment.modal.stabilisation import Stabilisation, stabilised
+from flexstage.experiment.modal.stabilisation import Stabilisation, WeightedLines, stabilised
 from flexstage.experiment.modal.variable_projection import (
     ResponseBlock,
     eliminate,
@@ -131,7 +131,14 @@ def started(
     band: tuple[float, float],
 ) -> tuple[Stabilisation, Complex]:
     """Return poles to start from: stable ones, and those that stretches of a response show."""
-    lines = [part.lines() for part in parts]
+    lines = [
+        WeightedLines(
+            frequency_hz=part.measured.frequency_hz,
+            response=part.measured.response,
+            weight=1.0 / np.mean(part.deviation**2, axis=2),
+        )
+        for part in parts
+    ]
     if len({part.measured.inputs for part in parts}) > 1:
         # each input by itself, as they share no more than the poles
         lines = [

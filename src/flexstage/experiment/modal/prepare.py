@@ -9,7 +9,6 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
-from flexstage.experiment.modal.polynomial import WeightedLines
 from flexstage.experiment.modal.scatter import line_scatter
 from flexstage.experiment.modal.variable_projection import ResponseBlock
 from flexstage.experiment.spectra.response import MeasuredResponse
@@ -50,13 +49,6 @@ class Prepared:
     """How neighbouring lines scatter, shape (k, outputs, inputs)."""
     block: ResponseBlock
     """Responses to displacement, one column for each output and input."""
-
-    def lines(self) -> WeightedLines:
-        """Return the response as the polynomials take it."""
-        weight = 1.0 / np.mean(self.deviation**2, axis=2)
-        return WeightedLines(
-            frequency_hz=self.measured.frequency_hz, response=self.measured.response, weight=weight
-        )
 
 
 def prepared(

@@ -1,7 +1,7 @@
 """Cross-coupling and squareness of two axes, from their paths."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
@@ -152,15 +152,11 @@ def squareness(
 
 def _angle(slope: Estimate) -> Estimate:
     """Return the angle of a slope, with the uncertainty that its derivative gives."""
-    from dataclasses import replace
-
     turned = slope.times(1.0 / (1.0 + slope.value**2), "rad")
     return replace(turned, value=math.atan(slope.value))
 
 
 def _joined(found: Estimate, alignment: Estimate) -> Estimate:
-    from dataclasses import replace
-
     if alignment.unit != "rad":
         raise ModelError(f"an alignment is an angle in rad, got '{alignment.unit}'")
     part = Component(

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
+from flexstage.experiment.motion.approaches import staircase_dwells
 from flexstage.experiment.motion.cycles import MotionCycles, motion_cycles
 from flexstage.experiment.motion.motion_curve import CurveBasis, MotionCurve, position_weights
-from flexstage.experiment.motion.staircase_levels import staircase_dwells
 
 #: A pair of terms (forward, backward) counts where noise gives as much with this probability.
 _TERM_CHANCE = 0.0025

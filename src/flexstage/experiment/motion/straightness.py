@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.motion.narrowest_strip import narrowest_strip
+from flexstage.experiment.motion.narrowest_zone import narrowest_strip
 
 Measured = Literal["across", "orthogonal"]
 Method = Literal["minimum zone", "least squares", "end points"]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.motion.sample_deviation import spread_estimate
+from flexstage.experiment.motion.cycles import spread_estimate
 
 #: A command within this share of its range from an end is at that end.
 _AT_END = 1e-3

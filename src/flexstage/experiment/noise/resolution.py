@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array, Integers
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.noise.allan import deviation_bounds
-from flexstage.experiment.noise.allan_freedom import allan_freedom, power_of_noise
+from flexstage.experiment.noise.allan import allan_freedom, deviation_bounds, power_of_noise
 
 
 def resolution(

@@ -1,7 +1,7 @@
 """Staircase test: the steps that were made, and the smallest that is told from none."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -189,8 +189,6 @@ def _sizes(
     fit: LevelFit, made: Array, asked: Array, steps: tuple[StaircaseStep, ...], unit: str
 ) -> tuple[tuple[Estimate, ...], list[bool]]:
     """Mean magnitude of the steps that were asked to be the same, and whether all are told."""
-    from dataclasses import replace
-
     known = np.isfinite(asked).all()
     magnitude = np.abs(asked) if known else np.zeros(made.size)
     order = np.argsort(-magnitude)

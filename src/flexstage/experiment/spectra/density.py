@@ -8,14 +8,15 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.spectra.averaging import hop_of, segment_length
-from flexstage.experiment.spectra.sums import SumOfSpectra, add_segments
-from flexstage.experiment.spectra.windows import (
+from flexstage.experiment.spectra.averaging import (
     effective_averages,
+    hop_of,
     integral_averages,
     line_frequencies,
+    segment_length,
     window_values,
 )
+from flexstage.experiment.spectra.sums import SumOfSpectra, add_segments
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,15 +14,22 @@ from flexstage.experiment.spectra.averaging import (
     segment_length,
     welch_spectra,
     whole_spectra,
+    window_blur,
+    window_values,
 )
-from flexstage.experiment.spectra.checks import Signals, all_extremes, gathered, require_sound
-from flexstage.experiment.spectra.estimators import Estimator, require_estimator, transfer
-from flexstage.experiment.spectra.options import Excitation, HitOptions, PeriodOptions
+from flexstage.experiment.spectra.checks import (
+    Excitation,
+    HitOptions,
+    PeriodOptions,
+    Signals,
+    all_extremes,
+    gathered,
+    require_sound,
+)
 from flexstage.experiment.spectra.repeated import find_period, likeness, periodic_response
 from flexstage.experiment.spectra.response import MeasuredResponse
-from flexstage.experiment.spectra.sums import Spectra
+from flexstage.experiment.spectra.sums import Estimator, Spectra, require_estimator, transfer
 from flexstage.experiment.spectra.transient import hammer_spectra, step_spectra
-from flexstage.experiment.spectra.windows import window_blur, window_values
 from flexstage.records import Record
 
 # pulses take up less of the time than this, above a tenth of their height

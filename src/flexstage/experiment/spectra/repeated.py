@@ -6,10 +6,9 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex, Integers
 from flexstage.errors import RecordError
-from flexstage.experiment.spectra.checks import Signals
-from flexstage.experiment.spectra.options import PeriodOptions
+from flexstage.experiment.spectra.averaging import line_frequencies
+from flexstage.experiment.spectra.checks import PeriodOptions, Signals
 from flexstage.experiment.spectra.sums import Spectra, SumOfSpectra
-from flexstage.experiment.spectra.windows import line_frequencies
 
 # a signal whose best copy of itself is less alike than this is not taken as repeated
 _LIKE = 0.9

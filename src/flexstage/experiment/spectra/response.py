@@ -1,12 +1,18 @@
-"""A measured frequency response: estimates, how far they can be trusted, and what they relate."""
+"""A measured frequency response: estimates and their trust; read from a record over frequency."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import RecordError
+from flexstage.records import Record
 from flexstage.short_repr import short_repr
+
+_PARTS = (" real", " imaginary")
+_RESPONSES = ("frequency response function", "transmissibility")
+_COHERENCE, _VARIANCE, _BLUR = "coherence ", "variance ", "blur "
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,8 +98,6 @@ class MeasuredResponse:
         RecordError
             Fewer than two frequencies are in the band.
         """
-        from dataclasses import replace
-
         inside = (self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz)
         if inside.sum() < 2:
             raise RecordError(
@@ -108,3 +112,146 @@ class MeasuredResponse:
             variance=None if self.variance is None else self.variance[inside],
             coherence=None if self.coherence is None else self.coherence[inside],
         )
+
+
+def response_from_record(
+    record: Record, functions: Sequence[str] | None = None, *, averages: float = 0.0
+) -> MeasuredResponse:
+    """Return the frequency responses of a record over frequency, as of a universal file.
+
+    A function is two columns, ``NAME real`` and ``NAME imaginary``, with NAME of the form
+    ``OUTPUT/INPUT``; attributes ``output of NAME``, ``input of NAME``, ``output unit of NAME`` and
+    ``input unit of NAME`` go before the name. A column ``coherence NAME`` is its coherence, where
+    there is one input; ``variance NAME`` and ``blur NAME`` are those fields of the response. With
+    coherence and averages known in place of them, the variance is (1 - c) abs(H)^2 / (c (n - 1)),
+    as of H1.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    functions : sequence of str, optional
+        Names of the functions; all of the record where not given.
+    averages : float
+        Number of independent averages behind the functions; 0 where nobody has said.
+
+    Returns
+    -------
+    MeasuredResponse
+        The responses of every output to every input.
+
+    Validity
+    --------
+    Values and units are taken as they are in the record. Segments that overlap are fewer averages
+    than segments, which who gives their number has to count.
+
+    Raises
+    ------
+    RecordError
+        The record is not over frequency, has no such function, or lacks the response of one of its
+        outputs to one of its inputs.
+
+    Examples
+    --------
+    >>> from flexstage.records import Channel
+    >>> f = np.array([10.0, 12.0, 14.0])
+    >>> h = 2e-6 / (1.0 + 1j * f / 70.0)
+    >>> columns = (
+    ...     Channel(name="2:+x/1:+x real", values=h.real, unit="m/N"),
+    ...     Channel(name="2:+x/1:+x imaginary", values=h.imag, unit="m/N"),
+    ... )
+    >>> found = response_from_record(Record(channels=columns, time=f, over="frequency"))
+    >>> found.outputs, found.inputs, f"{abs(found.response[0, 0, 0]):.3e}"
+    (('2:+x',), ('1:+x',), '1.980e-06')
+    """
+    if record.over != "frequency":
+        raise RecordError(
+            "a frequency response is taken from a record over frequency, got one over "
+            f"{record.over}: estimate it with estimate_response"
+        )
+    names = _functions(record) if functions is None else list(functions)
+    if not names:
+        raise RecordError(
+            "the record contains no frequency response: it needs columns 'NAME real' and 'NAME "
+            f"imaginary', got {', '.join(c.name for c in record.channels[:10])}"
+        )
+    ends = {name: _ends(record, name) for name in names}
+    outputs = tuple(dict.fromkeys(out for out, _ in ends.values()))
+    inputs = tuple(dict.fromkeys(into for _, into in ends.values()))
+    at = {pair: name for name, pair in ends.items()}
+    if len(at) < len(names):
+        twice = next(name for name in names if at[ends[name]] != name)
+        raise RecordError(
+            f"'{twice}' and '{at[ends[twice]]}' are the same response: choose one by the names of "
+            "the functions"
+        )
+    response = np.empty((record.size, len(outputs), len(inputs)), dtype=np.complex128)
+    for o, out in enumerate(outputs):
+        for i, into in enumerate(inputs):
+            if (out, into) not in at:
+                raise RecordError(
+                    f"there is no response of '{out}' to '{into}', though both occur in others: "
+                    "choose functions that have every output with every input"
+                )
+            parts = [record.channel(at[out, into] + part).values for part in _PARTS]
+            response[:, o, i] = parts[0] + 1j * parts[1]
+    coherence = _coherence(record, [at[out, inputs[0]] for out in outputs], len(inputs))
+    variance = _variance(response, coherence, averages)
+    have = {c.name: c.values for c in record.channels}
+    if all(_VARIANCE + name in have for name in names):
+        each = [[have[_VARIANCE + at[out, into]] for into in inputs] for out in outputs]
+        variance = np.moveaxis(np.array(each), 2, 0)
+    return MeasuredResponse(
+        frequency_hz=record.time,
+        response=response,
+        inputs=inputs,
+        outputs=outputs,
+        input_units=_units(record, "input", [at[outputs[0], into] for into in inputs]),
+        output_units=_units(record, "output", [at[out, inputs[0]] for out in outputs]),
+        variance=variance,
+        coherence=coherence,
+        averages=averages,
+        source=record.source,
+        notes=record.notes,
+        blur=_blur(record, names),
+    )
+
+
+def _functions(record: Record) -> list[str]:
+    have = {c.name for c in record.channels}
+    names = [c.name.removesuffix(_PARTS[0]) for c in record.channels if c.name.endswith(_PARTS[0])]
+    pairs = [n for n in names if n + _PARTS[1] in have]
+    return [n for n in pairs if record.attributes.get(f"kind of {n}", _RESPONSES[0]) in _RESPONSES]
+
+
+def _ends(record: Record, name: str) -> tuple[str, str]:
+    """Output and input of a function."""
+    out, _, into = name.partition("/")
+    get = record.attributes.get
+    return get(f"output of {name}", out), get(f"input of {name}", into or "input")
+
+
+def _units(record: Record, which: str, names: list[str]) -> tuple[str, ...]:
+    return tuple(record.attributes.get(f"{which} unit of {name}", "") for name in names)
+
+
+def _blur(record: Record, names: list[str]) -> float:
+    """Return how far neighbouring lines are mixed, where each response says the same."""
+    have = {c.name: c.values for c in record.channels}
+    said = [have[_BLUR + name] for name in names if _BLUR + name in have]
+    return float(said[0][0]) if said and np.ptp(np.concatenate(said)) == 0.0 else 0.0
+
+
+def _coherence(record: Record, names: list[str], inputs: int) -> Array | None:
+    have = {c.name: c.values for c in record.channels}
+    wanted = [_COHERENCE + name for name in names]
+    if inputs > 1 or any(name not in have for name in wanted):
+        return None
+    return np.stack([have[name] for name in wanted], axis=1)
+
+
+def _variance(response: np.ndarray, coherence: Array | None, averages: float) -> Array | None:
+    if coherence is None or averages <= 1.0 or np.any(coherence <= 0.0):
+        return None
+    share = np.maximum(1.0 - coherence, 0.0) / (coherence * (averages - 1.0))
+    return share[:, :, None] * np.abs(response) ** 2

@@ -7,11 +7,9 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.experiment.spectra.averaging import CutSpectra, finished
-from flexstage.experiment.spectra.checks import Signals
-from flexstage.experiment.spectra.options import HitOptions
+from flexstage.experiment.spectra.averaging import CutSpectra, finished, line_frequencies
+from flexstage.experiment.spectra.checks import HitOptions, Signals
 from flexstage.experiment.spectra.sums import SumOfSpectra
-from flexstage.experiment.spectra.windows import line_frequencies
 from flexstage.records import saturation
 from flexstage.records.quality import quantisation_step
 

@@ -11,13 +11,13 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.uncertainty.correlation import (
+from flexstage.experiment.uncertainty.influence import (
     Correlations,
+    Influence,
     correlation_matrix,
     groups,
     normal_correlations,
 )
-from flexstage.experiment.uncertainty.influence import Influence
 from flexstage.experiment.uncertainty.propagate import Propagated
 
 _Draw = Callable[[np.random.Generator, int], list[Array]]

@@ -10,12 +10,12 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.uncertainty.correlation import (
+from flexstage.experiment.uncertainty.influence import (
     Correlations,
+    Influence,
     correlation_matrix,
     groups,
 )
-from flexstage.experiment.uncertainty.influence import Influence
 
 # its square, and a sum of some, is still a number
 _LARGEST = 1e150

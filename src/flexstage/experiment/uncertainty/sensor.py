@@ -34,6 +34,7 @@ from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.uncertainty.influence import Influence, influence_from
 from flexstage.experiment.uncertainty.propagate import propagate
+from flexstage.sensor import SensorSpecification
 
 Role = Literal[
     "length",
@@ -61,62 +62,9 @@ ROLES: tuple[Role, ...] = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorSetup:
-    """A sensor and how it stands to what it reads: what is known of its errors.
-
-    Raises
-    ------
-    ModelError
-        A figure is negative or not finite, but for the offset, which has a sign.
-
-    Examples
-    --------
-    >>> SensorSetup(calibration=3e-4, alignment=5e-3).alignment
-    0.005
-    """
-
-    calibration: float = 0.0
-    """Relative standard uncertainty of its gain [1]."""
-    nonlinearity: float = 0.0
-    """Half-width of its deviation from a straight line, relative to the range in use [1]."""
-    alignment: float = 0.0
-    """Standard uncertainty of the angle between it and the axis [rad]."""
-    abbe_offset: float = 0.0
-    """Distance from its line to the point whose motion is wanted, positive where a positive pitch
-    adds to the reading [m].
-    """
-    abbe_uncertainty: float = 0.0
-    """Standard uncertainty of that distance [m]."""
-    temperature_uncertainty: float = 0.0
-    """Standard uncertainty of the change of temperature within a record [K]."""
-    expansion: float = 0.0
-    """Coefficient of expansion of what holds it [1/K]."""
-    length_of_loop: float = 0.0
-    """Length of the path from it to what it reads [m]."""
-    drift: float = 0.0
-    """Standard uncertainty of the rate of drift that is left [m/s]."""
-    resolution_step: float = 0.0
-    """Step of its reading [m], or [rad] of a sensor of angle."""
-    time_base: float = 0.0
-    """Relative standard uncertainty of the clock that samples it [1]."""
-
-    def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            value = getattr(self, name)
-            least = -math.inf if name in {"abbe_offset", "expansion"} else 0.0
-            if not (math.isfinite(value) and value >= least):
-                raise ModelError(f"{name} of a sensor must be 0 or more and finite, got {value!r}")
-        if not self.alignment < 0.5:
-            raise ModelError(
-                f"alignment is an angle in rad and small, got {self.alignment!r}: below 0.5 is "
-                "allowed"
-            )
-
-
 def measured(
     raw: Estimate,
-    setup: SensorSetup,
+    sensor: SensorSpecification,
     *,
     role: Role,
     pitch: Estimate | None = None,
@@ -134,7 +82,7 @@ def measured(
     ----------
     raw : Estimate
         The figure as it was read, with the uncertainty that its scatter gives it.
-    setup : SensorSetup
+    sensor : SensorSpecification
         The sensor.
     role : str
         One of `ROLES`: what the figure is.
@@ -168,7 +116,7 @@ def measured(
     --------
     >>> noise = Component(name="noise", uncertainty=3e-9, degrees_of_freedom=9)
     >>> read = Estimate(value=63e-6, unit="m", components=(noise,))
-    >>> full = measured(read, SensorSetup(calibration=2e-4, alignment=0.01), role="length")
+    >>> full = measured(read, SensorSpecification(calibration=2e-4, alignment=0.01), role="length")
     >>> [f"{c.name} {c.uncertainty * 1e9:.2f} nm" for c in full.components]
     ['noise 3.00 nm', 'calibration 12.60 nm', 'alignment 4.45 nm']
     """
@@ -177,7 +125,7 @@ def measured(
     if not 0.0 <= duration < math.inf:
         raise ModelError(f"a duration must be 0 or more and finite, got {duration!r} s")
     reading = influence_from(replace(raw, bounds=None), "reading")
-    model = _Model(raw, setup, pitch, duration, abs(raw.value) if span is None else abs(span))
+    model = _Model(raw, sensor, pitch, duration, abs(raw.value) if span is None else abs(span))
     errors, function = getattr(model, _BUILDERS[role])()
     # what is exactly known adds no line
     found = propagate(lambda r, *e: function(r, e), (reading, *(i for _, i in errors)))
@@ -220,13 +168,13 @@ class _Model:
     """Measurement models: the errors by name, and the figure from its reading and their values."""
 
     raw: Estimate
-    setup: SensorSetup
+    sensor: SensorSpecification
     pitch: Estimate | None
     duration: float
     span: float
 
     def length(self) -> tuple[_Errors, _Function]:
-        s = self.setup
+        s = self.sensor
         errors = [
             _error("calibration", s.calibration),
             _cosine(s.alignment),
@@ -249,11 +197,11 @@ class _Model:
         )
 
     def transverse(self) -> tuple[_Errors, _Function]:
-        errors = [_error("calibration", self.setup.calibration), *self.ends()]
+        errors = [_error("calibration", self.sensor.calibration), *self.ends()]
         return errors, lambda r, e: r * (1 + e[0]) + e[1] + e[2]
 
     def ratio(self) -> tuple[_Errors, _Function]:
-        s = self.setup
+        s = self.sensor
         gains = [_error("calibration", s.calibration, str(n)) for n in (1, 2)]
         return [
             *gains,
@@ -261,32 +209,32 @@ class _Model:
         ], lambda r, e: r * (1 + e[0]) / (1 + e[1]) + e[2]
 
     def angle(self) -> tuple[_Errors, _Function]:
-        s = self.setup
+        s = self.sensor
         errors = [_error("calibration", s.calibration), _cosine(s.alignment), *self.ends()]
         return errors, lambda r, e: r * (1 + e[0]) / (1 - e[1]) + e[2] + e[3]
 
     def area(self) -> tuple[_Errors, _Function]:
-        s = self.setup
+        s = self.sensor
         errors = [_error("calibration", s.calibration, str(n)) for n in (1, 2)]
         errors += [_cosine(s.alignment, str(n)) for n in (1, 2)]
         return errors, lambda r, e: r * (1 + e[0]) * (1 + e[1]) / ((1 - e[2]) * (1 - e[3]))
 
     def frequency(self) -> tuple[_Errors, _Function]:
-        return [_error("time base", self.setup.time_base)], lambda r, e: r * (1 + e[0])
+        return [_error("time base", self.sensor.time_base)], lambda r, e: r * (1 + e[0])
 
     def drift(self) -> tuple[_Errors, _Function]:
         errors = [
-            _error("calibration", self.setup.calibration),
-            _error("drift", self.setup.drift),
+            _error("calibration", self.sensor.calibration),
+            _error("drift", self.sensor.drift),
         ]
         return errors, lambda r, e: r * (1 + e[0]) - e[1]
 
     def noise(self) -> tuple[_Errors, _Function]:
-        return [_error("calibration", self.setup.calibration)], lambda r, e: r * (1 + e[0])
+        return [_error("calibration", self.sensor.calibration)], lambda r, e: r * (1 + e[0])
 
     def ends(self) -> _Errors:
         """Nonlinearity and rounding, each of two independent readings with uniform errors."""
-        s = self.setup
+        s = self.sensor
         return [
             _error("nonlinearity", math.sqrt(2.0 / 3.0) * s.nonlinearity * self.span),
             _error("resolution", s.resolution_step / math.sqrt(6.0)),

@@ -13,22 +13,22 @@ from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.updating.parameters import UpdateParameter
 from flexstage.experiment.updating.update import update_stage
-from flexstage.experiment.virtual.guide import GuideErrors, random_guide
-from flexstage.experiment.virtual.scatter import (
+from flexstage.experiment.virtual.imperfections import (
+    GuideErrors,
     Scatter,
     displaced_system,
     displacements,
     manufactured,
+    random_guide,
 )
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.lumped import hinge_springs
-from flexstage.lumped.assemble import layout_of
-from flexstage.lumped.hinge_kinematics import hinge_matrix
+from flexstage.lumped.assemble import hinge_matrix, layout_of
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import AxisAnalysis, MechanicalSystem, ModalDamping, analyse, modes
-from flexstage.system.characteristics import axis_mode
+from flexstage.system.analysis import axis_mode
 
 #: Straightness over the stroke where nobody has measured one [1].
 _USUAL_STRAIGHTNESS = 2e-3

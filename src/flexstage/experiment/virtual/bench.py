@@ -1,15 +1,18 @@
-"""Records of the virtual stage, as a laboratory would write them."""
+"""A virtual laboratory: its sensors, and the records of the virtual stage that it writes."""
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
+from flexstage.errors import ModelError
 from flexstage.experiment.virtual.as_built import AsBuilt, AsBuiltAxis
-from flexstage.experiment.virtual.guide import MOTIONS
-from flexstage.experiment.virtual.laboratory import BenchSensor, Laboratory, drawn
+from flexstage.experiment.virtual.imperfections import MOTIONS
 from flexstage.records import Channel, Record
+from flexstage.sensor import SensorSpecification
 from flexstage.system import modes
 
 _ANGLES = ("roll", "pitch", "yaw")
@@ -30,6 +33,90 @@ _SPHERES = np.array(
         (1e-3, 2e-3, 26e-3),
     ]
 )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedSensor(SensorSpecification):
+    """A sensor that is simulated: what it is off by is drawn as its specification states it."""
+
+    noise_rms: float
+    """Rms of its white noise, in the unit of its reading."""
+    mains_amplitude: float = 0.0
+    """Amplitude of what it picks up of the mains, in the unit of its reading."""
+    unit: str = "m"
+    """Unit of its reading."""
+
+    def __post_init__(self) -> None:
+        SensorSpecification.__post_init__(self)
+        for name in ("noise_rms", "mains_amplitude"):
+            if not 0.0 <= (value := getattr(self, name)) < math.inf:
+                raise ModelError(f"the {name} of a sensor must be 0 or more, got {value!r}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Laboratory:
+    """Sensors and procedures of a virtual laboratory.
+
+    Notes
+    -----
+    Validity: the usual values are those of capacitive sensors and an autocollimator in a quiet
+    room, and no one's own.
+    """
+
+    position: SimulatedSensor = field(
+        default_factory=lambda: SimulatedSensor(
+            calibration=5e-4, alignment=1e-3, drift=2e-11, noise_rms=5e-9
+        )
+    )
+    """Reads along the axis."""
+    transverse: SimulatedSensor = field(
+        default_factory=lambda: SimulatedSensor(
+            calibration=2e-3, alignment=5e-4, drift=2e-11, noise_rms=3e-9
+        )
+    )
+    """Read across it, in the plane and out of it."""
+    angle: SimulatedSensor = field(
+        default_factory=lambda: SimulatedSensor(
+            calibration=2e-3, drift=1e-10, noise_rms=5e-8, unit="rad"
+        )
+    )
+    """Reads roll, pitch and yaw [rad]."""
+    cycles: int = 8
+    """Cycles over the whole stroke."""
+    samples: int = 400
+    """Samples of a cycle."""
+    sample_rate_hz: float = 50.0
+    """Rate of those samples [Hz]."""
+    hold: int = 4096
+    """Samples of a record with the stage held."""
+    levels: int = 20
+    """Levels of a staircase."""
+    per_level: int = 80
+    """Samples of each."""
+    hits: int = 6
+    """Blows of a hammer."""
+    signal_to_noise: float = 100.0
+    """Rms of the response to a blow over the rms of the noise [1]."""
+    repeats: int = 10
+    """How often each corner of the workspace is gone to."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Drawn:
+    gain: float
+    angle: float
+    drift: float
+
+    def read(self, truth: Array, along: Array | float, time: Array) -> Array:
+        """Reading without noise: gain, a share of the motion along the axis, drift."""
+        seen = truth * np.cos(self.angle) + np.sin(self.angle) * along
+        return (1.0 + self.gain) * seen + self.drift * time
+
+
+def drawn(sensor: SimulatedSensor, rng: np.random.Generator) -> _Drawn:
+    """Draw what a sensor is off by, of what is stated of it: gain, angle and drift."""
+    g, a, d = rng.standard_normal(3)
+    return _Drawn(gain=sensor.calibration * g, angle=sensor.alignment * a, drift=sensor.drift * d)
 
 
 def _generator(seed: int, what: int) -> np.random.Generator:
@@ -86,10 +173,14 @@ def motion_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: in
 
 
 def _read(
-    sensor: BenchSensor, truth: Array, along: Array | float, time: Array, rng: np.random.Generator
+    sensor: SimulatedSensor,
+    truth: Array,
+    along: Array | float,
+    time: Array,
+    rng: np.random.Generator,
 ) -> Array:
     clean = drawn(sensor, rng).read(truth, along, time)
-    return clean + sensor.noise * rng.standard_normal(clean.size)
+    return clean + sensor.noise_rms * rng.standard_normal(clean.size)
 
 
 def hold_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0) -> Record:
@@ -111,7 +202,7 @@ def staircase_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed:
     lab = laboratory
     rng = _generator(seed, 30 + [a.name for a in built.axes].index(axis))
     low, high = own.command_range
-    step = own.smallest_step or _STEP_OVER_NOISE * lab.position.noise
+    step = own.smallest_step or _STEP_OVER_NOISE * lab.position.noise_rms
     level = np.repeat(np.arange(lab.levels, dtype=np.float64), lab.per_level)
     time = np.arange(level.size) / lab.sample_rate_hz
     rise = step / own.stroke * (high - low)
@@ -170,7 +261,7 @@ def sphere_record(
     approach = own.repeatability * rng.standard_normal(laboratory.cycles)
     position = own.position(command) + np.repeat(approach, 2 * stations)
     x, y, z, roll, pitch, yaw = _pose(own, position, along_x=axis != "y")
-    gain = 1.0 + laboratory.position.setup.calibration * rng.standard_normal(3)
+    gain = 1.0 + laboratory.position.calibration * rng.standard_normal(3)
     # the plate lies a little askew, which the rigid motion does not see
     spheres = _SPHERES @ _rotation(*(2e-3 * rng.standard_normal(3))).T
     channels: dict[str, tuple[Array, str]] = {"command": (command, own.command_unit)}

@@ -5,9 +5,8 @@ from typing import Any
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.export.simulink.matlab_text import literal
+from flexstage.export.simulink.matlab_text import Variables, literal
 from flexstage.export.simulink.system import Node, System, Wiring
-from flexstage.export.simulink.variables import Variables
 from flexstage.hysteresis import Amplifier, Creep, Sensor
 
 #: How a Gain block multiplies a column of signals by its matrix.

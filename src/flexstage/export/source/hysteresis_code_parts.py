@@ -8,7 +8,7 @@ from importlib import resources
 
 import numpy as np
 
-from flexstage.hysteresis.identification.parameter_units import parameter_unit
+from flexstage.hysteresis.drive_model import parameter_unit
 from flexstage.hysteresis.model import Array, HysteresisModel
 
 _INPUT, _OUTPUT = "V", "m"

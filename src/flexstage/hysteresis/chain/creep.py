@@ -17,7 +17,7 @@ from flexstage.hysteresis.chain.element import (
     checked_state,
     positive_step,
 )
-from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
+from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, samples
 

@@ -266,12 +266,6 @@ def _polynomials(stage: StageModes) -> tuple[Array, Array, float]:
     return np.asarray(above[first:], np.float64), np.asarray(below, np.float64), unit
 
 
-def stage_zeros(stage: StageModes) -> np.ndarray:
-    """Return the complex zeros of a stage [rad/s]; its inverse is stable if all lie on the left."""
-    above, _, unit = _polynomials(stage)
-    return unit * np.roots(above)
-
-
 def stage_inverse(
     stage: StageModes,
     y: Array,

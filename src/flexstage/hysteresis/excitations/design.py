@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.excitations.coverage import memory_coverage
-from flexstage.hysteresis.excitations.record import Excitation, ExcitationPart
+from flexstage.hysteresis.excitations.excitation import Excitation, ExcitationPart, memory_coverage
 from flexstage.hysteresis.excitations.segments import (
     NEAREST_RATES,
     ExcitationDesign,

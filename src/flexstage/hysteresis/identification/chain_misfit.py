@@ -13,16 +13,21 @@ from scipy.special import stdtrit
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.drive_model import Start
-from flexstage.hysteresis.identification.averaging import averaged
-from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
 from flexstage.hysteresis.identification.families.family import (
     Data,
     behind_chain,
     equations,
     folds_of,
+    moves,
 )
-from flexstage.hysteresis.identification.families.linear import moves
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
+from flexstage.hysteresis.identification.fit_rows import (
+    ChainValues,
+    Rows,
+    averaged,
+    filtered,
+    rows_of,
+)
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,
     Section,

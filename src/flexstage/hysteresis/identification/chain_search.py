@@ -10,8 +10,8 @@ from scipy.optimize import minimize, minimize_scalar
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.drive_model import Start
-from flexstage.hysteresis.identification.chain_filter import ChainValues
 from flexstage.hysteresis.identification.chain_misfit import ChainMisfit
+from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.jump_response import JumpResponse, jump_response
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,

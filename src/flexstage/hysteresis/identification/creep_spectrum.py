@@ -8,12 +8,16 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum
-from flexstage.hysteresis.identification.averaging import averaged
-from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
 from flexstage.hysteresis.identification.chain_misfit import used_rows
-from flexstage.hysteresis.identification.families.family import Data, equations, folds_of
-from flexstage.hysteresis.identification.families.linear import moves
+from flexstage.hysteresis.identification.families.family import Data, equations, folds_of, moves
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
+from flexstage.hysteresis.identification.fit_rows import (
+    ChainValues,
+    Rows,
+    averaged,
+    filtered,
+    rows_of,
+)
 from flexstage.hysteresis.identification.measurement import IdentificationData, Section
 from flexstage.hysteresis.identification.projection import (
     Normal,

@@ -10,8 +10,6 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
-from flexstage.hysteresis.identification.averaging import averaged
-from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.chain_search import (
     FoundChain,
     find_chain,
@@ -20,6 +18,7 @@ from flexstage.hysteresis.identification.chain_search import (
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, behind_chain
+from flexstage.hysteresis.identification.fit_rows import ChainValues, averaged, rows_of
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,
     Section,
@@ -27,21 +26,23 @@ from flexstage.hysteresis.identification.measurement import (
     without_history,
 )
 from flexstage.hysteresis.identification.misfit import (
+    ParameterEstimate,
     another_stretch,
     cross_validate,
+    estimates,
 )
 from flexstage.hysteresis.identification.model_choice import (
     Candidate,
     FittedModel,
     PredictionErrors,
+    Verdict,
     choose,
     failed_candidate,
     fit_model,
     passed_over,
     prediction_errors,
+    verdict,
 )
-from flexstage.hysteresis.identification.uncertainty import ParameterEstimate, estimates
-from flexstage.hysteresis.identification.verdict import Verdict, verdict
 from flexstage.records import Record
 from flexstage.short_repr import short_repr
 from flexstage.units import readable
@@ -515,7 +516,7 @@ def _drive_model(tried: FittedModel, data: Data) -> DriveModel:
 
 
 def _predicted(tried: FittedModel, data: Data) -> tuple[Array, ...]:
-    from flexstage.hysteresis.identification.chain_filter import Rows, filtered
+    from flexstage.hysteresis.identification.fit_rows import Rows, filtered
 
     made = []
     for s in data.measurement.sections:

@@ -12,7 +12,10 @@ from flexstage.hysteresis.drive_model import Start
 from flexstage.hysteresis.identification.cycles import (
     Cycles,
     cycles,
+    early_text,
+    first_moving,
     held_samples,
+    warm_up,
 )
 from flexstage.hysteresis.identification.faults import (
     RecordFault,
@@ -22,7 +25,6 @@ from flexstage.hysteresis.identification.faults import (
     without_spikes,
 )
 from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
-from flexstage.hysteresis.identification.warm_up import early_text, first_moving, warm_up
 from flexstage.records import Channel, Record
 from flexstage.records.quality import difference_noise
 from flexstage.short_repr import short_repr

@@ -11,11 +11,16 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum
 from flexstage.hysteresis.drive_model import Start
-from flexstage.hysteresis.identification.averaging import averaged
-from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.faults import RecordFault
+from flexstage.hysteresis.identification.fit_rows import (
+    ChainValues,
+    Rows,
+    averaged,
+    filtered,
+    rows_of,
+)
 from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import normal_equations, solve
 from flexstage.units import readable, readable_unit

@@ -9,21 +9,16 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, HysteresisModel, ModelProperty, Response, samples
 from flexstage.hysteresis.models.bouc_wen_common import (
-    check_exponent,
-    check_numbers,
+    BoucWenModel,
     classical_law,
     classical_properties,
-    state_after,
+    simulate_runs,
 )
-from flexstage.hysteresis.models.bouc_wen_runs import simulate_runs
-from flexstage.hysteresis.models.bouc_wen_steps import inverse_samples, simulate_samples
 from flexstage.hysteresis.models.power_law import power_table
-
-_NAME = "asymmetric Bouc-Wen"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AsymmetricBoucWen(HysteresisModel):
+class AsymmetricBoucWen(BoucWenModel):
     """Bouc-Wen hysteresis on a cubic, y = d u + d2 u^2 + d3 u^3 - h.
 
     The hysteretic displacement h is that of Bouc-Wen, ``h' = A u' - beta |u'| |h|^(n-1) h - gamma
@@ -46,6 +41,7 @@ class AsymmetricBoucWen(HysteresisModel):
     """
 
     kind: ClassVar[str] = "asymmetric-bouc-wen"
+    title: ClassVar[str] = "asymmetric Bouc-Wen"
 
     gain: float
     """Gain d of the straight part [unit of y per unit of u]."""
@@ -69,12 +65,11 @@ class AsymmetricBoucWen(HysteresisModel):
     """Exponent n, at least 1: how sharply h turns into saturation."""
 
     def __post_init__(self) -> None:
-        numbers = {name: getattr(self, name) for name in self.parameters()}
-        check_numbers(_NAME, numbers, ("hysteresis_gain",))
-        check_exponent(_NAME, self.exponent)
+        self._check(self.parameters(), "hysteresis_gain")
+        self._check_exponent()
         if not self.lowest_input < self.highest_input:
             raise ModelError(
-                f"the lowest_input of {_NAME} must be below its highest_input, got "
+                f"the lowest_input of {self.title} must be below its highest_input, got "
                 f"{self.lowest_input:.6g} and {self.highest_input:.6g}"
             )
 
@@ -82,20 +77,8 @@ class AsymmetricBoucWen(HysteresisModel):
     def input_limits(self) -> tuple[float, float]:
         return self.lowest_input, self.highest_input
 
-    def initial_state(self) -> Array:
-        return np.zeros(2)
-
-    def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        inputs = samples(u, "input")
-        start = self._state(state)
-        values = np.empty_like(inputs)
-        if self.exponent == 1.0:
-            numbers = 0.0, self.hysteresis_gain, self.beta, self.gamma
-            h = simulate_runs(inputs, start[0], start[1], *numbers, values)
-            values += inputs * (self.gain + inputs * (self.quadratic + inputs * self.cubic))
-        else:
-            h = simulate_samples(inputs, start[0], start[1], *self._compiled(), values)
-        return Response(values=values, state=state_after(_NAME, inputs[-1], h))
+    #: Between samples the cubic is neither a line nor an exponential.
+    segments = HysteresisModel.segments
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
         found, missed = self._inverted(y, state)
@@ -117,20 +100,13 @@ class AsymmetricBoucWen(HysteresisModel):
         low, high = self.lowest_input, self.highest_input
         if not low <= start[0] <= high or self.beta + self.gamma < 0.0:
             raise ModelError(
-                f"{_NAME} is inverted only from an input between {low:.6g} and {high:.6g} and with "
-                f"beta + gamma at least zero, got {start[0]:.6g} and {self.beta + self.gamma:.6g}"
+                f"{self.title} is inverted only from an input between {low:.6g} and {high:.6g} "
+                f"and with beta + gamma at least zero, got {start[0]:.6g} and "
+                f"{self.beta + self.gamma:.6g}"
             )
-        values = np.empty_like(outputs)
-        limits = np.array([low, high, self._least_slope()])
-        compiled = self._compiled()
-        done, h, missed = inverse_samples(outputs, start[0], start[1], limits, *compiled, values)
-        if done < outputs.size:
-            raise ModelError(
-                f"{_NAME} cannot be inverted at sample {done}: with h = {h:.6g}, dh/du can reach "
-                f"the least slope {limits[2]:.6g} of the cubic, so that more than one input gives "
-                f"an output; stay within a smaller range, or give a smaller hysteresis_gain"
-            )
-        return Response(values=values, state=state_after(_NAME, values[-1], h)), missed
+        least = self._least_slope()
+        bound = f"least slope {least:.6g} of the cubic"
+        return self._inputs(outputs, start, (low, high, least), bound)
 
     def properties(self) -> tuple[ModelProperty, ...]:
         bounded, dissipative, steepest = classical_properties(
@@ -158,7 +134,15 @@ class AsymmetricBoucWen(HysteresisModel):
                 places.append(turn)
         return min(self.gain + u * (2.0 * self.quadratic + u * 3.0 * self.cubic) for u in places)
 
+    def _outputs(self, u: Array, state: Array, values: Array) -> float:
+        if self.exponent != 1.0:
+            return BoucWenModel._outputs(self, u, state, values)
+        h = simulate_runs(
+            u, state[0], state[1], 0.0, self.hysteresis_gain, self.beta, self.gamma, values
+        )
+        values += u * (self.gain + u * (self.quadratic + u * self.cubic))
+        return h
+
     def _compiled(self) -> tuple[Array, Array, Array]:
-        """Return the polynomial, the law and the table of the compiled loops."""
         law = classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)
         return np.array([self.gain, self.quadratic, self.cubic]), law, power_table(self.exponent)

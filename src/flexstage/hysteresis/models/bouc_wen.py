@@ -10,32 +10,23 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import (
     Array,
-    HysteresisModel,
     ModelProperty,
     Response,
-    Segments,
     samples,
 )
 from flexstage.hysteresis.models.bouc_wen_common import (
-    check_exponent,
-    check_numbers,
+    BoucWenModel,
     classical_law,
     classical_properties,
-    state_after,
+    simulate_batch,
+    simulate_runs,
 )
-from flexstage.hysteresis.models.bouc_wen_runs import simulate_batch, simulate_runs
-from flexstage.hysteresis.models.bouc_wen_steps import (
-    advance,
-    inverse_samples,
-    law_segments,
-    simulate_many,
-    simulate_samples,
-)
+from flexstage.hysteresis.models.bouc_wen_steps import simulate_many
 from flexstage.hysteresis.models.power_law import power_table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BoucWen(HysteresisModel):
+class BoucWen(BoucWenModel):
     """Bouc-Wen hysteresis y = d u - h (Bouc 1967; Wen 1976).
 
     The hysteretic displacement h obeys ``h' = A u' - beta |u'| |h|^(n-1) h - gamma u' |h|^n``
@@ -57,6 +48,7 @@ class BoucWen(HysteresisModel):
     """
 
     kind: ClassVar[str] = "bouc-wen"
+    title: ClassVar[str] = "Bouc-Wen"
 
     gain: float
     """Gain d of the straight part [unit of y per unit of u]."""
@@ -72,23 +64,8 @@ class BoucWen(HysteresisModel):
     """Exponent n, at least 1: how sharply h turns into saturation."""
 
     def __post_init__(self) -> None:
-        numbers = {name: getattr(self, name) for name in self.parameters()}
-        check_numbers("Bouc-Wen", numbers, ("hysteresis_gain",))
-        check_exponent("Bouc-Wen", self.exponent)
-
-    def initial_state(self) -> Array:
-        return np.zeros(2)
-
-    def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        inputs = samples(u, "input")
-        start = self._state(state)
-        values = np.empty_like(inputs)
-        if self.exponent == 1.0:
-            numbers = self.gain, self.hysteresis_gain, self.beta, self.gamma
-            h = simulate_runs(inputs, start[0], start[1], *numbers, values)
-        else:
-            h = simulate_samples(inputs, start[0], start[1], *self._compiled(), values)
-        return Response(values=values, state=state_after("Bouc-Wen", inputs[-1], h))
+        self._check(self.parameters(), "hysteresis_gain")
+        self._check_exponent()
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
         outputs = samples(y, "output")
@@ -98,22 +75,8 @@ class BoucWen(HysteresisModel):
                 f"Bouc-Wen is inverted only where beta + gamma is at least zero, got "
                 f"{self.beta + self.gamma:.6g}: its output falls in the end while the input rises"
             )
-        values = np.empty_like(outputs)
-        limits = np.array([-math.inf, math.inf, self.gain])
-        done, h, _ = inverse_samples(outputs, start[0], start[1], limits, *self._compiled(), values)
-        if done < outputs.size:
-            raise ModelError(
-                f"Bouc-Wen cannot be inverted at sample {done}: with h = {h:.6g}, dh/du can reach "
-                f"the gain {self.gain:.6g}, so that more than one input gives an output; stay "
-                f"within a smaller range, or give a smaller hysteresis_gain"
-            )
-        return Response(values=values, state=state_after("Bouc-Wen", values[-1], h))
-
-    def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
-        if self.exponent != 1.0:
-            return None
-        cubic, law, powers = self._compiled()
-        return segments_of("Bouc-Wen", u, self._state(state), cubic[0], law, powers)
+        limits = (-math.inf, math.inf, self.gain)
+        return self._inputs(outputs, start, limits, f"gain {self.gain:.6g}")[0]
 
     def properties(self) -> tuple[ModelProperty, ...]:
         bounded, dissipative, steepest = classical_properties(
@@ -130,35 +93,15 @@ class BoucWen(HysteresisModel):
         )
         return bounded, dissipative, invertible
 
+    def _outputs(self, u: Array, state: Array, values: Array) -> float:
+        if self.exponent != 1.0:
+            return BoucWenModel._outputs(self, u, state, values)
+        numbers = self.gain, self.hysteresis_gain, self.beta, self.gamma
+        return simulate_runs(u, state[0], state[1], *numbers, values)
+
     def _compiled(self) -> tuple[Array, Array, Array]:
-        """Return the polynomial, the law and the table of the compiled loops."""
         law = classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)
         return np.array([self.gain, 0.0, 0.0]), law, power_table(self.exponent)
-
-
-def segments_of(
-    model: str, u: ArrayLike, state: Array, gain: float, law: Array, powers: Array
-) -> Segments:
-    """Return the pieces of y = d u - h between samples for a law with exponent 1.
-
-    The state is last input and hysteretic displacement; at least two inputs.
-    """
-    inputs = samples(u, "input")
-    if inputs.size < 2:
-        raise ModelError("segments lie between samples: got one sample, give two or more")
-    h = advance(state[1], state[0], inputs[0] - state[0], law, powers)
-    table = np.empty((5, 4 * inputs.size))
-    count, h = law_segments(inputs, h, gain, law, powers, table)
-    start, constant, slope, amplitude, rate = table[:, :count].copy()
-    return Segments(
-        start=start,
-        constant=constant,
-        slope=slope,
-        amplitude=amplitude,
-        rate=rate,
-        samples=inputs.size,
-        state=state_after(model, inputs[-1], h),
-    )
 
 
 def simulate_bouc_wen_batch(u: ArrayLike, parameters: ArrayLike) -> Array:
@@ -195,11 +138,10 @@ def simulate_bouc_wen_batch(u: ArrayLike, parameters: ArrayLike) -> Array:
             f"the hysteresis_gain of each model must be above zero and its exponent at least 1, "
             f"got down to {table[:, 1].min():.6g} and {exponents.min():.6g}"
         )
-    out = np.empty((len(table), inputs.size))
     linear = exponents == 1.0
     if linear.all():
-        simulate_batch(inputs, np.ascontiguousarray(table[:, :4]), out)
-        return out
+        return _batch_of_runs(inputs, table)
+    out = np.empty((len(table), inputs.size))
     for chosen, run in ((linear, _batch_of_runs), (~linear, _batch_of_steps)):
         if chosen.any():
             out[chosen] = run(inputs, table[chosen])

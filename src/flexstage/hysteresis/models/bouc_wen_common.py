@@ -1,44 +1,136 @@
-"""What the models of the Bouc-Wen family check and say in the same way."""
+"""What the models of the Bouc-Wen family share: checks, conditions, and runs of exponent 1."""
 
 import math
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
+from numba import prange
+from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.model import Array, ModelProperty
-from flexstage.hysteresis.models.bouc_wen_steps import law_of
+from flexstage.hysteresis.compiled import compiled, compiled_parallel
+from flexstage.hysteresis.model import (
+    Array,
+    HysteresisModel,
+    ModelProperty,
+    Response,
+    Segments,
+    samples,
+)
+from flexstage.hysteresis.models.bouc_wen_steps import (
+    advance,
+    inverse_samples,
+    law_of,
+    law_segments,
+    simulate_samples,
+)
+from flexstage.hysteresis.models.decay import decayed, distance_to_zero, saturating
 
 
-def check_numbers(model: str, numbers: dict[str, float], above_zero: tuple[str, ...]) -> None:
-    """Refuse parameters that are not finite, or not above zero where they must be."""
-    for name, value in numbers.items():
-        if not math.isfinite(value):
-            raise ModelError(f"the {name} of {model} must be a finite number, got {value}")
-    for name in above_zero:
-        if numbers[name] <= 0.0:
-            raise ModelError(f"the {name} of {model} must be above zero, got {numbers[name]}")
+class BoucWenModel(HysteresisModel):
+    """A polynomial of the input less a displacement h that has hysteresis by a law like Bouc-Wen's.
 
-
-def check_exponent(model: str, exponent: float) -> None:
-    """Refuse an exponent below one."""
-    if exponent < 1.0:
-        raise ModelError(
-            f"the exponent of {model} must be at least 1, got {exponent}: "
-            "below it the slope of the loop has a kink of infinite curvature at h = 0"
-        )
-
-
-def state_after(model: str, u: float, h: float) -> Array:
-    """Return the state after the last sample.
-
-    A ModelError where h has run away.
+    A state is the last input and h.
     """
-    if not math.isfinite(h):
-        raise ModelError(
-            f"the hysteretic displacement of {model} grew without limit for this input: "
-            "see the condition 'bounded' of the model, and correct its parameters or its state"
+
+    __slots__ = ()
+
+    #: What it is called in a message.
+    title: ClassVar[str]
+    exponent: float
+
+    @abstractmethod
+    def _compiled(self) -> tuple[Array, Array, Array]:
+        """Return the polynomial, the law and the table of the compiled loops."""
+
+    def _outputs(self, u: Array, state: Array, values: Array) -> float:
+        """Write the outputs, and return the last h."""
+        return simulate_samples(u, state[0], state[1], *self._compiled(), values)
+
+    def initial_state(self) -> Array:
+        return np.zeros(2)
+
+    def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
+        inputs = samples(u, "input")
+        start = self._state(state)
+        values = np.empty_like(inputs)
+        h = self._outputs(inputs, start, values)
+        return Response(values=values, state=self._state_after(inputs[-1], h))
+
+    def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
+        if self.exponent != 1.0:
+            return None
+        cubic, law, powers = self._compiled()
+        start = self._state(state)
+        inputs = samples(u, "input")
+        if inputs.size < 2:
+            raise ModelError("segments lie between samples: got one sample, give two or more")
+        h = advance(start[1], start[0], inputs[0] - start[0], law, powers)
+        table = np.empty((5, 4 * inputs.size))
+        count, h = law_segments(inputs, h, cubic[0], law, powers, table)
+        begin, constant, slope, amplitude, rate = table[:, :count].copy()
+        return Segments(
+            start=begin,
+            constant=constant,
+            slope=slope,
+            amplitude=amplitude,
+            rate=rate,
+            samples=inputs.size,
+            state=self._state_after(inputs[-1], h),
         )
-    return np.array([u, h])
+
+    def _inputs(
+        self, y: Array, state: Array, limits: tuple[float, float, float], steepest: str
+    ) -> tuple[Response, int]:
+        """Return the nearest inputs, and the first sample that none reaches, or -1.
+
+        Limits are the lowest and the highest input, and the least slope of the polynomial, which
+        `steepest` names.
+        """
+        values = np.empty_like(y)
+        done, h, missed = inverse_samples(
+            y, state[0], state[1], np.array(limits), *self._compiled(), values
+        )
+        if done < y.size:
+            raise ModelError(
+                f"{self.title} cannot be inverted at sample {done}: with h = {h:.6g}, dh/du can "
+                f"reach the {steepest}, so that more than one input gives an output; stay within a "
+                f"smaller range, or give a smaller hysteresis_gain"
+            )
+        return Response(values=values, state=self._state_after(values[-1], h)), missed
+
+    def _state_after(self, u: float, h: float) -> Array:
+        """Return the state after the last sample.
+
+        A ModelError where h has run away.
+        """
+        if not math.isfinite(h):
+            raise ModelError(
+                f"the hysteretic displacement of {self.title} grew without limit for this input: "
+                "see the condition 'bounded' of the model, and correct its parameters or its state"
+            )
+        return np.array([u, h])
+
+    def _check(self, numbers: Mapping[str, Any], *above_zero: str) -> None:
+        """Refuse parameters that are not finite, or not above zero where they must be."""
+        for name, value in numbers.items():
+            if not math.isfinite(value):
+                raise ModelError(f"the {name} of {self.title} must be a finite number, got {value}")
+        for name in above_zero:
+            if numbers[name] <= 0.0:
+                raise ModelError(
+                    f"the {name} of {self.title} must be above zero, got {numbers[name]}"
+                )
+
+    def _check_exponent(self) -> None:
+        """Refuse an exponent below one."""
+        if self.exponent < 1.0:
+            raise ModelError(
+                f"the exponent of {self.title} must be at least 1, got {self.exponent}: "
+                "below it the slope of the loop has a kink of infinite curvature at h = 0"
+            )
 
 
 def classical_law(A: float, beta: float, gamma: float, n: float) -> Array:
@@ -76,3 +168,105 @@ def classical_properties(
     )
     steepest = A * max(1.0, 2.0 * beta / total) if holds else math.inf
     return bounded, dissipative, steepest
+
+
+@compiled
+def _fill(
+    u: Array,
+    first: int,
+    last: int,
+    origin: float,
+    s: float,
+    gain: float,
+    g: float,
+    A: float,
+    rate: float,
+    out: Array,
+) -> None:
+    """Write y = d u - h for the samples of one piece; g is the value at its origin."""
+    start = s * g
+    if rate > 0.0:
+        span = s * ((A - rate * g) / rate)
+        for k in range(first, last):
+            # Rounding may put a sample before the origin by one unit in the last place.
+            v = max(s * (u[k] - origin), 0.0)
+            out[k] = gain * u[k] - (start + span * decayed(rate * v))
+    else:
+        for k in range(first, last):
+            v = max(s * (u[k] - origin), 0.0)
+            out[k] = gain * u[k] - s * saturating(g, A, rate, v)
+
+
+@compiled
+def _first_beyond(u: Array, first: int, last: int, s: float, origin: float, v: float) -> int:
+    """Return the first sample of a run that lies at least a distance v from its origin."""
+    while first < last:
+        middle = (first + last) // 2
+        if s * (u[middle] - origin) < v:
+            first = middle + 1
+        else:
+            last = middle
+    return first
+
+
+@compiled
+def simulate_runs(
+    u: Array,
+    u_last: float,
+    h: float,
+    gain: float,
+    A: float,
+    beta: float,
+    gamma: float,
+    out: Array,
+) -> float:
+    """Write the output of exponent 1 run by run, and return the last hysteretic displacement.
+
+    In a run of direction s, with v = |u - u_start| and g = s h,
+
+        dg/dv = A - (beta + gamma) g      for g >= 0,
+        dg/dv = A - (beta - gamma) g      for g < 0,
+
+    so g is an exponential of the distance from where the run began, or from where h passed zero. No
+    sample needs the one before, and a loop over the samples of a run becomes vector code. A is the
+    slope dh/du at h = 0; `u_last` and h are before the first input.
+    """
+    count = u.size
+    i = 0
+    while i < count:
+        if u[i] == u_last:
+            out[i] = gain * u[i] - h
+            i += 1
+            continue
+        s = 1.0 if u[i] > u_last else -1.0
+        end = i + 1
+        while end < count and s * (u[end] - u[end - 1]) >= 0.0:
+            end += 1
+        g = s * h
+        zero = 0.0
+        middle = i
+        length = s * (u[end - 1] - u_last)
+        if g < 0.0:
+            zero = distance_to_zero(-g, A, gamma - beta)
+            middle = _first_beyond(u, i, end, s, u_last, zero)
+            _fill(u, i, middle, u_last, s, gain, g, A, beta - gamma, out)
+        if middle < end:
+            g = max(g, 0.0)
+            _fill(u, middle, end, u_last + s * zero, s, gain, g, A, beta + gamma, out)
+            h = s * saturating(g, A, beta + gamma, length - zero)
+        else:
+            h = s * saturating(g, A, beta - gamma, length)
+        u_last = u[end - 1]
+        i = end
+    return h
+
+
+@compiled_parallel
+def simulate_batch(u: Array, parameters: Array, out: Array) -> None:
+    """Write the outputs of many models at rest for one input, one model for each core.
+
+    Parameters: gain, hysteresis gain, beta and gamma of each, shape (k, 4).
+    """
+    for k in prange(parameters.shape[0]):
+        p = parameters[k]
+        simulate_runs(u, 0.0, 0.0, p[0], p[1], p[2], p[3], out[k])

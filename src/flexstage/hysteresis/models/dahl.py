@@ -11,15 +11,15 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import (
     Array,
-    HysteresisModel,
     ModelProperty,
     Response,
-    Segments,
     samples,
 )
-from flexstage.hysteresis.models.bouc_wen import segments_of
-from flexstage.hysteresis.models.bouc_wen_common import check_numbers, classical_law, state_after
-from flexstage.hysteresis.models.bouc_wen_runs import simulate_runs
+from flexstage.hysteresis.models.bouc_wen_common import (
+    BoucWenModel,
+    classical_law,
+    simulate_runs,
+)
 from flexstage.hysteresis.models.decay import decayed
 from flexstage.hysteresis.models.power_law import power_table
 
@@ -28,7 +28,7 @@ _ROUNDING = 2.3e-16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Dahl(HysteresisModel):
+class Dahl(BoucWenModel):
     """Dahl's friction F as the hysteresis of a drive, y = d u - F (Dahl 1968, 1976).
 
     ``dF/du = sigma |1 - r|^i sgn(1 - r)`` with ``r = (F/F_c) sgn(u')`` (Dahl 1976, AIAA J. 14:1675,
@@ -49,6 +49,7 @@ class Dahl(HysteresisModel):
     """
 
     kind: ClassVar[str] = "dahl"
+    title: ClassVar[str] = "Dahl"
 
     gain: float
     """Gain d of the straight part [unit of y per unit of u]."""
@@ -62,24 +63,9 @@ class Dahl(HysteresisModel):
     """
 
     def __post_init__(self) -> None:
-        numbers = {name: getattr(self, name) for name in self.parameters()}
-        check_numbers("Dahl", numbers, ("stiffness", "limit"))
+        self._check(self.parameters(), "stiffness", "limit")
         if self.exponent < 0.0:
             raise ModelError(f"the exponent of Dahl must be at least 0, got {self.exponent}")
-
-    def initial_state(self) -> Array:
-        return np.zeros(2)
-
-    def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        inputs = samples(u, "input")
-        start = self._state(state)
-        values = np.empty_like(inputs)
-        if self.exponent == 1.0:
-            numbers = self.gain, self.stiffness, self.stiffness / self.limit, 0.0
-            F = simulate_runs(inputs, start[0], start[1], *numbers, values)
-        else:
-            F = _simulate(inputs, start[0], start[1], *self._numbers(), values)
-        return Response(values=values, state=state_after("Dahl", inputs[-1], F))
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
         outputs = samples(y, "output")
@@ -92,13 +78,7 @@ class Dahl(HysteresisModel):
                 f"gain {self.gain:.6g}, so that more than one input gives an output; stay within a "
                 f"smaller range, or give a smaller stiffness"
             )
-        return Response(values=values, state=state_after("Dahl", values[-1], F))
-
-    def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
-        if self.exponent != 1.0:
-            return None
-        law = classical_law(self.stiffness, self.stiffness / self.limit, 0.0, 1.0)
-        return segments_of("Dahl", u, self._state(state), self.gain, law, power_table(1.0))
+        return Response(values=values, state=self._state_after(values[-1], F))
 
     def properties(self) -> tuple[ModelProperty, ...]:
         steepest = self.stiffness * 2.0**self.exponent
@@ -123,6 +103,17 @@ class Dahl(HysteresisModel):
                 ),
             ),
         )
+
+    def _outputs(self, u: Array, state: Array, values: Array) -> float:
+        if self.exponent != 1.0:
+            return _simulate(u, state[0], state[1], *self._numbers(), values)
+        rate = self.stiffness / self.limit
+        return simulate_runs(u, state[0], state[1], self.gain, self.stiffness, rate, 0.0, values)
+
+    def _compiled(self) -> tuple[Array, Array, Array]:
+        # of exponent 1, where it is Bouc-Wen
+        law = classical_law(self.stiffness, self.stiffness / self.limit, 0.0, 1.0)
+        return np.array([self.gain, 0.0, 0.0]), law, power_table(1.0)
 
     def _numbers(self) -> tuple[float, float, float, float]:
         """Return the parameters in the order of the compiled loops."""

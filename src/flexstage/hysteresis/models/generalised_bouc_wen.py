@@ -10,22 +10,17 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import (
     Array,
-    HysteresisModel,
     ModelProperty,
     Response,
-    Segments,
     samples,
 )
-from flexstage.hysteresis.models.bouc_wen import segments_of
-from flexstage.hysteresis.models.bouc_wen_common import check_exponent, check_numbers, state_after
-from flexstage.hysteresis.models.bouc_wen_steps import inverse_samples, law_of, simulate_samples
+from flexstage.hysteresis.models.bouc_wen_common import BoucWenModel
+from flexstage.hysteresis.models.bouc_wen_steps import law_of
 from flexstage.hysteresis.models.power_law import power_table
-
-_NAME = "generalised Bouc-Wen"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GeneralisedBoucWen(HysteresisModel):
+class GeneralisedBoucWen(BoucWenModel):
     """Generalised Bouc-Wen hysteresis y = d u - h (Song, Der Kiureghian 2006).
 
     The hysteretic displacement h obeys ``h' = u' (A - |h|^n psi)`` with the shape function
@@ -49,6 +44,7 @@ class GeneralisedBoucWen(HysteresisModel):
     """
 
     kind: ClassVar[str] = "generalised-bouc-wen"
+    title: ClassVar[str] = "generalised Bouc-Wen"
 
     gain: float
     """Gain d of the straight part [unit of y per unit of u]."""
@@ -65,15 +61,12 @@ class GeneralisedBoucWen(HysteresisModel):
 
     def __post_init__(self) -> None:
         if len(self.shape) != 6:
-            raise ModelError(f"the shape of {_NAME} is six numbers, got {len(self.shape)}")
+            raise ModelError(f"the shape of {self.title} is six numbers, got {len(self.shape)}")
         object.__setattr__(self, "shape", tuple(float(number) for number in self.shape))
-        numbers = {name: getattr(self, name) for name in self.parameters() if name != "shape"}
+        numbers = {name: value for name, value in self.parameters().items() if name != "shape"}
         numbers |= {f"shape number {k + 1}": number for k, number in enumerate(self.shape)}
-        check_numbers(_NAME, numbers, ("hysteresis_gain",))
-        check_exponent(_NAME, self.exponent)
-
-    def initial_state(self) -> Array:
-        return np.zeros(2)
+        self._check(numbers, "hysteresis_gain")
+        self._check_exponent()
 
     def shape_function(self) -> Array:
         """Return the shape function in its eight regions.
@@ -93,39 +86,18 @@ class GeneralisedBoucWen(HysteresisModel):
             b1 * loaded + b2 * side * rate + b3 * side * h + b4 * rate + b5 * h + b6 * side
         ) + np.zeros((2, 2, 2))
 
-    def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        inputs = samples(u, "input")
-        start = self._state(state)
-        values = np.empty_like(inputs)
-        h = simulate_samples(inputs, start[0], start[1], *self._compiled(), values)
-        return Response(values=values, state=state_after(_NAME, inputs[-1], h))
-
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
         outputs = samples(y, "output")
         start = self._state(state)
         loading = self.shape_function()[:, 1].min()
         if loading < 0.0:
             raise ModelError(
-                f"{_NAME} is inverted only where its shape function is at least zero in every "
+                f"{self.title} is inverted only where its shape function is at least zero in every "
                 f"loading region, got {loading:.6g}: its output falls in the end while the input "
                 f"rises"
             )
-        values = np.empty_like(outputs)
-        limits = np.array([-math.inf, math.inf, self.gain])
-        done, h, _ = inverse_samples(outputs, start[0], start[1], limits, *self._compiled(), values)
-        if done < outputs.size:
-            raise ModelError(
-                f"{_NAME} cannot be inverted at sample {done}: with h = {h:.6g}, dh/du can reach "
-                f"the gain {self.gain:.6g}, so that more than one input gives an output; stay "
-                f"within a smaller range, or give a smaller hysteresis_gain"
-            )
-        return Response(values=values, state=state_after(_NAME, values[-1], h))
-
-    def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
-        if self.exponent != 1.0:
-            return None
-        cubic, law, powers = self._compiled()
-        return segments_of(_NAME, u, self._state(state), cubic[0], law, powers)
+        limits = (-math.inf, math.inf, self.gain)
+        return self._inputs(outputs, start, limits, f"gain {self.gain:.6g}")[0]
 
     def properties(self) -> tuple[ModelProperty, ...]:
         # Bounded: psi above zero where h is loaded, and h never beyond where unloading would drive
@@ -167,6 +139,5 @@ class GeneralisedBoucWen(HysteresisModel):
         )
 
     def _compiled(self) -> tuple[Array, Array, Array]:
-        """Return the polynomial, the law and the table of the compiled loops."""
         law = law_of(self.hysteresis_gain, self.exponent, self.centre, self.shape_function())
         return np.array([self.gain, 0.0, 0.0]), law, power_table(self.exponent)

@@ -16,9 +16,9 @@ from flexstage.hysteresis.model import (
     samples,
 )
 from flexstage.hysteresis.models import play_sum
-from flexstage.hysteresis.models.dead_zones import PiecewiseLinear, dead_zone_line
 from flexstage.hysteresis.models.play import ROUNDING, fixed, play_state, rising
 from flexstage.hysteresis.models.play_model import Sum, least_slope, sampled, segments_of, terms
+from flexstage.hysteresis.models.play_sum import PiecewiseLinear, dead_zone_line
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

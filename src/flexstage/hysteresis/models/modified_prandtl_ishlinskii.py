@@ -14,8 +14,8 @@ from flexstage.hysteresis.model import (
     Segments,
     samples,
 )
-from flexstage.hysteresis.models.dead_zones import PiecewiseLinear, dead_zone_line
 from flexstage.hysteresis.models.play import fixed, rising
+from flexstage.hysteresis.models.play_sum import PiecewiseLinear, dead_zone_line
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
 

@@ -40,28 +40,6 @@ def play_columns(u: ArrayLike, thresholds: ArrayLike, state: ArrayLike | None = 
     return _columns(samples(u, "input"), r, before[1:])
 
 
-def stop_columns(u: ArrayLike, thresholds: ArrayLike, state: ArrayLike | None = None) -> Array:
-    """Return the outputs of stops: the input less the play of the same threshold.
-
-    A stop follows its input with slope one until it is at its threshold, and stays there until the
-    input turns back, as a spring with a dry slider does (Brokate and Sprekels 1996, 2.1). The state
-    is that of the *plays*, as in `play_columns`.
-
-    Notes
-    -----
-    Validity: as `play_columns`.
-
-    Examples
-    --------
-    >>> stop_columns([3.0, 1.0, 4.0], [0.5, 2.0])
-    array([[ 0.5,  2. ],
-           [-0.5,  0. ],
-           [ 0.5,  2. ]])
-    """
-    plays = play_columns(u, thresholds, state)
-    return np.asarray(u, dtype=np.float64)[:, None] - plays
-
-
 def play_state(state: Array, thresholds: Array) -> Array:
     """Return a state of plays after checking that an input can have led to it.
 

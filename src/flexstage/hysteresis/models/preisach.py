@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import Array, samples
-from flexstage.hysteresis.models.play import Indices, fixed, play_columns, rising
+from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.models.play import fixed, play_columns, rising
 from flexstage.hysteresis.models.play_model import PlayModel, Sum, terms
 
 
@@ -105,51 +105,6 @@ def preisach_columns(
     return _ramps(plays, k)
 
 
-def preisach_gram(
-    u: ArrayLike,
-    thresholds: ArrayLike,
-    knots: ArrayLike,
-    others: ArrayLike,
-    state: ArrayLike | None = None,
-) -> Array:
-    """Return the products of all columns of a Preisach model with each other and with others.
-
-    The matrix is ``C.T @ C`` with C the columns of `preisach_columns` and then the others. It is
-    formed without C: a function of a play is a sum of its values at the knots times hats, of which
-    two only are not zero. The others are, say, the measured output, the input and ones, shape (n,
-    q); products have the shape (N, N) with N = m (k - 1) + q. The rest is as in `preisach_columns`.
-
-    Notes
-    -----
-    Validity: as `Preisach`. Products square the condition number of the columns.
-
-    Examples
-    --------
-    >>> measured = [[60.0], [30.0]]
-    >>> preisach_gram([80.0, 30.0], [2.0, 9.0], [0.0, 40.0, 90.0], measured)[-1]
-    array([3360., 2280., 3570., 1860., 4500.])
-    """
-    k = rising(knots, "knots", least=2)
-    given = samples(u, "input")
-    more = fixed(others, "other columns", (given.size, -1))
-    plays = play_columns(given, thresholds, state)
-    count, points = plays.shape[1], k.size
-    hats, mixed = _hat_products(plays, k, more)
-    # Values at the knots of a function with unit slope in one interval.
-    # a copy, as plays are: for what cannot be written all is compiled again
-    at_knots = _ramps(k[:, None].copy(), k)
-    blocks = hats.reshape(count, points, count, points)
-    total = count * (points - 1)
-    gram = np.empty((total + more.shape[1],) * 2)
-    inner = np.einsum("ipjq,pa,qb->iajb", blocks, at_knots, at_knots, optimize=True)
-    gram[:total, :total] = inner.reshape(total, total)
-    outer = np.einsum("ipc,pa->iac", mixed.reshape(count, points, -1), at_knots)
-    gram[:total, total:] = outer.reshape(total, -1)
-    gram[total:, :total] = gram[:total, total:].T
-    gram[total:, total:] = more.T @ more
-    return gram
-
-
 @compiled
 def _ramps(plays: Array, knots: Array) -> Array:
     """Return the ramp over each interval for each play, zero where the play is zero.
@@ -187,39 +142,3 @@ def _inside(p: float, knots: Array, j: int) -> int:
     while j > 0 and p < knots[j]:
         j -= 1
     return j
-
-
-@compiled
-def _hat_products(plays: Array, knots: Array, others: Array) -> tuple[Array, Array]:
-    """Return the products of the hats of all plays with each other and with other columns."""
-    count, points = plays.shape[1], knots.size
-    hats = np.zeros((count * points, count * points))
-    mixed = np.zeros((count * points, others.shape[1]))
-    first = np.zeros(count, dtype=np.int64)
-    share = np.zeros(count)
-    for n in range(plays.shape[0]):
-        _hats(plays[n], knots, first, share)
-        for i in range(count):
-            a, t = i * points + first[i], share[i]
-            for c in range(others.shape[1]):
-                mixed[a, c] += (1.0 - t) * others[n, c]
-                mixed[a + 1, c] += t * others[n, c]
-            for l in range(i + 1):  # noqa: E741 (index of the second play)
-                b, s = l * points + first[l], share[l]
-                hats[a, b] += (1.0 - t) * (1.0 - s)
-                hats[a, b + 1] += (1.0 - t) * s
-                hats[a + 1, b] += t * (1.0 - s)
-                hats[a + 1, b + 1] += t * s
-    for a in range(count * points):
-        for b in range((a // points) * points):
-            hats[b, a] = hats[a, b]
-    return hats, mixed
-
-
-@compiled
-def _hats(plays: Array, knots: Array, first: Indices, share: Array) -> None:
-    """Find the interval of each play from where it was, and the share of its upper knot."""
-    for i in range(plays.size):
-        j = _inside(plays[i], knots, first[i])
-        first[i] = j
-        share[i] = (plays[i] - knots[j]) / (knots[j + 1] - knots[j])

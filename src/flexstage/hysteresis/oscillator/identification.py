@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.hysteresis.model import Array, samples
-from flexstage.hysteresis.oscillator.input import Interpolation
 from flexstage.hysteresis.oscillator.oscillator import (
     BoucWenOscillator,
+    Interpolation,
     parameter_row,
     prepared_input,
 )

@@ -22,7 +22,7 @@ from flexstage.instruments.catalogue.tables import (
     StageRow,
     calibration_entry,
     clean,
-    fill_run,
+    fill,
     model_entry,
     of_stage,
     run_entry,
@@ -65,7 +65,8 @@ class Catalogue(Database):
                 row = RunRow()
                 session.add(row)
             with session.no_autoflush:
-                fill_run(session, row, entry)
+                row.stage = stage_row(session, entry.stage)
+                fill(row, entry)
             return new
 
         return self.write(work)
@@ -77,14 +78,8 @@ class Catalogue(Database):
         """
 
         def work(session: Session) -> None:
-            row = CalibrationRow(
-                what=entry.what,
-                value=entry.value,
-                unit=entry.unit,
-                standard_uncertainty=entry.standard_uncertainty,
-                valid_from=entry.valid_from,
-                note=entry.note,
-            )
+            row = CalibrationRow()
+            fill(row, entry)
             row.run = run_row(session, entry.run)
             row.stage = stage_row(session, entry.stage)
             session.add(row)
@@ -104,9 +99,7 @@ class Catalogue(Database):
             with session.no_autoflush:
                 row.run = run
                 row.stage = stage_row(session, entry.stage)
-                row.kind, row.file, row.axis = entry.kind, entry.file, entry.axis
-                row.figures = {clean(k): float(v) for k, v in entry.figures.items()}
-                row.created, row.sha256 = entry.created, entry.sha256
+                fill(row, entry)
                 session.add(row)
 
         self.write(work)

@@ -1,8 +1,8 @@
 """The tables of a catalogue, as classes; their rows from entries, and entries from rows."""
 
-from collections.abc import Mapping
+from dataclasses import fields
 from datetime import UTC, datetime
-from typing import Any, cast
+from typing import Any, ClassVar
 
 from sqlalchemy import (
     JSON,
@@ -67,6 +67,12 @@ def clean(text: str) -> str:
 class Base(DeclarativeBase):
     """The tables of this version."""
 
+    type_annotation_map: ClassVar[dict[Any, Any]] = {
+        str: CleanText,
+        datetime: UtcTime,
+        dict[str, float]: JSON,
+    }
+
 
 class StageRow(Base):
     """A stage."""
@@ -75,10 +81,10 @@ class StageRow(Base):
     __table_args__ = (UniqueConstraint("name", "serial_number", "hash", "design"),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    name: Mapped[str] = mapped_column(CleanText)
-    serial_number: Mapped[str] = mapped_column(CleanText)
-    design: Mapped[str] = mapped_column(CleanText)
-    hash: Mapped[str] = mapped_column(CleanText)
+    name: Mapped[str]
+    serial_number: Mapped[str]
+    design: Mapped[str]
+    hash: Mapped[str]
 
 
 class RunRow(Base):
@@ -88,26 +94,26 @@ class RunRow(Base):
     __table_args__ = (Index("runs_by_start", "started"),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    identifier: Mapped[str] = mapped_column(CleanText, unique=True)
+    identifier: Mapped[str] = mapped_column(unique=True)
     stage_id: Mapped[int] = mapped_column(ForeignKey("stages.id"))
-    started: Mapped[datetime] = mapped_column(UtcTime)
-    plan: Mapped[str] = mapped_column(CleanText)
-    step: Mapped[str] = mapped_column(CleanText)
-    kind: Mapped[str] = mapped_column(CleanText)
-    axis: Mapped[str] = mapped_column(CleanText)
-    operator: Mapped[str] = mapped_column(CleanText)
-    note: Mapped[str] = mapped_column(CleanText)
-    version: Mapped[str] = mapped_column(CleanText)
-    instrument: Mapped[str] = mapped_column(CleanText)
+    started: Mapped[datetime]
+    plan: Mapped[str]
+    step: Mapped[str]
+    kind: Mapped[str]
+    axis: Mapped[str]
+    operator: Mapped[str]
+    note: Mapped[str]
+    version: Mapped[str]
+    instrument: Mapped[str]
     simulated: Mapped[bool]
-    folder: Mapped[str] = mapped_column(CleanText)
-    file: Mapped[str] = mapped_column(CleanText)
-    sha256: Mapped[str] = mapped_column(CleanText)
-    status: Mapped[str] = mapped_column(CleanText)
+    folder: Mapped[str]
+    file: Mapped[str]
+    sha256: Mapped[str]
+    status: Mapped[str]
     samples: Mapped[int] = mapped_column(BigInteger)
     sample_rate_hz: Mapped[float]
-    seed: Mapped[str | None] = mapped_column(CleanText)
-    lost: Mapped[str] = mapped_column(CleanText, server_default="")
+    seed: Mapped[str | None]
+    lost: Mapped[str] = mapped_column(server_default="")
     stage: Mapped[StageRow] = relationship(lazy="joined", innerjoin=True)
 
 
@@ -119,12 +125,12 @@ class CalibrationRow(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     stage_id: Mapped[int] = mapped_column(ForeignKey("stages.id"))
     run_id: Mapped[int | None] = mapped_column(ForeignKey("runs.id"))
-    what: Mapped[str] = mapped_column(CleanText)
+    what: Mapped[str]
     value: Mapped[float]
-    unit: Mapped[str] = mapped_column(CleanText)
+    unit: Mapped[str]
     standard_uncertainty: Mapped[float]
-    valid_from: Mapped[datetime] = mapped_column(UtcTime)
-    note: Mapped[str] = mapped_column(CleanText)
+    valid_from: Mapped[datetime]
+    note: Mapped[str]
     stage: Mapped[StageRow] = relationship(lazy="joined", innerjoin=True)
     run: Mapped[RunRow | None] = relationship(lazy="joined")
 
@@ -137,46 +143,34 @@ class ModelRow(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     stage_id: Mapped[int] = mapped_column(ForeignKey("stages.id"))
     run_id: Mapped[int | None] = mapped_column(ForeignKey("runs.id"))
-    kind: Mapped[str] = mapped_column(CleanText)
-    file: Mapped[str] = mapped_column(CleanText)
-    axis: Mapped[str] = mapped_column(CleanText)
-    figures: Mapped[dict[str, float]] = mapped_column(JSON)
-    created: Mapped[datetime] = mapped_column(UtcTime)
-    sha256: Mapped[str] = mapped_column(CleanText)
+    kind: Mapped[str]
+    file: Mapped[str]
+    axis: Mapped[str]
+    figures: Mapped[dict[str, float]]
+    created: Mapped[datetime]
+    sha256: Mapped[str]
     stage: Mapped[StageRow] = relationship(lazy="joined", innerjoin=True)
     run: Mapped[RunRow | None] = relationship(lazy="joined")
 
 
-_STAGE_FIELDS = ("name", "serial_number", "design", "hash")
-_RUN_FIELDS = (
-    "identifier",
-    "started",
-    "plan",
-    "step",
-    "kind",
-    "axis",
-    "operator",
-    "note",
-    "version",
-    "instrument",
-    "simulated",
-    "folder",
-    "file",
-    "sha256",
-    "status",
-    "samples",
-    "sample_rate_hz",
-    "lost",
-)
+#: What rows do not keep as their entries do.
+_SPECIAL = frozenset({"stage", "run", "seed", "figures"})
 
 
-def fill_run(session: Session, row: RunRow, entry: RunEntry) -> None:
-    """Give the row of a run what its entry says."""
-    row.stage = stage_row(session, entry.stage)
-    for name in _RUN_FIELDS:
+def _plain(kind: type[Any]) -> list[str]:
+    """Return the fields of an entry that its row keeps as they are."""
+    return [f.name for f in fields(kind) if f.name not in _SPECIAL]
+
+
+def fill(row: Any, entry: Any) -> None:
+    """Give a row what its entry says, but for stage and run."""
+    for name in _plain(type(entry)):
         setattr(row, name, getattr(entry, name))
-    # whole numbers of any size, which no database has
-    row.seed = None if entry.seed is None else str(entry.seed)
+    if isinstance(entry, RunEntry):
+        # whole numbers of any size, which no database has
+        row.seed = None if entry.seed is None else str(entry.seed)
+    if isinstance(entry, ModelEntry):
+        row.figures = {clean(k): float(v) for k, v in entry.figures.items()}
 
 
 def of_stage(asked: Select[Any], stage: str | None, serial_number: str | None) -> Select[Any]:
@@ -191,11 +185,12 @@ def of_stage(asked: Select[Any], stage: str | None, serial_number: str | None) -
 def stage_row(session: Session, entry: StageEntry) -> StageRow:
     """Return the row of a stage, a new one where there is none."""
     asked = select(StageRow)
-    for name in _STAGE_FIELDS:
+    for name in _plain(StageEntry):
         asked = asked.where(getattr(StageRow, name) == getattr(entry, name))
     row = session.scalars(asked).first()
     if row is None:
-        row = StageRow(**{name: getattr(entry, name) for name in _STAGE_FIELDS})
+        row = StageRow()
+        fill(row, entry)
         session.add(row)
     return row
 
@@ -213,41 +208,31 @@ def run_row(session: Session, identifier: str) -> RunRow | None:
     return row
 
 
+def _kept(kind: type[Any], row: Any) -> dict[str, Any]:
+    return {name: getattr(row, name) for name in _plain(kind)}
+
+
 def stage_entry(row: StageRow) -> StageEntry:
     """Return the entry of a stage."""
-    return StageEntry(**{name: getattr(row, name) for name in _STAGE_FIELDS})
+    return StageEntry(**_kept(StageEntry, row))
 
 
 def run_entry(row: RunRow) -> RunEntry:
     """Return the entry of a run."""
-    fields: Mapping[str, Any] = {name: getattr(row, name) for name in _RUN_FIELDS}
     seed = None if row.seed is None else int(row.seed)
-    return RunEntry(**fields, seed=seed, stage=stage_entry(row.stage))
+    return RunEntry(**_kept(RunEntry, row), seed=seed, stage=stage_entry(row.stage))
 
 
 def calibration_entry(row: CalibrationRow) -> CalibrationEntry:
     """Return the entry of a calibration."""
-    return CalibrationEntry(
-        what=row.what,
-        value=row.value,
-        unit=row.unit,
-        standard_uncertainty=row.standard_uncertainty,
-        valid_from=row.valid_from,
-        stage=stage_entry(row.stage),
-        run=row.run.identifier if row.run else "",
-        note=row.note,
-    )
+    return CalibrationEntry(**_kept(CalibrationEntry, row), **_origin(row))
 
 
 def model_entry(row: ModelRow) -> ModelEntry:
     """Return the entry of a model."""
-    return ModelEntry(
-        kind=row.kind,
-        file=row.file,
-        stage=stage_entry(row.stage),
-        created=row.created,
-        axis=row.axis,
-        figures=cast(Mapping[str, float], row.figures),
-        run=row.run.identifier if row.run else "",
-        sha256=row.sha256,
-    )
+    return ModelEntry(**_kept(ModelEntry, row), figures=row.figures, **_origin(row))
+
+
+def _origin(row: CalibrationRow | ModelRow) -> dict[str, Any]:
+    run = row.run.identifier if row.run else ""
+    return {"stage": stage_entry(row.stage), "run": run}

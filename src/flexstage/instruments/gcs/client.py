@@ -5,9 +5,14 @@ import time
 from collections.abc import Callable, Sequence
 
 from flexstage.errors import ControllerError, NotConnectedError
-from flexstage.instruments.gcs.codes import STOPPED, error_sentence
 from flexstage.instruments.gcs.conversation import Conversation, shown
-from flexstage.instruments.gcs.replies import assignments, number, whole_number
+from flexstage.instruments.gcs.replies import (
+    STOPPED,
+    assignments,
+    error_sentence,
+    number,
+    whole_number,
+)
 from flexstage.instruments.gcs.transport import Transport
 
 

@@ -5,8 +5,13 @@ import threading
 from collections.abc import Callable
 
 from flexstage.errors import ControllerError, NotConnectedError
-from flexstage.instruments.gcs.codes import error_sentence
-from flexstage.instruments.gcs.replies import excerpt, number, take_lines, whole_number
+from flexstage.instruments.gcs.replies import (
+    error_sentence,
+    excerpt,
+    number,
+    take_lines,
+    whole_number,
+)
 from flexstage.instruments.gcs.transport import NoAnswerError, OpensAnother, Transport
 
 #: The single character that stops everything; it needs no line feed.

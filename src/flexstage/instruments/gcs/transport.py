@@ -1,8 +1,20 @@
-"""What carries bytes to a controller and back, whatever it is made of."""
+"""What carries bytes to a controller and back: memory, network, serial port, or an own object."""
 
-from typing import Protocol, cast, runtime_checkable
+import contextlib
+import math
+import select
+import socket
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Protocol
 
-from flexstage.errors import ControllerError, NotConnectedError
+from flexstage.errors import ModelError, NotConnectedError
+
+if TYPE_CHECKING:
+    import serial
+from typing import cast, runtime_checkable
+
+from flexstage.errors import ControllerError
 
 
 class NoAnswerError(ControllerError, TimeoutError):
@@ -112,3 +124,235 @@ class InProcess(Transport):
         if session is None:
             raise NotConnectedError(f"the link to {self._name} is closed: connect again")
         return session
+
+
+#: The port at which PI's controllers listen.
+DEFAULT_PORT = 50000
+#: Most bytes that are read at once.
+_PIECE = 65536
+#: A link that is gone raises, and does not end the process by SIGPIPE, also where a library (Gmsh
+#: does) has given that signal back its default.
+_QUIETLY = getattr(socket, "MSG_NOSIGNAL", 0)
+
+
+class TcpLink(Transport):
+    """A TCP connection to a controller.
+
+    `timeout` is the longest time for connecting, and for handing a command to the network [s].
+    """
+
+    def __init__(self, host: str, port: int = DEFAULT_PORT, *, timeout: float = 5.0) -> None:
+        self._host, self._port, self._timeout = host, port, timeout
+        try:
+            made = socket.create_connection((host, port), timeout=timeout)
+        except (OSError, OverflowError, UnicodeError) as error:
+            raise NotConnectedError(
+                f"cannot connect to {host} port {port}: {_reason(error)}; is the controller (or "
+                "'flexstage twin') switched on, and is the address right?"
+            ) from error
+        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        self._socket: socket.socket | None = made
+
+    @property
+    def name(self) -> str:
+        return f"{self._host}:{self._port}"
+
+    def send(self, data: bytes) -> None:
+        link = self._open()
+        try:
+            link.sendall(data, _QUIETLY)
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def receive(self, timeout: float) -> bytes:
+        link = self._open()
+        try:
+            # the time-out of the socket is that of sending, which another thread may be doing
+            if not _readable(link, timeout):
+                raise NoAnswerError(f"nothing came from {self.name} in {timeout:g} s")
+            data = link.recv(_PIECE)
+        except NoAnswerError:
+            raise
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        if not data:
+            raise NotConnectedError(f"{self.name} has closed the link: connect again")
+        return data
+
+    def another(self) -> "TcpLink":
+        """Open a second connection to the same controller."""
+        return TcpLink(self._host, self._port, timeout=self._timeout)
+
+    def close(self) -> None:
+        link, self._socket = self._socket, None
+        if link is not None:
+            with contextlib.suppress(OSError):  # it may be gone already
+                link.shutdown(socket.SHUT_RDWR)
+            link.close()
+
+    def _open(self) -> socket.socket:
+        link = self._socket
+        if link is None:
+            raise NotConnectedError(f"the link to {self.name} is closed: connect again")
+        return link
+
+    def _lost(self, error: Exception) -> NotConnectedError:
+        return NotConnectedError(f"the link to {self.name} is lost ({_reason(error)})")
+
+
+def _readable(link: socket.socket, timeout: float) -> bool:
+    if hasattr(select, "poll"):
+        # select() fails for files beyond number 1023
+        waiting = select.poll()
+        waiting.register(link, select.POLLIN)
+        return bool(waiting.poll(math.ceil(max(timeout, 0.0) * 1e3)))
+    return bool(select.select([link], [], [], max(timeout, 0.0))[0])
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__
+
+
+#: The rate of a port that nobody has set otherwise [bit/s].
+DEFAULT_BAUD = 115200
+
+
+class SerialLink(Transport):
+    """A serial port with a controller at it: 8 bits, no parity, 1 stop bit, no handshake.
+
+    `baud` is its rate [bit/s], `timeout` the longest time for handing a command to it [s].
+    """
+
+    def __init__(self, port: str, *, baud: int = DEFAULT_BAUD, timeout: float = 5.0) -> None:
+        import serial
+
+        self._port, self._baud = port, baud
+        try:
+            made = serial.serial_for_url(port, baudrate=baud, timeout=0.0, write_timeout=timeout)
+        except (OSError, ValueError) as error:
+            raise NotConnectedError(
+                f"cannot open the serial port {port} at {baud} bit/s: {error}; is the cable in, "
+                "and may you use the port?"
+            ) from error
+        made.reset_input_buffer()
+        self._serial: serial.Serial | None = made
+
+    @property
+    def name(self) -> str:
+        return self._port
+
+    def send(self, data: bytes) -> None:
+        port = self._open()
+        try:
+            port.write(data)
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def receive(self, timeout: float) -> bytes:
+        port = self._open()
+        try:
+            port.timeout = timeout
+            data = port.read(1)
+            if data:
+                data += port.read(port.in_waiting)
+        except (OSError, TypeError) as error:
+            # pyserial fails with a TypeError where another thread has closed the port
+            raise self._lost(error) from error
+        if not data:
+            raise NoAnswerError(f"nothing came from {self.name} in {timeout:g} s")
+        return data
+
+    def close(self) -> None:
+        port, self._serial = self._serial, None
+        if port is not None:
+            with contextlib.suppress(OSError):
+                port.close()
+
+    def _open(self) -> "serial.Serial":
+        port = self._serial
+        if port is None:
+            raise NotConnectedError(f"the serial port {self.name} is closed: connect again")
+        return port
+
+    def _lost(self, error: Exception) -> NotConnectedError:
+        return NotConnectedError(f"the serial port {self.name} is lost ({error})")
+
+
+#: Pause between two looks at an object that returns at once when nothing has come [s].
+_PAUSE = 2e-3
+
+
+def is_gateway(value: object) -> bool:
+    """Say whether an object can be used as a link: it sends a text, and reads what has come."""
+    return all(callable(getattr(value, name, None)) for name in ("send", "read"))
+
+
+class GatewayLink(Transport):
+    """A link by an object that sends and reads texts or bytes, such as one of another library.
+
+    `flush`, `close` and `connected` are used where the object has them. An object that waits in
+    `read` waits as long as it has been told elsewhere; what it raises on a time-out is taken for
+    nothing. Its `send` gets a text with the line feed at its end.
+    """
+
+    def __init__(
+        self,
+        gateway: object,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] = time.sleep,
+    ) -> None:
+        if not is_gateway(gateway):
+            raise ModelError(
+                f"a gateway needs the methods send(text) and read(), got a {type(gateway).__name__}"
+            )
+        self._gateway: Any = gateway
+        self._clock, self._sleep = clock, sleep
+        self._closed = False
+        flush = getattr(gateway, "flush", None)
+        if callable(flush):
+            flush()
+
+    @property
+    def name(self) -> str:
+        return f"gateway {type(self._gateway).__name__}"
+
+    def send(self, data: bytes) -> None:
+        self._check()
+        try:
+            self._gateway.send(data.decode("latin-1"))
+        except Exception as error:
+            raise self._lost(error) from error
+
+    def receive(self, timeout: float) -> bytes:
+        end = self._clock() + timeout
+        while True:
+            self._check()
+            try:
+                piece = self._gateway.read()
+            except TimeoutError:
+                piece = ""
+            except Exception as error:
+                raise self._lost(error) from error
+            if isinstance(piece, bytes) and piece:
+                return piece
+            if piece:
+                return str(piece).encode("latin-1", "replace")
+            if self._clock() >= end:
+                raise NoAnswerError(f"nothing came from {self.name} in {timeout:g} s")
+            self._sleep(_PAUSE)
+
+    def close(self) -> None:
+        if not self._closed:
+            self._closed = True
+            close = getattr(self._gateway, "close", None)
+            if callable(close):
+                close()
+
+    def _check(self) -> None:
+        if self._closed or getattr(self._gateway, "connected", True) is False:
+            raise NotConnectedError(f"the {self.name} is not connected: connect it again")
+
+    def _lost(self, error: Exception) -> NotConnectedError:
+        return NotConnectedError(f"the link of the {self.name} is lost ({error})")

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.errors import ControllerError, LimitError, ModelError
-from flexstage.instruments.checks import check_waveform
 from flexstage.instruments.gcs.axis import PiAxis
 from flexstage.instruments.gcs.connection import Connection
 from flexstage.instruments.gcs.replies import parse_array
 from flexstage.instruments.gcs.units import VOLTS, WireUnit
-from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.limits import AxisLimits, check_waveform
 from flexstage.instruments.protocol import Capability, WaveGenerator
 from flexstage.instruments.waveform import Waveform
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
-from flexstage.instruments.checks import check_voltage, check_waveform
-from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.limits import AxisLimits, check_voltage, check_waveform
 from flexstage.instruments.ni.backend import InputTask, NiBackend, OutputTask
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup
 from flexstage.instruments.protocol import WaveGenerator

@@ -1,9 +1,6 @@
 """A stream as an HDF5 file that `read_record` reads: written, read back, then put in place."""
 
-import contextlib
-import os
 import re
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from flexstage.errors import RecordError
+from flexstage.files.write import draft_of
 from flexstage.instruments.recording.attributes import RUN, run_attributes
-from flexstage.instruments.recording.files import sync_folder
 from flexstage.instruments.recording.recovery import recovery_of
 from flexstage.instruments.recording.scan import Scan, chunks, scan
 
@@ -28,18 +25,9 @@ def archived(stream: Path, target: Path) -> Path:
         raise RecordError(f"'{target}' exists: no run is written over")
     try:
         found = scan(stream)
-        handle, name = tempfile.mkstemp(
-            prefix=f".{target.name}.", suffix=".part", dir=target.parent
-        )
-        os.close(handle)
-        draft = Path(name)
-        try:
+        with draft_of(target) as draft:
             _write(draft, stream, found)
             _verify(draft, stream, found)
-            _settle(draft, target)
-        finally:
-            with contextlib.suppress(FileNotFoundError):
-                draft.unlink()
     except RecordError:
         raise
     except (OSError, RuntimeError) as error:  # h5py tells some failures of a disk as the latter
@@ -48,17 +36,6 @@ def archived(stream: Path, target: Path) -> Path:
             f"'{target}' cannot be written ({reason}): the stream '{stream}' stays"
         ) from error
     return target
-
-
-def _settle(draft: Path, target: Path) -> None:
-    """Force a file to the disk and give it its name."""
-    mask = os.umask(0)
-    os.umask(mask)
-    draft.chmod(0o666 & ~mask)
-    with draft.open("r+b") as file:  # some systems force only files to disk that may be written
-        os.fsync(file.fileno())
-    draft.replace(target)
-    sync_folder(target.parent)
 
 
 def _keys(names: Sequence[str]) -> list[str]:

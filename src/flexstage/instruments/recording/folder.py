@@ -1,18 +1,14 @@
 """The folder of a run: what lies where."""
 
-import json
-import os
 import re
-import tempfile
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from flexstage.errors import RecordError
-from flexstage.instruments.recording.files import sync_folder
+from flexstage.files.write import sync_folder
 from flexstage.instruments.recording.writer import STREAM_SUFFIX
 
 _STATE = "run.json"
@@ -104,42 +100,6 @@ class RunFolder:
         places = [p for p in (self.path, self.path / "records") if p.is_dir()]
         found = (p for place in places for p in place.iterdir())
         return sorted(p for p in found if p.suffix == suffix and not p.name.startswith("."))
-
-    def write_state(self, state: Mapping[str, Any]) -> None:
-        """Write the state, whole or not at all."""
-        text = json.dumps(state, indent=2, allow_nan=False)
-        draft = None
-        try:
-            handle, name = tempfile.mkstemp(prefix=f".{_STATE}.", dir=self.path)
-            draft = Path(name)
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-            mask = os.umask(0)
-            os.umask(mask)
-            draft.chmod(0o666 & ~mask)
-            draft.replace(self.state_file)
-            sync_folder(self.path)
-        except OSError as error:
-            raise RecordError(
-                f"'{self.state_file}' cannot be written: {error.strerror or error}"
-            ) from error
-        finally:
-            if draft is not None:
-                draft.unlink(missing_ok=True)
-
-    def read_state(self) -> dict[str, Any]:
-        """Return the state; empty where none was written."""
-        try:
-            state = json.loads(self.state_file.read_text("utf-8"))
-        except FileNotFoundError:
-            return {}
-        except (OSError, ValueError, RecursionError) as error:
-            raise RecordError(f"'{self.state_file}' cannot be read: {error}") from error
-        if not isinstance(state, dict):
-            raise RecordError(f"'{self.state_file}' holds no state of a run")
-        return state
 
 
 def _slug(text: str) -> str:

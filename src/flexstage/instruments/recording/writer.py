@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
+from flexstage.instruments.recording.files import StreamFile
 from flexstage.instruments.recording.frames import (
     END,
     LARGEST_PAYLOAD,
@@ -20,7 +21,6 @@ from flexstage.instruments.recording.frames import (
     StreamHead,
 )
 from flexstage.instruments.recording.metadata import RunMetadata
-from flexstage.instruments.recording.stream_file import StreamFile
 
 #: How the name of a stream ends.
 STREAM_SUFFIX = ".stream"

@@ -7,7 +7,8 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.experiment.virtual.as_built import AsBuilt, as_built
-from flexstage.experiment.virtual.scatter import (
+from flexstage.experiment.virtual.bench import SimulatedSensor
+from flexstage.experiment.virtual.imperfections import (
     Scatter,
     displaced_system,
     displacements,
@@ -18,15 +19,14 @@ from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.twin.default_servo import delivered_settings
-from flexstage.instruments.twin.hammer import Hammer
-from flexstage.instruments.twin.piezo_parts import PiezoAxis
-from flexstage.instruments.twin.piezo_stage import PiezoStage
+from flexstage.instruments.twin.piezo_stage import PiezoAxis, PiezoStage
 from flexstage.instruments.twin.screw_stage import ScrewAxis, ScrewStage
-from flexstage.instruments.twin.sensors import AxisSensor, SensorBench
+from flexstage.instruments.twin.sensors import SensorBench
 from flexstage.instruments.twin.stack import ChargeDrive
+from flexstage.instruments.twin.stage import Hammer
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.system import MechanicalSystem, modes
-from flexstage.system.characteristics import axis_mode
+from flexstage.system.analysis import axis_mode
 
 #: What amplifier and stack are like: bandwidth [Hz], largest current [A], creep per decade [1].
 _BANDWIDTH_HZ = 2000.0
@@ -45,8 +45,12 @@ _KEPT_FREE = 0.015
 _CYCLES = 4
 _EXACT = Scatter(neck_common=0.0, neck_own=0.0, position=0.0, modulus=0.0)
 _EDDY_CURRENT = SensorBench(
-    along=AxisSensor(noise_rms=20e-9, mains_amplitude=20e-9, gain_scatter=5e-4),
-    beside=AxisSensor(noise_rms=20e-9, mains_amplitude=20e-9, gain_scatter=2e-3),
+    along=SimulatedSensor(
+        noise_rms=20e-9, mains_amplitude=20e-9, resolution_step=1e-10, calibration=5e-4
+    ),
+    beside=SimulatedSensor(
+        noise_rms=20e-9, mains_amplitude=20e-9, resolution_step=1e-10, calibration=2e-3
+    ),
 )
 
 

@@ -6,12 +6,13 @@ held, whether it is a question that a client repeats while it waits.
 
 import math
 import threading
+import time
 from typing import Protocol
 
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.twin.controller import VirtualController
+from flexstage.instruments.twin.controller_core import duration
 from flexstage.instruments.twin.device import Refusal, RefusedError
-from flexstage.instruments.twin.time_source import Clock, RealClock, duration
 
 #: Simulated time of one command of a fast conversation [s].
 _COMMAND = 1e-3
@@ -19,6 +20,18 @@ _COMMAND = 1e-3
 _LOOK, _PATIENCE = 5e-3, 0.25
 #: Longest time for which the lock is held at once [s of simulated time], and the pause after it.
 _PIECE, _BREATH = 20e-3, 1e-4
+
+
+class Clock:
+    """The clock of the computer, which is never set back."""
+
+    def now(self) -> float:
+        """Return the time from some moment on [s]."""
+        return time.monotonic()
+
+    def wait(self, seconds: float, ended: threading.Event) -> bool:
+        """Wait some time, or until an event is set."""
+        return ended.wait(seconds)
 
 
 class Pace(Protocol):
@@ -82,7 +95,7 @@ class Pacemaker(Pace):
                 f"{tick!r} and {catch_up!r} s"
             )
         self._device = device
-        self._clock: Clock = RealClock() if clock is None else clock
+        self._clock = Clock() if clock is None else clock
         self._tick, self._catch_up = tick, catch_up
         self._lock = threading.RLock()
         self._ended = threading.Event()

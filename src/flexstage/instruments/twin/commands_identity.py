@@ -1,13 +1,24 @@
-"""Commands about the controller itself: identity, help, errors, parameters, reboot."""
+"""Commands about the controller itself: identity, help, errors, parameters, reboot, and state."""
 
 from collections.abc import Iterable, Sequence
 
 from flexstage import __version__
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Client, GcsCommand, Reply
+from flexstage.instruments.twin.command import (
+    Client,
+    GcsCommand,
+    Reply,
+    chosen,
+    fact,
+    nothing,
+    number,
+    printed,
+    unsigned,
+    unsigned_or_hex,
+)
+from flexstage.instruments.twin.commands_motion import of_axes, of_inputs
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_arguments import chosen, number, unsigned, unsigned_or_hex
-from flexstage.instruments.twin.gcs_state import ControllerState
+from flexstage.instruments.twin.gcs_state import MICRO, ControllerState, ServoDraft
 from flexstage.instruments.twin.parameters import (
     PARAMETERS,
     SIMULATED_TIME,
@@ -15,7 +26,6 @@ from flexstage.instruments.twin.parameters import (
     listing,
     value_text,
 )
-from flexstage.instruments.twin.servo_parameters import ServoDraft
 
 #: Longest simulated time that one command leads on by [s].
 _LONGEST = 3600.0
@@ -27,12 +37,6 @@ _CHARACTERS = (
     "#9 Get Wave Generator Status",
     "#24 Stop All Axes",
 )
-
-
-def nothing(words: Sequence[str]) -> None:
-    """Refuse arguments."""
-    if words:
-        raise GcsError(code.NUMBER_OF_PARAMETERS)
 
 
 def identity_line(state: ControllerState) -> str:
@@ -49,16 +53,6 @@ def identity_line(state: ControllerState) -> str:
         model = f"{model} (simulated)"
     fields = (vendor, model, said.serial_number or "0", said.firmware or __version__)
     return ", ".join(field.replace(",", " ").replace("\n", " ") for field in fields)
-
-
-def _identity(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [identity_line(state)]
-
-
-def _syntax_version(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [state.model.syntax]
 
 
 def _versions(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
@@ -203,50 +197,111 @@ def _stage_names(state: ControllerState, _: Client, words: Sequence[str]) -> Rep
     return [f"{name}={axis.stage_axis}" for name, axis in axes]
 
 
-def _outputs(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [str(len(state.outputs))]
-
-
-def _inputs(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [str(len(state.channels))]
-
-
 #: Commands about the controller; ``HLP?`` is made from the list of all of them.
 IDENTITY = (
-    GcsCommand(name="*IDN?", arguments="", text="Get Device Identification", run=_identity),
-    GcsCommand(name="CCL", arguments="<Level> [<PSWD>]", text="Set Command Level", run=_level),
-    GcsCommand(name="CCL?", arguments="", text="Get Command Level", run=_read_level),
-    GcsCommand(name="CST?", arguments="[{<AxisID>}]", text="Get Stage Of Axis", run=_stage_names),
-    GcsCommand(name="CSV?", arguments="", text="Get Current Syntax Version", run=_syntax_version),
-    GcsCommand(name="ERR?", arguments="", text="Get Error Number", run=_read_error),
-    GcsCommand(name="HPA?", arguments="", text="Get List Of Available Parameters", run=_parameters),
-    GcsCommand(name="IDN?", arguments="", text="Get Device Identification", run=_identity),
-    GcsCommand(
-        name="RBT", arguments="", text="Reboot System", run=_reboot, changes=True, moves=True
-    ),
-    GcsCommand(name="SAI?", arguments="[ALL]", text="Get Axis Identifiers", run=_axis_names),
-    GcsCommand(
-        name="SEP?",
-        arguments="[{<ItemID> <PamID>}]",
-        text="Get Parameters As Delivered",
-        run=_read_delivered,
-    ),
-    GcsCommand(
-        name="SPA",
-        arguments="{<ItemID> <PamID> <PamValue>}",
-        text="Set Volatile Memory Parameters",
-        run=_set_parameters,
-        changes=True,
-    ),
-    GcsCommand(
-        name="SPA?",
-        arguments="[{<ItemID> <PamID>}]",
-        text="Get Volatile Memory Parameters",
-        run=_read_parameters,
-    ),
-    GcsCommand(name="TPC?", arguments="", text="Get Number Of Output Channels", run=_outputs),
-    GcsCommand(name="TSC?", arguments="", text="Get Number Of Input Channels", run=_inputs),
-    GcsCommand(name="VER?", arguments="", text="Get Versions", run=_versions),
-)
+    GcsCommand("*IDN?", "", "Get Device Identification", fact(identity_line)),
+    GcsCommand("CCL", "<Level> [<PSWD>]", "Set Command Level", _level),
+    GcsCommand("CCL?", "", "Get Command Level", _read_level),
+    GcsCommand("CST?", "[{<AxisID>}]", "Get Stage Of Axis", _stage_names),
+    GcsCommand("CSV?", "", "Get Current Syntax Version", fact(lambda s: s.model.syntax)),
+    GcsCommand("ERR?", "", "Get Error Number", _read_error),
+    GcsCommand("HPA?", "", "Get List Of Available Parameters", _parameters),
+    GcsCommand("IDN?", "", "Get Device Identification", fact(identity_line)),
+    GcsCommand("RBT", "", "Reboot System", _reboot, changes=True, moves=True),
+    GcsCommand("SAI?", "[ALL]", "Get Axis Identifiers", _axis_names),
+    GcsCommand("SEP?", "[{<ItemID> <PamID>}]", "Get Parameters As Delivered", _read_delivered),
+    GcsCommand("SPA", "{<ItemID> <PamID> <PamValue>}", "Set Volatile Memory Parameters",
+               _set_parameters, changes=True),
+    GcsCommand("SPA?", "[{<ItemID> <PamID>}]", "Get Volatile Memory Parameters", _read_parameters),
+    GcsCommand("TPC?", "", "Get Number Of Output Channels", fact(lambda s: str(len(s.outputs)))),
+    GcsCommand("TSC?", "", "Get Number Of Input Channels", fact(lambda s: str(len(s.channels)))),
+    GcsCommand("VER?", "", "Get Versions", _versions),
+)  # fmt: skip
+#: Bits of the status register.
+_SERVO, _MOVING, _ON_TARGET = 1 << 12, 1 << 13, 1 << 15
+#: Largest number of the converter of an input, 18 bits with sign.
+_DIGITS = (1 << 17) - 1
+#: What an input that has no range of its own reads at most [um, or urad].
+_FULL_SCALE = 100.0
+#: Range of an axis's sensor over that of its positions; a stage at rest is below them.
+_SENSOR_SPAN = 1.5
+#: Part of the range of the voltage that is no way to its end.
+_AT_END = 1e-6
+
+
+def _bits(state: ControllerState, axis: str) -> int:
+    device = state.device
+    return (
+        _SERVO * device.servo_on(axis)
+        + _MOVING * device.moving(axis)
+        + _ON_TARGET * device.on_target(axis)
+    )
+
+
+def status_register(state: ControllerState) -> str:
+    """Return what ``#4`` answers."""
+    return "0x" + "".join(f"{_bits(state, axis):04X}" for axis in state.axes)
+
+
+def _registers(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    if len(words) % 2:
+        raise GcsError(code.NUMBER_OF_PARAMETERS)
+    given = list(zip(words[::2], words[1::2], strict=True)) or [(a, "1") for a in state.axes]
+    for axis, register in given:
+        if axis not in state.axes:
+            raise GcsError(code.UNKNOWN_AXIS)
+        if unsigned(register) != 1:
+            raise GcsError(code.OUT_OF_RANGE)
+    return [f"{axis} {register}=0x{_bits(state, axis):04X}" for axis, register in given]
+
+
+def _overflow(state: ControllerState, axis: str) -> str:
+    """Say whether position control asks for more voltage than there is."""
+    if state.axes[axis].kind != "piezo" or not state.device.servo_on(axis):
+        return "0"
+    low, high = state.voltage_range(axis)
+    slack = _AT_END * (high - low)
+    return str(int(not low + slack < state.device.voltage(axis) < high - slack))
+
+
+def _normalized(state: ControllerState, channel: int) -> float:
+    """Return a reading as a part of the largest one [%], 0 in the middle of its range."""
+    reading = state.device.channel(channel) / MICRO
+    axes = list(state.axes)
+    if channel > len(axes):
+        return 100.0 * reading / _FULL_SCALE
+    low, high = (end / MICRO for end in state.position_range(axes[channel - 1]))
+    return 100.0 * (2.0 * reading - high - low) / (_SENSOR_SPAN * (high - low))
+
+
+def _digits(state: ControllerState, channel: int) -> str:
+    return str(max(-_DIGITS, min(_DIGITS, round(_DIGITS * _normalized(state, channel) / 100.0))))
+
+
+def _interfaces(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    facts = {
+        "RSBAUD": "0",  # no serial line
+        "IPADR": f"{state.host}:{state.port}",
+        "IPSTART": "0",
+        "IPMASK": "255.255.255.255",
+        "MACADR": "00-00-00-00-00-00",
+    }
+    return [f"{name}={value}" for name, value in chosen(words, facts, code.UNKNOWN_PARAMETER)]
+
+
+#: Commands of the controller's state; inputs for the target, and switches of the stage, are none.
+STATUS = (
+    GcsCommand("AOS?", "[{<AxisID>}]", "Get Analog Input Offset",
+               of_axes(lambda _, __: printed(0.0))),
+    GcsCommand("IFC?", "[{<InterfacePam>}]", "Get Interface Parameters", _interfaces),
+    GcsCommand("LIM?", "[{<AxisID>}]", "Indicate Limit Switches", of_axes(lambda _, __: "0")),
+    GcsCommand("OVF?", "[{<AxisID>}]", "Get Overflow State", of_axes(_overflow)),
+    GcsCommand("SRG?", "[{<AxisID> <RegisterID>}]", "Query Status Register Value", _registers,
+               poll=True),
+    GcsCommand("SSN?", "", "Get Device Serial Number",
+               fact(lambda s: s.device.identity.serial_number or "0")),
+    GcsCommand("TAD?", "[{<InputID>}]", "Get ADC Value Of Input Signal", of_inputs(_digits)),
+    GcsCommand("TNS?", "[{<InputID>}]", "Get Normalized Input Signal Value",
+               of_inputs(lambda s, n: printed(_normalized(s, n)))),
+    GcsCommand("TRS?", "[{<AxisID>}]", "Indicate Reference Switch", of_axes(lambda _, __: "0")),
+)  # fmt: skip

@@ -3,11 +3,21 @@
 from collections.abc import Callable, Sequence
 
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Client, GcsCommand, Reply, Run
-from flexstage.instruments.twin.commands_identity import nothing
+from flexstage.instruments.twin.command import (
+    Client,
+    GcsCommand,
+    Reply,
+    Run,
+    chosen,
+    nothing,
+    number,
+    one,
+    pairs,
+    printed,
+    switch,
+)
 from flexstage.instruments.twin.device import Refusal, RefusedError
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_arguments import chosen, number, one, pairs, printed, switch
 from flexstage.instruments.twin.gcs_state import MICRO, ControllerState
 
 
@@ -166,32 +176,28 @@ def _voltage_command(state: ControllerState, axis: str) -> str:
 
 
 def _question(name: str, text: str, run: Run, *, poll: bool = False) -> GcsCommand:
-    return GcsCommand(name=name, arguments="[{<AxisID>}]", text=text, run=run, poll=poll)
+    return GcsCommand(name, "[{<AxisID>}]", text, run, poll=poll)
 
 
 def _change(name: str, arguments: str, text: str, run: Run) -> GcsCommand:
-    return GcsCommand(name=name, arguments=arguments, text=text, run=run, changes=True, moves=True)
+    return GcsCommand(name, arguments, text, run, changes=True, moves=True)
 
 
 #: Commands of motion.
 MOTION = (
     _question("FRF?", "Get Referencing Result", of_axes(lambda _, __: "1")),
-    GcsCommand(name="HLT", arguments="[{<AxisID>}]", text="Halt Motion Smoothly", run=_halt),
+    GcsCommand("HLT", "[{<AxisID>}]", "Halt Motion Smoothly", _halt),
     _change("IMP", "<AxisID>", "Strike The Stage With A Hammer, Drives Taken Out", _strike),
     _change("MOV", "{<AxisID> <Position>}", "Set Target Position", _move(relative=False)),
     _question("MOV?", "Get Target Position", of_axes(_micro(lambda s, a: s.device.target(a)))),
     _change("MVR", "{<AxisID> <Distance>}", "Set Target Relative", _move(relative=True)),
     _question("NLM?", "Get Low Position Soft Limit", of_axes(_micro(lambda s, a: _soft(s, a, 0)))),
-    _question(
-        "ONT?",
-        "Get On-Target State",
-        of_axes(_flag(lambda s, a: s.device.on_target(a))),
-        poll=True,
-    ),
+    _question("ONT?", "Get On-Target State", of_axes(_flag(lambda s, a: s.device.on_target(a))),
+              poll=True),
     _question("PLM?", "Get High Position Soft Limit", of_axes(_micro(lambda s, a: _soft(s, a, 1)))),
     _question("POS?", "Get Real Position", of_axes(_micro(lambda s, a: s.device.position(a)))),
     _question("PUN?", "Get Axis Unit", of_axes(lambda s, _: s.model.unit)),
-    GcsCommand(name="STP", arguments="", text="Stop All Axes", run=_stop),
+    GcsCommand("STP", "", "Stop All Axes", _stop),
     _change("SVA", "{<AxisID> <Amplitude>}", "Set Open-Loop Voltage", _set_voltage(relative=False)),
     _question("SVA?", "Get Open-Loop Voltage", of_axes(_voltage_command)),
     _change("SVO", "{<AxisID> <ServoState>}", "Set Servo Mode", _switch_servo),
@@ -199,30 +205,13 @@ MOTION = (
     _change("SVR", "{<AxisID> <Difference>}", "Set Relative Open-Loop Voltage", _set_voltage(True)),
     _question("TMN?", "Get Minimum Commandable Position", of_axes(_micro(_low))),
     _question("TMX?", "Get Maximum Commandable Position", of_axes(_micro(_high))),
-    GcsCommand(
-        name="TSP?",
-        arguments="[{<InputID>}]",
-        text="Get Input Signal Position",
-        run=of_inputs(_input),
-    ),
+    GcsCommand("TSP?", "[{<InputID>}]", "Get Input Signal Position", of_inputs(_input)),
     _change("VEL", "{<AxisID> <Velocity>}", "Set Velocity", _set_speed),
     _question("VEL?", "Get Velocity", of_axes(_micro(_speed))),
-    GcsCommand(
-        name="VMA?",
-        arguments="[{<OutputID>}]",
-        text="Get Maximum Output Voltage",
-        run=_of_outputs(lambda s, a: _soft_voltage(s, a, 1)),
-    ),
-    GcsCommand(
-        name="VMI?",
-        arguments="[{<OutputID>}]",
-        text="Get Minimum Output Voltage",
-        run=_of_outputs(lambda s, a: _soft_voltage(s, a, 0)),
-    ),
-    GcsCommand(
-        name="VOL?",
-        arguments="[{<OutputID>}]",
-        text="Get Voltage Of Output Channel",
-        run=_of_outputs(lambda s, a: s.device.voltage(a)),
-    ),
-)
+    GcsCommand("VMA?", "[{<OutputID>}]", "Get Maximum Output Voltage",
+               _of_outputs(lambda s, a: _soft_voltage(s, a, 1))),
+    GcsCommand("VMI?", "[{<OutputID>}]", "Get Minimum Output Voltage",
+               _of_outputs(lambda s, a: _soft_voltage(s, a, 0))),
+    GcsCommand("VOL?", "[{<OutputID>}]", "Get Voltage Of Output Channel",
+               _of_outputs(lambda s, a: s.device.voltage(a))),
+)  # fmt: skip

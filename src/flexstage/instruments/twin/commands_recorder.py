@@ -3,11 +3,17 @@
 from collections.abc import Sequence
 
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.array_text import array_text
-from flexstage.instruments.twin.command import Client, GcsCommand, Reply
-from flexstage.instruments.twin.commands_identity import identity_line, nothing
+from flexstage.instruments.twin.command import (
+    Client,
+    GcsCommand,
+    Reply,
+    array_text,
+    fact,
+    nothing,
+    unsigned,
+)
+from flexstage.instruments.twin.commands_identity import identity_line
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_arguments import unsigned
 from flexstage.instruments.twin.gcs_state import ControllerState
 from flexstage.instruments.twin.record_store import RECORD_OPTIONS
 
@@ -100,16 +106,6 @@ def _set_rate(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     return None
 
 
-def _rate(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [str(state.device.record_divider())]
-
-
-def _number_of_tables(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [str(state.recorder.tables)]
-
-
 def _recorded(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     count = state.device.recorded()
     return [
@@ -137,55 +133,19 @@ def _records(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
 
 #: Commands of the data recorder.
 RECORDER = (
-    GcsCommand(
-        name="DRC",
-        arguments="{<RecTableID> <Source> <RecOption>}",
-        text="Set Data Recorder Configuration",
-        run=_configure,
-        changes=True,
-    ),
-    GcsCommand(
-        name="DRC?",
-        arguments="[{<RecTableID>}]",
-        text="Get Data Recorder Configuration",
-        run=_configuration,
-    ),
-    GcsCommand(
-        name="DRL?",
-        arguments="[{<RecTableID>}]",
-        text="Get Number Of Recorded Points",
-        run=_recorded,
-        poll=True,
-    ),
-    GcsCommand(
-        name="DRR?",
-        arguments="[<StartPoint> <NumberOfPoints> [{<RecTableID>}]]",
-        text="Get Recorded Data Values",
-        run=_records,
-    ),
-    GcsCommand(
-        name="DRT",
-        arguments="{<RecTableID> <TriggerSource> <Value>}",
-        text="Set Data Recorder Trigger Source",
-        run=_set_trigger,
-        changes=True,
-    ),
-    GcsCommand(
-        name="DRT?",
-        arguments="[{<RecTableID>}]",
-        text="Get Data Recorder Trigger Source",
-        run=_trigger,
-    ),
-    GcsCommand(name="HDR?", arguments="", text="Get All Data Recorder Options", run=_options),
-    GcsCommand(
-        name="RTR",
-        arguments="<RecTableRate>",
-        text="Set Record Table Rate",
-        run=_set_rate,
-        changes=True,
-    ),
-    GcsCommand(name="RTR?", arguments="", text="Get Record Table Rate", run=_rate),
-    GcsCommand(
-        name="TNR?", arguments="", text="Get Number Of Record Tables", run=_number_of_tables
-    ),
-)
+    GcsCommand("DRC", "{<RecTableID> <Source> <RecOption>}", "Set Data Recorder Configuration",
+               _configure, changes=True),
+    GcsCommand("DRC?", "[{<RecTableID>}]", "Get Data Recorder Configuration", _configuration),
+    GcsCommand("DRL?", "[{<RecTableID>}]", "Get Number Of Recorded Points", _recorded, poll=True),
+    GcsCommand("DRR?", "[<StartPoint> <NumberOfPoints> [{<RecTableID>}]]",
+               "Get Recorded Data Values", _records),
+    GcsCommand("DRT", "{<RecTableID> <TriggerSource> <Value>}", "Set Data Recorder Trigger Source",
+               _set_trigger, changes=True),
+    GcsCommand("DRT?", "[{<RecTableID>}]", "Get Data Recorder Trigger Source", _trigger),
+    GcsCommand("HDR?", "", "Get All Data Recorder Options", _options),
+    GcsCommand("RTR", "<RecTableRate>", "Set Record Table Rate", _set_rate, changes=True),
+    GcsCommand("RTR?", "", "Get Record Table Rate",
+               fact(lambda s: str(s.device.record_divider()))),
+    GcsCommand("TNR?", "", "Get Number Of Record Tables",
+               fact(lambda s: str(s.recorder.tables))),
+)  # fmt: skip

@@ -1,12 +1,22 @@
-"""Commands that set up the axes of a piezo controller: zero, limits, modes, references."""
+"""Commands that set up a controller: zero, limits, modes, references of axes; digital outputs."""
 
 from collections.abc import Callable, Sequence
 
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Client, GcsCommand, Reply, Run
+from flexstage.instruments.twin.command import (
+    Client,
+    GcsCommand,
+    Reply,
+    Run,
+    chosen,
+    nothing,
+    number,
+    pairs,
+    switch,
+    unsigned,
+)
 from flexstage.instruments.twin.commands_motion import of_axes
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_arguments import chosen, number, pairs, switch
 from flexstage.instruments.twin.gcs_state import MICRO, ControllerState
 
 
@@ -135,22 +145,19 @@ def _flag(value: Callable[[ControllerState, str], bool]) -> Run:
 
 
 def _change(name: str, arguments: str, text: str, run: Run, *, moves: bool = False) -> GcsCommand:
-    return GcsCommand(name=name, arguments=arguments, text=text, run=run, changes=True, moves=moves)
+    return GcsCommand(name, arguments, text, run, changes=True, moves=moves)
 
 
 def _question(name: str, text: str, run: Run) -> GcsCommand:
-    return GcsCommand(name=name, arguments="[{<AxisID>}]", text=text, run=run)
+    return GcsCommand(name, "[{<AxisID>}]", text, run)
 
 
 _SWITCHED = "{<AxisID> <State>}"
-
 #: Commands of the set-up.
 SETUP = (
     _change("ATZ", "[{<AxisID> <LowValue>}]", "Set Automatic Zero Point", _set_zero, moves=True),
-    GcsCommand(
-        name="ATZ?", arguments="[{<AxisID>}]", text="Get Automatic Zero Point State",
-        run=of_axes(_zeroed), poll=True,
-    ),
+    GcsCommand("ATZ?", "[{<AxisID>}]", "Get Automatic Zero Point State", of_axes(_zeroed),
+               poll=True),
     _change("DCO", _SWITCHED, "Set Drift Compensation Mode", _set_drift_compensation),
     _question("DCO?", "Get Drift Compensation Mode", _flag(lambda s, a: s.drift_compensation[a])),
     _change("EAX", _SWITCHED, "Enable Axis", _enable),
@@ -161,7 +168,7 @@ SETUP = (
     _change("NLM", "{<AxisID> <LowLimit>}", "Set Low Position Soft Limit",
             _soft_limit(of_voltage=False, high=False)),
     _change("ONL", "[<OutputID>] <State>", "Set Control Mode", _set_online),
-    GcsCommand(name="ONL?", arguments="[{<OutputID>}]", text="Get Control Mode", run=_online),
+    GcsCommand("ONL?", "[{<OutputID>}]", "Get Control Mode", _online),
     _change("PLM", "{<AxisID> <HighLimit>}", "Set High Position Soft Limit",
             _soft_limit(of_voltage=False, high=True)),
     _change("RON", _SWITCHED, "Set Reference Mode", _reference_mode),
@@ -172,4 +179,80 @@ SETUP = (
             _soft_limit(of_voltage=True, high=True)),
     _change("VMI", "{<OutputID> <MinVoltage>}", "Set Minimum Output Voltage",
             _soft_limit(of_voltage=True, high=False)),
+)  # fmt: skip
+#: Digital outputs, which nothing is connected to: their settings are kept and told.
+_LINES = 3
+#: Settings of a line: width, axis, kind, lowest and highest position, polarity, offset.
+_SETTINGS = range(1, 12)
+
+
+def _line(word: str) -> int:
+    line = unsigned(word)
+    if not 1 <= line <= _LINES:
+        raise GcsError(code.OUT_OF_RANGE)
+    return line
+
+
+def _triples(words: Sequence[str]) -> list[Sequence[str]]:
+    if not words or len(words) % 3:
+        raise GcsError(code.NUMBER_OF_PARAMETERS)
+    return [words[i : i + 3] for i in range(0, len(words), 3)]
+
+
+def _set_points(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    given = {}
+    for line, point, on in _triples(words):
+        at = unsigned(point)
+        if not 1 <= at <= state.device.wave_capacity:
+            raise GcsError(code.OUT_OF_RANGE)
+        given[_line(line), at] = switch(on)
+    state.trigger_points.update(given)
+    return None
+
+
+def _clear_points(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    state.trigger_points.clear()
+    return None
+
+
+def _points(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    lines = [_line(word) for word in words] or range(1, _LINES + 1)
+    found = [(n, p) for n, p in sorted(state.trigger_points) if n in lines]
+    return [f"{n} {p}={int(state.trigger_points[n, p])}" for n, p in found] or ["0"]
+
+
+def _set_line(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    given = {}
+    for line, setting, word in _triples(words):
+        key = unsigned(setting)
+        if key not in _SETTINGS:
+            raise GcsError(code.OUT_OF_RANGE)
+        number(word)
+        given[_line(line), key] = word
+    state.trigger_settings.update(given)
+    return None
+
+
+def _settings(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    if len(words) % 2:
+        raise GcsError(code.NUMBER_OF_PARAMETERS)
+    asked = [(_line(a), unsigned(b)) for a, b in zip(words[::2], words[1::2], strict=True)]
+    for key in asked:
+        if key[1] not in _SETTINGS:
+            raise GcsError(code.OUT_OF_RANGE)
+    known = asked or sorted(state.trigger_settings)
+    return [f"{n} {key}={state.trigger_settings.get((n, key), '0')}" for n, key in known] or ["0"]
+
+
+#: Commands of the digital outputs.
+TRIGGERS = (
+    GcsCommand("CTO", "{<TrigOutID> <CTOPam> <Value>}", "Set Configuration Of Trigger Output",
+               _set_line, changes=True),
+    GcsCommand("CTO?", "[{<TrigOutID> <CTOPam>}]", "Get Configuration Of Trigger Output",
+               _settings),
+    GcsCommand("TWC", "", "Clear All Wave Related Triggers", _clear_points, changes=True),
+    GcsCommand("TWS", "{<TrigOutID> <PointNumber> <Switch>}",
+               "Set Trigger Line Actions To Waveform Points", _set_points, changes=True),
+    GcsCommand("TWS?", "[{<TrigOutID>}]", "Get Trigger Line Actions At Waveform Points", _points),
 )  # fmt: skip

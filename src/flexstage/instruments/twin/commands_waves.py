@@ -1,26 +1,31 @@
-"""Commands of the wave generator: tables, who runs which, rate, cycles, start."""
+"""Commands of the wave generator: tables and segments, who runs which, rate, cycles, start."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from flexstage.arrays import Array
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.array_text import array_text
-from flexstage.instruments.twin.command import Client, GcsCommand, Reply
-from flexstage.instruments.twin.commands_identity import identity_line, nothing
-from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_arguments import (
+from flexstage.instruments.twin.command import (
     LARGEST,
+    Client,
+    GcsCommand,
+    Reply,
+    Run,
+    array_text,
     chosen,
+    fact,
+    nothing,
     number,
     pairs,
     printed,
     unsigned,
     unsigned_or_hex,
 )
+from flexstage.instruments.twin.commands_identity import identity_line
+from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.gcs_state import ControllerState
-from flexstage.instruments.twin.wave_command import segment
 
 #: Bits of the start mode: begin at once; begin each cycle where the one before has ended.
 _START, _ONWARD = 1, 1 << 8
@@ -31,6 +36,16 @@ def running_bits(state: ControllerState) -> str:
     """Return what ``#9`` answers."""
     running = (state.device.wave_running(axis) for axis in state.generators.values())
     return f"{sum(1 << i for i, runs in enumerate(running) if runs):X}"
+
+
+def _told(value: Callable[[ControllerState, str, str], str]) -> Run:
+    """Return a command that tells something of generators, each given with its axis."""
+
+    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+        generators = chosen(words, state.generators, code.UNKNOWN_AXIS)
+        return [f"{g}={value(state, g, axis)}" for g, axis in generators]
+
+    return run
 
 
 def _table(state: ControllerState, word: str) -> int:
@@ -110,22 +125,12 @@ def _choose(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     return None
 
 
-def _choices(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    generators = chosen(words, state.generators, code.UNKNOWN_AXIS)
-    return [f"{g}={state.device.wave_choice(axis)[0]}" for g, axis in generators]
-
-
 def _set_cycles(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     given = pairs(words, state.generators, code.UNKNOWN_AXIS)
     cycles = [(state.generators[g], unsigned(word)) for g, word in given]
     for axis, count in cycles:
         state.device.set_wave_cycles(axis, count)
     return None
-
-
-def _cycles(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    generators = chosen(words, state.generators, code.UNKNOWN_AXIS)
-    return [f"{g}={state.device.wave_cycles(axis)}" for g, axis in generators]
 
 
 def _set_rate(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
@@ -183,12 +188,6 @@ def _require_soft(state: ControllerState, axis: str) -> None:
         state.require_ready({axis: float(end)}, voltages=voltages)
 
 
-def _modes(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    generators = chosen(words, state.generators, code.UNKNOWN_AXIS)
-    running = {g: state.device.wave_running(axis) for g, axis in generators}
-    return [f"{g}={state.start_modes[g] if runs else 0}" for g, runs in running.items()]
-
-
 def _set_offsets(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     given = pairs(words, state.generators, code.UNKNOWN_AXIS)
     offsets = {state.generators[g]: number(word) for g, word in given}
@@ -196,11 +195,6 @@ def _set_offsets(state: ControllerState, _: Client, words: Sequence[str]) -> Rep
         raise GcsError(code.WAVE_RUNNING)
     state.waves.offsets.update(offsets)
     return None
-
-
-def _offsets(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    generators = chosen(words, state.generators, code.UNKNOWN_AXIS)
-    return [f"{g}={printed(state.waves.offsets[axis])}" for g, axis in generators]
 
 
 def _record_again(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
@@ -211,11 +205,6 @@ def _record_again(state: ControllerState, _: Client, words: Sequence[str]) -> Re
     return None
 
 
-def _generators(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [str(len(state.generators))]
-
-
 def _capacity(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     tables = [_table(state, word) for word in words] or range(1, state.device.wave_tables + 1)
     return [f"{table}={state.waves.room(table)}" for table in tables]
@@ -223,111 +212,124 @@ def _capacity(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
 
 #: Commands of the wave generator.
 WAVES = (
-    GcsCommand(
-        name="GWD?",
-        arguments="[<StartPoint> <NumberOfPoints> [{<WaveTableID>}]]",
-        text="Get Wave Table Data",
-        run=_samples,
-    ),
-    GcsCommand(name="TWG?", arguments="", text="Get Number Of Wave Generators", run=_generators),
-    GcsCommand(
-        name="WAV",
-        arguments="<WaveTableID> <AppendWave> <WaveType> <WaveTypeParameters>",
-        text="Set Waveform Definition",
-        run=_define,
-        changes=True,
-    ),
-    GcsCommand(
-        name="WAV?",
-        arguments="[<WaveTableID> [<WaveParameterID>]]",
-        text="Get Waveform Length",
-        run=_lengths,
-    ),
-    GcsCommand(
-        name="WCL",
-        arguments="{<WaveTableID>}",
-        text="Clear Wave Table Data",
-        run=_clear,
-        changes=True,
-    ),
-    GcsCommand(
-        name="WGC",
-        arguments="{<WaveGenID> <Cycles>}",
-        text="Set Number Of Wave Generator Cycles",
-        run=_set_cycles,
-        changes=True,
-    ),
-    GcsCommand(
-        name="WGC?",
-        arguments="[{<WaveGenID>}]",
-        text="Get Number Of Wave Generator Cycles",
-        run=_cycles,
-    ),
-    GcsCommand(
-        name="WGO",
-        arguments="{<WaveGenID> <StartMode>}",
-        text="Set Wave Generator Start/Stop Mode",
-        run=_start,
-        changes=True,
-        moves=True,
-    ),
-    GcsCommand(
-        name="WGO?",
-        arguments="[{<WaveGenID>}]",
-        text="Get Wave Generator Start/Stop Mode",
-        run=_modes,
-        poll=True,
-    ),
-    GcsCommand(
-        name="WGR",
-        arguments="",
-        text="Start Recording Again While Wave Generator Runs",
-        run=_record_again,
-        changes=True,
-    ),
-    GcsCommand(
-        name="WMS?",
-        arguments="[{<WaveTableID>}]",
-        text="Get Maximum Number Of Wave Table Points",
-        run=_capacity,
-    ),
-    GcsCommand(
-        name="WOS",
-        arguments="{<WaveGenID> <Offset>}",
-        text="Set Wave Generator Output Offset",
-        run=_set_offsets,
-        changes=True,
-    ),
-    GcsCommand(
-        name="WOS?",
-        arguments="[{<WaveGenID>}]",
-        text="Get Wave Generator Output Offset",
-        run=_offsets,
-    ),
-    GcsCommand(
-        name="WSL",
-        arguments="{<WaveGenID> <WaveTableID>}",
-        text="Connect Wave Table To Wave Generator",
-        run=_choose,
-        changes=True,
-    ),
-    GcsCommand(
-        name="WSL?",
-        arguments="[{<WaveGenID>}]",
-        text="Get Wave Table Of Wave Generator",
-        run=_choices,
-    ),
-    GcsCommand(
-        name="WTR",
-        arguments="{<WaveGenID> <WaveTableRate> <InterpolationType>}",
-        text="Set Wave Generator Table Rate",
-        run=_set_rate,
-        changes=True,
-    ),
-    GcsCommand(
-        name="WTR?",
-        arguments="[{<WaveGenID>}]",
-        text="Get Wave Generator Table Rate",
-        run=_rate,
-    ),
-)
+    GcsCommand("GWD?", "[<StartPoint> <NumberOfPoints> [{<WaveTableID>}]]", "Get Wave Table Data",
+               _samples),
+    GcsCommand("TWG?", "", "Get Number Of Wave Generators",
+               fact(lambda s: str(len(s.generators)))),
+    GcsCommand("WAV", "<WaveTableID> <AppendWave> <WaveType> <WaveTypeParameters>",
+               "Set Waveform Definition", _define, changes=True),
+    GcsCommand("WAV?", "[<WaveTableID> [<WaveParameterID>]]", "Get Waveform Length", _lengths),
+    GcsCommand("WCL", "{<WaveTableID>}", "Clear Wave Table Data", _clear, changes=True),
+    GcsCommand("WGC", "{<WaveGenID> <Cycles>}", "Set Number Of Wave Generator Cycles", _set_cycles,
+               changes=True),
+    GcsCommand("WGC?", "[{<WaveGenID>}]", "Get Number Of Wave Generator Cycles",
+               _told(lambda s, _, axis: str(s.device.wave_cycles(axis)))),
+    GcsCommand("WGO", "{<WaveGenID> <StartMode>}", "Set Wave Generator Start/Stop Mode", _start,
+               changes=True, moves=True),
+    GcsCommand("WGO?", "[{<WaveGenID>}]", "Get Wave Generator Start/Stop Mode",
+               _told(lambda s, g, a: str(s.start_modes[g] if s.device.wave_running(a) else 0)),
+               poll=True),
+    GcsCommand("WGR", "", "Start Recording Again While Wave Generator Runs", _record_again,
+               changes=True),
+    GcsCommand("WMS?", "[{<WaveTableID>}]", "Get Maximum Number Of Wave Table Points", _capacity),
+    GcsCommand("WOS", "{<WaveGenID> <Offset>}", "Set Wave Generator Output Offset", _set_offsets,
+               changes=True),
+    GcsCommand("WOS?", "[{<WaveGenID>}]", "Get Wave Generator Output Offset",
+               _told(lambda s, _, axis: printed(s.waves.offsets[axis]))),
+    GcsCommand("WSL", "{<WaveGenID> <WaveTableID>}", "Connect Wave Table To Wave Generator",
+               _choose, changes=True),
+    GcsCommand("WSL?", "[{<WaveGenID>}]", "Get Wave Table Of Wave Generator",
+               _told(lambda s, _, axis: str(s.device.wave_choice(axis)[0]))),
+    GcsCommand("WTR", "{<WaveGenID> <WaveTableRate> <InterpolationType>}",
+               "Set Wave Generator Table Rate", _set_rate, changes=True),
+    GcsCommand("WTR?", "[{<WaveGenID>}]", "Get Wave Generator Table Rate", _rate),
+)  # fmt: skip
+#: Words behind the kind of a segment.
+_WORDS = {"SIN_P": 6, "RAMP": 7, "LIN": 6}
+
+
+def segment(kind: str, words: Sequence[str], *, held: int, room: int) -> Array:
+    """Return the samples of a segment, as ``WAV`` describes it, in the unit of the command.
+
+    It is appended to the samples that are `held` in the table; `room` is the most that it can have.
+
+    A segment has a length, and in it a curve that begins at a start point and has a length of its
+    own. Before the curve is the offset; behind it the offset too, for a line the offset and the
+    amplitude. A curve that reaches over the end of the segment goes on at its start, so that the
+    start point of a sine as long as its segment is a phase. Sample i of a curve is its value at i
+    over its length: the end of a curve is the start of what follows, and a sine that is repeated
+    has no sample twice.
+
+    Examples
+    --------
+    >>> segment("SIN_P", "4 10 5 4 0 2".split(), held=0, room=100)
+    array([ 5., 10., 15., 10.])
+    """
+    if kind == "PNT":
+        return _points(words, held, room)
+    if kind not in _WORDS:
+        raise GcsError(code.UNKNOWN_WAVE_TYPE)
+    if len(words) != _WORDS[kind]:
+        raise GcsError(code.NUMBER_OF_WAVE_PARAMETERS)
+    size = unsigned(words[0])
+    amplitude, offset = number(words[1]), number(words[2])
+    curve, start, *rest = (unsigned(word) for word in words[3:])
+    if not (1 <= curve <= size and start < size):
+        raise GcsError(code.WAVE_OUT_OF_RANGE)
+    if size > room:
+        raise GcsError(code.WAVE_TOO_LONG)
+    if kind == "SIN_P":
+        shape = _sine(curve, rest[0])
+    elif kind == "RAMP":
+        shape = _ramp(curve, rest[0], rest[1])
+    else:
+        shape = _line(curve, rest[0])
+    values = np.zeros(size)
+    values[(start + np.arange(curve)) % size] = shape
+    if kind == "LIN" and start + curve < size:
+        values[start + curve :] = 1.0
+    return offset + amplitude * values
+
+
+def _points(words: Sequence[str], held: int, room: int) -> Array:
+    if len(words) < 3:
+        raise GcsError(code.NUMBER_OF_WAVE_PARAMETERS)
+    start, size = unsigned(words[0]), unsigned(words[1])
+    if size != len(words) - 2:
+        raise GcsError(code.NUMBER_OF_WAVE_PARAMETERS)
+    # counted in what is appended, or in the whole table: clients do either
+    if start not in (1, held + 1):
+        raise GcsError(code.WAVE_OUT_OF_RANGE)
+    if size > room:
+        raise GcsError(code.WAVE_TOO_LONG)
+    return np.array([number(word) for word in words[2:]])
+
+
+def _sine(curve: int, centre: int) -> Array:
+    """Return half a cosine up to the centre, and another half down, 0 to 1."""
+    if not 1 <= centre < curve:
+        raise GcsError(code.WAVE_OUT_OF_RANGE)
+    i = np.arange(curve)
+    turn = np.where(i < centre, i / centre, 1.0 + (i - centre) / (curve - centre))
+    return 0.5 - 0.5 * np.cos(np.pi * turn)
+
+
+def _ramp(curve: int, rounded: int, centre: int) -> Array:
+    """Return a line up to the centre, and another one down, 0 to 1."""
+    if not 1 <= centre < curve:
+        raise GcsError(code.WAVE_OUT_OF_RANGE)
+    return np.concatenate((_line(centre, rounded), 1.0 - _line(curve - centre, rounded)))
+
+
+def _line(curve: int, rounded: int) -> Array:
+    """Return a line from 0 to 1 whose speed grows and falls evenly over its first and last part."""
+    if 2 * rounded > curve:
+        raise GcsError(code.WAVE_OUT_OF_RANGE)
+    i = np.arange(curve, dtype=np.float64)
+    if rounded == 0:
+        return i / curve
+    speed = 1.0 / (curve - rounded)
+    up = 0.5 * speed * i * i / rounded
+    down = 1.0 - 0.5 * speed * (curve - i) ** 2 / rounded
+    even = speed * (i - 0.5 * rounded)
+    return np.where(i < rounded, up, np.where(i > curve - rounded, down, even))

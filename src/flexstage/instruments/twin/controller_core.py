@@ -1,14 +1,15 @@
-"""The clockwork of a simulated controller: commands in, a stage's samples out, block by block."""
+"""The clockwork of a simulated controller: commands in, samples of stage and recorder out."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.errors import ModelError
 from flexstage.instruments.protocol import Capability, Signal
 from flexstage.instruments.twin.axis_state import AxisState
-from flexstage.instruments.twin.data_recorder import DataRecorder
 from flexstage.instruments.twin.device import (
     AxisDescription,
     ChannelDescription,
@@ -16,7 +17,6 @@ from flexstage.instruments.twin.device import (
     RefusedError,
 )
 from flexstage.instruments.twin.stage import StageSamples, VirtualStage
-from flexstage.instruments.twin.time_source import duration
 from flexstage.instruments.twin.wave_tables import WaveTables
 from flexstage.stage import Stage
 
@@ -28,7 +28,6 @@ _ROUNDING = 1e-6
 _TABLES, _SAMPLES = 8, 2**18
 #: When a piezo axis has come to its target: within this [m], for this long [s].
 _WINDOW, _SETTLE = 20e-9, 5e-3
-
 _PIEZO = frozenset(
     {
         Capability.CLOSED_LOOP,
@@ -43,14 +42,12 @@ _SCREW = frozenset({Capability.CLOSED_LOOP})
 class ControllerCore:
     """Axes, tables and recorder of a simulated controller, and the time that passes for them."""
 
-    def __init__(
-        self, stage: VirtualStage, *, window: float = _WINDOW, settle: float = _SETTLE
-    ) -> None:
+    def __init__(self, stage: VirtualStage) -> None:
         self._stage = stage
         self._rate = float(stage.sample_rate_hz)
         self._states: dict[str, AxisState] = {}
         for index, name in enumerate(stage.axes):
-            near = window if stage.kind == "piezo" else _smallest_step(stage.stage, name)
+            near = _WINDOW if stage.kind == "piezo" else _smallest_step(stage.stage, name)
             description = AxisDescription(
                 name=str(index + 1),
                 stage_axis=name,
@@ -58,7 +55,7 @@ class ControllerCore:
                 limits=stage.limits[name],
                 capabilities=_PIEZO if stage.kind == "piezo" else _SCREW,
                 window=near,
-                settle=settle,
+                settle=_SETTLE,
             )
             state = AxisState(description, index, self._rate)
             self._states[description.name] = state
@@ -191,5 +188,146 @@ class ControllerCore:
             )
 
 
+def duration(seconds: float) -> float:
+    """Return a time [s]; refuse what is none that can pass."""
+    if not 0.0 <= seconds < math.inf:
+        raise ModelError(f"time passes by 0 s or more, got {seconds!r}")
+    return seconds
+
+
 def _smallest_step(stage: Stage, axis: str) -> float:
     return stage.drive(stage.axis(axis).drive).smallest_displacement or _WINDOW
+
+
+Trigger = Literal["wave", "move", "now"]
+
+
+class DataRecorder:
+    """Tables that record signals of the loop.
+
+    A recording begins with the sample after its trigger, takes every d-th sample as it is, and goes
+    on until the tables are full, also when the waveform that started it has ended. What is read may
+    be read while it goes on. A trigger starts one recording: it is armed anew for each.
+    """
+
+    def __init__(self, count: int, capacity: int) -> None:
+        self.count, self.capacity = count, capacity
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what was recorded and what was to be recorded."""
+        self._signals: dict[int, Signal] = {}
+        self._kept: dict[int, Signal] = {}
+        self._data: dict[int, Array] = {}
+        self._blow: dict[int, Array] = {}
+        self._divider = self._kept_divider = 1
+        self._armed: Trigger | None = None
+        self._by: Trigger | None = None
+        self._first = 0
+        self._filled = 0
+        self._length = 0
+
+    @property
+    def recorded(self) -> int:
+        """Samples of each table that are there."""
+        return self._filled
+
+    @property
+    def recording(self) -> bool:
+        """Whether it runs."""
+        return self._filled < self._length
+
+    @property
+    def divider(self) -> int:
+        """Samples of the loop for one of a record."""
+        return self._divider
+
+    @property
+    def signals(self) -> Mapping[int, Signal]:
+        """What each table is to record."""
+        return self._signals
+
+    def known(self, table: int) -> int:
+        """Return the number of a table, from 1; refuse one that there is not."""
+        if not 1 <= table <= self.count:
+            raise RefusedError(
+                Refusal.UNKNOWN, f"there is no record table {table}: they are 1 to {self.count}"
+            )
+        return table
+
+    def choose(self, table: int, signal: Signal | None) -> None:
+        """Choose what a table records, from the next trigger on."""
+        self._signals.pop(self.known(table), None)
+        if signal is not None:
+            self._signals[table] = signal
+
+    def set_divider(self, divider: int) -> None:
+        """Choose the rate, from the next trigger on."""
+        if divider < 1:
+            raise RefusedError(
+                Refusal.BAD_VALUE, f"a record takes every sample or fewer, got a rate of {divider}"
+            )
+        self._divider = divider
+
+    def arm(self, trigger: Trigger) -> None:
+        """Wait for a trigger; a recording that runs is ended."""
+        self._length = self._filled
+        self._armed = trigger
+
+    def trigger(
+        self, what: Trigger, sample: int, blow: Callable[[str, str], Array] | None = None
+    ) -> None:
+        """Start with this sample of the loop if it was armed for what happens.
+
+        `blow` gives samples of a blow, at the rate of the record, by kind and source of the signal.
+        """
+        if self._armed != what:
+            return
+        self._armed, self._by = None, what
+        self._first, self._filled = sample, 0
+        self._kept, self._kept_divider = dict(self._signals), self._divider
+        self._length = self.capacity if self._kept else 0
+        self._data = {table: np.zeros(self._length) for table in self._kept}
+        self._blow = {}
+        if blow is not None:
+            given = {table: blow(s.kind, s.source) for table, s in self._kept.items() if _struck(s)}
+            self._length = min([self._length, *(v.size for v in given.values())])
+            self._blow = given
+
+    def end(self, by: Trigger | None = None) -> None:
+        """End a recording that runs; only one that was started by this, where it is given."""
+        if by is None or by == self._by:
+            self._length = self._filled
+
+    def take(self, first: int, count: int, values: Callable[[Signal], Array]) -> None:
+        """Keep what belongs to a recording that runs, of the loop's samples from `first` on."""
+        if not self.recording:
+            return
+        d = self._kept_divider
+        start = self._first + self._filled * d - first
+        new = min(len(range(start, count, d)), self._length - self._filled)
+        if not new:
+            return
+        to = slice(self._filled, self._filled + new)
+        for table, signal in self._kept.items():
+            if table in self._blow:
+                self._data[table][to] = self._blow[table][to]
+            elif not _struck(signal):
+                self._data[table][to] = values(signal)[start : start + (new - 1) * d + 1 : d]
+        self._filled += new
+
+    def read(self, table: int, first: int, count: int) -> Array:
+        """Return samples of a table, from number `first`, counted from 0."""
+        if self.known(table) not in self._data:
+            raise RefusedError(Refusal.UNKNOWN, f"record table {table} has recorded nothing")
+        if first < 0 or count < 0 or first + count > self._filled:
+            raise RefusedError(
+                Refusal.BAD_VALUE,
+                f"{count} samples from number {first} on are not there: {self._filled} are "
+                "recorded",
+            )
+        return self._data[table][first : first + count].copy()
+
+
+def _struck(signal: Signal) -> bool:
+    return signal.kind in ("force", "response")

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.instruments.servo import Notch, ServoSettings
-from flexstage.instruments.twin.loop import ModeArrays
-from flexstage.instruments.twin.piezo_parts import PiezoAxis, mode_arrays
-from flexstage.instruments.twin.small_signal import sampled_response
+from flexstage.instruments.twin.loop import ModeArrays, sampled_response
+from flexstage.instruments.twin.piezo_stage import PiezoAxis, mode_arrays
 from flexstage.instruments.twin.stack import free_displacements, relaxed_stacks, stack_arrays
 from flexstage.system import MechanicalSystem, modes
 

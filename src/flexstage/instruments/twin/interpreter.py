@@ -5,20 +5,22 @@ from collections.abc import Callable, Mapping, Sequence
 from flexstage.errors import ControllerError, FlexstageError
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.clock import Pace
-from flexstage.instruments.twin.command import Client, GcsCommand, Reply
-from flexstage.instruments.twin.commands_identity import IDENTITY, delivered, help_lines, nothing
+from flexstage.instruments.twin.command import Client, GcsCommand, Reply, nothing
+from flexstage.instruments.twin.commands_identity import (
+    IDENTITY,
+    STATUS,
+    delivered,
+    help_lines,
+    status_register,
+)
 from flexstage.instruments.twin.commands_motion import MOTION, halt, moving_bits
 from flexstage.instruments.twin.commands_recorder import RECORDER
-from flexstage.instruments.twin.commands_setup import SETUP
-from flexstage.instruments.twin.commands_status import STATUS, status_register
-from flexstage.instruments.twin.commands_triggers import TRIGGERS
+from flexstage.instruments.twin.commands_setup import SETUP, TRIGGERS
 from flexstage.instruments.twin.commands_waves import WAVES, running_bits
 from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.controller_models import OWN, ControllerModel
 from flexstage.instruments.twin.device import RefusedError
 from flexstage.instruments.twin.errors_gcs import CODES, GcsError
-from flexstage.instruments.twin.gcs_state import ControllerState
-from flexstage.instruments.twin.macros import Macros
+from flexstage.instruments.twin.gcs_state import OWN, ControllerModel, ControllerState
 
 #: Answer to ``#7``: always ready; a controller that is not says 0xB0.
 _READY = "\xb1"
@@ -61,9 +63,7 @@ class Interpreter:
         self._hold = hold
         #: Those that have given a command that moves or changes something, in their order.
         self._commanding: list[Client] = []
-        help_command = GcsCommand(
-            name="HLP?", arguments="", text="Get List Of Available Commands", run=self._help
-        )
+        help_command = GcsCommand("HLP?", "", "Get List Of Available Commands", self._help)
         self._macros = Macros(self.line)
         macros = self._macros.commands()
         commands = sorted((help_command, *macros, *_COMMANDS), key=lambda c: c.name)
@@ -201,3 +201,122 @@ class Interpreter:
     def _help(self, _: ControllerState, __: Client, words: Sequence[str]) -> Reply:
         nothing(words)
         return help_lines(self._commands.values())
+
+
+#: Most characters of all macros, and longest name.
+_ROOM, _NAME = 1 << 16, 8
+#: How deep macros may start each other.
+_DEPTH = 5
+
+
+class Macros:
+    """Keeps macros, and carries them out line by line, at once."""
+
+    def __init__(self, carry_out: Callable[[Client, str], object]) -> None:
+        self._carry_out = carry_out
+        self._kept: dict[str, list[str]] = {}
+        self._depth = 0
+        self._recording: tuple[Client, str, list[str]] | None = None
+
+    def takes(self, client: Client, words: Sequence[str]) -> bool:
+        """Keep a line that belongs to a macro which a client writes."""
+        if self._recording is None or self._recording[0] is not client:
+            return False
+        if [word.upper() for word in words] == ["MAC", "END"]:
+            return False
+        line = " ".join(words)
+        if self._size() + len(line) > _ROOM:
+            client.error = code.NO_ROOM_FOR_MACRO
+        else:
+            self._recording[2].append(line)
+        return True
+
+    def leave(self, client: Client) -> None:
+        """Forget what a client was writing."""
+        if self._recording is not None and self._recording[0] is client:
+            self._recording = None
+
+    def commands(self) -> tuple[GcsCommand, ...]:
+        """Return the commands of macros."""
+        return (
+            GcsCommand(
+                "MAC",
+                "<Keyword> [<MacroName> [<Value> ...]]",
+                "Call Macro Function: BEG, END, DEL, START",
+                self._call,
+                changes=True,
+                moves=True,
+            ),
+            GcsCommand("MAC?", "[<MacroName>]", "List Macros", self._list),
+            GcsCommand("RMC?", "", "List Running Macros", self._running),
+        )
+
+    def _size(self) -> int:
+        writing = [] if self._recording is None else self._recording[2]
+        return sum(len(line) + 1 for lines in (*self._kept.values(), writing) for line in lines)
+
+    def _call(self, _: ControllerState, client: Client, words: Sequence[str]) -> Reply:
+        if not words:
+            raise GcsError(code.NUMBER_OF_PARAMETERS)
+        keyword, names = words[0].upper(), words[1:]
+        if keyword == "END":
+            self._end(client, names)
+            return None
+        if keyword not in ("BEG", "DEL", "START"):
+            raise GcsError(code.UNKNOWN_MACRO_FUNCTION)
+        if not names or (keyword != "START" and len(names) > 1):
+            raise GcsError(code.NUMBER_OF_PARAMETERS)
+        name = names[0].upper()
+        if keyword == "BEG":
+            self._begin(client, name)
+        elif name not in self._kept:
+            raise GcsError(code.UNKNOWN_MACRO)
+        elif keyword == "DEL":
+            del self._kept[name]
+        else:
+            self._start(client, name, names[1:])
+        return None
+
+    def _begin(self, client: Client, name: str) -> None:
+        if not (name.isalnum() and len(name) <= _NAME):
+            raise GcsError(code.BAD_MACRO_NAME)
+        if self._recording is not None or self._depth:
+            raise GcsError(code.MACRO_IS_WRITTEN)
+        self._recording = client, name, []
+
+    def _end(self, client: Client, names: Sequence[str]) -> None:
+        if names:
+            raise GcsError(code.NUMBER_OF_PARAMETERS)
+        if self._recording is None or self._recording[0] is not client:
+            raise GcsError(code.NO_MACRO_IS_WRITTEN)
+        self._kept[self._recording[1]] = self._recording[2]
+        self._recording = None
+
+    def _start(self, client: Client, name: str, values: Sequence[str]) -> None:
+        if self._depth >= _DEPTH:
+            raise GcsError(code.MACROS_TOO_DEEP)
+        self._depth += 1
+        try:
+            for line in tuple(self._kept[name]):
+                self._carry_out(client, _filled(line, values))
+        finally:
+            self._depth -= 1
+
+    def _list(self, _: ControllerState, __: Client, words: Sequence[str]) -> Reply:
+        if len(words) > 1:
+            raise GcsError(code.NUMBER_OF_PARAMETERS)
+        if words and words[0].upper() not in self._kept:
+            raise GcsError(code.UNKNOWN_MACRO)
+        return (self._kept[words[0].upper()] if words else sorted(self._kept)) or [""]
+
+    def _running(self, _: ControllerState, __: Client, words: Sequence[str]) -> Reply:
+        """Name none: a macro has ended before the next line is heard."""
+        nothing(words)
+        return [""]
+
+
+def _filled(line: str, values: Sequence[str]) -> str:
+    """Return a line with ``$1``, ``$2``, ... replaced by values."""
+    for number in range(len(values), 0, -1):
+        line = line.replace(f"${number}", values[number - 1])
+    return line

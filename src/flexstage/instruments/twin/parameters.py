@@ -5,15 +5,14 @@ Numbers below 0x70000000 are those of PI's piezo controllers; the simulated cont
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 from flexstage import __version__
 from flexstage.instruments.protocol import Capability
 from flexstage.instruments.twin import errors_gcs as code
+from flexstage.instruments.twin.command import number, printed, switch, unsigned
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_arguments import number, printed, switch, unsigned
-from flexstage.instruments.twin.gcs_state import MICRO, ControllerState
-from flexstage.instruments.twin.servo_parameters import NOTCHES, ServoDraft
+from flexstage.instruments.twin.gcs_state import MICRO, NOTCHES, ControllerState, ServoDraft
 
 _KINDS = {int: "INT", str: "CHAR"}
 #: Leads simulated time on by the seconds that it is set to; reads how much has passed.
@@ -24,7 +23,7 @@ Set = Callable[[ControllerState, str, str], None]
 Edit = Callable[[ServoDraft, float], None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Parameter:
     """A parameter."""
 
@@ -33,11 +32,12 @@ class Parameter:
     that can be set.
     """
     group: str
-    """How it is listed."""
+    """The heading that it is listed under."""
     name: str
-    """How it is listed."""
+    """What it is listed as."""
     get: Get
     """Returns the value, from state and item."""
+    _: KW_ONLY
     set: Set | None = None
     """Sets it, from state, item and word."""
     edit: Edit | None = None
@@ -133,12 +133,20 @@ def _gain(quantity: str) -> tuple[Get, Edit]:
     return get, edit
 
 
+def _serial_number(state: ControllerState, _: str) -> str:
+    return state.device.identity.serial_number or "0"
+
+
+def _vendor(state: ControllerState, _: str) -> str:
+    return state.device.identity.vendor
+
+
 def _facts() -> dict[int, Parameter]:
     """Return what can only be read; the sensors of the simulation need no correction."""
     made: dict[int, Parameter] = {}
 
     def add(identifier: int, item: str, group: str, name: str, get: Get) -> None:
-        made[identifier] = Parameter(item=item, group=group, name=name, get=get)
+        made[identifier] = Parameter(item, group, name, get)
 
     terms = ("Offset [um]", "Gain", "Second Order", "Third Order", "Fourth Order")
     for order, term in enumerate(terms):
@@ -148,35 +156,18 @@ def _facts() -> dict[int, Parameter]:
     add(0x05000000, "channel", "Sensor", "Digital Filter Type, 0 for none", lambda _, __: 0)
     add(0x05000001, "channel", "Sensor", "Digital Filter Bandwidth [Hz]", lambda _, __: 0.0)
     add(0x05000002, "channel", "Sensor", "Digital Filter Order", lambda _, __: 0)
-    add(
-        0x07000900,
-        "axis",
-        "Servo",
-        "On Target Tolerance [um]",
-        lambda s, axis: s.axes[axis].window / MICRO,
-    )
+    window = "On Target Tolerance [um]"
+    add(0x07000900, "axis", "Servo", window, lambda s, axis: s.axes[axis].window / MICRO)
     add(0x07000901, "axis", "Servo", "Settling Time [s]", lambda s, axis: s.axes[axis].settle)
     add(0x07000A00, "piezo", "Axis", "Low Voltage [V]", lambda s, axis: s.voltage_range(axis)[0])
     add(0x07000A01, "piezo", "Axis", "High Voltage [V]", lambda s, axis: s.voltage_range(axis)[1])
-    add(
-        0x0F000200,
-        "axis",
-        "Axis",
-        "Stage Serial Number",
-        lambda s, _: s.device.identity.serial_number or "0",
-    )
-    add(0xFFFF0007, "system", "Firmware", "Firmware Name", lambda s, _: s.device.identity.vendor)
+    add(0x0F000200, "axis", "Axis", "Stage Serial Number", _serial_number)
+    add(0xFFFF0007, "system", "Firmware", "Firmware Name", _vendor)
     add(0xFFFF0008, "system", "Firmware", "Firmware Version", lambda _, __: __version__)
     add(0xFFFF000D, "system", "Firmware", "Firmware Description", lambda *_: "simulated controller")
     add(0xFFFF000E, "system", "Firmware", "Firmware Date", lambda *_: "none")
-    add(
-        0xFFFF000F,
-        "system",
-        "Firmware",
-        "Firmware Developer",
-        lambda s, _: s.device.identity.vendor,
-    )
-    return made  # fmt: skip
+    add(0xFFFF000F, "system", "Firmware", "Firmware Developer", _vendor)
+    return made
 
 
 def _servo_parameters() -> dict[int, Parameter]:
@@ -184,7 +175,7 @@ def _servo_parameters() -> dict[int, Parameter]:
 
     def add(identifier: int, group: str, name: str, both: tuple[Get, Edit]) -> None:
         get, edit = both
-        made[identifier] = Parameter(item="servo", group=group, name=name, get=get, edit=edit)
+        made[identifier] = Parameter("servo", group, name, get, edit=edit)
 
     add(0x07000300, "Servo", "Servo Loop P-Term [V/um]", _gain("proportional"))
     add(0x07000301, "Servo", "Servo Loop I-Term [V/(um s)]", _gain("integral"))
@@ -200,152 +191,59 @@ def _servo_parameters() -> dict[int, Parameter]:
     return made
 
 
+_PLAIN = {
+    0x07000000: Parameter("axis", "Servo", "Range Limit min [um]",
+                          lambda s, axis: s.position_range(axis)[0] / MICRO),
+    0x07000001: Parameter("axis", "Servo", "Range Limit max [um]",
+                          lambda s, axis: s.position_range(axis)[1] / MICRO),
+    0x07000200: Parameter("axis", "Servo", "Servo Loop Slew-Rate [um/s]",
+                          lambda s, axis: s.device.speed(axis) / MICRO, set=_speed),
+    0x07000600: Parameter("axis", "Axis", "Axis Identifier", lambda _, axis: axis),
+    0x07000601: Parameter("axis", "Axis", "Axis Unit", lambda s, _: s.model.unit),
+    0x0E000200: Parameter("system", "System", "Servo Update Time [s]",
+                          lambda s, _: 1.0 / s.device.sample_rate_hz),
+    0x13000004: Parameter("system", "Wave Generator", "Max Wave Points",
+                          lambda s, _: int(s.device.wave_capacity)),
+    0x13000109: Parameter("system", "Wave Generator", "Wave Generator Table Rate",
+                          lambda s, _: int(s.device.wave_rate_divider()), set=_wave_rate),
+    0x1300010A: Parameter("system", "Wave Generator", "Number Of Waves",
+                          lambda s, _: int(s.device.wave_tables)),
+    0x16000000: Parameter("system", "Data Recorder", "Data Recorder Table Rate",
+                          lambda s, _: int(s.device.record_divider()), set=_record_rate),
+    0x16000200: Parameter("system", "Data Recorder", "Data Recorder Max Points",
+                          lambda s, _: int(s.device.record_tables * s.device.record_capacity)),
+    0x16000201: Parameter("system", "Data Recorder", "Data Recorder Points Per Table",
+                          lambda s, _: int(s.device.record_capacity)),
+    0x16000300: Parameter("system", "Data Recorder", "Data Recorder Chan Number",
+                          lambda s, _: s.recorder.tables, set=_record_tables),
+    # taken by SPA itself, after all other parameters
+    SIMULATED_TIME: Parameter(
+        "system", "Twin",
+        "Simulated Time [s]: leads on by the seconds it is set to, where it runs fast",
+        lambda s, _: float(s.device.now), set=lambda _, __, ___: None),
+    0x7F000002: Parameter("system", "Twin",
+                          "Simulated Time runs fast: 1, in step with real time: 0",
+                          lambda s, _: int(s.pace.fast)),
+    0x7F000003: Parameter("system", "Twin", "Drives Taken Out: 0 or 1",
+                          lambda s, _: int(s.device.drives_removed()), set=_drives),
+    0x7F000011: Parameter("axis", "Twin", "Feedforward Wave Table [V], 0 for none",
+                          lambda s, axis: int(s.device.wave_choice(axis)[1]),
+                          set=_feedforward),
+    0x7F000012: Parameter("axis", "Twin", "Axis Of The Stage",
+                          lambda s, axis: s.axes[axis].stage_axis),
+    0x7F000013: Parameter("axis", "Twin",
+                          "Largest Slew-Rate Of The Voltage [V/s], 0 for none",
+                          lambda s, axis: float(s.axes[axis].limits.slew or 0.0)),
+    0x7F000014: Parameter("axis", "Twin", "Largest Speed [um/s], 0 for none",
+                          lambda s, axis: float(s.axes[axis].limits.speed or 0.0) / MICRO),
+    0x7F000020: Parameter("channel", "Twin", "Channel Name",
+                          lambda s, channel: s.channels[channel].name),
+    0x7F000021: Parameter("channel", "Twin", "Channel Unit",
+                          lambda s, c: "um" if s.channels[c].unit == "m" else "urad"),
+    0x06000500: Parameter("axis", "Axis", "ADC Channel For Target, 0 for none",
+                          lambda _, __: 0, set=_no_analogue_input),
+}  # fmt: skip
 #: The parameters by number, in ascending order.
 PARAMETERS: dict[int, Parameter] = dict(
-    sorted(
-        {
-            0x07000000: Parameter(
-                item="axis",
-                group="Servo",
-                name="Range Limit min [um]",
-                get=lambda s, axis: s.position_range(axis)[0] / MICRO,
-            ),
-            0x07000001: Parameter(
-                item="axis",
-                group="Servo",
-                name="Range Limit max [um]",
-                get=lambda s, axis: s.position_range(axis)[1] / MICRO,
-            ),
-            0x07000200: Parameter(
-                item="axis",
-                group="Servo",
-                name="Servo Loop Slew-Rate [um/s]",
-                get=lambda s, axis: s.device.speed(axis) / MICRO,
-                set=_speed,
-            ),
-            0x07000600: Parameter(
-                item="axis", group="Axis", name="Axis Identifier", get=lambda _, axis: axis
-            ),
-            0x07000601: Parameter(
-                item="axis", group="Axis", name="Axis Unit", get=lambda s, _: s.model.unit
-            ),
-            0x0E000200: Parameter(
-                item="system",
-                group="System",
-                name="Servo Update Time [s]",
-                get=lambda s, _: 1.0 / s.device.sample_rate_hz,
-            ),
-            0x13000004: Parameter(
-                item="system",
-                group="Wave Generator",
-                name="Max Wave Points",
-                get=lambda s, _: int(s.device.wave_capacity),
-            ),
-            0x13000109: Parameter(
-                item="system",
-                group="Wave Generator",
-                name="Wave Generator Table Rate",
-                get=lambda s, _: int(s.device.wave_rate_divider()),
-                set=_wave_rate,
-            ),
-            0x1300010A: Parameter(
-                item="system",
-                group="Wave Generator",
-                name="Number Of Waves",
-                get=lambda s, _: int(s.device.wave_tables),
-            ),
-            0x16000000: Parameter(
-                item="system",
-                group="Data Recorder",
-                name="Data Recorder Table Rate",
-                get=lambda s, _: int(s.device.record_divider()),
-                set=_record_rate,
-            ),
-            0x16000200: Parameter(
-                item="system",
-                group="Data Recorder",
-                name="Data Recorder Max Points",
-                get=lambda s, _: int(s.device.record_tables * s.device.record_capacity),
-            ),
-            0x16000201: Parameter(
-                item="system",
-                group="Data Recorder",
-                name="Data Recorder Points Per Table",
-                get=lambda s, _: int(s.device.record_capacity),
-            ),
-            0x16000300: Parameter(
-                item="system",
-                group="Data Recorder",
-                name="Data Recorder Chan Number",
-                get=lambda s, _: s.recorder.tables,
-                set=_record_tables,
-            ),
-            SIMULATED_TIME: Parameter(
-                item="system",
-                group="Twin",
-                name="Simulated Time [s]: leads on by the seconds it is set to, where it runs fast",
-                get=lambda s, _: float(s.device.now),
-                set=lambda _, __, ___: None,  # taken by SPA itself, after all other parameters
-            ),
-            0x7F000002: Parameter(
-                item="system",
-                group="Twin",
-                name="Simulated Time runs fast: 1, in step with real time: 0",
-                get=lambda s, _: int(s.pace.fast),
-            ),
-            0x7F000003: Parameter(
-                item="system",
-                group="Twin",
-                name="Drives Taken Out: 0 or 1",
-                get=lambda s, _: int(s.device.drives_removed()),
-                set=_drives,
-            ),
-            0x7F000011: Parameter(
-                item="axis",
-                group="Twin",
-                name="Feedforward Wave Table [V], 0 for none",
-                get=lambda s, axis: int(s.device.wave_choice(axis)[1]),
-                set=_feedforward,
-            ),
-            0x7F000012: Parameter(
-                item="axis",
-                group="Twin",
-                name="Axis Of The Stage",
-                get=lambda s, axis: s.axes[axis].stage_axis,
-            ),
-            0x7F000013: Parameter(
-                item="axis",
-                group="Twin",
-                name="Largest Slew-Rate Of The Voltage [V/s], 0 for none",
-                get=lambda s, axis: float(s.axes[axis].limits.slew or 0.0),
-            ),
-            0x7F000014: Parameter(
-                item="axis",
-                group="Twin",
-                name="Largest Speed [um/s], 0 for none",
-                get=lambda s, axis: float(s.axes[axis].limits.speed or 0.0) / MICRO,
-            ),
-            0x7F000020: Parameter(
-                item="channel",
-                group="Twin",
-                name="Channel Name",
-                get=lambda s, channel: s.channels[channel].name,
-            ),
-            0x7F000021: Parameter(
-                item="channel",
-                group="Twin",
-                name="Channel Unit",
-                get=lambda s, channel: "um" if s.channels[channel].unit == "m" else "urad",
-            ),
-            0x06000500: Parameter(
-                item="axis",
-                group="Axis",
-                name="ADC Channel For Target, 0 for none",
-                get=lambda _, __: 0,
-                set=_no_analogue_input,
-            ),
-            **_facts(),
-            **_servo_parameters(),
-        }.items()
-    )
+    sorted({**_PLAIN, **_facts(), **_servo_parameters()}.items())
 )

@@ -1,6 +1,7 @@
 """A simulated stage driven by piezo stacks, its position control inside."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -9,39 +10,108 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual.guide import GuideErrors
+from flexstage.experiment.virtual.imperfections import GuideErrors
 from flexstage.hysteresis.chain.creep import Creep
+from flexstage.hysteresis.chain.modal import unit_step
+from flexstage.hysteresis.virtual_stack import VirtualStack
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.device import ChannelDescription
-from flexstage.instruments.twin.hammer import Hammer
 from flexstage.instruments.twin.loop import (
+    DriveArrays,
     LoopState,
+    ModeArrays,
     SensorArrays,
     ServoArrays,
     run_loop,
+    sampled_response,
 )
-from flexstage.instruments.twin.parasitic_motion import (
-    beside_channels,
+from flexstage.instruments.twin.sensors import (
+    Disturbances,
+    SensorBench,
     kinds_of,
     neighbour,
     polynomial,
     readings_beside,
     sources,
 )
-from flexstage.instruments.twin.piezo_parts import PiezoAxis, commands, drive_arrays, mode_arrays
-from flexstage.instruments.twin.sensors import Disturbances, SensorBench
-from flexstage.instruments.twin.small_signal import sampled_response
 from flexstage.instruments.twin.stack import ChargeDrive, relaxed_stacks, stack_arrays
-from flexstage.instruments.twin.stage import Blow, StageSamples, VirtualStage
+from flexstage.instruments.twin.stage import Blow, Hammer, MadeStage, StageSamples, commands
 from flexstage.stage import Stage
-from flexstage.system import MechanicalSystem
+from flexstage.system import MechanicalSystem, modes
+
+_CONVERTER_BITS = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PiezoAxis:
+    """One axis of a piezo stage as it was made."""
+
+    name: str
+    """Name of the axis."""
+    drive: str
+    """Name of the drive of its system."""
+    probe: str
+    """Name of the probe of its system."""
+    stack: VirtualStack
+    """From voltage to free displacement."""
+    limits: AxisLimits
+    """What may be commanded; its voltage range is that of the amplifier."""
+    largest_rate: float = float("inf")
+    """Largest rate of the amplifier on its stack [V/s]; infinite for none."""
+    guide: GuideErrors | None = None
+    """What its guide does beside it; nothing where not given."""
+    low: float = 0.0
+    """Position of the low end of its stroke [m], at which the guide's curves begin."""
+    settings: ServoSettings = field(default_factory=ServoSettings)
+    """Settings of its control as delivered."""
+
+
+def drive_arrays(
+    parts: Sequence[PiezoAxis], sample_rate_hz: float, bandwidth_hz: float, *, quiet: bool
+) -> DriveArrays:
+    """Return converters and amplifiers as the loop takes them."""
+    converter, amplifier = [], []
+    time = 1.0 / (2.0 * np.pi * bandwidth_hz)
+    for part in parts:
+        if part.limits.voltage is None:
+            raise ModelError(f"axis '{part.name}' needs a voltage range: give it in its limits")
+        low, high = part.limits.voltage
+        converter.append((low, high, 0.0 if quiet else (high - low) / (2**_CONVERTER_BITS - 1)))
+        amplifier.append((1.0 / (sample_rate_hz * time), part.largest_rate * time))
+    return DriveArrays(converter=np.array(converter), amplifier=np.array(amplifier))
+
+
+def mode_arrays(
+    system: MechanicalSystem, parts: Sequence[PiezoAxis], sample_rate_hz: float
+) -> ModeArrays:
+    """Return the modes of a stage with its stacks in place as the loop takes them.
+
+    A few empty ones follow, so that they are a multiple of 4.
+    """
+    found = modes(system, drives="in place", count=None)
+    force, reader = [], []
+    for part in parts:
+        port = system.drive(part.drive)
+        if not port.stiffness:
+            raise ModelError(f"drive '{part.drive}' needs the stiffness of a stack")
+        force.append(port.stiffness * (port.vector @ found.shapes) / found.omega**2)
+        reader.append(system.probe(part.probe).vector @ found.shapes)
+    step = unit_step(found.omega / sample_rate_hz, np.asarray(found.damping_ratio))
+    # by fours, as they are summed
+    more = (0, -found.omega.size % 4)
+    return ModeArrays(
+        force=np.pad(np.array(force), ((0, 0), more)),
+        transition=np.pad(step.transition, ((0, 0), more)),
+        moments=np.pad(step.moments[:3], ((0, 0), more)),
+        reader=np.pad(np.array(reader), ((0, 0), more)),
+    )
+
 
 #: Most filters of a control.
 _FILTERS = 8
 
 
-class PiezoStage(VirtualStage):
+class PiezoStage(MadeStage):
     """A piezo stage sample by sample, as `VirtualStage` says.
 
     Each command goes through a converter, which holds it (20 bit over the voltage range), and an
@@ -74,10 +144,9 @@ class PiezoStage(VirtualStage):
         hammer: Hammer | None = None,
         notes: Sequence[str] = (),
     ) -> None:
-        self._stage, self._parts, self._system = stage, tuple(axes), system
-        self._rate, self._creep, self._bandwidth = sample_rate_hz, creep, bandwidth_hz
-        self._notes, self._hammer = tuple(notes), hammer
-        self._channels = beside_channels(self.axes)
+        super().__init__(stage, {a.name: a.limits for a in axes}, sample_rate_hz, hammer, notes)
+        self._parts, self._system = tuple(axes), system
+        self._creep, self._bandwidth = creep, bandwidth_hz
         self._bench, self._seed = sensors or SensorBench(), seed
         self._quiet, self._scatter = quiet, scatter
         self._modes = mode_arrays(system, self._parts, sample_rate_hz)
@@ -99,17 +168,9 @@ class PiezoStage(VirtualStage):
         self.reset()
 
     @property
-    def stage(self) -> Stage:
-        return self._stage
-
-    @property
     def system(self) -> MechanicalSystem:
         """Its model as made."""
         return self._system
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        return tuple(a.name for a in self._parts)
 
     @property
     def parts(self) -> tuple[PiezoAxis, ...]:
@@ -119,22 +180,6 @@ class PiezoStage(VirtualStage):
     @property
     def kind(self) -> Literal["piezo", "screw"]:
         return "piezo"
-
-    @property
-    def channels(self) -> tuple[ChannelDescription, ...]:
-        return self._channels
-
-    @property
-    def sample_rate_hz(self) -> float:
-        return self._rate
-
-    @property
-    def limits(self) -> Mapping[str, AxisLimits]:
-        return {a.name: a.limits for a in self._parts}
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        return self._notes
 
     def servo_settings(self, axis: str) -> ServoSettings:
         self._number(axis)
@@ -190,9 +235,7 @@ class PiezoStage(VirtualStage):
 
     def strike(self, axis: str) -> Blow:
         self._number(axis)
-        if self._hammer is None:
-            raise ModelError(f"there is no hammer beside this model of {self._stage.name}")
-        return self._hammer.strike(axis)
+        return super().strike(axis)
 
     def reset(self) -> None:
         """Relax the stage: time and all memory back to 0, settings as delivered."""

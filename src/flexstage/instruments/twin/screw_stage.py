@@ -1,6 +1,6 @@
 """A simulated stage driven by adjustment screws."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -8,23 +8,20 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual.guide import GuideErrors
+from flexstage.experiment.virtual.imperfections import GuideErrors
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.device import ChannelDescription
-from flexstage.instruments.twin.hammer import Hammer
-from flexstage.instruments.twin.parasitic_motion import (
-    beside_channels,
+from flexstage.instruments.twin.sensors import (
+    Disturbances,
+    SensorBench,
     kinds_of,
     neighbour,
     polynomial,
     readings_beside,
     sources,
 )
-from flexstage.instruments.twin.piezo_parts import commands
-from flexstage.instruments.twin.sensors import Disturbances, SensorBench
-from flexstage.instruments.twin.stage import Blow, StageSamples, VirtualStage
+from flexstage.instruments.twin.stage import Hammer, MadeStage, StageSamples, commands
 from flexstage.stage import Stage
 
 
@@ -51,7 +48,7 @@ class ScrewAxis:
         return 0.5 * self.backlash * self.ratio
 
 
-class ScrewStage(VirtualStage):
+class ScrewStage(MadeStage):
     """A screw-driven stage sample by sample, as `VirtualStage` says.
 
     A screw turns towards what is commanded, in whole steps and no faster than it may; the stage
@@ -77,9 +74,8 @@ class ScrewStage(VirtualStage):
         hammer: Hammer | None = None,
         notes: Sequence[str] = (),
     ) -> None:
-        self._stage, self._parts, self._rate = stage, tuple(axes), sample_rate_hz
-        self._notes, self._hammer = tuple(notes), hammer
-        self._channels = beside_channels(self.axes)
+        super().__init__(stage, {a.name: a.limits for a in axes}, sample_rate_hz, hammer, notes)
+        self._parts = tuple(axes)
         self._draw = (sensors, seed, quiet, scatter)
         names = self.axes
         self._source, self._rows = sources(
@@ -101,14 +97,6 @@ class ScrewStage(VirtualStage):
         self.reset()
 
     @property
-    def stage(self) -> Stage:
-        return self._stage
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        return tuple(a.name for a in self._parts)
-
-    @property
     def parts(self) -> tuple[ScrewAxis, ...]:
         """What drives and guides each axis."""
         return self._parts
@@ -116,22 +104,6 @@ class ScrewStage(VirtualStage):
     @property
     def kind(self) -> Literal["piezo", "screw"]:
         return "screw"
-
-    @property
-    def channels(self) -> tuple[ChannelDescription, ...]:
-        return self._channels
-
-    @property
-    def sample_rate_hz(self) -> float:
-        return self._rate
-
-    @property
-    def limits(self) -> Mapping[str, AxisLimits]:
-        return {a.name: a.limits for a in self._parts}
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        return self._notes
 
     def servo_settings(self, axis: str) -> ServoSettings:
         """Refuse: a screw has no position control."""
@@ -162,11 +134,6 @@ class ScrewStage(VirtualStage):
             time=time, reading=reading, position=position, voltage=np.zeros((axes, n)),
             command=advance,
         )  # fmt: skip
-
-    def strike(self, axis: str) -> Blow:
-        if self._hammer is None:
-            raise ModelError(f"there is no hammer beside this model of {self._stage.name}")
-        return self._hammer.strike(axis)
 
     def reset(self) -> None:
         """Turn the screws back, and begin at time 0 with the same noise."""

@@ -1,41 +1,130 @@
-"""What sensors see beside the motion of the platform: noise, mains, drift of the room.
+"""What the sensors around a stage see: motions beside its axes, noise, mains, drift of the room.
 
-Everything is drawn in blocks of samples, each from a stream of its own: a record does not depend on
-how it is cut.
+The motions are polynomials of the position, so that a loop can follow them. All else is drawn in
+blocks of samples, each from a stream of its own: a record does not depend on how it is cut.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
+from flexstage.experiment.virtual.bench import SimulatedSensor
+from flexstage.experiment.virtual.imperfections import MOTIONS, GuideErrors
+from flexstage.hysteresis.chain.lag import decay_share, ramp_share
+from flexstage.hysteresis.compiled import compiled
+from flexstage.instruments.twin.device import ChannelDescription
+
+#: Coefficients of a polynomial: those of the curves of guides, of order 5.
+TERMS = 6
+_ANGLES = ("roll", "pitch", "yaw")
+
+
+def polynomial(guide: GuideErrors, motion: str, low: float) -> Array:
+    """Return a curve of a guide as a polynomial of the position from where the stage is relaxed.
+
+    `low` is the position of the low end of the stroke [m]. Coefficients from the constant up, which
+    is such that the motion is zero where the stage is relaxed, shape (6,).
+
+    Examples
+    --------
+    >>> guide = GuideErrors(stroke=60e-6, coefficients={"across": np.array([0.0, 0.0, 1e-7])})
+    >>> c = polynomial(guide, "across", 5e-6)
+    >>> print(f"{np.polynomial.polynomial.polyval(35e-6, c) * 1e9:.1f} nm")
+    -204.2 nm
+    """
+    out = np.zeros(TERMS)
+    given = guide.coefficients.get(motion)
+    if given is not None:
+        series = np.polynomial.Legendre(given, domain=[low, low + guide.stroke])
+        powers = series.convert(kind=np.polynomial.Polynomial).coef
+        out[: powers.size] = powers
+        out[0] = 0.0
+    return out
+
+
+def neighbour(axes: Sequence[str], axis: str) -> str | None:
+    """Return the axis whose direction is across another one; None where there is no other."""
+    return next((name for name in axes if name != axis), None)
+
+
+def beside_channels(axes: Sequence[str]) -> tuple[ChannelDescription, ...]:
+    """Return the sensors of a stage: those of the axes, then those beside each of them."""
+    names = [(axis, "m") for axis in axes]
+    names += [(f"{a}.{m}", "rad" if m in _ANGLES else "m") for a in axes for m in MOTIONS]
+    return tuple(
+        ChannelDescription(number=i, name=name, unit=unit)
+        for i, (name, unit) in enumerate(names, start=1)
+    )
+
+
+def kinds_of(channels: Sequence[ChannelDescription]) -> list[str]:
+    """Return the kind of sensor of each channel: ``along``, ``beside`` or ``angle``."""
+    return [
+        "angle" if c.unit == "rad" else ("beside" if "." in c.name else "along") for c in channels
+    ]
+
+
+def sources(
+    axes: Sequence[str], guides: Mapping[str, GuideErrors], low: Mapping[str, float]
+) -> tuple[NDArray[np.int64], Array]:
+    """Return which position each sensor beside an axis follows, and by which polynomial.
+
+    Number of the axis, shape (c,), and coefficients, shape (c, 6); `low` is the low end of each
+    axis's stroke [m].
+    """
+    source, rows = [], []
+    for number, axis in enumerate(axes):
+        other = neighbour(axes, axis)
+        for motion in MOTIONS:
+            row = polynomial(guides[axis], motion, low[axis])
+            at = number
+            if motion == "across" and other is not None:
+                # the platform moves across this axis as it moves along the other one
+                at, row = axes.index(other), np.eye(TERMS)[1]
+            source.append(at)
+            rows.append(row)
+    return np.array(source, dtype=np.int64), np.array(rows)
+
+
+@compiled
+def readings_beside(
+    source: NDArray[np.int64],
+    rows: Array,
+    position: Array,
+    drift: Array,
+    noise: Array,
+    gain: Array,
+    step: Array,
+    reading: Array,
+) -> None:
+    """Write what the sensors beside the axes read.
+
+    `position` has the shape (axes, n); drift, noise and reading (axes + c, n) and gain and step
+    (axes + c,), the sensors of the axes first: only the last c rows of the reading are written.
+    """
+    axes, n = position.shape
+    for c in range(source.size):
+        row, p, to = rows[c], position[source[c]], axes + c
+        # the positions of the axes have their drift in them already
+        own = 0.0 if row[1] == 1.0 else 1.0
+        for k in range(n):
+            x = p[k]
+            value = row[5]
+            for i in range(4, -1, -1):
+                value = value * x + row[i]
+            value = gain[to] * (value + own * drift[to, k]) + noise[to, k]
+            if step[to] > 0.0:
+                value = step[to] * np.round(value / step[to])
+            reading[to, k] = value
+
 
 _BLOCK = 4096
 #: Streams of one seed.
 _NOISE, _ROOM, _FIXED = 0, 1, 2
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AxisSensor:
-    """A kind of sensor."""
-
-    noise_rms: float = 5e-9
-    """Rms of its white noise, in its unit."""
-    mains_amplitude: float = 10e-9
-    """Amplitude of what it picks up of the mains."""
-    step: float = 1e-10
-    """Its smallest step; 0 for none."""
-    gain_scatter: float = 5e-5
-    """Standard deviation of its gain [1]."""
-
-    def __post_init__(self) -> None:
-        for name in ("noise_rms", "mains_amplitude", "step", "gain_scatter"):
-            if not 0.0 <= (value := getattr(self, name)) < math.inf:
-                raise ModelError(f"the {name} of a sensor must be 0 or more, got {value!r}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,15 +137,25 @@ class SensorBench:
     no one's own. Noise is white up to half the rate of the loop, whatever that is.
     """
 
-    along: AxisSensor = field(default_factory=AxisSensor)
+    along: SimulatedSensor = field(
+        default_factory=lambda: SimulatedSensor(
+            noise_rms=5e-9, mains_amplitude=10e-9, resolution_step=1e-10, calibration=5e-5
+        )
+    )
     """Reads along an axis, and closes its loop."""
-    beside: AxisSensor = field(
-        default_factory=lambda: AxisSensor(noise_rms=3e-9, mains_amplitude=6e-9, gain_scatter=2e-3)
+    beside: SimulatedSensor = field(
+        default_factory=lambda: SimulatedSensor(
+            noise_rms=3e-9, mains_amplitude=6e-9, resolution_step=1e-10, calibration=2e-3
+        )
     )
     """Reads across it, in the plane and out of it."""
-    angle: AxisSensor = field(
-        default_factory=lambda: AxisSensor(
-            noise_rms=5e-8, mains_amplitude=5e-8, step=1e-9, gain_scatter=2e-3
+    angle: SimulatedSensor = field(
+        default_factory=lambda: SimulatedSensor(
+            noise_rms=5e-8,
+            mains_amplitude=5e-8,
+            resolution_step=1e-9,
+            calibration=2e-3,
+            unit="rad",
         )
     )
     """Reads rotations [rad]."""
@@ -89,17 +188,17 @@ class Disturbances:
         quiet: bool = False,
         scatter: bool = True,
     ) -> None:
-        sensors: list[AxisSensor] = [getattr(bench, kind) for kind in kinds]
+        sensors: list[SimulatedSensor] = [getattr(bench, kind) for kind in kinds]
         self._seed, self._rate, self._quiet = seed, sample_rate_hz, quiet
         self._size = len(sensors)
         rng = self._stream(_FIXED)
         draw = rng.standard_normal(self._size)
         self._phase = rng.uniform(0.0, 2.0 * np.pi, self._size)[:, None]
         weight = rng.uniform(0.6, 1.4, self._size) * rng.choice((-1.0, 1.0), self._size)
-        spread = np.array([s.gain_scatter for s in sensors])
+        spread = np.array([s.calibration for s in sensors])
         #: Gain of each sensor [1], and its smallest step; shape (sensors,).
         self.gain: Array = 1.0 + spread * draw if scatter else np.ones(self._size)
-        self.step: Array = np.array([0.0 if quiet else s.step for s in sensors])
+        self.step: Array = np.array([0.0 if quiet else s.resolution_step for s in sensors])
         self._rms = np.array([s.noise_rms for s in sensors])[:, None]
         self._mains = np.array([s.mains_amplitude for s in sensors])[:, None]
         self._mains_hz = bench.mains_frequency_hz

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
-from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
+from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.models.decay import saturating
 from flexstage.hysteresis.virtual_stack import VirtualStack

@@ -1,13 +1,21 @@
-"""What a simulated stage offers to the controller that is simulated around it."""
+"""What a simulated stage offers to the controller that is simulated around it; its hammer."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from flexstage.arrays import Array
+from flexstage.choose import has_no
+from flexstage.errors import ModelError
+from flexstage.experiment.virtual.as_built import AsBuilt
+from flexstage.experiment.virtual.bench import HammerBench, Laboratory
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.device import ChannelDescription
+from flexstage.instruments.twin.sensors import beside_channels
 from flexstage.stage import Stage
 
 
@@ -125,3 +133,87 @@ class VirtualStage(Protocol):
     def reset(self) -> None:
         """Relax the stage: time and all memory back to 0, the same noise once more."""
         ...
+
+
+class Hammer:
+    """A hammer with a force sensor, and an accelerometer on the platform."""
+
+    def __init__(self, built: AsBuilt, seed: int) -> None:
+        self._bench = HammerBench(built, Laboratory(hits=1))
+        self._axes = [a.name for a in built.axes]
+        self._seed, self._struck = seed, 0
+
+    def strike(self, axis: str) -> Blow:
+        """Strike once along an axis; the next blow differs from it."""
+        if axis not in self._axes:
+            raise ModelError(has_no("the stage", "axis", axis, self._axes))
+        # each blow has a seed of its own, far from those of other stages
+        record = self._bench.record(axis, seed=1_000_003 * (self._seed + 1) + self._struck)
+        self._struck += 1
+        time = record.time
+        return Blow(
+            time=time,
+            force=record.channel("force").values,
+            response=record.channel(f"acceleration {axis}").values,
+            sample_rate_hz=float(1.0 / (time[1] - time[0])),
+        )
+
+    def reset(self) -> None:
+        """Begin with the first blow again."""
+        self._struck = 0
+
+
+class MadeStage(VirtualStage):
+    """What stages of either drive have: their drawing, sensors around them, and a hammer."""
+
+    def __init__(
+        self,
+        stage: Stage,
+        limits: Mapping[str, AxisLimits],
+        sample_rate_hz: float,
+        hammer: Hammer | None,
+        notes: Sequence[str],
+    ) -> None:
+        self._stage, self._limits, self._rate = stage, dict(limits), sample_rate_hz
+        self._hammer, self._notes = hammer, tuple(notes)
+        self._channels = beside_channels(self.axes)
+
+    @property
+    def stage(self) -> Stage:
+        return self._stage
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        return tuple(self._limits)
+
+    @property
+    def channels(self) -> tuple[ChannelDescription, ...]:
+        return self._channels
+
+    @property
+    def sample_rate_hz(self) -> float:
+        return self._rate
+
+    @property
+    def limits(self) -> Mapping[str, AxisLimits]:
+        return self._limits
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return self._notes
+
+    def strike(self, axis: str) -> Blow:
+        if self._hammer is None:
+            raise ModelError(f"there is no hammer beside this model of {self._stage.name}")
+        return self._hammer.strike(axis)
+
+
+def commands(command: ArrayLike, axes: int) -> Array:
+    """Return a copy of commands as a loop takes them, shape (axes, n)."""
+    given = np.array(command, dtype=np.float64, order="C")
+    if given.ndim != 2 or given.shape[0] != axes:
+        raise ModelError(f"a command of {axes} axes has the shape ({axes}, n), got {given.shape}")
+    if not np.all(np.isfinite(given)):
+        a, k = np.argwhere(~np.isfinite(given))[0]
+        raise ModelError(f"the command of axis {a} is {given[a, k]} at sample {k}: not finite")
+    return given

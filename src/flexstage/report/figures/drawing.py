@@ -4,8 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from flexstage.report.figures.labels import Placer
-from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
+from flexstage.report.figures.shapes import BodyShape, Placer, body_shapes, extent
 from flexstage.report.figures.style import (
     BODY,
     CYCLE,

@@ -1,4 +1,4 @@
-"""Measured loops beside the model that was identified from them."""
+"""Measured loops beside a model: that identified from them, or one that was not made from them."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexstage.hysteresis import DriveModel, Prediction
 from flexstage.hysteresis.identification.identify import Identification
-from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
+from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure, scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 #: Points that a curve over time is drawn with, at most.
 _POINTS = 4000
@@ -21,7 +23,6 @@ _CYCLES = 7
 _RECORDS = 4
 #: Letters of a name, or of a title, that a plot has room for.
 _NAME = 44
-_SCALES = {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}
 
 
 def draw_identification(found: Identification, names: Sequence[str] = ()) -> "Figure":
@@ -55,15 +56,6 @@ def draw_identification(found: Identification, names: Sequence[str] = ()) -> "Fi
 
 def _short(name: str) -> str:
     return name if len(name) <= _NAME else f"{name[: _NAME // 2]}...{name[-_NAME // 2 + 3 :]}"
-
-
-def scale(unit: str) -> tuple[str, float]:
-    """Return the unit that a quantity is drawn in, and how many of it one SI unit is.
-
-    The unit stands in brackets with a space before it; empty where nobody has said.
-    """
-    name, factor = _SCALES.get(unit, (unit, 1.0))
-    return (f" [{name}]" if name else "", factor)
 
 
 def _loop(axes: "Axes", found: Identification, section: int, within: np.ndarray, name: str) -> None:
@@ -142,3 +134,60 @@ def _extremes(values: np.ndarray) -> np.ndarray:
     starts = np.concatenate(([0], np.cumsum([b.size for b in bins])[:-1]))
     ends = [sorted((int(b.argmin()), int(b.argmax()))) for b in bins]
     return (starts[:, None] + np.array(ends)).ravel()
+
+
+#: Points that a curve is drawn with, at most.
+_PREDICTED_POINTS = 6000
+
+
+def draw_prediction(found: Prediction, model: DriveModel, band: float | None = None) -> "Figure":
+    """Draw the measured and the predicted loop, and the error as predicted over time.
+
+    `band` is half the width of the model's band of confidence, over the stroke [%].
+    """
+    figure = new_figure(9.6, 3.6)
+    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
+    at = _thin(np.arange(found.warm_up, found.time.size))
+    unit, factor = scale(model.output_unit)
+    dress(left)
+    left.plot(
+        found.command[at], factor * found.measured[at], ".", color=CYCLE[1], markersize=1.6,
+        label="measured",
+    )  # fmt: skip
+    left.plot(
+        found.command[at], factor * found.predicted[at], color=CYCLE[0], linewidth=0.6,
+        label=f"predicted, {model.hysteresis.kind}",
+    )  # fmt: skip
+    left.set_xlabel(f"input{scale(model.input_unit)[0]}", color=INK)
+    left.set_ylabel(f"output{unit}", color=INK)
+    left.legend(loc="upper left", fontsize=7.5, frameon=False, labelcolor=INK, markerscale=3.0)
+    entitle(left, Path(found.source).name or "loop")
+    _error(right, found, at, band)
+    return figure
+
+
+def _error(axes: "Axes", found: Prediction, at: np.ndarray, band: float | None) -> None:
+    percent = 100.0 / found.stroke
+    error = (found.measured - found.predicted)[at] * percent
+    dress(axes)
+    if band is not None:
+        axes.axhspan(-band, band, color=CYCLE[0], alpha=0.12, linewidth=0.0, label="95 % band")
+    axes.plot(found.time[at], error, color=CYCLE[0], linewidth=0.5)
+    axes.axhline(
+        found.constant_percent, color=INK, linewidth=0.8, linestyle=(0, (5, 3)), label="mean"
+    )
+    axes.set_xlim(float(found.time[at[0]]), float(found.time[at[-1]]))
+    top = 1.2 * max(float(np.abs(error).max()), band or 0.0)
+    axes.set_ylim(-top, top)
+    axes.set_xlabel("time [s]", color=INK)
+    axes.set_ylabel("measured less predicted [% of stroke]", color=INK)
+    axes.legend(loc="lower right", fontsize=7.5, frameon=False, labelcolor=INK, ncols=2)
+    entitle(
+        axes,
+        f"as predicted {found.as_predicted_rms_percent:.2f} % rms, with a free constant "
+        f"{found.free_constant_rms_percent:.2f}; largest {found.largest_percent:.2f}",
+    )
+
+
+def _thin(at: np.ndarray) -> np.ndarray:
+    return at[:: max(1, at.size // _PREDICTED_POINTS)]

@@ -56,6 +56,8 @@ _SETTINGS: dict[str, Any] = {
     "path.simplify": True,
 }
 
+_SCALES = {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}
+
 
 def css_name(colour: str) -> str:
     """Return the CSS variable that a colour of this module becomes in a page."""
@@ -104,6 +106,15 @@ def entitle(axes: "Axes", text: str, size: float = 9.0) -> None:
     """Put a title over axes, at the left, in type of a size [pt]."""
     # a dollar sign in a name is no formula
     axes.set_title(text, loc="left", fontsize=size, color=INK, pad=7, parse_math=False)
+
+
+def scale(unit: str) -> tuple[str, float]:
+    """Return the unit that a quantity is drawn in, and how many of it one SI unit is.
+
+    The unit stands in brackets with a space before it; empty where nobody has said.
+    """
+    name, factor = _SCALES.get(unit, (unit, 1.0))
+    return (f" [{name}]" if name else "", factor)
 
 
 def encode(figure: "Figure", kind: str) -> bytes:

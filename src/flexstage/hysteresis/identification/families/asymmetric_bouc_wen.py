@@ -3,7 +3,6 @@
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.bouc_wen import shape_at
@@ -19,15 +18,9 @@ class AsymmetricBoucWenFamily(SearchFamily):
 
     kind: ClassVar[str] = "asymmetric-bouc-wen"
     title: ClassVar[str] = "asymmetric Bouc-Wen"
+    size = 6
     grid = (8, 6)
-
-    @property
-    def size(self) -> int:
-        return 6
-
-    def free(self, data: Data) -> NDArray[np.bool_]:
-        del data
-        return np.array([False, True, True, False])
+    free = np.array([False, True, True, False])
 
     def columns(self, section: Section, place: Array, data: Data) -> Array:
         beta, gamma = shape_at(place, data.input_scale)

@@ -26,37 +26,21 @@ def shape_at(place: Array, scale: float) -> tuple[float, float]:
 class BoucWenFamily(SearchFamily):
     """Two parameters are searched for: a Bouc-Wen model is linear in its two gains.
 
-    Put h = A g; then g' = u' - b |u'| |g|^(n-1) g - c u' |g|^n with b = beta A^(n-1) and c = gamma
-    A^(n-1). With b and c given, the output d u - A g is linear in d and A. The exponent n is given:
-    records of piezo drives do not determine it.
+    Put h = A g; then g' = u' - beta |u'| g - gamma u' |g|. With beta and gamma given, the output
+    d u - A g is linear in d and A. The exponent is 1: records of piezo drives do not determine it.
     """
 
     kind: ClassVar[str] = "bouc-wen"
     title: ClassVar[str] = "Bouc-Wen"
+    size = 4
     grid = (8, 6)
-
-    def __init__(self, exponent: float = 1.0) -> None:
-        self._exponent = exponent
-
-    @property
-    def size(self) -> int:
-        return 4
 
     def columns(self, section: Section, place: Array, data: Data) -> Array:
         beta, gamma = shape_at(place, data.input_scale)
-        unit = BoucWen(
-            gain=0.0, hysteresis_gain=1.0, beta=beta, gamma=gamma, exponent=self._exponent
-        )
+        unit = BoucWen(gain=0.0, hysteresis_gain=1.0, beta=beta, gamma=gamma)
         return np.column_stack((section.u, unit.simulate(section.u).values))
 
     def build(self, place: Array, coefficients: Array, data: Data) -> BoucWen:
         beta, gamma = shape_at(place, data.input_scale)
         gain = max(float(coefficients[1]), 1e-12 * data.measurement.stroke / data.input_scale)
-        scale = gain ** (1.0 - self._exponent)
-        return BoucWen(
-            gain=float(coefficients[0]),
-            hysteresis_gain=gain,
-            beta=beta * scale,
-            gamma=gamma * scale,
-            exponent=self._exponent,
-        )
+        return BoucWen(gain=float(coefficients[0]), hysteresis_gain=gain, beta=beta, gamma=gamma)

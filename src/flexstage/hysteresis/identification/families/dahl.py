@@ -19,11 +19,8 @@ class DahlFamily(SearchFamily):
 
     kind: ClassVar[str] = "dahl"
     title: ClassVar[str] = "Dahl"
+    size = 3
     grid = (16,)
-
-    @property
-    def size(self) -> int:
-        return 3
 
     def columns(self, section: Section, place: Array, data: Data) -> Array:
         unit = Dahl(gain=0.0, stiffness=1.0, limit=_limit(place, data.input_scale))

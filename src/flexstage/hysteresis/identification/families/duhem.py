@@ -3,7 +3,6 @@
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.family import Data
@@ -25,35 +24,22 @@ class DuhemFamily(SearchFamily):
 
     kind: ClassVar[str] = "duhem"
     title: ClassVar[str] = "Duhem"
+    size = 1 + _CURVE + _TANGENT
     grid = (16,)
-
-    @property
-    def size(self) -> int:
-        return 1 + _CURVE + _TANGENT
-
-    def free(self, data: Data) -> NDArray[np.bool_]:
-        del data
-        return np.array([True] * (_CURVE + _TANGENT))
-
-    def penalty(self, data: Data) -> Array:
-        del data
-        return np.diag([_CONSTANT, *[0.0] * (_CURVE + _TANGENT - 1)])
+    free = np.ones(_CURVE + _TANGENT, dtype=bool)
+    penalty = np.diag([_CONSTANT, *[0.0] * (_CURVE + _TANGENT - 1)])
 
     def columns(self, section: Section, place: Array, data: Data) -> Array:
         return duhem_columns(section.u, _rate(place, data), _CURVE, _TANGENT)
 
     def build(self, place: Array, coefficients: Array, data: Data) -> Duhem:
-        return _model(place, coefficients, data)
-
-
-def _model(place: Array, coefficients: Array, data: Data) -> Duhem:
-    low, high = data.measurement.input_range
-    return Duhem(
-        rate=_rate(place, data),
-        anhysteretic=coefficients[:_CURVE],
-        tangent=coefficients[_CURVE:],
-        input_range=(min(low, 0.0), max(high, 0.0)),
-    )
+        low, high = data.measurement.input_range
+        return Duhem(
+            rate=_rate(place, data),
+            anhysteretic=coefficients[:_CURVE],
+            tangent=coefficients[_CURVE:],
+            input_range=(min(low, 0.0), max(high, 0.0)),
+        )
 
 
 def _rate(place: Array, data: Data) -> float:

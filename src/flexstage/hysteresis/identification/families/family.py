@@ -1,8 +1,9 @@
-"""How a hysteresis model is fitted: data and columns, what is searched for, what is held out."""
+"""How a model is fitted: the data, the fit, and models linear in all of their parameters."""
 
 import functools
 import operator
 from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -10,13 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.averaging import averaged
-from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
-from flexstage.hysteresis.identification.measurement import IdentificationData
+from flexstage.hysteresis.identification.fit_rows import (
+    ChainValues,
+    Rows,
+    averaged,
+    filtered,
+    rows_of,
+)
+from flexstage.hysteresis.identification.measurement import IdentificationData, Section
 from flexstage.hysteresis.identification.projection import (
     Normal,
     Solution,
     normal_equations,
+    solve,
 )
 from flexstage.hysteresis.model import HysteresisModel
 
@@ -29,6 +36,8 @@ _RUNS = 2
 _COARSE_SAMPLES = 5000
 _COARSE_ROWS = 2500
 _COARSE_LOOSE = 10.0
+#: Columns behind the chain that change by less than this, over the largest change, stand still.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -91,6 +100,8 @@ class Family(ABC):
     kind: ClassVar[str]
     #: What it is called in text.
     title: ClassVar[str]
+    #: Number of parameters.
+    size: int
 
     @abstractmethod
     def fit(self, data: Data, start: Array | None = None) -> Fit:
@@ -106,11 +117,6 @@ class Family(ABC):
         The result has not what standard errors need.
         """
         return self.fit(data, optimum if optimum.size else None)
-
-    @property
-    @abstractmethod
-    def size(self) -> int:
-        """Number of parameters."""
 
 
 def behind_chain(columns: list[Array], data: Data) -> list[Array]:
@@ -235,3 +241,83 @@ def folds_of(
         )
         for p in range(int(part.max()) + 1)
     ]
+
+
+class LinearFamily(Family):
+    """A model that is a sum of known columns, each times a parameter that is not negative."""
+
+    @abstractmethod
+    def columns(self, section: Section, data: Data) -> Iterator[Array]:
+        """Give the quasi-static output per unit of each parameter, some parameters at a time."""
+
+    @abstractmethod
+    def build(self, coefficients: Array, data: Data) -> HysteresisModel:
+        """Return the model that some parameters make."""
+
+    def smoothing(self, data: Data, moving: NDArray[np.bool_]) -> Array | None:
+        """Return the penalty, added to the products of the columns that move; None for none.
+
+        A quadratic form of parameters that differ from their neighbours, per sample and per square
+        of the input's range; parameters that do not move get nothing.
+        """
+        del data, moving
+        return None
+
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Return what each parameter is called."""
+
+    def fit(self, data: Data, start: Array | None = None) -> Fit:
+        del start
+        made = self.refit(data, np.zeros(0))
+        behind, moving = self.moving(data)
+        active = np.isin(np.array(self.names())[moving], made.names)
+        parts = [c[:, active] for c in behind]
+        used = [c if use.all() else c[use] for c, use in zip(parts, data.use, strict=True)]
+        return replace(made, jacobian=np.concatenate(used))
+
+    def refit(self, data: Data, optimum: Array) -> Fit:
+        del optimum
+        behind, moving = self.moving(data)
+        x = np.zeros(moving.size)
+        x[moving] = self.solution(equations(behind, data, self.kind), data).coefficients
+        active = np.flatnonzero(x)
+        names = self.names()
+        return Fit(
+            model=self.build(x, data), names=tuple(names[i] for i in active), values=x[active]
+        )
+
+    def solution(self, normal: Normal, data: Data) -> Solution:
+        """Solve the normal equations of the columns that move."""
+        _, moving = self.moving(data)
+        penalty = self.smoothing(data, moving)
+        if penalty is not None:
+            penalty = penalty[np.ix_(moving, moving)] * (normal.count * data.input_scale**2)
+        return solve(normal, smoothing=penalty)
+
+    def moving(self, data: Data) -> tuple[list[Array], NDArray[np.bool_]]:
+        """Give the columns that move, behind the chain at the rows, worked out once.
+
+        One that stands still cannot be told from the offset, and is none of this model.
+        """
+        if self.kind not in data.memo:
+            parts, moving = [], []
+            # a block at a time: all columns at all samples of a long record would not fit
+            for block in zip(
+                *(self.columns(s, data) for s in data.measurement.sections), strict=True
+            ):
+                some = moves(block)
+                parts.append(behind_chain([c[:, some] for c in block], data))
+                moving.append(some)
+            behind = [np.concatenate(own, axis=1) for own in zip(*parts, strict=True)]
+            every, some = np.concatenate(moving), moves(behind, _ROUNDING)
+            every[every] = some
+            kept = behind if some.all() else [c[:, some] for c in behind]
+            data.memo[self.kind] = kept, every
+        return data.memo[self.kind]
+
+
+def moves(columns: Sequence[Array], share: float = 0.0) -> NDArray[np.bool_]:
+    """Return which columns change anywhere, by more than a share of the largest change."""
+    spread = np.max([np.ptp(c, axis=0) for c in columns], axis=0)
+    return spread > share * np.max(spread, initial=0.0)

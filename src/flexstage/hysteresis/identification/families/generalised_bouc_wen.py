@@ -30,10 +30,7 @@ class GeneralisedBoucWenFamily(RefinedFamily):
 
     kind: ClassVar[str] = "generalised-bouc-wen"
     title: ClassVar[str] = "generalised Bouc-Wen"
-
-    @property
-    def size(self) -> int:
-        return 8
+    size = 8
 
     def begin(self, data: Data) -> Array:
         # the two gains, the shape function where loaded, two differences

@@ -12,6 +12,7 @@ from flexstage.hysteresis.identification.families.modified_prandtl_ishlinskii im
     interior_kinks,
 )
 from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
+    PLAYS,
     PrandtlIshlinskiiFamily,
 )
 from flexstage.hysteresis.identification.families.refined import RefinedFamily, roughness
@@ -20,6 +21,8 @@ from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
+#: Kinks of the spring; there are as many elements as plays.
+_KINKS = 6
 #: Weight of the penalty on second differences against the misfit.
 _SMOOTHING = 3e-4
 #: Smallest slope after a turn of the plays that the search begins with, over the mean slope.
@@ -29,43 +32,34 @@ _FLATTEST = 0.05
 class MaxwellSlipFamily(RefinedFamily):
     """Springs, sliders and a bent spring; begun from the exact inverse of plays alone.
 
-    Parameters: stiffness, those of the elements, then the kinks of the spring. Smoothing weighs the
-    penalty on second differences of stiffnesses and of kinks.
+    Parameters: stiffness, those of the elements, then the kinks of the spring. The penalty is on
+    second differences of stiffnesses and of kinks.
     """
 
     kind: ClassVar[str] = "maxwell-slip"
     title: ClassVar[str] = "generalised Maxwell-slip"
-
-    def __init__(self, elements: int = 20, kinks: int = 6, smoothing: float = _SMOOTHING) -> None:
-        self._elements, self._kinks, self._smoothing = elements, kinks, smoothing
-
-    @property
-    def size(self) -> int:
-        return 1 + self._elements + self._kinks
+    size = 1 + PLAYS + _KINKS
+    penalty = _SMOOTHING * roughness(1, PLAYS, _KINKS)
 
     def begin(self, data: Data) -> Array:
         stiffness, _, elements, _ = self._cached(data)
-        return np.concatenate((stiffness, elements, np.zeros(self._kinks)))
+        return np.concatenate((stiffness, elements, np.zeros(_KINKS)))
 
     def bounds(self, data: Data) -> tuple[Array, Array]:
         slope = data.input_scale / data.measurement.stroke
-        low = np.zeros(1 + self._elements + self._kinks)
+        low = np.zeros(self.size)
         low[0] = 1e-3 * slope
-        low[1 + self._elements :] = -np.inf
-        return low, np.full(low.size, slope)
-
-    def penalty(self, data: Data) -> Array:
-        del data
-        return self._smoothing * roughness(1, self._elements, self._kinks)
+        low[1 + PLAYS :] = -np.inf
+        return low, np.full(self.size, slope)
 
     def build(self, parameters: Array, data: Data) -> GeneralisedMaxwellSlip:
         _, thresholds, _, kinks = self._cached(data)
         return GeneralisedMaxwellSlip(
             stiffness=float(parameters[0]),
             thresholds=thresholds,
-            element_stiffness=parameters[1 : 1 + self._elements],
+            element_stiffness=parameters[1 : 1 + PLAYS],
             dead_zones=kinks,
-            dead_zone_weights=parameters[1 + self._elements :],
+            dead_zone_weights=parameters[1 + PLAYS :],
         )
 
     def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
@@ -87,9 +81,9 @@ class MaxwellSlipFamily(RefinedFamily):
         key = f"{self.kind} start"
         if key not in data.memo:
             # those of the first fit, so that they stay where they are when cycles are held out
-            plays = PrandtlIshlinskiiFamily(self._elements).fit(data).model
+            plays = PrandtlIshlinskiiFamily().fit(data).model
             assert isinstance(plays, PrandtlIshlinskii)
-            kinks = interior_kinks(data, plays, self._kinks)
+            kinks = interior_kinks(data, plays, _KINKS)
             # plays that stand still after a turn, as where noise of the input or a delay blunts
             # it, have no inverse; some slope there is enough to begin with
             least = _FLATTEST * data.measurement.stroke / data.input_scale

@@ -8,6 +8,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
+    PLAYS,
     PrandtlIshlinskiiFamily,
 )
 from flexstage.hysteresis.identification.families.refined import RefinedFamily, roughness
@@ -16,6 +17,8 @@ from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPran
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
+#: Places where the line behind the plays may bend.
+_KINKS = 8
 #: Smallest slope of the line behind the plays, over the mean slope: it must be invertible.
 _FLATTEST = 0.05
 #: Weight of the penalty on second differences against the misfit.
@@ -35,25 +38,14 @@ def interior_kinks(data: Data, plays: PrandtlIshlinskii, count: int) -> Array:
 class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
     """Plays, and the slopes of the line behind them; begun from plays alone.
 
-    Parameters: gain, weights of plays, then slopes of the line. Smoothing weighs the penalty on
-    second differences of weights and of slopes.
+    Parameters: gain, weights of plays, then slopes of the line. The penalty is on second
+    differences of weights and of slopes.
     """
 
     kind: ClassVar[str] = "modified-prandtl-ishlinskii"
     title: ClassVar[str] = "modified Prandtl-Ishlinskii"
-
-    def __init__(self, plays: int = 20, kinks: int = 8, smoothing: float = _SMOOTHING) -> None:
-        self._plays, self._kinks, self._smoothing = plays, kinks, smoothing
-
-    @property
-    def size(self) -> int:
-        return 1 + self._plays + self._kinks
-
-    def _start(self, data: Data) -> tuple[PrandtlIshlinskii, Array]:
-        # that of the first fit, so that the kinks stay where they are when cycles are held out
-        model = PrandtlIshlinskiiFamily(self._plays).fit(data).model
-        assert isinstance(model, PrandtlIshlinskii)
-        return model, interior_kinks(data, model, self._kinks)
+    size = 1 + PLAYS + _KINKS
+    penalty = _SMOOTHING * roughness(1, PLAYS, _KINKS + 1)
 
     def begin(self, data: Data) -> Array:
         model, kinks = self._cached(data)
@@ -61,21 +53,17 @@ class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
 
     def bounds(self, data: Data) -> tuple[Array, Array]:
         slope = data.measurement.stroke / data.input_scale
-        low = np.zeros(2 + self._plays + self._kinks)
+        low = np.zeros(2 + PLAYS + _KINKS)
         low[0] = 1e-3 * slope
-        low[1 + self._plays :] = _FLATTEST
+        low[1 + PLAYS :] = _FLATTEST
         scale = np.full(low.size, slope)
-        scale[1 + self._plays :] = 1.0
+        scale[1 + PLAYS :] = 1.0
         return low, scale
-
-    def penalty(self, data: Data) -> Array:
-        del data
-        return self._smoothing * roughness(1, self._plays, self._kinks + 1)
 
     def build(self, parameters: Array, data: Data) -> ModifiedPrandtlIshlinskii:
         start, kinks = self._cached(data)
-        gain, weights = parameters[0], parameters[1 : 1 + self._plays]
-        slopes = parameters[1 + self._plays :]
+        gain, weights = parameters[0], parameters[1 : 1 + PLAYS]
+        slopes = parameters[1 + PLAYS :]
         about_zero = slopes[int(np.searchsorted(kinks, 0.0))]
         change = np.diff(slopes) / about_zero
         return ModifiedPrandtlIshlinskii(
@@ -91,22 +79,25 @@ class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
         # S'(v) with what a play adds to v, and by the way from 0 to v within an interval with its
         # slope
         start, kinks = self._cached(data)
-        slopes = p[1 + self._plays :]
+        slopes = p[1 + PLAYS :]
         columns = play_columns(section.u, start.thresholds)
-        v = p[0] * section.u + columns @ p[1 : 1 + self._plays]
+        v = p[0] * section.u + columns @ p[1 : 1 + PLAYS]
         ends = np.concatenate(([-np.inf], kinks, [np.inf]))
         made = np.empty((section.u.size, p.size), order="F")
         slope = slopes[np.searchsorted(kinks, v)]
         made[:, 0] = slope * section.u
-        made[:, 1 : 1 + self._plays] = slope[:, None] * columns
-        for j, (low, high) in enumerate(itertools.pairwise(ends), start=1 + self._plays):
+        made[:, 1 : 1 + PLAYS] = slope[:, None] * columns
+        for j, (low, high) in enumerate(itertools.pairwise(ends), start=1 + PLAYS):
             made[:, j] = np.clip(v, low, high) - np.clip(0.0, low, high)
         return made * scale
 
     def _cached(self, data: Data) -> tuple[PrandtlIshlinskii, Array]:
         key = f"{self.kind} start"
         if key not in data.memo:
-            model, kinks = self._start(data)
+            # those of the first fit, so that the kinks stay where they are when cycles are held out
+            model = PrandtlIshlinskiiFamily().fit(data).model
+            assert isinstance(model, PrandtlIshlinskii)
+            kinks = interior_kinks(data, model, _KINKS)
             data.memo[key] = [np.array([model.gain]), model.thresholds, model.weights, kinks]
         gain, thresholds, weights, kinks = data.memo[key]
         plays = PrandtlIshlinskii(gain=float(gain[0]), thresholds=thresholds, weights=weights)

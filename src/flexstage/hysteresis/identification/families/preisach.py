@@ -7,8 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.families.family import Data, Fit, equations, folds_of
-from flexstage.hysteresis.identification.families.linear import LinearFamily
+from flexstage.hysteresis.identification.families.family import (
+    Data,
+    Fit,
+    LinearFamily,
+    equations,
+    folds_of,
+)
 from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import Normal, square_left
 from flexstage.hysteresis.models.preisach import Preisach, preisach_columns
@@ -34,10 +39,7 @@ class PreisachFamily(LinearFamily):
         self, thresholds: int = 16, means: int = 16, smoothing: float | None = None
     ) -> None:
         self._thresholds, self._means, self._given = thresholds, means, smoothing
-
-    @property
-    def size(self) -> int:
-        return self._thresholds * self._means
+        self.size = thresholds * means
 
     def _grid(self, data: Data) -> tuple[Array, Array]:
         low, high = data.measurement.input_range
@@ -55,8 +57,7 @@ class PreisachFamily(LinearFamily):
         slopes = coefficients.reshape(self._thresholds, self._means)
         return Preisach(thresholds=thresholds, knots=knots, slopes=slopes)
 
-    def names(self, data: Data) -> tuple[str, ...]:
-        del data
+    def names(self) -> tuple[str, ...]:
         return tuple(
             f"slopes[{i},{j}]" for i in range(self._thresholds) for j in range(self._means)
         )

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -36,6 +37,10 @@ class RefinedFamily(Family):
     noise of the output does not get into the columns.
     """
 
+    #: Penalty on parameters that differ from their neighbours: a quadratic form of the parameters
+    #: over their scales, per sample and per square of the stroke, shape (k, k); None for none.
+    penalty: ClassVar[Array | None] = None
+
     @abstractmethod
     def begin(self, data: Data) -> Array:
         """Return the parameters that the search begins with."""
@@ -47,15 +52,6 @@ class RefinedFamily(Family):
     @abstractmethod
     def bounds(self, data: Data) -> tuple[Array, Array]:
         """Return lower bounds, minus infinity for none, and scales: how far each may go at once."""
-
-    def penalty(self, data: Data) -> Array | None:
-        """Return the penalty on parameters that differ from their neighbours.
-
-        A quadratic form of the parameters over their scales, per sample and per square of the
-        stroke, shape (k, k); None for none.
-        """
-        del data
-        return None
 
     def fit(self, data: Data, start: Array | None = None) -> Fit:
         begin = self.begin(data) if start is None else np.asarray(start)
@@ -90,9 +86,7 @@ class RefinedFamily(Family):
         cost, behind = self._evaluate(p, data)
         damping, J = 1e-3, self._jacobian(p, scale, data) if known is None else known
         for _ in range(_ITERATIONS):
-            trial = np.maximum(
-                _step(p, behind, J, low, scale, damping, self.penalty(data), data), low
-            )
+            trial = np.maximum(_step(p, behind, J, low, scale, damping, self.penalty, data), low)
             try:
                 new, moved = self._evaluate(trial, data)
             except ModelError:  # beyond what the model allows
@@ -119,10 +113,9 @@ class RefinedFamily(Family):
         )
         left = _left(behind, data)
         rough = 0.0
-        penalty = self.penalty(data)
-        if penalty is not None:
+        if self.penalty is not None:
             scaled = p / self.bounds(data)[1]
-            rough = left.size * float(scaled @ penalty @ scaled)
+            rough = left.size * float(scaled @ self.penalty @ scaled)
         return float(left @ left) + rough, behind
 
     def _jacobian(self, p: Array, scale: Array, data: Data) -> list[Array]:

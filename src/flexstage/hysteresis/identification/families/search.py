@@ -2,9 +2,9 @@
 
 import itertools
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,11 @@ class SearchFamily(Family):
     """
 
     #: Points of the coarse search along each searched parameter.
-    grid: tuple[int, ...]
+    grid: ClassVar[tuple[int, ...]]
+    #: Which linear parameters may be negative, shape (m,); None where none may be.
+    free: ClassVar[NDArray[np.bool_] | None] = None
+    #: A quadratic form of the linear parameters, per sample; None for none.
+    penalty: ClassVar[Array | None] = None
 
     @abstractmethod
     def columns(self, section: Section, place: Array, data: Data) -> Array:
@@ -60,22 +64,6 @@ class SearchFamily(Family):
     def build(self, place: Array, coefficients: Array, data: Data) -> HysteresisModel:
         """Return the model that some parameters make."""
 
-    def free(self, data: Data) -> NDArray[np.bool_] | None:
-        """Return which linear parameters may be negative, shape (m,); None where none may be."""
-        del data
-        return None
-
-    def penalty(self, data: Data) -> Array | None:
-        """Return a quadratic form of the linear parameters, per sample; None for none."""
-        del data
-        return None
-
-    def starts(self, data: Data) -> list[Array]:
-        """Return the points of the coarse search."""
-        del data
-        lines = [(np.arange(n) + 0.5) / n for n in self.grid]
-        return [np.array(point) for point in itertools.product(*lines)]
-
     def project(self, place: Array, data: Data) -> tuple[Solution, list[Array], Array]:
         """Find the linear parameters that belong to some searched ones.
 
@@ -84,13 +72,12 @@ class SearchFamily(Family):
         """
         every = [self.columns(s, place, data) for s in data.measurement.sections]
         behind = behind_chain(every, data)
-        solution = self._solved(equations(behind, data), data)
+        solution = self._solved(equations(behind, data))
         return solution, behind, residual(behind, solution, data) / data.measurement.stroke
 
-    def _solved(self, normal: Normal, data: Data) -> Solution:
-        penalty = self.penalty(data)
-        smoothing = None if penalty is None else normal.count * penalty
-        return solve(normal, free=self.free(data), smoothing=smoothing)
+    def _solved(self, normal: Normal) -> Solution:
+        smoothing = None if self.penalty is None else normal.count * self.penalty
+        return solve(normal, free=self.free, smoothing=smoothing)
 
     def fit(self, data: Data, start: Array | None = None) -> Fit:
         place = self._found(data) if start is None else self._followed([np.asarray(start)], data)
@@ -108,7 +95,8 @@ class SearchFamily(Family):
         # the generalised model begins with what was found for the plain one
         if key in data.memo and data.memo[key][0] is data.use:
             return data.memo[key][1]
-        points = self.starts(data)
+        lines = [(np.arange(n) + 0.5) / n for n in self.grid]
+        points = [np.array(point) for point in itertools.product(*lines)]
         short = coarse(data)
         order = np.argsort([self._cost(point, short) for point in points])
         place = self._followed([points[i] for i in order[:_FOLLOWED]], data)
@@ -137,14 +125,14 @@ class SearchFamily(Family):
         costs = []
         for point in points:
             normal = self._kept(point, data)[1]
-            costs.append(square_left(normal, solve(normal, free=self.free(data))))
+            costs.append(square_left(normal, solve(normal, free=self.free)))
         slope, bend = _parabola(np.array(costs), start.size)
         place = _downhill(points[0], slope, bend)
         for _ in range(place.size):
             place = _downhill(place, self._slope(place, data), bend)
         solution, _, left = self.project(place, data)
         behind, normal = self._kept(start, data)
-        before = residual(behind, self._solved(normal, data), data) / data.measurement.stroke
+        before = residual(behind, self._solved(normal), data) / data.measurement.stroke
         near = np.max(np.abs(place - start)) <= _NEAR
         if near and left @ left <= before @ before:
             return place, solution
@@ -227,14 +215,14 @@ def _downhill(place: Array, slope: Array, bend: Array) -> Array:
 def _sensitivities(model: HysteresisModel, data: Data) -> tuple[tuple[str, ...], Array, Array]:
     """Change of the output with each number that the model holds, at the rows in use."""
     names, values, columns = [], [], []
-    for name, value, changed in _numbers(model):
+    for name, value, element in _numbers(model):
         step = _STEP * abs(value)
-        ends = [changed(value + sign * step) for sign in (1.0, -1.0)]
+        ends = [_with(model, name, value + sign * step, element) for sign in (1.0, -1.0)]
         moved = []
         for s in data.measurement.sections:
             up, down = (m.simulate(s.u).values for m in ends)
             moved.append(((up - down) / (2.0 * step))[:, None])
-        names.append(name)
+        names.append(name if element is None else f"{name}[{element}]")
         values.append(value)
         columns.append(
             np.concatenate(
@@ -244,10 +232,8 @@ def _sensitivities(model: HysteresisModel, data: Data) -> tuple[tuple[str, ...],
     return tuple(names), np.array(values), np.column_stack(columns)
 
 
-def _numbers(
-    model: HysteresisModel,
-) -> Iterator[tuple[str, float, Callable[[float], HysteresisModel]]]:
-    """Give each fitted number of a model, and how to make the model with another one.
+def _numbers(model: HysteresisModel) -> Iterator[tuple[str, float, int | None]]:
+    """Give each fitted number of a model: the field, the value, and which element of an array.
 
     All of them belong to the covariance, also those of arrays: what one of them is known to
     depends on the others.
@@ -256,20 +242,16 @@ def _numbers(
         if name in _NOT_FITTED:
             continue
         if isinstance(value, float) and value != 0.0:
-            yield name, value, partial(_with_number, model, name)
+            yield name, value, None
         elif isinstance(value, np.ndarray):
             for i in np.flatnonzero(value):
-                own = float(value[i])
-                yield f"{name}[{i}]", own, partial(_with_element, model, name, value, int(i))
+                yield name, float(value[i]), int(i)
 
 
-def _with_number(model: HysteresisModel, name: str, value: float) -> HysteresisModel:
-    return replace(model, **{name: value})  # type: ignore[type-var]
-
-
-def _with_element(
-    model: HysteresisModel, name: str, array: Array, i: int, value: float
-) -> HysteresisModel:
-    changed = array.copy()
-    changed[i] = value
+def _with(model: HysteresisModel, name: str, number: float, element: int | None) -> HysteresisModel:
+    """The model with another number in a field, or in an element of an array there."""
+    changed: Any = number
+    if element is not None:
+        changed = getattr(model, name).copy()
+        changed[element] = number
     return replace(model, **{name: changed})  # type: ignore[type-var]

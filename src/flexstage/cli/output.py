@@ -1,0 +1,227 @@
+"""What commands print and write: tables, JSON and progress; files, refused before the work."""
+
+import json
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from matplotlib.figure import Figure
+    from rich.console import Console
+    from rich.table import Table
+import errno
+from pathlib import Path
+
+#: Work that is shorter says nothing of its progress where standard error is no terminal [s].
+_SILENT = 5.0
+
+
+def console() -> "Console":
+    """Return the console that tables are printed on, without colours where it is no terminal."""
+    import sys
+
+    from rich.console import Console
+
+    # a file or a pipe has no width of its own, and a table must not be cut there
+    return Console(highlight=False, width=None if sys.stdout.isatty() else 140)
+
+
+def make_table(title: str, *columns: str) -> "Table":
+    """Start a table.
+
+    The first column is text; the others are numbers and stand at the right, unless they begin with
+    ``<``, which is taken off.
+    """
+    from rich import box
+    from rich.align import Align
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=Text(title), box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    for i, column in enumerate(columns):
+        left = i == 0 or column.startswith("<")
+        head = Text(column.removeprefix("<"))
+        table.add_column(
+            # a heading is beside its column, a cell beside the first line of its row
+            Align(head, "left" if left else "right", vertical="bottom"),
+            justify="left" if left else "right",
+            # where there is no room a line is broken; no digit is ever left out
+            overflow="fold",
+            no_wrap=i == 0,
+            vertical="top",
+        )
+    return table
+
+
+def count(number: int, noun: str) -> str:
+    """Return a number of things in words.
+
+    Examples
+    --------
+    >>> count(1, "body"), count(2, "body")
+    ('1 body', '2 bodies')
+    """
+    plural = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}s"
+    return f"{number} {noun if number == 1 else plural}"
+
+
+def print_json(value: Any) -> None:
+    """Print plain data as one JSON object on standard output."""
+    typer.echo(json.dumps(value, indent=2, allow_nan=False))
+
+
+def print_notes(
+    screen: "Console", notes: "Iterable[str]", files: "Iterable[object]" = (), *, style: str = "dim"
+) -> None:
+    """Print notes, and which files were written."""
+    for note in notes:
+        screen.print(f"note: {note}", style=style, markup=False)
+    for file in files:
+        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+@contextmanager
+def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
+    """Show on standard error how far the work in this block has come.
+
+    On a terminal it is a bar with the time left; else a line where a long phase begins, and one
+    every ten seconds.
+    """
+    import sys
+
+    if quiet:
+        yield
+        return
+    if not sys.stderr.isatty():
+        from flexstage.progress import in_lines
+
+        with in_lines(lambda line: typer.echo(line, err=True), command, _SILENT):
+            yield
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    from flexstage.progress import listen
+
+    columns = (
+        TextColumn("{task.description:<17}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        with listen(lambda what, done: bar.update(task, description=what, completed=done)):
+            yield
+
+
+_IMAGES = (".svg", ".png", ".pdf")
+_AS_PICTURE = "(.svg, .png or .pdf)"
+
+
+def file_option(help: str) -> Any:
+    """Return the option `--out`: the one file that a command writes.
+
+    Its path is refused before the work where no file can be written there.
+    """
+    return typer.Option("--out", parser=_file, metavar="FILE", help=help)
+
+
+def figure_option(help: str) -> Any:
+    """Return the option `--figure`: a picture of the result.
+
+    Its path is refused before the work as that of `file_option`, and where its ending is that of no
+    picture.
+    """
+    return typer.Option("--figure", parser=_figure, metavar="FILE", help=f"{help} {_AS_PICTURE}")
+
+
+def folder_option(help: str) -> Any:
+    """Return the option `--folder`: where a command writes several files.
+
+    Its path is refused before the work where no folder can be.
+    """
+    return typer.Option("--folder", parser=_folder, metavar="FOLDER", help=help)
+
+
+def output_path(text: str | Path) -> Path:
+    """Return the path that a word names.
+
+    An empty text is refused, as of a variable of the shell that is not set: the working directory
+    would be meant instead. A default of an option is handed on in the same way.
+    """
+    if not str(text).strip():
+        raise typer.BadParameter("expected a path, got an empty text")
+    if "\0" in str(text):
+        raise typer.BadParameter(f"expected a path, got {text!r}: no path holds a NUL character")
+    return Path(text)
+
+
+def writable(path: Path) -> Path:
+    """Return the path of a file, refusing it before the work where none can be written there."""
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "it is a folder: name a file in it", str(path))
+    _folder(path.parent)
+    return path
+
+
+def _file(text: str | Path) -> Path:
+    return writable(output_path(text))
+
+
+def _figure(text: str | Path) -> Path:
+    path = output_path(text)
+    if path.suffix.lower() not in _IMAGES:
+        raise typer.BadParameter(
+            f"the name must end in one of {', '.join(_IMAGES)}, which says the format, got "
+            f"'{path.name}'"
+        )
+    return writable(path)
+
+
+def _folder(text: str | Path) -> Path:
+    from flexstage.files.write import require_writable
+
+    path = output_path(text)
+    require_writable(path)
+    return path
+
+
+def name_for_files(name: str) -> str:
+    """Return a name that a directory can have.
+
+    What is special to some system becomes a dash, and none begins it, where programs take it for an
+    option.
+
+    Examples
+    --------
+    >>> name_for_files("a/b: c")
+    'a-b--c'
+    """
+    kept = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".").lstrip("-.")
+    # no system takes a name of more than 255 bytes, and endings are put behind it
+    return kept[:60].encode()[:180].decode(errors="ignore") or "stage"
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all."""
+    from flexstage.files.write import write_files
+
+    write_files(path.parent, {path.name: content})
+
+
+def picture(path: Path, drawn: "Figure") -> bytes:
+    """Return a figure in the format that the ending of a path says."""
+    from flexstage.report.figures.style import encode
+
+    return encode(drawn, path.suffix.lower().lstrip("."))

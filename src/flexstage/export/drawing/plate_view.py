@@ -1,0 +1,321 @@
+"""The main view of a drawing: the plate, drives, probes, dimensions, and labels.
+
+A label stands beside what it names, where nothing else is written and few lines run.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from flexstage.export.drawing.canvas import (
+    MEDIUM,
+    THICK,
+    THIN,
+    Box,
+    Canvas,
+    horizontal,
+    text_width,
+    vertical,
+)
+from flexstage.export.drawing.contours import PlateContours
+from flexstage.export.drawing.notch_details import NotchKind, step_scale
+from flexstage.export.drawing.notes import millimetres
+from flexstage.stage import Circle, Loop, Stage
+
+Pair = tuple[float, float]
+
+
+class Label(NamedTuple):
+    """A word at a thing."""
+
+    at: Pair
+    """The thing [mm]."""
+    text: str
+    """The word."""
+    colour: str = "#000"
+    """Its colour."""
+    radius: float = 0.0
+    """Size of the thing, which the label keeps off [mm]."""
+
+
+_DISTANCES = (
+    1.5,
+    2.5,
+    4.0,
+    6.0,
+    8.5,
+    11.5,
+    15.0,
+    20.0,
+    27.0,
+    36.0,
+)  # of a label from its thing [mm]
+_DIRECTIONS = 24
+_LINE = 4.0  # how much nearer a label without a line through it may be further away for it [mm]
+_GAP = 0.5  # between labels [mm]
+#: Room beside the view for dimensions: on the left and below [mm].
+LEFT, BELOW = 16.0, 16.0
+#: Length of the arrow of a drive or a probe [mm].
+ARROW = 9.0
+_FONT = 2.5
+_DRIVE, _PROBE = "#a00000", "#0040a0"
+_CENTRE = "4 0.8 0.8 0.8"
+_AROUND = 5.0  # how far labels may stand beyond the plate [mm]
+_CHORD = 5e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """How the plate lies on the sheet."""
+
+    scale: float
+    """Length on paper by length of the part [1]."""
+    origin: Pair
+    """Where the point (0, 0) of the stage lies on the sheet [mm]."""
+    bounds: tuple[float, float, float, float]
+    """Least x and y, greatest x and y of the plate [m]."""
+
+    def place(self, p: Pair) -> Pair:
+        """Map a point of the stage [m] to the sheet [mm], y down."""
+        k = 1e3 * self.scale
+        return self.origin[0] + k * p[0], self.origin[1] - k * p[1]
+
+    @classmethod
+    def fitted(cls, plate: PlateContours, room: Box) -> "View":
+        """Return the view of a plate at the largest usual scale, in the middle of a room.
+
+        The room holds the dimensions too.
+        """
+        points = plate.outline.loop.polyline(_CHORD)
+        (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+        width = room.right - room.left - LEFT - 2.0 * _AROUND
+        height = room.bottom - room.top - BELOW - 2.0 * _AROUND
+        scale = step_scale(min(width / (x1 - x0), height / (y1 - y0)) * 1e-3)
+        k = 1e3 * scale
+        left = 0.5 * (room.left + LEFT + room.right - k * (x1 - x0))
+        top = 0.5 * (room.top + room.bottom - BELOW - k * (y1 - y0))
+        origin = (left - k * x0, top + k * y1)
+        return cls(scale=scale, origin=origin, bounds=(x0, y0, x1, y1))
+
+
+def hinge_marks(stage: Stage, kinds: tuple[NotchKind, ...]) -> dict[str, str]:
+    """Return what a drawing calls each hinge: the letter of its notch and its row in the table."""
+    letters = {h.name: kind.letter for kind in kinds for h in kind.hinges}
+    return {h.name: f"{letters[h.name]}{k}" for k, h in enumerate(stage.hinges, start=1)}
+
+
+def round_openings(plate: PlateContours) -> list[tuple[str, Circle, str]]:
+    """Return the circles of a plate: mark, circle, and what it is."""
+    found = [(c.circle, "mounting hole") for c in plate.holes]
+    found += [(c.circle, "opening") for c in plate.slots if c.circle is not None]
+    return [(f"H{k}", c, what) for k, (c, what) in enumerate(found, start=1) if c is not None]
+
+
+def draw_view(
+    canvas: Canvas, view: View, stage: Stage, plate: PlateContours, marks: dict[str, str]
+) -> None:
+    """Draw the plate with its dimensions and labels."""
+    loops = [c.loop for c in plate.contours]
+    canvas.loops([(loop, True) for loop in loops], view.place, THICK, fill="#f1f1f1")
+    x0, y0, x1, y1 = view.bounds
+    left, bottom = view.place((x0, y0))
+    right, top = view.place((x1, y1))
+    # beside the labels that stand around the plate
+    y = bottom + _AROUND + 7.0
+    horizontal(canvas, (left, bottom), (right, bottom), y, millimetres(x1 - x0, 3))
+    vertical(canvas, (left, top), (left, bottom), left - _AROUND - 7.0, millimetres(y1 - y0, 3))
+    strokes: list[tuple[Pair, Pair]] = []
+    labels = _origin(canvas, view, strokes)
+    labels += _arrows(canvas, view, stage, strokes)
+    for mark, circle, _ in round_openings(plate):
+        _centre_lines(canvas, view, circle, strokes)
+        reach = 1e3 * view.scale * circle.radius
+        labels.append(Label(view.place(circle.centre), mark, radius=reach if reach < 6.0 else 1.0))
+    for neck in plate.necks:
+        ends = view.place(neck.right), view.place(neck.left)
+        canvas.line(*ends, MEDIUM)
+        centre = (0.5 * (ends[0][0] + ends[1][0]), 0.5 * (ends[0][1] + ends[1][1]))
+        labels.append(Label(centre, marks[neck.hinge], radius=0.5 * math.dist(*ends)))
+    area = Box(left - _AROUND, top - _AROUND, right + _AROUND, bottom + _AROUND)
+    place_labels(
+        canvas,
+        labels,
+        Surroundings(_lines(view, loops, labels, strokes), area, canvas.boxes),
+        _FONT,
+    )
+
+
+def _lines(
+    view: View, loops: list[Loop], labels: list[Label], strokes: list[tuple[Pair, Pair]]
+) -> list[Any]:
+    """Return everything that a label had better not cover, as pieces of line."""
+    from shapely import LineString, Point
+
+    lines = []
+    for loop in loops:
+        # to a fiftieth of a millimetre of paper
+        points = [view.place((x, y)) for x, y in loop.polyline(2e-5 / view.scale).tolist()]
+        ends = [*points[1:], points[0]]
+        lines += [LineString([a, b]) for a, b in zip(points, ends, strict=True)]
+    # twice: a word over an arrow is worse than one over an edge
+    lines += 2 * [LineString(stroke) for stroke in strokes]
+    lines += [Point(label.at).buffer(label.radius + 0.3) for label in labels]
+    return lines
+
+
+def _origin(canvas: Canvas, view: View, strokes: list[tuple[Pair, Pair]]) -> list[Label]:
+    """Mark the origin of coordinates with its axes; the lower left corner if it lies far off."""
+    x0, y0, x1, y1 = view.bounds
+    if not (x0 <= 0.0 <= x1 and y0 <= 0.0 <= y1):
+        x, y = view.place((x0, y0))
+        canvas.line((x - 1.5, y), (x + 1.5, y), THIN)
+        canvas.line((x, y - 1.5), (x, y + 1.5), THIN)
+        return [Label((x, y), f"x {millimetres(x0, 3)}, y {millimetres(y0, 3)}", radius=1.0)]
+    x, y = view.place((0.0, 0.0))
+    canvas.circle((x, y), 0.8, THIN)
+    for ux, uy in ((1.0, 0.0), (0.0, -1.0)):
+        canvas.line((x, y), (x + 5.0 * ux, y + 5.0 * uy), THIN)
+        canvas.arrow((x + 6.0 * ux, y + 6.0 * uy), (ux, uy), size=1.5)
+        strokes.append(((x, y), (x + 6.0 * ux, y + 6.0 * uy)))
+    return [
+        Label((x + 6.0, y), "x", radius=0.3),
+        Label((x, y - 6.0), "y", radius=0.3),
+        Label((x, y), "0", radius=0.8),
+    ]
+
+
+def _arrows(
+    canvas: Canvas, view: View, stage: Stage, strokes: list[tuple[Pair, Pair]]
+) -> list[Label]:
+    """Draw where and in which direction drives push and probes read."""
+    labels = []
+    for drive in stage.drives:
+        tip = view.place(drive.at[0])
+        c, s = math.cos(drive.direction), -math.sin(drive.direction)
+        tail = (tip[0] - ARROW * c, tip[1] - ARROW * s)
+        canvas.line(tail, (tip[0] - c, tip[1] - s), THICK, colour=_DRIVE)
+        canvas.arrow(tip, (c, s), size=3.0, colour=_DRIVE)
+        middle = (tip[0] - 0.6 * ARROW * c, tip[1] - 0.6 * ARROW * s)
+        strokes.append((tail, tip))
+        labels.append(Label(middle, f"drive {drive.name}", _DRIVE, 1.0))
+    for probe in stage.probes:
+        start = view.place(probe.at)
+        c, s = math.cos(probe.direction), -math.sin(probe.direction)
+        tip = (start[0] + ARROW * c, start[1] + ARROW * s)
+        canvas.circle(start, 0.8, THIN, fill=_PROBE)
+        canvas.line(start, (tip[0] - c, tip[1] - s), MEDIUM, colour=_PROBE)
+        canvas.arrow(tip, (c, s), size=2.5, colour=_PROBE)
+        strokes.append((start, tip))
+        labels.append(Label(tip, f"probe {probe.name}", _PROBE, 0.6))
+    return labels
+
+
+def _centre_lines(
+    canvas: Canvas, view: View, circle: Circle, strokes: list[tuple[Pair, Pair]]
+) -> None:
+    x, y = view.place(circle.centre)
+    reach = 1e3 * view.scale * circle.radius + 1.5
+    for stroke in (((x - reach, y), (x + reach, y)), ((x, y - reach), (x, y + reach))):
+        canvas.line(*stroke, dash=_CENTRE)
+        strokes.append(stroke)
+
+
+def scale_bar(canvas: Canvas, at: Pair, scale: float) -> None:
+    """Draw a bar of a round length from its left end on [mm]."""
+    length = step_scale(50.0 / scale)
+    x, y = at
+    for k in range(5):
+        a, b = x + 0.2 * k * length * scale, x + 0.2 * (k + 1) * length * scale
+        canvas.line((a, y), (b, y), 1.2 if k % 2 else THICK)
+    for share in (0.0, 1.0):
+        end = x + share * length * scale
+        canvas.line((end, y - 1.5), (end, y + 1.5), MEDIUM)
+        canvas.text((end, y - 2.3), f"{share * length:g}", _FONT, anchor="middle")
+    canvas.text((x + length * scale + 3.0, y + 0.9), "mm", _FONT)
+
+
+class Surroundings:
+    """What labels avoid: each other, what is written already, and, where they can, lines."""
+
+    def __init__(self, lines: Sequence[Any], area: Box, taken: Iterable[Box]) -> None:
+        from shapely import STRtree
+
+        self.tree = STRtree(list(lines))
+        self.area = area
+        # what is written elsewhere cannot be in the way
+        self.taken = [t for t in taken if t.meets(area, _GAP)]
+        self.leaders: list[Any] = []
+
+    def cost(self, box: Box, leader: Any) -> float | None:
+        """Return how bad a place is, as a distance [mm]; None where a label must not stand.
+
+        The leader is the line from the label to its thing, or None.
+        """
+        from shapely import box as rectangle
+
+        a = self.area
+        if not (a.left <= box.left and box.right <= a.right):
+            return None
+        if not (a.top <= box.top and box.bottom <= a.bottom):
+            return None
+        if any(box.meets(t, _GAP) for t in self.taken):
+            return None
+        own = rectangle(*box)
+        if any(own.intersects(other) for other in self.leaders):
+            return None
+        cost = _LINE * len(self.tree.query(own, predicate="dwithin", distance=_GAP))
+        if leader is not None:
+            if any(leader.intersects(rectangle(*t)) for t in self.taken):
+                return None
+            cost += 3.0 * sum(leader.crosses(other) for other in self.leaders)
+        return cost
+
+
+def place_labels(
+    canvas: Canvas, labels: Iterable[Label], around: Surroundings, size: float
+) -> None:
+    """Write labels, each near its thing, none over another word; surroundings learn of them."""
+    from shapely import LineString
+
+    for label in labels:
+        best: tuple[float, Pair, Box, Any] | None = None
+        for distance in _DISTANCES:
+            if best is not None and distance > best[0]:
+                break  # nothing further away can be better
+            for k in range(_DIRECTIONS):
+                place = _place(canvas, label, size, label.radius + distance, k)
+                start, box = place
+                tip = _nearest(box, label.at)
+                leader = LineString([label.at, tip]) if distance > 2.0 else None
+                cost = around.cost(box, leader)
+                if cost is not None and (best is None or distance + cost < best[0]):
+                    best = (distance + cost, start, box, leader)
+        if best is None:
+            # a crowd: it goes over what is drawn rather than be left out
+            start, box = _place(canvas, label, size, label.radius + 1.5, 3)
+            best = (0.0, start, box, None)
+        _, start, box, leader = best
+        canvas.text(start, label.text, size, colour=label.colour)
+        around.taken.append(box)
+        if leader is not None:
+            canvas.line(label.at, _nearest(box, label.at), 0.6 * THIN, colour=label.colour)
+            around.leaders.append(leader)
+
+
+def _place(canvas: Canvas, label: Label, size: float, distance: float, k: int) -> tuple[Pair, Box]:
+    """Return the start of the text and its box for one direction and distance."""
+    # begin to the upper right, where a reader looks first
+    angle = 2.0 * math.pi * (k + 3) / _DIRECTIONS
+    c, s = math.cos(angle), -math.sin(angle)
+    x, y = label.at[0] + distance * c, label.at[1] + distance * s
+    # the box touches the point with its near side
+    width, height = text_width(label.text, size), size
+    left = x + 0.5 * (c - 1.0) * width
+    baseline = y + 0.5 * (s + 1.0) * height - 0.1 * size
+    start = (left, baseline)
+    return start, canvas.text_box(start, label.text, size)
+
+
+def _nearest(box: Box, p: Pair) -> Pair:
+    return min(max(p[0], box.left), box.right), min(max(p[1], box.top), box.bottom)

@@ -1,0 +1,343 @@
+"""The drawing of a stage on one sheet: view, details of the notches, tables, title block."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import flexstage
+from flexstage.export.drawing.canvas import MEDIUM, THICK, THIN, Box, Canvas, text_width
+from flexstage.export.drawing.contours import PlateContours, plate_contours
+from flexstage.export.drawing.notch_details import CELL, draw_detail, notch_kinds, ratio
+from flexstage.export.drawing.notes import millimetres
+from flexstage.export.drawing.plate_view import (
+    View,
+    draw_view,
+    hinge_marks,
+    round_openings,
+    scale_bar,
+)
+from flexstage.export.drawing.smooth import smooth_notches
+from flexstage.export.svg_elements import in_lines
+from flexstage.stage import Stage
+
+#: Height of a row, and font size [mm].
+ROW, SIZE = 4.0, 2.6
+_PAD = 0.6  # beside the text of a cell [mm]
+_TITLE = 5.5  # height of the title of a table [mm]
+
+
+_MARGIN = 8.0  # between the edge of the sheet and its frame [mm]
+_GAP = 4.0  # between blocks [mm]
+_COLUMN = 2.0 * CELL[0] + _GAP  # width of the column of details and tables [mm]
+_TITLE_ROW = 6.0
+_SHEETS = (("A3", 420.0, 297.0), ("A2", 594.0, 420.0), ("A1", 841.0, 594.0), ("A0", 1189.0, 841.0))
+_SMALLEST_SCALE = 0.5  # at which a stage is drawn before a larger sheet is taken
+
+_BAR = 11.0  # height that the scale bar takes [mm]
+_BAR_ROOM = 110.0  # and width
+
+_HINGES = (("no.", 9.0), ("name", 18.0), ("x", 14.0), ("y", 14.0), ("dir.", 14.0))
+_LONG_NAMES = (("no.", 9.0), ("name", 91.0), ("x", 14.0), ("y", 14.0), ("dir.", 14.0))
+_NOTCHES = (("", 7.0), ("n", 8.0), ("profile", 25.0), ("neck", 14.0), ("dimensions", 88.0))
+_HOLES = (("no.", 9.0), ("x", 14.0), ("y", 14.0), ("⌀", 11.0), ("what", 24.0))
+_PORTS = (
+    ("", 11.0),
+    ("name", 15.0),
+    ("kind", 12.0),
+    ("body", 16.0),
+    ("x", 14.0),
+    ("y", 14.0),
+    ("dir.", 14.0),
+)
+
+
+class _Blocks(NamedTuple):
+    """The rows of all tables."""
+
+    notches: list[list[str]]
+    hinges: list[list[str]]
+    holes: list[list[str]]
+    ports: list[list[str]]
+    notes: list[str]
+
+
+def drawing_svg(stage: Stage) -> bytes:
+    """Return the drawing of a stage with its dimensions, as a picture.
+
+    The plate to scale with its overall dimensions, drives, probes and the origin; every kind of
+    notch enlarged, with neck, length, height and radius; tables of all notches, hinges, holes,
+    drives and probes; scale bar, notes and title block, on the smallest sheet from A3 to A0 on
+    which everything has room. Lengths are in millimetres.
+
+    Notes
+    -----
+    Validity: positions are rounded to a micrometre, dimensions of notches to a nanometre; contours
+    to a tenth of a micrometre of paper. The drawing is to be read; to cut by, take `dxf_files`. The
+    outlines of the bodies are not dimensioned one by one.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> "4 ×   circular" in drawing_svg(design("parallelogram")).decode()
+    True
+    """
+    plate = plate_contours(smooth_notches(stage))
+    kinds = notch_kinds(stage)
+    marks = hinge_marks(stage, kinds)
+    blocks = _blocks(stage, plate, marks)
+    name, width, height, view = _sheet(plate, blocks)
+    canvas = Canvas(width, height)
+    frame = Box(_MARGIN, _MARGIN, width - _MARGIN, height - _MARGIN)
+    _frame(canvas, frame)
+    column = frame.right - _GAP - _COLUMN
+    y = frame.top + _GAP
+    for k, kind in enumerate(kinds):
+        corner = (column + (k % 2) * (CELL[0] + _GAP), y + (k // 2) * CELL[1])
+        draw_detail(canvas, corner, kind)
+    y += CELL[1] * math.ceil(len(kinds) / 2)
+    if blocks.notches:
+        y = table(canvas, (column, y), "Notches", _NOTCHES, blocks.notches)
+        y = table(canvas, (column, y), "Hinges", *_hinge_layout(blocks))
+    _title_block(canvas, frame, stage, name, view.scale)
+    _write_notes(canvas, (column, frame.bottom - _title_height() - _notes_height(blocks)), blocks)
+    _lower_left(canvas, frame, blocks, view.scale)
+    draw_view(canvas, view, stage, plate, marks)
+    about = f"Made by flexstage {flexstage.__version__}. Lengths in millimetres."
+    return canvas.svg(f"{stage.name}: {stage.title}" if stage.title else stage.name, about)
+
+
+def _blocks(stage: Stage, plate: PlateContours, marks: dict[str, str]) -> _Blocks:
+    mm = millimetres
+    notches = [
+        [k.letter, str(len(k.hinges)), k.profile.kind, mm(k.profile.neck_thickness), k.dimensions]
+        for k in notch_kinds(stage)
+    ]
+    hinges = [
+        [marks[h.name], h.name, mm(h.at[0], 3), mm(h.at[1], 3), _degrees(h.direction)]
+        for h in stage.hinges
+    ]
+    holes = [
+        [mark, mm(c.centre[0], 3), mm(c.centre[1], 3), mm(2.0 * c.radius, 3), what]
+        for mark, c, what in round_openings(plate)
+    ]
+    ports = [
+        [
+            "drive",
+            d.name,
+            d.kind,
+            d.pushes,
+            mm(d.at[0][0], 3),
+            mm(d.at[0][1], 3),
+            _degrees(d.direction),
+        ]
+        for d in stage.drives
+    ]
+    ports += [
+        ["probe", p.name, "", p.body, mm(p.at[0], 3), mm(p.at[1], 3), _degrees(p.direction)]
+        for p in stage.probes
+    ]
+    return _Blocks(notches, hinges, holes, ports, _notes(stage))
+
+
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(angle):.2f}".rstrip("0").rstrip(".") + "°"
+
+
+def _notes(stage: Stage) -> list[str]:
+    made = stage.manufacture
+    necks = [h.profile.neck_thickness for h in stage.hinges]
+    thinnest = f", thinnest neck {millimetres(min(necks))}" if necks else ""
+    lines = [
+        "Lengths in mm, from the origin 0, rounded to 0.001.",
+        "Directions from the x axis to the left, rounded to 0.01°.",
+        f"Cut through the whole thickness of {millimetres(stage.thickness)}. Slots from "
+        f"{millimetres(made.wire_width)}{thinnest}.",
+        "Marks at hinges: letter of the notch, number in the table of hinges.",
+        "Contours in full precision are in the DXF file.",
+    ]
+    return [line for text in lines for line in wrapped(text, _COLUMN - _GAP)]
+
+
+def _hinge_layout(
+    blocks: _Blocks,
+) -> tuple[tuple[tuple[str, float], ...], list[list[str]], int]:
+    """Return columns, rows and number of blocks of the table of hinges."""
+    if all(fits(row[1], _HINGES[1][1]) for row in blocks.hinges):
+        return _HINGES, blocks.hinges, 2
+    return _LONG_NAMES, blocks.hinges, 1
+
+
+def _hole_blocks(blocks: _Blocks) -> int:
+    return 2 if len(blocks.holes) > 5 else 1
+
+
+def _lower_height(blocks: _Blocks) -> float:
+    """Height of what lies below the view: tables of holes, drives and probes, and the scale bar."""
+    holes = table_height(len(blocks.holes), _hole_blocks(blocks)) if blocks.holes else 0.0
+    ports = table_height(len(blocks.ports)) if blocks.ports else 0.0
+    return max(holes, ports + _BAR)
+
+
+def _notes_height(blocks: _Blocks) -> float:
+    return 5.5 + ROW * len(blocks.notes) + 2.0
+
+
+def _column_height(blocks: _Blocks) -> float:
+    height = _GAP + _notes_height(blocks) + _title_height()
+    if blocks.notches:
+        height += CELL[1] * math.ceil(len(blocks.notches) / 2)
+        height += table_height(len(blocks.notches)) + table_height(
+            len(blocks.hinges), _hinge_layout(blocks)[-1]
+        )
+    return height
+
+
+def _sheet(plate: PlateContours, blocks: _Blocks) -> tuple[str, float, float, View]:
+    """Choose the smallest sheet on which everything has room."""
+    column, lower = _column_height(blocks), _lower_height(blocks) + _GAP
+    for name, width, height in _SHEETS:
+        view = _view(plate, width, height, lower)
+        if view is not None and view.scale >= _SMALLEST_SCALE and column <= height - 2.0 * _MARGIN:
+            return name, width, height, view
+    # more than the largest sheet has room for: it becomes longer
+    _, width, height = _SHEETS[-1]
+    height = max(height, math.ceil(2.0 * _MARGIN + max(column, 2.0 * lower)))
+    view = _view(plate, width, height, lower)
+    assert view is not None
+    return f"{width:.0f} × {height:.0f}", width, height, view
+
+
+def _view(plate: PlateContours, width: float, height: float, lower: float) -> View | None:
+    """Fit the plate into what tables leave of a sheet, if that is a good part of it."""
+    inner = height - 2.0 * _MARGIN
+    if lower > 0.6 * inner:
+        return None
+    right = width - _MARGIN - 2.0 * _GAP - _COLUMN
+    return View.fitted(plate, Box(_MARGIN, _MARGIN, right, height - _MARGIN - lower))
+
+
+def _write_notes(canvas: Canvas, at: tuple[float, float], blocks: _Blocks) -> None:
+    x, y = at
+    canvas.text((x, y + 3.5), "Notes", 3.0, bold=True)
+    for k, text in enumerate(blocks.notes, start=1):
+        canvas.text((x, y + 4.5 + ROW * k), text, SIZE)
+
+
+def _frame(canvas: Canvas, frame: Box) -> None:
+    corners = [
+        (frame.left, frame.top),
+        (frame.right, frame.top),
+        (frame.right, frame.bottom),
+        (frame.left, frame.bottom),
+    ]
+    for a, b in zip(corners, [*corners[1:], corners[0]], strict=True):
+        canvas.line(a, b, THICK)
+
+
+def _title_height() -> float:
+    return 5.0 * _TITLE_ROW
+
+
+def _title_block(canvas: Canvas, frame: Box, stage: Stage, sheet: str, scale: float) -> None:
+    """Draw the title block in the lower right corner."""
+    width = _COLUMN + _GAP
+    left, top = frame.right - width, frame.bottom - _title_height()
+    half = 0.5 * width
+    rows = [
+        [("", stage.name)],
+        [("", stage.title or "-")],
+        [("Material", stage.material.name), ("Thickness", f"{millimetres(stage.thickness)} mm")],
+        [("Scale", ratio(scale)), ("Sheet", sheet)],
+        [("Units", "mm"), ("Made by", f"flexstage {flexstage.__version__}")],
+    ]
+    for k, row in enumerate(rows):
+        y = top + _TITLE_ROW * k
+        canvas.line((left, y), (frame.right, y), THICK if k == 0 else MEDIUM)
+        for column, (label, text) in enumerate(row):
+            x = left + half * column
+            room = (width if len(row) == 1 else half) - 2.0
+            size = 4.2 if k == 0 else 3.2
+            if label:
+                canvas.text((x + 1.5, y + 4.2), label, 2.4, colour="#444")
+                x, room = x + 18.0, room - 18.0
+            shown = wrapped(text, room, size)
+            words = shown[0] + ("…" if len(shown) > 1 else "") if shown else "-"
+            canvas.text((x + 1.5, y + 4.5), words, size, bold=k == 0)
+        if len(row) > 1:
+            canvas.line((left + half, y), (left + half, y + _TITLE_ROW), MEDIUM)
+    canvas.line((left, top), (left, frame.bottom), THICK)
+
+
+def _lower_left(canvas: Canvas, frame: Box, blocks: _Blocks, scale: float) -> None:
+    """Draw the tables of drives, probes and holes below the view, and the scale bar."""
+    x, y = frame.left + _GAP, frame.bottom - _lower_height(blocks)
+    scale_bar(canvas, (x + 2.0, frame.bottom - 4.0), scale)
+    if blocks.ports:
+        table(canvas, (x, y), "Drives and probes", _PORTS, blocks.ports)
+        x += sum(w for _, w in _PORTS) + _GAP
+    else:
+        x += _BAR_ROOM
+    if blocks.holes:
+        table(canvas, (x, y), "Round holes", _HOLES, blocks.holes, _hole_blocks(blocks))
+
+
+def table_height(rows: int, blocks: int = 1) -> float:
+    """Return how high a table is, with title and gap [mm]; blocks share its rows, side by side."""
+    return _TITLE + ROW * (1 + -(-rows // blocks)) + 3.0
+
+
+def table(
+    canvas: Canvas,
+    at: tuple[float, float],
+    title: str,
+    columns: Sequence[tuple[str, float]],
+    rows: Sequence[Sequence[str]],
+    blocks: int = 1,
+) -> float:
+    """Draw a table from its upper left corner on; return where it ends, with a gap [mm].
+
+    Columns are heading and width [mm]. A cell too long for its column ends in an ellipsis.
+    """
+    x0, y0 = at
+    canvas.text((x0, y0 + 3.5), title, 3.0, bold=True)
+    width = sum(w for _, w in columns)
+    per_block = -(-len(rows) // blocks)
+    top = y0 + _TITLE
+    for block in range(blocks):
+        part = rows[block * per_block : (block + 1) * per_block]
+        if not part:
+            continue
+        left = x0 + block * (width + 3.0)
+        bottom = top + ROW * (1 + len(part))
+        for k in range(len(part) + 2):
+            weight = MEDIUM if k in (0, 1, len(part) + 1) else 0.5 * THIN
+            canvas.line((left, top + ROW * k), (left + width, top + ROW * k), weight)
+        x = left
+        for column, (heading, w) in enumerate(columns):
+            canvas.line((x, top), (x, bottom), MEDIUM if column == 0 else THIN)
+            cells = [heading, *(row[column] for row in part)]
+            for k, cell in enumerate(cells):
+                where = (x + _PAD, top + ROW * (k + 1) - 1.2)
+                canvas.text(where, _fitting(cell, w - 2.0 * _PAD), SIZE, bold=k == 0)
+            x += w
+        canvas.line((x, top), (x, bottom), MEDIUM)
+    return y0 + table_height(len(rows), blocks)
+
+
+def fits(text: str, width: float) -> bool:
+    """Tell whether a text has room in a column of a width [mm]."""
+    return text_width(text, SIZE) <= width - 2.0 * _PAD
+
+
+def _fitting(text: str, width: float) -> str:
+    """Cut a text off where it is too long."""
+    if text_width(text, SIZE) <= width:
+        return text
+    while text and text_width(text + "…", SIZE) > width:
+        text = text[:-1]
+    return text.rstrip() + "…"
+
+
+def wrapped(text: str, width: float, size: float = SIZE) -> list[str]:
+    """Break a text into lines no wider than a width [mm]; a word longer than a line is broken."""
+    return in_lines(text, lambda line: text_width(line, size) <= width, break_words=True)

@@ -1,0 +1,362 @@
+"""Turns the nodes of a file into descriptions, as the types of the fields say."""
+
+import collections.abc
+import math
+import typing
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, NoReturn
+
+from flexstage.choose import did_you_mean, unknown
+from flexstage.errors import FlexstageError
+from flexstage.files.format import (
+    Format,
+    by_name,
+    check_name,
+    dimension_of,
+    field_types,
+    members,
+    optional_part,
+    required,
+)
+from flexstage.files.nodes import (
+    Mapping,
+    Node,
+    Scalar,
+    Sequence,
+    parse_yaml,
+    plain,
+    read_text,
+)
+from flexstage.units import DIMENSIONS, Dimension, parse
+
+
+@dataclass(slots=True)
+class Decoder:
+    """Builds descriptions from the nodes of one file."""
+
+    source: str
+    """What to call the file in messages."""
+    format: Format
+    """The kind of file."""
+    length_unit: str | None = None
+    """The unit of lengths that are bare numbers."""
+    largest: float = math.inf
+    """Largest length [m]."""
+    smallest: float = 0.0
+    """Smallest length, apart from 0 and from coordinates [m]."""
+
+    def refuse(
+        self, node: Node, path: str, message: str, error: type[Exception] | None = None
+    ) -> NoReturn:
+        """Raise the error of a place in the file."""
+        line = "" if node.line is None else f", line {node.line}"
+        where = f", {path}" if path else ""
+        kind = self.format.error if error is None or self.format.only else error
+        raise kind(f"{self.source}{line}{where}: {message}")
+
+    def refuse_again(self, node: Node, path: str, error: FlexstageError) -> NoReturn:
+        """Raise an error of what was built there, with the place in front of it."""
+        if str(error).startswith((f"{self.source}, ", f"{self.source}: ")):
+            raise error
+        self.refuse(node, path, str(error), type(error))
+
+    def decode(self, kind: Any, node: Node, path: str, base: Any = None) -> Any:
+        """Read a value of a type.
+
+        `kind` is the annotation of a field, or a description; `path` of keys is for messages. What
+        a mapping does not give is taken from `base`, where there is one.
+        """
+        if kind in self.format.forms:
+            return self.format.forms[kind].read(self, node, path, base)
+        if (family := members(kind, self.format)) is not None:
+            return self._member(family, node, path, base)
+        if (inner := optional_part(kind)) is not None:
+            if isinstance(node, Scalar) and node.value is None:
+                return None
+            return self.decode(inner, node, path, base)
+        if (quantity := dimension_of(kind)) is not None:
+            return self._quantities(*quantity, node, path)
+        origin = typing.get_origin(kind)
+        if origin is tuple:
+            return self._tuple(typing.get_args(kind), node, path)
+        if origin in (dict, collections.abc.Mapping):
+            value = typing.get_args(kind)[1]
+            items = self.mapping(node, path).items
+            return {key: self.decode(value, item, f"{path}.{key}") for key, item in items.items()}
+        if origin is Literal:
+            return self.choice(typing.get_args(kind), node, path)
+        if kind is Any:
+            return plain(node)
+        scalars: dict[Any, Callable[[Node, str], Any]] = {
+            str: self.text,
+            bool: self._bool,
+            float: self.number,
+            int: self._int,
+        }
+        if kind in scalars:
+            return scalars[kind](node, path)
+        return self.build(kind, self.mapping(node, path), path, base=base)
+
+    def build(
+        self,
+        kind: type,
+        node: Mapping,
+        path: str,
+        given: collections.abc.Mapping[str, Any] | None = None,
+        *,
+        base: Any = None,
+        also: Collection[str] = (),
+    ) -> Any:
+        """Read a description from a mapping.
+
+        The fields `given` come from elsewhere, those of `base` where neither gives them; the keys
+        `also` are read elsewhere.
+        """
+        values: dict[str, Any] = dict(given or {})
+        described = {k: v for k, v in field_types(kind).items() if k not in values}
+        self.check_keys(node, path, [*also, *described])
+        for name, (field, annotation) in described.items():
+            held = getattr(base, name) if isinstance(base, kind) else None
+            if name in node.items:
+                values[name] = self.decode(annotation, node.items[name], _join(path, name), held)
+            elif isinstance(base, kind):
+                values[name] = held
+            elif required(field):
+                example = f" ({hint})" if (hint := _hint(annotation)) else ""
+                self.refuse(node, path, f"'{name}' is missing{example}")
+        try:
+            return kind(**values)
+        except FlexstageError as error:
+            self.refuse_again(node, path, error)
+
+    def check_keys(self, node: Mapping, path: str, known: Collection[str]) -> None:
+        """Refuse keys that mean nothing.
+
+        The nearest known one is named.
+        """
+        for key, value in node.items.items():
+            if key not in known and not self.format.later:
+                hint = did_you_mean(key, known, 0.5)
+                place = Scalar(node.key_lines.get(key, value.line), key, key)
+                self.refuse(
+                    place, path, f"unknown key '{key[:60]}' (known: {', '.join(known)}){hint}"
+                )
+
+    def member(
+        self, family: collections.abc.Mapping[str, type], node: Mapping, path: str, key: str
+    ) -> type:
+        """Return the class that the kind of a mapping names."""
+        if key not in node.items:
+            self.refuse(node, path, f"'{key}' is missing (one of {', '.join(sorted(family))})")
+        place, words = node.items[key], sorted(family)
+        if not isinstance(place, Scalar):
+            sentence = f"expected one of {', '.join(words)}, got {show(place)}"
+            self.refuse(place, _join(path, key), sentence)
+        name = place.text
+        if name not in family:
+            self.refuse(place, _join(path, key), unknown(key, name, words, 0.4))
+        return family[name]
+
+    def _member(
+        self, family: collections.abc.Mapping[str, type], node: Node, path: str, base: Any
+    ) -> Any:
+        entry = self.mapping(node, path)
+        given = None if type(base) not in family.values() or "kind" in entry.items else type(base)
+        kind = given or self.member(family, entry, path, "kind")
+        return self.build(kind, entry, path, base=base, also=["kind"])
+
+    def mapping(self, node: Node, path: str) -> Mapping:
+        """Refuse what is no mapping."""
+        if not isinstance(node, Mapping):
+            self.refuse(node, path, f"expected a mapping of names to values, got {show(node)}")
+        return node
+
+    def items(self, node: Node, path: str, length: int | None, what: str) -> list[Node]:
+        """Return the entries of a list, of which there must be `length` where it is given."""
+        if not isinstance(node, Sequence):
+            self.refuse(node, path, f"expected a list of {what}, got {show(node)}")
+        if length is not None and len(node.items) != length:
+            self.refuse(node, path, f"expected a list of {what}, got {len(node.items)}")
+        return node.items
+
+    def _tuple(self, parts: tuple, node: Node, path: str) -> tuple:
+        if parts[-1] is not Ellipsis:
+            items = self.items(node, path, len(parts), f"{len(parts)} entries")
+            return tuple(
+                self.decode(part, item, f"{path}[{k}]")
+                for k, (part, item) in enumerate(zip(parts, items, strict=True))
+            )
+        if by_name(parts[0], self.format):
+            entries = self.mapping(node, path)
+            for key in entries.items:
+                check_name(key, lambda message: self.refuse(entries, path, message))
+            return tuple(
+                self._named(parts[0], key, item, f"{path}.{key}")
+                for key, item in entries.items.items()
+            )
+        return tuple(
+            self.decode(parts[0], item, f"{path}[{k}]")
+            for k, item in enumerate(self.items(node, path, None, "entries"))
+        )
+
+    def _named(self, kind: Any, name: str, node: Node, path: str) -> Any:
+        entry = self.mapping(node, path)
+        family = members(kind, self.format)
+        if family is None:
+            return self.build(kind, entry, path, {"name": name})
+        kind = self.member(family, entry, path, "kind")
+        return self.build(kind, entry, path, {"name": name}, also=["kind"])
+
+    def choice(self, among: Collection[str], node: Node, path: str) -> str:
+        """Read one of some words."""
+        word = node.text if isinstance(node, Scalar) else ""
+        if word not in among:
+            hint = did_you_mean(word, among, 0.5)
+            listed = ", ".join(among)
+            self.refuse(node, path, f"expected one of {listed}, got {show(node)}{hint}")
+        return word
+
+    def text(self, node: Node, path: str) -> str:
+        """Read a text; one that looks like a number is taken as it is written."""
+        if not isinstance(node, Scalar) or node.value is None:
+            self.refuse(node, path, f"expected a text, got {show(node)}")
+        return node.text
+
+    def _bool(self, node: Node, path: str) -> bool:
+        if not isinstance(node, Scalar) or not isinstance(node.value, bool):
+            self.refuse(node, path, f"expected true or false, got {show(node)}")
+        return node.value
+
+    def number(self, node: Node, path: str) -> float:
+        """Read a number without a unit."""
+        value = node.value if isinstance(node, Scalar) else None
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            self.refuse(node, path, f"expected a number without a unit, got {show(node)}")
+        try:
+            number = float(value)
+        except OverflowError:
+            self.refuse(node, path, f"{show(node)} is too large to be a number")
+        if self.format.finite and not math.isfinite(number):
+            self.refuse(node, path, f"expected a number without a unit, got {show(node)}")
+        return number
+
+    def _int(self, node: Node, path: str) -> int:
+        value = node.value if isinstance(node, Scalar) else None
+        # 3.0 and 1e3 are whole numbers, however they are written
+        whole = isinstance(value, int) or (isinstance(value, float) and value.is_integer())
+        if isinstance(value, bool) or not whole:
+            self.refuse(node, path, f"expected a whole number, got {show(node)}")
+        return int(typing.cast("float", value))
+
+    def quantity(self, dimension: Dimension, node: Node, path: str) -> float:
+        """Read any quantity, in its SI unit."""
+        if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
+            self.refuse(
+                node,
+                path,
+                f"expected {dimension.noun} such as '10 {dimension.units[0]}', got {show(node)}",
+            )
+        is_length = dimension.name == "length"
+        unit = self.length_unit if is_length else None
+        try:
+            value = parse(node.text, dimension.name, bare_unit=unit)
+        except FlexstageError as error:
+            advised = self.format.length_unit and is_length and unit is None
+            bare = advised and isinstance(node.value, (int, float))
+            extra = ", or put 'length_unit: mm' at the top of the file" if bare else ""
+            self.refuse(node, path, f"{error}{extra}", type(error))
+        return value
+
+    def own_quantity(
+        self, dimension: Dimension, node: Node, path: str, *, coordinate: bool = True
+    ) -> float:
+        """Read a quantity of what is described, whose lengths have their bounds."""
+        value = self.quantity(dimension, node, path)
+        if dimension.name == "length" and abs(value) > self.largest:
+            self.refuse(
+                node,
+                path,
+                f"{show(node)} is longer than {self.largest:g} m, the most that a stage may be",
+            )
+        small = not coordinate and 0.0 < abs(value) < self.smallest
+        if dimension.name == "length" and small:
+            self.refuse(
+                node,
+                path,
+                f"{show(node)} is shorter than {self.smallest:g} m, no length of a stage",
+            )
+        return value
+
+    def _quantities(self, dimension: Dimension, count: int, node: Node, path: str) -> Any:
+        if not count:
+            return self.own_quantity(dimension, node, path, coordinate=False)
+        items = self.items(node, path, count, f"{count} values of {dimension.name}")
+        return tuple(
+            self.own_quantity(dimension, item, f"{path}[{k}]") for k, item in enumerate(items)
+        )
+
+    def head(self, root: Node) -> Mapping:
+        """Check how a file begins; return what stands after the key of its version."""
+        key, version = self.format.key, self.format.version
+        begins = f"a {self.format.noun} begins with '{self.format.begins or f'{key}: {version}'}'"
+        if not isinstance(root, Mapping):
+            self.refuse(root, "", f"{begins}, got {show(root)}")
+        if not key:
+            return root
+        if key not in root.items:
+            self.refuse(root, "", f"{begins}, which is missing")
+        node = root.items[key]
+        got = node.value if isinstance(node, Scalar) else None
+        if isinstance(got, bool) or not isinstance(got, (int, float)):
+            self.refuse(
+                node, key, f"expected a number, version {version} of the format, got {show(node)}"
+            )
+        if got != version:
+            self.refuse(
+                node, key, f"version {got:g} is not known: this flexstage reads version {version}"
+            )
+        rest = {k: v for k, v in root.items.items() if k != key}
+        if self.format.length_unit and "length_unit" in rest:
+            units = DIMENSIONS["length"].units
+            self.length_unit = self.choice(units, rest.pop("length_unit"), "length_unit")
+        return Mapping(root.line, rest, root.key_lines)
+
+
+def read_file(path: Path, format: Format) -> tuple[Decoder, Mapping]:
+    """Read a YAML file; return what stands in it after its head, and what decodes it."""
+    return read(read_text(path, format.noun, format.error), str(path), format)
+
+
+def read(text: str, source: str, format: Format) -> tuple[Decoder, Mapping]:
+    """Read a text in YAML, which messages call `source`, as `read_file` does."""
+    decoder = Decoder(source, format)
+    root = parse_yaml(text, source, format.noun, format.error, finite=format.finite)
+    return decoder, decoder.head(root)
+
+
+def show(node: Node) -> str:
+    """Say what stands at a place."""
+    if isinstance(node, Mapping):
+        return "a mapping"
+    if isinstance(node, Sequence):
+        return f"a list of {len(node.items)}"
+    if node.value is None:
+        return "nothing"
+    return repr(node.text if len(node.text) <= 60 else node.text[:57] + "...")
+
+
+def _join(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
+
+
+def _hint(kind: Any) -> str:
+    """Say how a value of a type is written."""
+    if (inner := optional_part(kind)) is not None:
+        return _hint(inner)
+    if (quantity := dimension_of(kind)) is not None:
+        dimension, count = quantity
+        one = f'"10 {dimension.units[0]}"'
+        return f"[{', '.join([one] * count)}]" if count else f"{dimension.noun} such as {one}"
+    return ""

@@ -1,0 +1,97 @@
+"""Turns descriptions into the plain data of a file, as the types of the fields say."""
+
+import collections.abc
+import typing
+from dataclasses import MISSING, Field, dataclass
+from typing import Any, Literal
+
+from flexstage.files.format import (
+    Format,
+    by_name,
+    dimension_of,
+    field_types,
+    optional_part,
+    required,
+)
+from flexstage.files.yaml_text import Number, yaml_text
+from flexstage.units import Dimension, to_text
+
+
+@dataclass(frozen=True, slots=True)
+class Encoder:
+    """Makes plain data that a `Decoder` of the same format reads back to the same bits.
+
+    Plain data are texts, booleans, `Number`, lists and dicts.
+    """
+
+    format: Format
+    """The kind of file."""
+    length_unit: str | None = None
+    """The unit in which lengths of outlines and points are bare numbers."""
+
+    def encode(self, kind: Any, value: Any) -> Any:
+        """Return plain data of a value of a type."""
+        form = self.format.forms.get(type(value))
+        if form is not None and form.write is not None:
+            return form.write(self, value)
+        if (inner := optional_part(kind)) is not None:
+            return None if value is None else self.encode(inner, value)
+        if (quantity := dimension_of(kind)) is not None:
+            dimension, count = quantity
+            if count:
+                return [self.coordinate(v, dimension) for v in value]
+            return to_text(value, dimension.name)
+        origin = typing.get_origin(kind)
+        if origin is tuple:
+            parts = typing.get_args(kind)
+            if parts[-1] is not Ellipsis:
+                return [self.encode(p, v) for p, v in zip(parts, value, strict=True)]
+            if by_name(parts[0], self.format):
+                return {v.name: self.fields(v, skip="name") for v in value}
+            return [self.encode(parts[0], v) for v in value]
+        if origin in (dict, collections.abc.Mapping):
+            return {k: self.encode(typing.get_args(kind)[1], v) for k, v in value.items()}
+        if kind is float:
+            return Number(repr(float(value)))
+        if kind is int:
+            return Number(repr(int(value)))
+        if kind in (str, bool, Any) or origin is Literal:
+            return value
+        return self.fields(value)
+
+    def fields(self, value: Any, skip: str = "") -> dict[str, Any]:
+        """Return plain data of a description; what is as usual is left out."""
+        out: dict[str, Any] = {}
+        if any(type(value) in family.values() for family in self.format.families.values()):
+            out["kind"] = value.kind
+        for name, (field, kind) in field_types(type(value)).items():
+            held = getattr(value, name)
+            if name == skip or (not required(field) and same(held, _default(field))):
+                continue
+            out[name] = self.encode(kind, held)
+        return out
+
+    def coordinate(self, value: float, dimension: Dimension) -> str:
+        """Write a quantity of a point, without a unit where it is in that of the file."""
+        if dimension.name == "length" and self.length_unit is not None:
+            text = to_text(value, dimension.name, self.length_unit)
+            number, _, unit = text.partition(" ")
+            return Number(number) if unit == self.length_unit else text
+        return to_text(value, dimension.name)
+
+    def text(self, value: Any) -> str:
+        """Write the file of a description."""
+        data: dict[str, Any] = {self.format.key: Number(self.format.version)}
+        if self.length_unit is not None:
+            data["length_unit"] = self.length_unit
+        return yaml_text({**data, **self.encode(type(value), value)})
+
+
+def _default(field: Field) -> Any:
+    return field.default if field.default_factory is MISSING else field.default_factory()
+
+
+def same(a: Any, b: Any) -> bool:
+    """Say whether two values are written alike."""
+    # repr tells 0.0 from -0.0, and 1 from True
+    return a == b and repr(a) == repr(b)

@@ -1,0 +1,164 @@
+"""The JSON Schema of a kind of file, from the classes; editors complete and check with it."""
+
+import collections.abc
+import inspect
+import typing
+from collections.abc import Callable, Mapping
+from typing import Any, Literal
+
+from flexstage.field_texts import field_texts
+from flexstage.files.format import (
+    Format,
+    by_name,
+    dimension_of,
+    field_types,
+    members,
+    optional_part,
+    required,
+    union_parts,
+)
+from flexstage.units import DIMENSIONS, Dimension
+
+_NUMBER = r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?"
+_UNIT = "[A-Za-zµμ°1]"
+_PLAIN: dict[Any, Any] = {
+    str: {"type": ["string", "number", "boolean"]},
+    bool: {"type": "boolean"},
+    float: {"type": "number"},
+    int: {"type": "integer"},
+    Any: {},
+}
+
+
+def file_schema(format: Format, cls: type) -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of files of a kind, which hold a class."""
+    builder = SchemaBuilder(format)
+    content = builder.describe(cls, named=True)
+    head: dict[str, Any] = {
+        format.key: {"const": format.version, "description": "Version of the file format."}
+    }
+    if format.length_unit:
+        head["length_unit"] = {
+            "enum": list(DIMENSIONS["length"].units),
+            "description": "Unit of lengths that are written without one.",
+        }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"flexstage {format.noun}",
+        "description": content["description"],
+        "type": "object",
+        "properties": {**head, **content["properties"]},
+        "additionalProperties": False,
+        "required": [format.key, *content["required"]],
+        "$defs": dict(sorted(builder.definitions.items())),
+    }
+
+
+class SchemaBuilder:
+    """Makes the schemas of types, and keeps what several of them share."""
+
+    def __init__(self, format: Format) -> None:
+        self.format = format
+        self.definitions: dict[str, Any] = {}
+
+    def define(self, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, str]:
+        """Refer to a shared schema, made when it is first asked for."""
+        if name not in self.definitions:
+            self.definitions[name] = {}
+            self.definitions[name] = make()
+        return {"$ref": f"#/$defs/{name}"}
+
+    def of(self, kind: Any) -> dict[str, Any]:
+        """Return the schema of values of a type."""
+        form = self.format.forms.get(kind)
+        if form is not None and form.schema is not None:
+            make = form.schema
+            return self.define(kind.__name__, lambda: make(self))
+        if (family := members(kind, self.format)) is not None:
+            name = getattr(kind, "__name__", " or ".join(p.__name__ for p in union_parts(kind)))
+            return self.define(name, lambda: self.family(family))
+        if (inner := optional_part(kind)) is not None:
+            return {"anyOf": [self.of(inner), {"type": "null"}]}
+        if parts := union_parts(kind):
+            return {"anyOf": [self.of(part) for part in parts]}
+        if (quantity := dimension_of(kind)) is not None:
+            dimension, count = quantity
+            one = self.quantity(dimension)
+            return self.list_of(one, count) if count else one
+        origin = typing.get_origin(kind)
+        if origin is tuple:
+            parts = typing.get_args(kind)
+            if parts[-1] is not Ellipsis:
+                return self.list_of(self.of(parts[0]), len(parts))
+            if by_name(parts[0], self.format):
+                return {"type": "object", "additionalProperties": self.of(parts[0])}
+            return {"type": "array", "items": self.of(parts[0])}
+        if origin in (dict, collections.abc.Mapping):
+            return {"type": "object", "additionalProperties": self.of(typing.get_args(kind)[1])}
+        if origin is Literal:
+            return {"enum": list(typing.get_args(kind))}
+        if kind in _PLAIN:
+            return dict(_PLAIN[kind])
+        return self.define(kind.__name__, lambda: self.describe(kind))
+
+    def describe(
+        self, cls: type, kind: str | None = None, *, named: bool = False
+    ) -> dict[str, Any]:
+        """Return the schema of a mapping that holds the fields of a class.
+
+        `kind` is its word in a family; `named` where its name stands inside.
+        """
+        texts = field_texts(cls)
+        properties: dict[str, Any] = {} if kind is None else {"kind": {"const": kind}}
+        needed = [] if kind is None else ["kind"]
+        for name, (field, annotation) in field_types(cls).items():
+            if name == "name" and by_name(cls, self.format) and not named:
+                continue
+            properties[name] = dict(self.of(annotation))
+            if name in texts:
+                properties[name]["description"] = texts[name]
+            if required(field):
+                needed.append(name)
+        return {
+            "type": "object",
+            "description": (inspect.getdoc(cls) or cls.__name__).splitlines()[0],
+            "properties": properties,
+            "additionalProperties": False,
+            "required": needed,
+        }
+
+    def family(self, among: Mapping[str, type]) -> dict[str, Any]:
+        """Return the schema of a class of which the file names the kind."""
+        # one branch for each kind, so that a wrong key is told against its own kind
+        return {
+            "type": "object",
+            "required": ["kind"],
+            "properties": {"kind": {"enum": list(among)}},
+            "allOf": [
+                {
+                    "if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]},
+                    "then": self.describe(cls, kind),
+                }
+                for kind, cls in among.items()
+            ],
+        }
+
+    def quantity(self, dimension: Dimension) -> dict[str, Any]:
+        """Return the schema of a number with its unit."""
+        bare = dimension.name == "length" and self.format.length_unit
+
+        def make() -> dict[str, Any]:
+            text = {
+                "type": "string",
+                # a bare length may come in quotes, other quantities need their unit
+                "pattern": rf"^\s*{_NUMBER}\s*{'' if bare else _UNIT}",
+                "examples": [f"10 {unit}" for unit in dimension.units],
+            }
+            return {"anyOf": [text, {"type": "number"}]} if bare else text
+
+        return self.define(f"quantity-{dimension.name}", make)
+
+    @staticmethod
+    def list_of(item: dict[str, Any], count: int) -> dict[str, Any]:
+        """Return the schema of a list of so many."""
+        return {"type": "array", "items": item, "minItems": count, "maxItems": count}

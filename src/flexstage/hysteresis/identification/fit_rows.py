@@ -1,0 +1,249 @@
+"""What a fit looks at of a record: means or samples of it, and columns behind the linear chain."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
+from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.chain.stage_modes import StageModes
+from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.drive_model import creep_start
+from flexstage.hysteresis.identification.measurement import (
+    IdentificationData,
+    Section,
+    with_history,
+    without_history,
+)
+from flexstage.records.quality import difference_noise
+
+#: From mean to mean a signal runs in a straight line, within this share of its range, rms, ...
+_STRAIGHT = 3e-4
+#: ... and this many times its noise. Samples where it does not are left out; at most this share.
+_NOISE = 3.0
+_LEFT_OUT = 0.04
+#: Means may miss turning points of the input by this share of its range, rms, beside its noise.
+_BLUNT = 3e-4
+#: Samples that a fit looks at, at most; the models themselves see every sample.
+_MOST_ROWS = 30_000
+#: Samples of the columns that are filtered at once, which bounds the memory.
+_BLOCK = 4_000_000
+
+
+def averaged(section: Section, most: int, loose: float = 1.0) -> Section:
+    """Take the mean of so many neighbouring samples that a long record becomes short.
+
+    Input and output are averaged alike, so that a linear chain does not see it and a delay stays
+    what it is; noise that is white falls with the square root of their number. Where input or
+    output run otherwise than in a straight line from mean to mean, as in sharp turns, jumps and
+    tones, a hysteresis of the mean is not the mean of a hysteresis: those samples are left out of
+    fits. Blocks are kept so short that they are few, and that no turning point is blunted. `loose`
+    is how much more than usual means may miss of the motion. Returned as it was where it is short
+    enough, or moves too quickly.
+    """
+    if section.measured is not None:
+        return section
+    measured = without_history(section)
+    every = -(-measured.u.size // most)
+    noise = difference_noise(measured.u, 3), measured.noise
+    while every >= 2:
+        made = _means(measured, every, noise, loose)
+        if made is not None:
+            return with_history(made) if section.history else made
+        every = min(every - 1, int(0.8 * every))
+    return section
+
+
+def _means(
+    section: Section, every: int, noise: tuple[float, float], loose: float
+) -> Section | None:
+    """The section of means; None where they would not do."""
+    u, y = (_blocks(x, every).mean(axis=1) for x in (section.u, section.y))
+    straight = np.ones(u.size, dtype=bool)
+    for values, means, own in zip((section.u, section.y), (u, y), noise, strict=True):
+        bound = (loose * _STRAIGHT * np.ptp(values)) ** 2 + (_NOISE * own) ** 2
+        straight &= _bend(values, means, every) <= bound
+    if np.mean(~straight) > _LEFT_OUT:
+        return None
+    # the line to a mean that does not stand for its samples is wrong for the one beside it as well
+    straight[1:-1] &= straight[2:] & straight[:-2]
+    turning = section.cycles.turning
+    bound = loose * _BLUNT * float(np.ptp(section.u)) + _NOISE * noise[0]
+    if _blunting(section.u, u, turning, every) > bound:
+        return None
+    moves = section.cycles
+    nuisance = [_blocks(c, every).mean(axis=1) for c in section.nuisance.T]
+    return replace(
+        section,
+        u=u,
+        y=y,
+        dt=section.dt * every,
+        cycles=replace(moves, bounds=moves.bounds // every, turning=moves.turning // every),
+        warm_up=-(-section.warm_up // every),
+        nuisance=np.column_stack(nuisance),
+        noise=section.noise / np.sqrt(every),
+        straight=straight,
+    )
+
+
+def _blocks(values: Array, every: int) -> Array:
+    """Values in rows of neighbours; the last ones, which fill no row, are left out."""
+    count = values.size // every
+    return values[: count * every].reshape(count, every)
+
+
+def _bend(values: Array, means: Array, every: int) -> Array:
+    """Mean square distance of each block from straight lines between the means of neighbours."""
+    place = (np.arange(every) + 0.5) / every - 0.5
+    before = np.concatenate((2.0 * means[:1] - means[1:2], means[:-1]))
+    after = np.concatenate((means[1:], 2.0 * means[-1:] - means[-2:-1]))
+    square = np.zeros(means.size)
+    for own, column in zip(place, _blocks(values, every).T, strict=True):
+        other = before if own < 0.0 else after
+        square += (column - means - abs(own) * (other - means)) ** 2
+    return square / every
+
+
+def _blunting(u: Array, means: Array, turning: NDArray[np.intp], every: int) -> float:
+    """How far the means stay behind the turning points, rms."""
+    at = np.clip(turning // every, 1, means.size - 2)
+    if at.size == 0 or means.size < 3:
+        return 0.0
+    near = np.stack((means[at - 1], means[at], means[at + 1]))
+    return float(np.sqrt(np.mean(np.min(np.abs(near - u[turning]), axis=0) ** 2)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChainValues:
+    """Values of the linear chain behind a hysteresis model."""
+
+    delay: float = 0.0
+    """Delay of the output against the input [s]."""
+    creep_per_decade: float = 0.0
+    """Log-type creep, over the step, in each decade of time [1]."""
+    resonance_hz: float = 0.0
+    """Frequency of the lowest mode in the output [Hz]; 0 for none."""
+    damping_ratio: float = 0.02
+    """Its damping ratio [1]."""
+    resonance_share: float = 1.0
+    """Part of the motion that goes through the mode; the rest follows at once [1]."""
+    creep_shortest: float = 0.01
+    """Time at which creep begins [s]."""
+    creep_longest: float = 1000.0
+    """Time at which creep ends [s]."""
+    spectrum: CreepSpectrum | None = None
+    """Time constants of the creep and their weights, which `creep_per_decade` scales; those that go
+    with the logarithm of time where not given.
+    """
+
+    def __post_init__(self) -> None:
+        for name in ("delay", "creep_per_decade", "resonance_hz"):
+            value = getattr(self, name)
+            if not (value >= 0.0 and math.isfinite(value)):
+                raise ModelError(
+                    f"the {name} of a chain must be finite and not negative, got {value:g}"
+                )
+
+    @property
+    def creep(self) -> Creep:
+        """The creep as an element of the chain."""
+        if self.spectrum is not None:
+            return self.spectrum.scaled(self.creep_per_decade)
+        return LogCreep(
+            rate_per_decade=self.creep_per_decade,
+            shortest=self.creep_shortest,
+            longest=self.creep_longest,
+            per_decade=1,
+        )
+
+    @property
+    def lag(self) -> Lag:
+        """The delay as an element of the chain."""
+        return Lag(delay=self.delay)
+
+    @property
+    def modes(self) -> StageModes | None:
+        """The resonance as an element of the chain; None where there is none."""
+        if self.resonance_hz == 0.0:
+            return None
+        return StageModes(
+            frequency_hz=(self.resonance_hz,),
+            damping_ratio=(self.damping_ratio,),
+            share=(self.resonance_share,),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rows:
+    """The samples of a section that a fit looks at."""
+
+    at: NDArray[np.intp]
+    """Samples, shape (r,)."""
+    cycle: NDArray[np.intp]
+    """Number of the cycle that each lies in, shape (r,)."""
+
+
+def rows_of(data: IdentificationData, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
+    """Choose the samples that a fit looks at, `most` of all: after the warm-up, evenly thinned."""
+    total = sum(s.u.size - s.warm_up for s in data.sections)
+    every = max(1, -(-total // most))
+    chosen = []
+    for s in data.sections:
+        at = np.arange(s.warm_up, s.u.size, every)
+        for stands in (s.straight, s.measured):
+            at = at if stands is None else at[stands[at]]
+        # rows before the first and after the last cycle belong to their neighbour
+        cycle = np.searchsorted(s.cycles.bounds, at, side="right")
+        cycle = np.clip(cycle, 1, max(s.cycles.swing.size, 1))
+        chosen.append(Rows(at=at, cycle=cycle))
+    return tuple(chosen)
+
+
+def filtered(columns: Array, section: Section, rows: Rows, chain: ChainValues) -> Array:
+    """Pass quasi-static columns, shape (n, m), through the chain, to the rows, shape (r, m)."""
+    # what stands for the time before the record is memory, and no motion
+    columns, first = columns[section.history :], rows.at - section.history
+    n, m = columns.shape
+    behind = np.empty((m, first.size))
+    at = np.clip(first - chain.delay / section.dt, 0.0, n - 1.0)
+    before = np.minimum(at.astype(np.intp), n - 2)
+    share = np.asarray(at - before, dtype=np.float64)
+    for block in _column_blocks(n, m):
+        # column by column, as they lie in memory
+        part = np.ascontiguousarray(columns[:, block].T)
+        if chain.creep_per_decade > 0.0 or chain.resonance_hz > 0.0:
+            part = _dynamic(part, section, chain)
+        _between(part, before, share, behind[block])
+    return behind.T
+
+
+def _column_blocks(n: int, m: int) -> Iterator[slice]:
+    width = max(1, _BLOCK // n)
+    for start in range(0, m, width):
+        yield slice(start, min(start + width, m))
+
+
+def _dynamic(columns: Array, section: Section, chain: ChainValues) -> Array:
+    """What creep and modes make of columns, each of them in a row, shape (m, n)."""
+    dt, modes = section.dt, chain.modes
+    if chain.creep_per_decade > 0.0:
+        creep = chain.creep
+        starts = creep_start(creep, columns, dt, section.start)
+        columns = creep.simulate_rows(columns, dt, starts)
+    if modes is not None:
+        columns = np.array([modes.simulate(column, dt).values for column in columns])
+    return columns
+
+
+@compiled
+def _between(rows: Array, before: NDArray[np.intp], share: Array, out: Array) -> None:
+    """Read rows between samples, on straight lines."""
+    for j in range(rows.shape[0]):
+        for k in range(before.size):
+            low = rows[j, before[k]]
+            out[j, k] = low + share[k] * (rows[j, before[k] + 1] - low)

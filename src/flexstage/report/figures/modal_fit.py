@@ -1,0 +1,251 @@
+"""Modal fits beside what was measured: stabilisation, response, resonance, and free decay."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+from flexstage.estimate import Estimate
+from flexstage.experiment.modal.result import ModalFit
+from flexstage.experiment.modal.ring_down import RingDown
+from flexstage.quantities import beside
+from flexstage.records import Record
+from flexstage.report.figures.measured_response import shown_lines
+from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure, scale
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+# half width of a 95 % interval of a normal distribution
+_NORMAL = 1.959964
+# a mode belongs to poles that are nearer than this part of its frequency
+_BESIDE_A_POLE = 0.02
+# points that a fitted curve is drawn with beside those of the lines
+_POINTS = 1500
+
+
+def draw_stabilisation(fit: ModalFit, number: int = 0) -> "Figure":
+    """Draw the poles of each order over the magnitude of the response.
+
+    Marks say what is stable; the magnitude is the root mean square of all outputs and inputs, modes
+    of the fit are upright lines. `number` counts the responses that were fitted together.
+    """
+    diagram = fit.stabilisation
+    if diagram is None or not 0 <= number < len(fit.fitted):
+        raise ModelError(f"there is no stabilisation diagram of response {number}")
+    measured = fit.fitted[number].measured
+    figure = new_figure(9.6, 4.0)
+    axes = figure.subplots()
+    size = np.sqrt(np.mean(np.abs(measured.response) ** 2, axis=(1, 2)))
+    units = set(measured.output_units) or {""}
+    dress(axes)
+    axes.semilogy(
+        measured.frequency_hz, np.maximum(size, 1e-300), color=MUTED, linewidth=0.8, zorder=1
+    )
+    axes.set_ylabel(f"magnitude{_unit(measured.output_units, measured.input_units)}"
+                    if len(units) == 1 else "magnitude, rms of all", color=INK)  # fmt: skip
+    _band(axes, fit)
+    over = axes.twinx()
+    dress(over, grid=False)
+    over.spines["right"].set_visible(True)
+    over.spines["left"].set_visible(False)
+    kinds = (
+        ("not stable", ".", MUTED, 3.0, lambda o: ~o.stable_frequency),
+        ("frequency stable", "+", CYCLE[4], 4.5, lambda o: o.stable_frequency & ~o.stable_damping),
+        ("damping too", "o", CYCLE[0], 3.4, lambda o: o.stable_damping),
+    )
+    for label, marker, colour, points, chosen in kinds:
+        f = [o.frequency_hz[chosen(o)] for o in diagram.orders]
+        order = [np.full(x.size, o.order) for x, o in zip(f, diagram.orders, strict=True)]
+        over.plot(np.concatenate(f), np.concatenate(order), marker, color=colour, label=label,
+                  markersize=points, markeredgewidth=0.9, fillstyle="none", zorder=3)  # fmt: skip
+    # a mode that other responses have shown need not have poles here
+    poles = np.concatenate([o.frequency_hz for o in diagram.orders])
+    seen = [
+        mode
+        for mode in fit.modes
+        if np.any(np.abs(poles / mode.frequency_hz.value - 1.0) < _BESIDE_A_POLE)
+    ]
+    for n, mode in enumerate(seen):
+        over.axvline(mode.frequency_hz.value, color=CYCLE[1], linewidth=0.9,
+                     label="mode of the fit" if n == 0 else None, zorder=2)  # fmt: skip
+    orders = [o.order for o in diagram.orders]
+    over.set_ylim(min(orders) - 1, max(orders) + 1)
+    over.set_ylabel("order", color=INK)
+    figure.legend(*over.get_legend_handles_labels(), loc="outside upper right", ncols=4,
+                  fontsize=7.5, frameon=False, labelcolor=INK)  # fmt: skip
+    tolerances = 100.0 * np.array([diagram.frequency_tolerance, diagram.damping_tolerance])
+    entitle(axes, "stable: frequency within {:g} %, damping within {:g} %".format(*tolerances))
+    return figure
+
+
+def draw_modal_fit(
+    fit: ModalFit, number: int = 0, *, output: int = 0, input_number: int = 0
+) -> "Figure":
+    """Draw a measured response, its fit with the 95 % band, and what the fit leaves.
+
+    `number` counts the responses that were fitted together, the others its outputs and inputs.
+    """
+    if not 0 <= number < len(fit.fitted):
+        raise ModelError(f"there are {len(fit.fitted)} fitted responses, got number {number}")
+    one = fit.fitted[number]
+    measured = one.measured
+    if not (0 <= output < len(measured.outputs) and 0 <= input_number < len(measured.inputs)):
+        raise ModelError(f"response {number} has no output {output} or no input {input_number}")
+    at = (slice(None), output, input_number)
+    f = measured.frequency_hz
+    fine = np.union1d(f, np.linspace(f[0], f[-1], _POINTS))
+    for mode in fit.modes:
+        centre, half = mode.frequency_hz.value, 8.0 * mode.damping_ratio.value
+        near = centre * np.linspace(1.0 - half, 1.0 + half, 161)
+        fine = np.union1d(fine, near[(near > f[0]) & (near < f[-1])])
+    value, spread = fit.response(fine, number)[at], fit.response_uncertainty(fine, number)[at]
+    left = np.abs(measured.response[at] - fit.response(f, number)[at])
+    from matplotlib.ticker import MultipleLocator
+
+    figure = new_figure(9.6, 4.6)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1.0))
+    dress(upper)
+    tiny = 1e-300
+    upper.semilogy(f, np.maximum(np.abs(measured.response[at]), tiny), ".", color=CYCLE[1],
+                   markersize=2.2, label="measured")  # fmt: skip
+    upper.fill_between(fine, np.maximum(np.abs(value) - _NORMAL * spread, 0.05 * np.abs(value)),
+                       np.abs(value) + _NORMAL * spread, color=CYCLE[5], alpha=0.5, linewidth=0,
+                       label="95 % band of the fit")  # fmt: skip
+    upper.semilogy(fine, np.abs(value), color=CYCLE[0], linewidth=1.0, label="fit")
+    upper.semilogy(f, np.maximum(left, tiny), color=MUTED, linewidth=0.4, label="residual")
+    upper.semilogy(f, one.deviation[at], color=INK, linewidth=0.8, linestyle=(0, (5, 3)),
+                   label="noise, rms")  # fmt: skip
+    shown = np.concatenate([np.abs(measured.response[at]), np.quantile(left, [0.02, 1.0])])
+    shown = shown[shown > 0.0]
+    upper.set_ylim(0.5 * shown.min(), 2.5 * shown.max())
+    units = [x[i : i + 1] for x, i in ((measured.output_units, output),
+                                       (measured.input_units, input_number))]  # fmt: skip
+    upper.set_ylabel(f"magnitude{_unit(*units)}", color=INK)
+    names = f"{measured.outputs[output]} over {measured.inputs[input_number]}"
+    entitle(upper, names)
+    figure.legend(*upper.get_legend_handles_labels(), loc="outside upper right", ncols=5,
+                  fontsize=7.5, frameon=False, labelcolor=INK, markerscale=2.5)  # fmt: skip
+    dress(lower)
+    cut = _emptiest(np.degrees(np.angle(value)))
+    points = _from(cut, np.degrees(np.angle(measured.response[at])))
+    lower.plot(f, points, ".", color=CYCLE[1], markersize=2.2)
+    phase = _from(cut, np.degrees(np.angle(value)))
+    # a phase that passes the cut jumps: leave the line open there
+    phase[1:][np.abs(np.diff(phase)) > 180.0] = np.nan
+    lower.plot(fine, phase, color=CYCLE[0], linewidth=1.0)
+    lower.set_ylim(cut - 10.0, cut + 370.0)
+    lower.yaxis.set_major_locator(MultipleLocator(90.0))
+    lower.set_ylabel("phase [deg]", color=INK)
+    _band(lower, fit)
+    return figure
+
+
+def _emptiest(phase: Array) -> float:
+    """The phase at which a scale of 360 degrees begins so that the curve crosses no end of it."""
+    held = np.sort(phase)
+    gaps = np.diff(held, append=held[0] + 360.0)
+    widest = int(np.argmax(gaps))
+    return float((held[widest] + 0.5 * gaps[widest]) % 360.0 - 360.0)
+
+
+def _from(cut: float, phase: Array) -> Array:
+    return cut + np.mod(phase - cut, 360.0)
+
+
+def _band(axes: "Axes", fit: ModalFit) -> None:
+    axes.set_xlim(*fit.band)
+    axes.set_xlabel("frequency [Hz]", color=INK)
+
+
+def _unit(outputs: tuple[str, ...], inputs: tuple[str, ...]) -> str:
+    if not outputs or not outputs[0] or not inputs or not inputs[0]:
+        return ""
+    output = outputs[0].replace("^2", "²")
+    return f" [({output})/{inputs[0]}]" if "/" in output else f" [{output}/{inputs[0]}]"
+
+
+def draw_resonance(
+    fit: ModalFit,
+    *,
+    axis: str,
+    label: str,
+    frequency_hz: Estimate | None = None,
+    published_hz: float | None = None,
+) -> "Figure":
+    """Draw the magnitude of a response with its strongest mode.
+
+    The output that the first input moves most, its fit, and the natural frequency with all that is
+    uncertain in it [Hz]; a published one is an upright line. `label` is what the points are.
+    """
+    output = strongest_output(fit)
+    one = fit.fitted[0].measured
+    f, measured = one.frequency_hz, np.abs(one.response[:, output, 0])
+    figure = new_figure(5.0, 2.9)
+    axes = figure.subplots()
+    dress(axes)
+    fine = np.linspace(f[0], f[-1], 1500)
+    axes.semilogy(f, measured, ".", color=CYCLE[1], markersize=2.2, label=label)
+    axes.semilogy(fine, np.abs(fit.response(fine, 0)[:, output, 0]), color=CYCLE[0], linewidth=1.0,
+                  label="fit")  # fmt: skip
+    if published_hz is not None:
+        axes.axvline(published_hz, color=INK, linewidth=0.9, linestyle=(0, (5, 2)),
+                     label=f"published, measured: {published_hz:.10g} Hz")  # fmt: skip
+    axes.set_xlim(f[0], f[-1])
+    axes.set_xlabel("frequency [Hz]", color=INK)
+    axes.set_ylabel(f"{one.outputs[output]} / {one.inputs[0]}", color=INK, parse_math=False)
+    axes.legend(loc="upper right", fontsize=7.0, frameon=False, labelcolor=MUTED)
+    title = f"{axis}, {label}"
+    if frequency_hz is not None:
+        value, spread = beside(frequency_hz.value, frequency_hz.expanded)
+        title += f": {value} ± {spread} Hz"
+    entitle(axes, title)
+    return figure
+
+
+def strongest_output(fit: ModalFit) -> int:
+    """Return the number of the output that the first input moves most."""
+    measured = fit.fitted[0].measured.response[:, :, 0]
+    return int(np.argmax(np.abs(measured).max(axis=0)))
+
+
+#: Channels that are drawn, at most.
+_CHANNELS = 4
+
+
+def draw_ring_down(fit: RingDown, record: Record) -> "Figure":
+    """Draw a free decay, the damped sines that were fitted to it, and what they leave.
+
+    Of the first four channels; the record gives their units.
+    """
+    names = fit.channels[:_CHANNELS]
+    figure = new_figure(8.6, 1.2 + 2.6 * len(names))
+    panels = figure.subplots(2 * len(names), 1, sharex=True, height_ratios=(2.2, 1.0) * len(names))
+    for axes in panels:
+        dress(axes)
+    for k, name in enumerate(names):
+        unit, factor = scale(record.channel(name).unit)
+        measured, fitted = factor * fit.measured[:, k], factor * fit.fitted[:, k]
+        upper, lower = panels[2 * k], panels[2 * k + 1]
+        colour = CYCLE[k % len(CYCLE)]
+        at = shown_lines(measured)
+        upper.plot(fit.time[at], measured[at], color=colour, linewidth=0.9, label="measured")
+        upper.plot(
+            fit.time[at], fitted[at], color=INK, linewidth=0.8, linestyle=(0, (4, 2)), label="fit"
+        )
+        upper.set_ylabel(f"{name}{unit}", color=INK)
+        rest = measured - fitted
+        at = shown_lines(rest)
+        lower.plot(fit.time[at], rest[at], color=colour, linewidth=0.7)
+        lower.set_ylabel("measured\nless fit", color=INK)
+        if k == 0:
+            upper.legend(loc="upper right", ncols=2, fontsize=7.5, frameon=False, labelcolor=INK)
+    panels[-1].set_xlabel("time [s]", color=INK)
+    panels[-1].set_xlim(float(fit.time[0]), float(np.max(fit.time)))
+    figure.align_ylabels(panels)
+    found = ", ".join(f"{mode.frequency_hz.value:.2f} Hz" for mode in fit.modes[:5])
+    entitle(panels[0], f"free decay: {found}" if found else "free decay: no mode stands out")
+    return figure

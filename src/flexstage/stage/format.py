@@ -1,0 +1,132 @@
+"""The kind of file that holds a stage, and how outlines are written in it."""
+
+import math
+from typing import Any
+
+from flexstage.errors import FlexstageError, StageError
+from flexstage.files.decoder import Decoder
+from flexstage.files.encoder import Encoder, same
+from flexstage.files.format import Form, Format
+from flexstage.files.forms import FORMS
+from flexstage.files.nodes import Mapping, Node
+from flexstage.files.yaml_text import Number
+from flexstage.hinges import Profile
+from flexstage.hinges.registry import PROFILES
+from flexstage.stage.drive import DRIVES, Drive
+from flexstage.stage.outline import Circle, Loop
+from flexstage.units import DIMENSIONS
+
+# More than a drawn curve needs; checks of clearance take tens of seconds beyond it.
+_MOST_POINTS = 10_000
+_LENGTH = DIMENSIONS["length"]
+
+
+def _read_outline(decoder: Decoder, node: Node, path: str, _base: Any) -> Loop | Circle:
+    if isinstance(node, Mapping):
+        return decoder.build(Circle, node, path)
+    return _read_loop(decoder, node, path, None)
+
+
+def _read_loop(decoder: Decoder, node: Node, path: str, _base: Any) -> Loop:
+    items = decoder.items(node, path, None, "points")
+    if len(items) > _MOST_POINTS:
+        decoder.refuse(
+            node, path, f"an outline has at most {_MOST_POINTS} points, got {len(items)}: use arcs"
+        )
+    points = []
+    for k, item in enumerate(items):
+        where = f"{path}[{k}]"
+        if isinstance(item, Mapping):
+            decoder.check_keys(item, where, ["to", "bulge", "through"])
+            if "to" not in item.items or len(item.items) != 2:
+                decoder.refuse(
+                    item,
+                    where,
+                    "an arc is {to: [x, y], bulge: b} or {to: [x, y], through: [x, y]}",
+                )
+            points.append(_point(decoder, item.items["to"], f"{where}.to"))
+        else:
+            points.append(_point(decoder, item, where))
+    bulges = [0.0] * len(points)
+    for k, item in enumerate(items):
+        if not isinstance(item, Mapping):
+            continue
+        # an entry says how its point is reached, a bulge how a point is left
+        if "bulge" in item.items:
+            bulge = decoder.number(item.items["bulge"], f"{path}[{k}].bulge")
+        else:
+            via = _point(decoder, item.items["through"], f"{path}[{k}].through")
+            bulge = _through_to_bulge(points[k - 1], via, points[k])
+            if not math.isfinite(bulge):
+                decoder.refuse(item, f"{path}[{k}]", "no arc runs through these three points")
+        bulges[k - 1] = bulge
+    try:
+        return Loop(tuple(points), tuple(bulges) if any(bulges) else ())
+    except FlexstageError as error:
+        decoder.refuse_again(node, path, error)
+
+
+def _point(decoder: Decoder, node: Node, path: str) -> tuple[float, float]:
+    x, y = decoder.items(node, path, 2, "2 coordinates")
+    return (
+        decoder.own_quantity(_LENGTH, x, f"{path}[0]"),
+        decoder.own_quantity(_LENGTH, y, f"{path}[1]"),
+    )
+
+
+def _through_to_bulge(
+    start: tuple[float, float], via: tuple[float, float], end: tuple[float, float]
+) -> float:
+    """Return the bulge of the arc from start to end through a point; infinite if there is none."""
+    ax, ay, bx, by = via[0] - start[0], via[1] - start[1], end[0] - via[0], end[1] - via[1]
+    # the direction of travel turns by half of the arc's angle between the two chords
+    turn = math.atan2(ax * by - ay * bx, ax * bx + ay * by)
+    return math.tan(0.5 * turn) if abs(turn) < math.pi - 1e-9 else math.inf
+
+
+def _write_loop(encoder: Encoder, loop: Loop) -> list[Any]:
+    out: list[Any] = []
+    for k, point in enumerate(loop.points):
+        pair = [encoder.coordinate(c, _LENGTH) for c in point]
+        bulge = loop.bulges[k - 1] if loop.bulges else 0.0
+        straight = same(bulge, 0.0)
+        out.append(pair if straight else {"to": pair, "bulge": Number(repr(float(bulge)))})
+    return out
+
+
+def _loop_schema(builder: Any) -> dict[str, Any]:
+    point = builder.list_of(builder.quantity(_LENGTH), 2)
+    arc = {
+        "type": "object",
+        "properties": {
+            "to": {**point, "description": "Where the arc ends."},
+            "bulge": {
+                "type": "number",
+                "description": "Tangent of a quarter of its angle, positive if it turns left.",
+            },
+            "through": {**point, "description": "A point on the arc."},
+        },
+        "additionalProperties": False,
+        "required": ["to"],
+        "minProperties": 2,
+        "maxProperties": 2,
+    }
+    return {"type": "array", "items": {"anyOf": [point, arc]}, "minItems": 2}
+
+
+#: The kind of file that holds a stage.
+STAGE_FILE = Format(
+    noun="stage file",
+    key="flexstage",
+    error=StageError,
+    length_unit=True,
+    families={
+        Drive: DRIVES,
+        Profile: PROFILES,
+    },
+    forms={
+        **FORMS,
+        Loop: Form(read=_read_loop, write=_write_loop, schema=_loop_schema),
+        Loop | Circle: Form(read=_read_outline),
+    },
+)
