@@ -161,11 +161,11 @@ def fmu_layout(model: DynamicModel) -> FmuLayout:
         found.append(_local(found, name, s.rate_unit, what, state=first["state"] + k))
     end("derivative")
     start("indicator")
-    for d, plain in zip(model.drives, named.drives, strict=True):
+    for d, simple in zip(model.drives, named.drives, strict=True):
         if d.amplifier is not None:
             for name, what in INDICATORS:
                 text = f"event of the amplifier of drive {d.name}: {what}"
-                called = structured(f"{plain.name}.amplifier.{name}")
+                called = structured(f"{simple.name}.amplifier.{name}")
                 found.append(_local(found, called, "V", text))
     end("indicator")
     return FmuLayout(
