@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         read_model_file,
         read_model_text,
     )
+    from flexstage.hysteresis.models import MODELS
     from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
     from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
     from flexstage.hysteresis.models.dahl import Dahl
@@ -50,7 +51,6 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
     from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
     from flexstage.hysteresis.models.preisach import Preisach
-    from flexstage.hysteresis.models.registry import MODELS
     from flexstage.hysteresis.plant import Plant
     from flexstage.hysteresis.prediction import Prediction, predict
     from flexstage.hysteresis.stage_plant import stage_plant
