@@ -8,13 +8,13 @@ from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.protocol import Capability, Identity
 from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.clock import FastTime
-from flexstage.instruments.twin.controller_models import OWN
 from flexstage.instruments.twin.device import (
     AxisDescription,
     ChannelDescription,
     Refusal,
     RefusedError,
 )
+from flexstage.instruments.twin.gcs_state import OWN
 from flexstage.instruments.twin.interpreter import Interpreter
 from flexstage.instruments.twin.session import ServerSession
 

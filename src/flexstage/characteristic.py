@@ -1,11 +1,14 @@
 """The table that an engineer quotes: a quantity, its axis, where it comes from, its value."""
 
+import math
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, fields
+from typing import Self
 
 from flexstage.choose import nearest
 from flexstage.errors import ModelError
+from flexstage.estimate import Component, Estimate
 from flexstage.quantities import QUANTITIES, Quantity, beside, display
 
 #: Where a value can come from.
@@ -70,6 +73,23 @@ class Characteristic:
                 f"the uncertainty of {self.quantity} must be 0 or more, got {self.uncertainty!r}"
             )
 
+    @property
+    def contribution(self) -> Component | None:
+        """What its uncertainty adds to that of whatever is made of it; None where none is known."""
+        if self.uncertainty is None:
+            return None
+        freedom = math.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
+        return Component(
+            name=self.origin, uncertainty=self.uncertainty, degrees_of_freedom=freedom, kind="B"
+        )
+
+    @property
+    def estimate(self) -> Estimate:
+        """The value with its uncertainty; exact where none is known."""
+        own = self.contribution
+        components = () if own is None else (own,)
+        return Estimate(value=self.value, unit=self.unit, components=components, note=self.note)
+
     def text(self, shown: Quantity | None = None) -> str:
         """Write the value with the digits that are known of it.
 
@@ -92,6 +112,64 @@ class Characteristic:
             # of a model four digits are enough, however well its mesh has settled
             return known if self.origin == "measured" else min(known, plain, key=len)
         return plain
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredCharacteristic(Characteristic):
+    """A characteristic that a test gave, with what its uncertainty comes from.
+
+    Examples
+    --------
+    >>> noise = Component(name="noise", uncertainty=3e-9, degrees_of_freedom=9)
+    >>> stroke = MeasuredCharacteristic.from_estimate(
+    ...     Estimate(value=63e-6, unit="m", components=(noise,)),
+    ...     quantity="output_displacement", axis="x", origin="measured", test="motion",
+    ... )
+    >>> stroke.uncertainty, stroke.degrees_of_freedom, stroke.text()
+    (3e-09, 9.0, '63.0000')
+    """
+
+    components: tuple[Component, ...] = ()
+    """Independent contributions to its uncertainty."""
+    bounds: tuple[float, float] | None = None
+    """Ends of its 95 % interval where that is not symmetric about the value."""
+    test: str
+    """Name of the test, or of the step of a plan."""
+
+    @classmethod
+    def from_estimate(
+        cls, estimate: Estimate, *, quantity: str, axis: str, origin: str, test: str
+    ) -> Self:
+        """Say of which quantity and axis an estimate is, and which test gave it."""
+        freedom = estimate.degrees_of_freedom
+        return cls(
+            quantity=quantity,
+            axis=axis,
+            origin=origin,
+            value=estimate.value,
+            unit=estimate.unit,
+            uncertainty=estimate.uncertainty,
+            note=estimate.note,
+            degrees_of_freedom=None if math.isinf(freedom) else freedom,
+            components=estimate.components,
+            bounds=estimate.bounds,
+            test=test,
+        )
+
+    @property
+    def estimate(self) -> Estimate:
+        return Estimate(
+            value=self.value,
+            unit=self.unit,
+            components=self.components,
+            bounds=self.bounds,
+            note=self.note,
+        )
+
+    @property
+    def row(self) -> Characteristic:
+        """The same as a row of a table or of a stage file: without test and contributions."""
+        return Characteristic(**{f.name: getattr(self, f.name) for f in fields(Characteristic)})
 
 
 class Characteristics(tuple[Characteristic, ...]):

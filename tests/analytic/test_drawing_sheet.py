@@ -12,10 +12,10 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
 from flexstage.designs import DESIGNS, design
+from flexstage.export.drawing.canvas import text_width
 from flexstage.export.drawing.contours import plate_contours
-from flexstage.export.drawing.sheet.canvas import text_width
-from flexstage.export.drawing.sheet.compose import drawing_svg, wrapped
-from flexstage.export.drawing.sheet.details import notch_kinds, ratio, step_scale
+from flexstage.export.drawing.notch_details import notch_kinds, ratio, step_scale
+from flexstage.export.drawing.sheet import drawing_svg, wrapped
 from flexstage.hinges import RightCircular
 from flexstage.stage import Stage
 from tests.drawing_stages import NOTCHES, guide

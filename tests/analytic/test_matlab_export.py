@@ -13,8 +13,7 @@ from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export import dynamic_model
 from flexstage.export.control_object import control_system, linear_part, rest_shape
-from flexstage.export.matlab.contents import damping_matrix, sampled_form
-from flexstage.export.matlab.files import matlab_files, matlab_name
+from flexstage.export.matlab.files import damping_matrix, matlab_files, matlab_name, sampled_form
 from flexstage.hysteresis import BoucWen, LogCreep, Sensor
 from flexstage.lumped import lumped_system
 from flexstage.system import LossFactor, RayleighDamping, frequency_response, modes, time_response

@@ -12,8 +12,13 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError, StageError
-from flexstage.export.modal_file import frf_file, modal_file, universal_files
-from flexstage.export.modal_points import direction_code, modal_points
+from flexstage.export.modal_file import (
+    direction_code,
+    frf_file,
+    modal_file,
+    modal_points,
+    universal_files,
+)
 from flexstage.export.universal_format import trace_lines
 from flexstage.lumped import lumped_system
 from flexstage.records.universal_file import read_universal

@@ -17,9 +17,7 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export import DynamicModel, dynamic_model
-from flexstage.export.realtime.accuracy import rounding_bound
-from flexstage.export.realtime.check_samples import command_span
-from flexstage.export.realtime.comment import operations
+from flexstage.export.realtime.comment import command_span, operations, rounding_bound
 from flexstage.export.realtime.files import amalgamated, realtime_files
 from flexstage.hysteresis import LogCreep, PrandtlIshlinskii, Sensor
 from flexstage.lumped import lumped_system

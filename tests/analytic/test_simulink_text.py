@@ -17,6 +17,7 @@ from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.simulink.files import simulink_files
 from flexstage.export.simulink.functions import hysteresis_function
 from flexstage.export.simulink.matlab_text import (
+    Variables,
     comment,
     identifier,
     identifiers,
@@ -24,7 +25,6 @@ from flexstage.export.simulink.matlab_text import (
     plain,
     quoted,
 )
-from flexstage.export.simulink.variables import Variables
 from flexstage.hysteresis import Amplifier, BoucWen, HysteresisModel, LogCreep, Sensor
 from flexstage.lumped import lumped_system
 

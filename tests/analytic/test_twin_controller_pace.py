@@ -2,14 +2,16 @@
 
 import threading
 import time
+from collections.abc import Callable
 
 import pytest
 from numpy.testing import assert_allclose
 
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.protocol import Signal
-from flexstage.instruments.twin.clock import FastTime, Pace, Pacemaker, RealClock, StepClock
+from flexstage.instruments.twin.clock import Clock, FastTime, Pace, Pacemaker
 from flexstage.instruments.twin.controller import VirtualController
+from flexstage.instruments.twin.controller_core import duration
 from flexstage.instruments.twin.device import Refusal, RefusedError
 from tests.simple_stage import SimpleStage
 
@@ -17,6 +19,28 @@ from tests.simple_stage import SimpleStage
 @pytest.fixture
 def device() -> VirtualController:
     return VirtualController(SimpleStage())
+
+
+class StepClock(Clock):
+    """A clock that stands until it is told to go on; it tells of each wait before."""
+
+    def __init__(self, on_wait: Callable[[float], None] | None = None) -> None:
+        self._now = 0.0
+        self._on_wait = on_wait
+
+    def now(self) -> float:
+        return self._now
+
+    def advance(self, seconds: float) -> None:
+        """Go on."""
+        self._now += duration(seconds)
+
+    def wait(self, seconds: float, ended: threading.Event) -> bool:
+        """Go on at once by the time that is waited for."""
+        if self._on_wait is not None:
+            self._on_wait(seconds)
+        self.advance(seconds)
+        return ended.is_set()
 
 
 class Told(StepClock):
@@ -140,12 +164,12 @@ def test_a_simulation_that_broke_down_is_told_to_the_next_command() -> None:
 
 def test_the_real_clock_drives_it_too(device: VirtualController) -> None:
     pace = Pacemaker(device)
-    began = RealClock().now()
+    began = Clock().now()
     pace.start()
     until(lambda: device.now > 0.03)
     pace.close()
     # never ahead of real time
-    assert device.now <= RealClock().now() - began + 1e-3
+    assert device.now <= Clock().now() - began + 1e-3
 
 
 def test_the_lock_comes_to_others_while_it_is_behind() -> None:

@@ -3,8 +3,8 @@
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from flexstage.export.diagram.cells import Cell, Net, Pin, Routed, branches
 from flexstage.export.diagram.grid import route
+from flexstage.export.diagram.shapes import Cell, Net, Pin, Routed, branches
 
 
 @st.composite

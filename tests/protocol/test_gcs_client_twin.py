@@ -19,10 +19,10 @@ from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.build import virtual_stage
 from flexstage.instruments.twin.clock import FastTime
 from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.controller_models import MODELS, OWN, ControllerModel
+from flexstage.instruments.twin.gcs_state import MODELS, OWN, ControllerModel
 from flexstage.instruments.twin.interpreter import Interpreter
 from flexstage.instruments.twin.server import GcsServer
-from flexstage.instruments.twin.session import open_session
+from flexstage.instruments.twin.session import Loopback
 from flexstage.instruments.twin.stage import VirtualStage
 from flexstage.instruments.waveform import Waveform
 
@@ -48,9 +48,7 @@ def interpreter(
 @pytest.fixture
 def twin() -> Iterator[tuple[PiController, VirtualController]]:
     made = interpreter(5)
-    controller = PiController.open(
-        InProcess(open_session(made)), STAGE, transfer=LONG, timeout=60.0
-    )
+    controller = PiController.open(InProcess(Loopback(made)), STAGE, transfer=LONG, timeout=60.0)
     assert isinstance(made.device, VirtualController)
     yield controller, made.device
     controller.close()
@@ -244,7 +242,7 @@ def test_a_wave_that_is_endless_is_stopped_from_another_thread(twin):
 
 def test_a_second_client_may_look_and_stop_and_not_move():
     made = interpreter(5, hold=True)
-    links = [InProcess(open_session(made)) for _ in range(2)]
+    links = [InProcess(Loopback(made)) for _ in range(2)]
     first, second = (PiController.open(link, STAGE, transfer=LONG) for link in links)
     with closing(first), closing(second):
         first.axes["x"].set_voltage(20.0)
@@ -263,7 +261,7 @@ def test_a_second_client_may_look_and_stop_and_not_move():
 def test_every_model_of_controller_is_driven(name):
     """The client goes by what a controller lists, and writes its unit as that does."""
     made = interpreter(5, model=MODELS[name])
-    link = InProcess(open_session(made))
+    link = InProcess(Loopback(made))
     with closing(PiController.open(link, STAGE, transfer=LONG)) as controller:
         assert (controller.identity.model, controller.identity.simulated) == (name, True)
         axis = controller.axes["x"]
@@ -283,9 +281,7 @@ def test_every_model_of_controller_is_driven(name):
 
 def test_a_restart_is_noticed():
     made = interpreter(5)
-    with closing(
-        PiController.open(InProcess(open_session(made)), STAGE, transfer=LONG)
-    ) as controller:
+    with closing(PiController.open(InProcess(Loopback(made)), STAGE, transfer=LONG)) as controller:
         controller.axes["x"].set_closed_loop(True)
         controller.client.tell("RBT")
         with pytest.raises(ControllerError, match="restarted"):
@@ -329,7 +325,7 @@ def job(controller: PiController) -> list[np.ndarray]:
 def test_over_the_network_and_in_memory_the_same_job_gives_the_same_bits():
     # time passes with commands only, so the lines are told to be of one length
     with closing(
-        PiController.open(InProcess(open_session(interpreter(5))), STAGE, transfer=LONG)
+        PiController.open(InProcess(Loopback(interpreter(5))), STAGE, transfer=LONG)
     ) as memory:
         here = job(memory)
     server = GcsServer(interpreter(5, 1))

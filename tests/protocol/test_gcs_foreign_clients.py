@@ -13,7 +13,7 @@ import pytest
 
 from flexstage.instruments.gcs.profile import parse_identity
 from flexstage.instruments.twin.clock import Pacemaker
-from flexstage.instruments.twin.controller_models import MODELS
+from flexstage.instruments.twin.gcs_state import MODELS
 from flexstage.instruments.twin.interpreter import Interpreter
 from flexstage.instruments.twin.server import GcsServer
 from flexstage.instruments.twin.session import ServerSession

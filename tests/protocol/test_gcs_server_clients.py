@@ -7,7 +7,7 @@ import pytest
 from flexstage.errors import NotConnectedError
 from flexstage.instruments.twin.clock import FastTime
 from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.session import LONGEST_LINE, ServerSession, open_session
+from flexstage.instruments.twin.session import LONGEST_LINE, Loopback, ServerSession
 from tests.gcs_device import FormulaDevice, controller, opened, talk
 
 
@@ -233,7 +233,7 @@ def test_simulated_time_is_not_led_on_where_it_is_real():
 
 
 def test_link_in_memory():
-    link = open_session(controller(hold=True))
+    link = Loopback(controller(hold=True))
     assert link.receive(0.0) == b""
     link.send(b"CSV?\nSVO? ")
     assert link.receive(1.0) == b"2.0\n"
@@ -257,7 +257,7 @@ def test_link_in_memory():
 def test_a_stop_in_memory_does_not_wait_for_another_thread():
     """It comes while another thread leads on simulated time by what takes long."""
     interpreter = controller()
-    link = open_session(interpreter)
+    link = Loopback(interpreter)
     link.send(b"SVO 1 1\nVEL 1 1e-3\nMOV 1 50\n")
     inside, places = threading.Event(), []
     advance, stop = interpreter.device.advance, interpreter.device.stop

@@ -175,7 +175,7 @@ class ExportFormat:
 
 
 def _diagram(request: ExportRequest) -> Files:
-    from flexstage.export.diagram.files import diagram_files
+    from flexstage.export.diagram.svg import diagram_files
 
     return diagram_files(request.stage, model=request.dynamic_of_bodies)
 
@@ -238,7 +238,7 @@ def _dxf(request: ExportRequest) -> Files:
 
 
 def _drawing(request: ExportRequest) -> Files:
-    from flexstage.export.drawing.sheet.compose import drawing_svg
+    from flexstage.export.drawing.sheet import drawing_svg
 
     return {f"{request.name}-drawing.svg": drawing_svg(request.stage)}
 

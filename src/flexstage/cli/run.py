@@ -333,7 +333,7 @@ def _figure(result: "PlanResult", figure: Any) -> tuple[str, ...]:
     from flexstage.quantities import beside, display, number
 
     shown = display(figure.quantity)
-    value = figure.estimate.value * shown.factor
+    value = figure.value * shown.factor
     expanded = figure.estimate.expanded * shown.factor
     known = [r for r in result.published_of(figure) if r.origin == "published-measured"]
     label = shown.label + (", drives in place" if result.drives_in_place(figure) else "")

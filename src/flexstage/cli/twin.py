@@ -92,7 +92,7 @@ def twin(
         from flexstage.instruments.twin.build import virtual_stage
         from flexstage.instruments.twin.clock import FastTime, Pacemaker
         from flexstage.instruments.twin.controller import VirtualController
-        from flexstage.instruments.twin.controller_models import MODELS, OWN
+        from flexstage.instruments.twin.gcs_state import MODELS, OWN
         from flexstage.instruments.twin.interpreter import Interpreter
         from flexstage.instruments.twin.server import GcsServer
 

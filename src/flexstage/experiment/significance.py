@@ -1,10 +1,10 @@
 """Whether two figures differ by more than their uncertainties explain."""
 
-import math
 from dataclasses import dataclass
 
 from flexstage.characteristic import Characteristic
 from flexstage.errors import ModelError
+from flexstage.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,22 +46,11 @@ def difference(figure: Characteristic, reference: Characteristic) -> Difference:
         )
     value = float(figure.value - reference.value)
     percent = None if reference.value == 0.0 else float(100.0 * value / abs(reference.value))
-    parts = [c for c in (figure, reference) if c.uncertainty is not None]
+    parts = tuple(c.contribution for c in (figure, reference) if c.contribution is not None)
     if not parts:
         return Difference(value=value, percent=percent, expanded=None, significant=None)
-    u = math.hypot(*(c.uncertainty or 0.0 for c in parts))
-    expanded = _factor(parts, u) * u
+    whole = Estimate(value=value, unit=figure.unit, components=parts)
+    expanded = whole.coverage_factor * whole.uncertainty
     return Difference(
         value=value, percent=percent, expanded=expanded, significant=bool(abs(value) > expanded)
     )
-
-
-def _factor(parts: list[Characteristic], u: float) -> float:
-    from scipy.special import ndtri, stdtrit
-
-    terms = sum(
-        ((c.uncertainty or 0.0) / u) ** 4 / c.degrees_of_freedom
-        for c in parts
-        if u > 0.0 and c.degrees_of_freedom is not None
-    )
-    return float(ndtri(0.975) if terms == 0.0 else stdtrit(1.0 / terms, 0.975))

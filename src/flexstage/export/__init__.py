@@ -15,8 +15,8 @@ from flexstage.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.export.build_model import dynamic_model
     from flexstage.export.control_object import control_system
-    from flexstage.export.diagram.files import diagram_files
     from flexstage.export.diagram.stage_diagram import stage_diagram
+    from flexstage.export.diagram.svg import diagram_files
     from flexstage.export.drawing.dxf import dxf_files
     from flexstage.export.fields import field_files
     from flexstage.export.fmu.fmu_file import fmu_files

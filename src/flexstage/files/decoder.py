@@ -12,10 +12,10 @@ from flexstage.choose import did_you_mean, unknown
 from flexstage.errors import FlexstageError
 from flexstage.files.format import (
     Format,
+    by_name,
     check_name,
     dimension_of,
     field_types,
-    is_named,
     members,
     optional_part,
     required,
@@ -188,7 +188,7 @@ class Decoder:
                 self.decode(part, item, f"{path}[{k}]")
                 for k, (part, item) in enumerate(zip(parts, items, strict=True))
             )
-        if is_named(parts[0]):
+        if by_name(parts[0], self.format):
             entries = self.mapping(node, path)
             for key in entries.items:
                 check_name(key, lambda message: self.refuse(entries, path, message))
@@ -235,9 +235,12 @@ class Decoder:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.refuse(node, path, f"expected a number without a unit, got {show(node)}")
         try:
-            return float(value)
+            number = float(value)
         except OverflowError:
             self.refuse(node, path, f"{show(node)} is too large to be a number")
+        if self.format.finite and not math.isfinite(number):
+            self.refuse(node, path, f"expected a number without a unit, got {show(node)}")
+        return number
 
     def _int(self, node: Node, path: str) -> int:
         value = node.value if isinstance(node, Scalar) else None
@@ -297,9 +300,11 @@ class Decoder:
     def head(self, root: Node) -> Mapping:
         """Check how a file begins; return what stands after the key of its version."""
         key, version = self.format.key, self.format.version
-        begins = f"a {self.format.noun} begins with '{key}: {version}'"
+        begins = f"a {self.format.noun} begins with '{self.format.begins or f'{key}: {version}'}'"
         if not isinstance(root, Mapping):
             self.refuse(root, "", f"{begins}, got {show(root)}")
+        if not key:
+            return root
         if key not in root.items:
             self.refuse(root, "", f"{begins}, which is missing")
         node = root.items[key]
@@ -327,7 +332,8 @@ def read_file(path: Path, format: Format) -> tuple[Decoder, Mapping]:
 def read(text: str, source: str, format: Format) -> tuple[Decoder, Mapping]:
     """Read a text in YAML, which messages call `source`, as `read_file` does."""
     decoder = Decoder(source, format)
-    return decoder, decoder.head(parse_yaml(text, source, format.noun, format.error))
+    root = parse_yaml(text, source, format.noun, format.error, finite=format.finite)
+    return decoder, decoder.head(root)
 
 
 def show(node: Node) -> str:

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 from flexstage.files.format import (
     Format,
+    by_name,
     dimension_of,
     field_types,
-    is_named,
     optional_part,
     required,
 )
@@ -46,7 +46,7 @@ class Encoder:
             parts = typing.get_args(kind)
             if parts[-1] is not Ellipsis:
                 return [self.encode(p, v) for p, v in zip(parts, value, strict=True)]
-            if is_named(parts[0]):
+            if by_name(parts[0], self.format):
                 return {v.name: self.fields(v, skip="name") for v in value}
             return [self.encode(parts[0], v) for v in value]
         if origin in (dict, collections.abc.Mapping):

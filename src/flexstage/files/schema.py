@@ -9,9 +9,9 @@ from typing import Any, Literal
 from flexstage.field_texts import field_texts
 from flexstage.files.format import (
     Format,
+    by_name,
     dimension_of,
     field_types,
-    is_named,
     members,
     optional_part,
     required,
@@ -90,7 +90,7 @@ class SchemaBuilder:
             parts = typing.get_args(kind)
             if parts[-1] is not Ellipsis:
                 return self.list_of(self.of(parts[0]), len(parts))
-            if is_named(parts[0]):
+            if by_name(parts[0], self.format):
                 return {"type": "object", "additionalProperties": self.of(parts[0])}
             return {"type": "array", "items": self.of(parts[0])}
         if origin in (dict, collections.abc.Mapping):
@@ -112,7 +112,7 @@ class SchemaBuilder:
         properties: dict[str, Any] = {} if kind is None else {"kind": {"const": kind}}
         needed = [] if kind is None else ["kind"]
         for name, (field, annotation) in field_types(cls).items():
-            if name == "name" and is_named(cls) and not named:
+            if name == "name" and by_name(cls, self.format) and not named:
                 continue
             properties[name] = dict(self.of(annotation))
             if name in texts:

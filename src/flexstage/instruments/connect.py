@@ -11,8 +11,6 @@ from flexstage.stage import Stage
 if TYPE_CHECKING:
     from flexstage.instruments.gcs.controller import PiController
     from flexstage.instruments.gcs.profile import TransferLimits
-    from flexstage.instruments.twin.clock import Pace
-    from flexstage.instruments.twin.session import Loopback
     from flexstage.instruments.twin.stage import VirtualStage
 
 _FORMS = (
@@ -177,7 +175,7 @@ def _simulated(
     from flexstage.instruments.twin.clock import FastTime, Pacemaker
     from flexstage.instruments.twin.controller import VirtualController
     from flexstage.instruments.twin.interpreter import Interpreter
-    from flexstage.instruments.twin.session import open_session
+    from flexstage.instruments.twin.session import Loopback
 
     fast = _flag(options, "fast", True, address)
     seed = int(_number(options, "seed", 0, address, whole=True))
@@ -196,31 +194,9 @@ def _simulated(
     )
     pace = FastTime(device) if fast else Pacemaker(device)
     pace.start()
-    link = InProcess(
-        _Paced(open_session(Interpreter(device, pace)), pace), name=f"twin of {stage.name}"
-    )
+    conversation = Loopback(Interpreter(device, pace), ends_time=True)
+    link = InProcess(conversation, name=f"twin of {stage.name}")
     return PiController.open(link, stage, axes=axes, timeout=timeout, transfer=transfer)
-
-
-class _Paced:
-    """A conversation that ends the clock of its controller when it ends."""
-
-    def __init__(self, session: "Loopback", pace: "Pace", *, owner: bool = True) -> None:
-        self._session, self._pace, self._owner = session, pace, owner
-
-    def send(self, data: bytes) -> None:
-        self._session.send(data)
-
-    def receive(self, timeout: float) -> bytes:
-        return self._session.receive(timeout)
-
-    def another(self) -> "_Paced":
-        return _Paced(self._session.another(), self._pace, owner=False)
-
-    def close(self) -> None:
-        self._session.close()
-        if self._owner:
-            self._pace.close()
 
 
 def _card(address: str, stage: Stage, axes: Mapping[str, str] | None) -> Instrument:

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
+from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import PlanError
 from flexstage.estimate import Component
 from flexstage.experiment.campaign.evaluate import evaluate
 from flexstage.experiment.campaign.plan import Campaign, Columns, Test
-from flexstage.experiment.campaign.results import Characterisation, Figure
+from flexstage.experiment.campaign.results import Characterisation, figure_of
 from flexstage.plans.excite import Blows, Chirp, Multisine
 from flexstage.plans.measure_step import RESPONSE, corner_visits
 from flexstage.plans.results import CharacterisedStep
@@ -25,20 +25,20 @@ _ROLES: dict[str, tuple[str, ...]] = {
     "workspace": ("x", "y"),
     "response": (),
 }
+_SIMULATED = ("the instrument is a simulation: nothing was measured",)
 _COMMANDED = ("motion", "positioning", "staircase")
 
 
 def characterised(context: RunContext, name: str, action: Characterise) -> CharacterisedStep:
     """Evaluate the records of earlier steps."""
     tests = tuple(_test(context, step) for step in action.of)
-    virtual = context.instrument.identity.simulated
     campaign = Campaign(
         stage=context.plan.stage,
-        origin="virtual" if virtual else "measured",
+        origin=context.origin,
         instruments=tuple(sensor.instrument for sensor in context.plan.sensors),
         tests=tests,
         notes=(
-            *(("the instrument is a simulation: nothing was measured",) if virtual else ()),
+            *(_SIMULATED if context.origin == "virtual" else ()),
             *context.plan.notes,
         ),
     )
@@ -53,7 +53,7 @@ def characterised(context: RunContext, name: str, action: Characterise) -> Chara
     return CharacterisedStep(name=name, found=found, ratios=tuple(_ratios(context, found)))
 
 
-def _ratios(context: RunContext, found: Characterisation) -> Iterator[Figure]:
+def _ratios(context: RunContext, found: Characterisation) -> Iterator[MeasuredCharacteristic]:
     """Give the ratio of each axis that a screw drives."""
     for result in found.results:
         stroke = result.details.get("stroke")
@@ -67,12 +67,8 @@ def _ratios(context: RunContext, found: Characterisation) -> Iterator[Figure]:
             share = math.hypot(sensor.calibration, 0.5 * sensor.alignment**2)
             part = Component(name="sensitivity", uncertainty=share * gain.value, kind="B")
             gain = gain.plus(part)
-        yield Figure(
-            quantity="transmission_ratio",
-            axis=result.test.axis,
-            estimate=replace(gain, note="slope of the platform's motion over that of the drive"),
-            test=result.test.name,
-        )
+        note = "slope of the platform's motion over that of the drive"
+        yield figure_of(found.campaign, result.test, "transmission_ratio", gain, note)
 
 
 def _test(context: RunContext, name: str) -> Test:

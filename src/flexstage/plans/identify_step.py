@@ -63,8 +63,8 @@ def _resonance(context: RunContext, name: str, action: Identify) -> tuple[float,
     if not isinstance(found, CharacterisedStep):
         raise PlanError(f"step '{action.resonance}' has found no resonance")
     axis = context.plan.axis_of(name)
-    frequency = found.found.figure("natural_frequency_hz", axis).estimate.value
-    return frequency, found.found.figure("damping_ratio", axis).estimate.value
+    frequency = found.found.figure("natural_frequency_hz", axis).value
+    return frequency, found.found.figure("damping_ratio", axis).value
 
 
 def identified_from(context: RunContext, name: str, action: Identify, file: Path) -> IdentifiedStep:

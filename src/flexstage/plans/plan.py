@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
@@ -71,8 +71,6 @@ class Defaults:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
     """One step."""
-
-    listed: ClassVar[bool] = True  # its name stands inside
 
     name: str
     """Its name."""

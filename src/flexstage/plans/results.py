@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from flexstage.characteristic import Characteristic, Characteristics
+from flexstage.characteristic import Characteristic, Characteristics, MeasuredCharacteristic
 from flexstage.errors import PlanError
-from flexstage.experiment.campaign.results import Figure
 from flexstage.instruments.protocol import Identity
 from flexstage.plans.excite import Blows
 from flexstage.plans.plan import Plan
@@ -76,28 +75,28 @@ class PlanResult:
         return "virtual" if self.instrument.simulated else "measured"
 
     @property
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[MeasuredCharacteristic, ...]:
         """One figure for each quantity and axis: that of the first step that gives it."""
-        first: dict[tuple[str, str], Figure] = {}
+        first: dict[tuple[str, str], MeasuredCharacteristic] = {}
         for figure in self.all_figures:
             first.setdefault((figure.quantity, figure.axis), figure)
         order = {quantity: i for i, quantity in enumerate(QUANTITIES)}
         return tuple(sorted(first.values(), key=lambda f: (order[f.quantity], f.axis)))
 
     @property
-    def all_figures(self) -> tuple[Figure, ...]:
+    def all_figures(self) -> tuple[MeasuredCharacteristic, ...]:
         """The figures of all steps, in their order."""
-        found: list[Figure] = []
+        found: list[MeasuredCharacteristic] = []
         for step in self.steps:
             if isinstance(step, CharacterisedStep | VerifiedStep):
                 found += step.figures
         return tuple(found)
 
     @property
-    def further_figures(self) -> tuple[Figure, ...]:
+    def further_figures(self) -> tuple[MeasuredCharacteristic, ...]:
         """Figures of tests that repeat a quantity of an axis: not those of references followed."""
         own = {id(f) for f in self.figures}
-        found: list[Figure] = []
+        found: list[MeasuredCharacteristic] = []
         for step in self.steps:
             if isinstance(step, CharacterisedStep):
                 # a test that two steps evaluate has the same figures in both
@@ -110,12 +109,12 @@ class PlanResult:
         order = {quantity: i for i, quantity in enumerate(QUANTITIES)}
         return tuple(sorted(found, key=lambda f: (order[f.quantity], f.axis)))
 
-    def drives_in_place(self, figure: Figure) -> bool:
+    def drives_in_place(self, figure: MeasuredCharacteristic) -> bool:
         """Say whether a natural frequency or damping is that of the stage with its drives in place.
 
         Parameters
         ----------
-        figure : Figure
+        figure : MeasuredCharacteristic
             A figure of this result.
 
         Returns
@@ -130,12 +129,12 @@ class PlanResult:
         source = self.plan.step(action.of).action if isinstance(action, Measure) else action
         return not isinstance(source, Blows)
 
-    def published_of(self, figure: Figure) -> tuple[Characteristic, ...]:
+    def published_of(self, figure: MeasuredCharacteristic) -> tuple[Characteristic, ...]:
         """Return what was published of the same thing as a figure.
 
         Parameters
         ----------
-        figure : Figure
+        figure : MeasuredCharacteristic
             A figure of this result.
 
         Returns
@@ -165,7 +164,7 @@ class PlanResult:
         """The models that were identified."""
         return tuple(step for step in self.steps if isinstance(step, IdentifiedStep))
 
-    def figure(self, quantity: str, axis: str) -> Figure:
+    def figure(self, quantity: str, axis: str) -> MeasuredCharacteristic:
         """Return one figure.
 
         Parameters
@@ -177,7 +176,7 @@ class PlanResult:
 
         Returns
         -------
-        Figure
+        MeasuredCharacteristic
             The figure.
 
         Raises

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.experiment.campaign.results import Figure
+from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.plans.results import (
     CentredStep,
     CharacterisedStep,
@@ -74,21 +74,20 @@ def plain_results(result: PlanResult) -> dict[str, Any]:
     }
 
 
-def _figure(figure: Figure, result: PlanResult) -> dict[str, Any]:
-    e = figure.estimate
-    low, high = e.interval()
+def _figure(figure: MeasuredCharacteristic, result: PlanResult) -> dict[str, Any]:
+    low, high = figure.estimate.interval()
     in_place = result.drives_in_place(figure)
     return {
         "quantity": figure.quantity,
         "axis": figure.axis,
-        "value": _number(e.value),
-        "unit": e.unit,
-        "uncertainty": _number(e.uncertainty),
-        "degrees_of_freedom": _number(e.degrees_of_freedom),
+        "value": _number(figure.value),
+        "unit": figure.unit,
+        "uncertainty": _number(figure.uncertainty),
+        "degrees_of_freedom": _number(figure.degrees_of_freedom),
         "interval": [_number(low), _number(high)],
         "origin": result.origin,
         "step": figure.test,
-        "note": f"{e.note}, drives in place".lstrip(", ") if in_place else e.note,
+        "note": f"{figure.note}, drives in place".lstrip(", ") if in_place else figure.note,
         "published": [{"origin": r.origin, "value": r.value} for r in result.published_of(figure)],
     }
 

@@ -45,6 +45,11 @@ class RunContext:
     """Commands that are ready to run, by the step that made them."""
 
     @property
+    def origin(self) -> str:
+        """``measured``, or ``virtual`` where the instrument is a simulation."""
+        return "virtual" if self.instrument.identity.simulated else "measured"
+
+    @property
     def base_rate_hz(self) -> float:
         """Highest rate of samples of a command [Hz]."""
         return base_rate_of(self.instrument)

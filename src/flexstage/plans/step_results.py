@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexstage.arrays import Array
+from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import PlanError
-from flexstage.experiment.campaign.results import Characterisation, Figure
+from flexstage.experiment.campaign.results import Characterisation
 from flexstage.hysteresis import DriveModel, Tracking
 from flexstage.records import Record
 
@@ -77,12 +78,12 @@ class CharacterisedStep:
     """Name of the step."""
     found: Characterisation
     """What the tests gave, with the curves behind each figure."""
-    ratios: tuple[Figure, ...] = ()
+    ratios: tuple[MeasuredCharacteristic, ...] = ()
     """Motion of the platform over that of the drive, of the motions that were commanded in metres.
     """
 
     @property
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[MeasuredCharacteristic, ...]:
         """All figures, test by test."""
         own = tuple(figure for result in self.found.results for figure in result.figures)
         return (*own, *self.ratios)
@@ -119,9 +120,9 @@ class CentredMove:
     eccentricity: tuple[float, float]
     """Centre of the scale that was measured then, x and y on the table [m]."""
     length: float
-    """Its distance from the centre, and the expanded uncertainty of that at 95 % [m]."""
+    """Its distance from the centre [m]."""
     uncertainty: float
-    """Its distance from the centre, and the expanded uncertainty of that at 95 % [m]."""
+    """Expanded uncertainty of that at 95 % [m]."""
     predicted: float | None
     """What the move was expected to leave [m]; None before the moves were known."""
     true_length: float
@@ -228,7 +229,7 @@ class VerifiedStep:
     """Cycles in a second [Hz]."""
     runs: tuple[FollowedRun, ...]
     """One of each way."""
-    figures: tuple[Figure, ...]
+    figures: tuple[MeasuredCharacteristic, ...]
     """Width of the loop in open loop, and compensated."""
 
     def run(self, way: str) -> FollowedRun:

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.control import LearningSettings, compensate, control_run, learn, tune
 from flexstage.control.feedforward import conditioning_waveform, shifted_model
 from flexstage.control.two_degree_of_freedom import ControlRun
 from flexstage.errors import ModelError, PlanError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.campaign.results import Figure
 from flexstage.experiment.uncertainty.sensor import measured
 from flexstage.hysteresis import loop_width, tracking
 from flexstage.instruments.protocol import Capability, Signal
@@ -312,10 +312,11 @@ def verified_from(
             for run in runs
         ]
     figures = tuple(
-        Figure(
+        MeasuredCharacteristic.from_estimate(
+            _estimate(context, run, action),
             quantity="hysteresis_loop_width" if run.way == _OPEN else "compensated_loop_width",
             axis=model.axis,
-            estimate=_estimate(context, run, action),
+            origin=context.origin,
             test=name,
         )
         for run in runs

@@ -5,14 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
-from flexstage.characteristic import Characteristic, Characteristics
+from flexstage.characteristic import Characteristic, Characteristics, MeasuredCharacteristic
 from flexstage.estimate import Estimate
 from flexstage.experiment.motion.positioning import Positioning
 from flexstage.experiment.significance import Difference, difference
 from flexstage.quantities import display, prefixed
 
 if TYPE_CHECKING:
-    from flexstage.experiment.campaign.results import Characterisation, Figure, TestResult
+    from flexstage.experiment.campaign.results import Characterisation, TestResult
     from flexstage.stage import Stage
 
 
@@ -24,7 +24,7 @@ _RANGES = frozenset(("parasitic_rotation",))
 class MeasuredRow:
     """One measured figure, and how far it is from what others say."""
 
-    figure: "Figure"
+    figure: MeasuredCharacteristic
     """The figure."""
     references: Mapping[str, Characteristic]
     """What others say, by origin."""
@@ -94,11 +94,9 @@ def compare_with_references(
     left_out: Mapping[str, str] | None = None,
 ) -> MeasurementComparison:
     """Compare what was measured with rows that models or publications have given."""
-    measured = {(row.quantity, row.axis): row for row in found.characteristics}
     rows = []
     present: dict[str, None] = {}
     for figure in found.figures:
-        own = measured[figure.quantity, figure.axis]
         given: dict[str, Characteristic] = {}
         for row in references.select(figure.quantity, figure.axis):
             if row.origin == found.campaign.origin:
@@ -110,7 +108,7 @@ def compare_with_references(
             MeasuredRow(
                 figure=figure,
                 references=given,
-                differences={origin: _compared(own, row) for origin, row in given.items()},
+                differences={origin: _compared(figure, row) for origin, row in given.items()},
             )
         )
     order = {row.origin: i for i, row in reversed(list(enumerate(references)))}
@@ -163,18 +161,17 @@ def _details(result: "TestResult") -> dict[str, Any]:
 
 
 def _row(row: MeasuredRow) -> dict[str, Any]:
-    estimate = row.figure.estimate
-    low, high = estimate.interval()
+    figure = row.figure
     return {
-        "quantity": row.figure.quantity,
-        "axis": row.figure.axis,
-        "value": estimate.value,
-        "unit": estimate.unit,
-        "uncertainty": estimate.uncertainty,
-        "degrees_of_freedom": _finite(estimate.degrees_of_freedom),
-        "interval": [low, high],
-        "test": row.figure.test,
-        "note": estimate.note,
+        "quantity": figure.quantity,
+        "axis": figure.axis,
+        "value": figure.value,
+        "unit": figure.unit,
+        "uncertainty": figure.uncertainty,
+        "degrees_of_freedom": figure.degrees_of_freedom,
+        "interval": list(figure.estimate.interval()),
+        "test": figure.test,
+        "note": figure.note,
         "budget": [
             {
                 "name": c.name,
@@ -182,7 +179,7 @@ def _row(row: MeasuredRow) -> dict[str, Any]:
                 "degrees_of_freedom": _finite(c.degrees_of_freedom),
                 "kind": c.kind,
             }
-            for c in estimate.components
+            for c in figure.components
         ],
         "differences": {
             origin: {

@@ -1,15 +1,14 @@
 """Tests of an axis that stands: small steps, and noise."""
 
-from dataclasses import replace
-
 import numpy as np
 
+from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.loading import column
 from flexstage.experiment.campaign.motion import only
 from flexstage.experiment.campaign.plan import Campaign, Test
-from flexstage.experiment.campaign.results import Figure, TestResult
+from flexstage.experiment.campaign.results import TestResult, figure_of
 from flexstage.experiment.noise.allan import allan_deviation
 from flexstage.experiment.noise.hold import hold_noise
 from flexstage.experiment.noise.levels import levels_of_command
@@ -17,7 +16,6 @@ from flexstage.experiment.noise.staircase import staircase
 from flexstage.experiment.uncertainty.sensor import Role, measured
 from flexstage.records import Record
 from flexstage.records.sampling import require_uniform
-from flexstage.sensor import SensorSpecification
 
 
 def evaluate_staircase(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
@@ -48,7 +46,7 @@ def evaluate_staircase(test: Test, records: list[Record], campaign: Campaign) ->
         raw, note = found.smallest_told, f"mean of the smallest steps; {found.smallest_told.note}"
     return TestResult(
         test=test,
-        figures=(_figure(test, "resolution", raw, campaign.instrument(test.along), "noise", note),),
+        figures=(_figure(campaign, test, "resolution", raw, "noise", note),),
         details={"staircase": found, "along": along, "time": record.time},
         notes=found.notes,
     )
@@ -63,12 +61,11 @@ def evaluate_hold(test: Test, records: list[Record], campaign: Campaign) -> Test
     require_uniform(record)
     along = column(test, record, "along")
     found = hold_noise(along, record.sample_rate_hz)
-    sensor = campaign.instrument(test.along)
     return TestResult(
         test=test,
         figures=(
-            _figure(test, "noise", found.rms, sensor, "noise", "rms about a straight line"),
-            _figure(test, "drift", found.drift, sensor, "drift", "while the stage is held"),
+            _figure(campaign, test, "noise", found.rms, "noise", "rms about a straight line"),
+            _figure(campaign, test, "drift", found.drift, "drift", "while the stage is held"),
         ),
         details={
             "hold": found,
@@ -81,14 +78,8 @@ def evaluate_hold(test: Test, records: list[Record], campaign: Campaign) -> Test
 
 
 def _figure(
-    test: Test,
-    quantity: str,
-    raw: Estimate,
-    sensor: SensorSpecification | None,
-    role: Role,
-    note: str,
-) -> Figure:
+    campaign: Campaign, test: Test, quantity: str, raw: Estimate, role: Role, note: str
+) -> MeasuredCharacteristic:
+    sensor = campaign.instrument(test.along)
     whole = raw if sensor is None else measured(raw, sensor, role=role)
-    return Figure(
-        quantity=quantity, axis=test.axis, estimate=replace(whole, note=note), test=test.name
-    )
+    return figure_of(campaign, test, quantity, whole, note)

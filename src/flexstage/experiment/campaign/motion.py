@@ -1,14 +1,14 @@
 """Tests of an axis that runs in cycles over its stroke, read by sensors or by spheres."""
 
 import math
-from dataclasses import replace
 
 from flexstage.arrays import Array
+from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.loading import column, optional_column
 from flexstage.experiment.campaign.plan import Campaign, Test
-from flexstage.experiment.campaign.results import Figure, TestResult
+from flexstage.experiment.campaign.results import TestResult, figure_of
 from flexstage.experiment.motion.curve_extremes import curve_range
 from flexstage.experiment.motion.curve_fit import fit_motion_curve
 from flexstage.experiment.motion.cycles import MotionCycles, motion_cycles
@@ -91,7 +91,7 @@ def motion_figures(
         campaign.instrument(n) for n in (test.along, test.transverse, test.angle)
     )
     lasting = _half_cycle(cycles, time) if timed else 0.0
-    figures: list[Figure] = []
+    figures: list[MeasuredCharacteristic] = []
 
     def add(
         quantity: str,
@@ -105,14 +105,10 @@ def motion_figures(
             if instrument is None
             else measured(raw, instrument, role=role, duration=lasting, pitch=pitch)
         )
-        figures.append(
-            Figure(
-                quantity=quantity,
-                axis=test.axis,
-                estimate=_in_unit(whole, quantity, _NOTES[quantity]),
-                test=test.name,
-            )
-        )
+        note = _NOTES[quantity]
+        said = f"{note}; {whole.note}" if whole.note else note
+        whole = whole.times(1.0, QUANTITIES[quantity].unit)
+        figures.append(figure_of(campaign, test, quantity, whole, said))
 
     # a sensor that counts the other way reads the same stroke
     way = math.copysign(1.0, found.stroke.value)
@@ -175,8 +171,3 @@ def _half_cycle(cycles: MotionCycles, time: Array) -> float:
     """Time of one run, over which drift that is not taken off adds up [s]."""
     first, last = int(cycles.runs[0, 0, 0]), int(cycles.runs[-1, -1, 1])
     return float(time[last] - time[first]) / (2 * cycles.count)
-
-
-def _in_unit(estimate: Estimate, quantity: str, note: str) -> Estimate:
-    said = f"{note}; {estimate.note}" if estimate.note else note
-    return replace(estimate.times(1.0, QUANTITIES[quantity].unit), note=said)

@@ -11,7 +11,7 @@ from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.loading import column, runs_of
 from flexstage.experiment.campaign.motion import only
 from flexstage.experiment.campaign.plan import Campaign, Test
-from flexstage.experiment.campaign.results import Figure, TestResult
+from flexstage.experiment.campaign.results import TestResult, figure_of
 from flexstage.experiment.motion.approaches import Approaches, Visits, staircase_dwells, visits
 from flexstage.experiment.motion.positioning import Positioning, positioning
 from flexstage.experiment.uncertainty.sensor import measured
@@ -74,12 +74,7 @@ def evaluate_positioning(test: Test, records: list[Record], campaign: Campaign) 
     return TestResult(
         test=test,
         figures=tuple(
-            Figure(
-                quantity=quantity,
-                axis=test.axis,
-                estimate=replace(getattr(found, name), note=f"{what} of ISO 230-2"),
-                test=test.name,
-            )
+            figure_of(campaign, test, quantity, getattr(found, name), f"{what} of ISO 230-2")
             for quantity, name, what in _FIGURES
         ),
         details={"positioning": found},

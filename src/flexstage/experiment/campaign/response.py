@@ -1,13 +1,11 @@
 """Tests that make an axis vibrate: natural frequency and damping."""
 
-from dataclasses import replace
-
 import numpy as np
 
+from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.plan import Campaign, Test
-from flexstage.experiment.campaign.results import Figure, TestResult
+from flexstage.experiment.campaign.results import TestResult, figure_of
 from flexstage.experiment.modal.fit import fit_modes
 from flexstage.experiment.modal.result import Mode
 from flexstage.experiment.modal.ring_down import DecayMode, RingDown, ring_down
@@ -100,24 +98,14 @@ def _found(test: Test, modes: tuple[Mode, ...]) -> Mode:
     return mode_of_axis(modes)
 
 
-def _figures(test: Test, campaign: Campaign, mode: Mode | DecayMode) -> tuple[Figure, ...]:
+def _figures(
+    test: Test, campaign: Campaign, mode: Mode | DecayMode
+) -> tuple[MeasuredCharacteristic, ...]:
     sensor = campaign.instrument(test.along)
-
-    def whole(raw: Estimate, note: str, *, clocked: bool) -> Estimate:
-        seen = raw if sensor is None or not clocked else measured(raw, sensor, role="frequency")
-        return replace(seen, note=note)
-
+    frequency = mode.frequency_hz
+    if sensor is not None:
+        frequency = measured(frequency, sensor, role="frequency")
     return (
-        Figure(
-            quantity="natural_frequency_hz",
-            axis=test.axis,
-            estimate=whole(mode.frequency_hz, "undamped, by modal fit", clocked=True),
-            test=test.name,
-        ),
-        Figure(
-            quantity="damping_ratio",
-            axis=test.axis,
-            estimate=whole(mode.damping_ratio, "share of the critical", clocked=False),
-            test=test.name,
-        ),
+        figure_of(campaign, test, "natural_frequency_hz", frequency, "undamped, by modal fit"),
+        figure_of(campaign, test, "damping_ratio", mode.damping_ratio, "share of the critical"),
     )

@@ -1,10 +1,10 @@
 """What a set of tests gave."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from flexstage.characteristic import Characteristic, Characteristics
+from flexstage.characteristic import Characteristics, MeasuredCharacteristic
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.plan import Campaign, Test
@@ -12,26 +12,17 @@ from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Figure:
-    """One figure of a stage, from one test."""
-
-    quantity: str
-    """One of `flexstage.quantities.QUANTITIES`."""
-    axis: str
-    """The axis, or both, such as ``xy``."""
-    estimate: Estimate
-    """The value with its uncertainty and where that comes from."""
-    test: str
-    """Name of the test."""
-
-    def __post_init__(self) -> None:
-        known = QUANTITIES.get(self.quantity)
-        unit = None if known is None else known.unit
-        if unit != self.estimate.unit:
-            raise ModelError(
-                f"{self.quantity} is held in '{unit}', got an estimate in '{self.estimate.unit}'"
-            )
+def figure_of(
+    campaign: Campaign, test: Test, quantity: str, estimate: Estimate, note: str
+) -> MeasuredCharacteristic:
+    """Return what a test gave of a quantity of its axis; the note takes the place of its own."""
+    return MeasuredCharacteristic.from_estimate(
+        replace(estimate, note=note),
+        quantity=quantity,
+        axis=test.axis,
+        origin=campaign.origin,
+        test=test.name,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,7 +33,7 @@ class TestResult:
 
     test: Test
     """The test."""
-    figures: tuple[Figure, ...]
+    figures: tuple[MeasuredCharacteristic, ...]
     """Its figures."""
     details: Mapping[str, Any] = field(default_factory=dict)
     """Curves and fits behind them, for drawing, by what they are."""
@@ -66,9 +57,9 @@ class Characterisation:
     __repr__ = short_repr
 
     @property
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[MeasuredCharacteristic, ...]:
         """One figure for each quantity and axis: that of the first test that gives it."""
-        first: dict[tuple[str, str], Figure] = {}
+        first: dict[tuple[str, str], MeasuredCharacteristic] = {}
         for result in self.results:
             for figure in result.figures:
                 first.setdefault((figure.quantity, figure.axis), figure)
@@ -79,27 +70,14 @@ class Characterisation:
     def characteristics(self) -> Characteristics:
         """The figures as rows of the table that an engineer quotes."""
         return Characteristics(
-            Characteristic(
-                quantity=f.quantity,
-                axis=f.axis,
-                origin=self.campaign.origin,
-                value=f.estimate.value,
-                unit=f.estimate.unit,
-                uncertainty=f.estimate.uncertainty,
-                degrees_of_freedom=_finite(f.estimate.degrees_of_freedom),
-                note=f.estimate.note or f"test '{f.test}'",
-            )
+            replace(f.row, origin=self.campaign.origin, note=f.note or f"test '{f.test}'")
             for f in self.figures
         )
 
-    def figure(self, quantity: str, axis: str) -> Figure:
+    def figure(self, quantity: str, axis: str) -> MeasuredCharacteristic:
         """Return one figure."""
         for figure in self.figures:
             if (figure.quantity, figure.axis) == (quantity, axis):
                 return figure
         given = ", ".join(sorted({f"{f.quantity} of {f.axis}" for f in self.figures})) or "nothing"
         raise ModelError(f"no test gave {quantity} of axis '{axis}': there is {given}")
-
-
-def _finite(value: float) -> float | None:
-    return None if value == float("inf") else value

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.loading import column
 from flexstage.experiment.campaign.motion import only
 from flexstage.experiment.campaign.plan import Campaign, Test
-from flexstage.experiment.campaign.results import Figure, TestResult
+from flexstage.experiment.campaign.results import TestResult, figure_of
 from flexstage.experiment.motion.workspace import workspace
 from flexstage.experiment.uncertainty.sensor import Role, measured
 from flexstage.records import Record
@@ -39,15 +40,10 @@ def evaluate_workspace(test: Test, records: list[Record], campaign: Campaign) ->
     if any(v.size > rounds for v in visits):
         notes.append(f"{rounds} whole rounds are used, visits beyond them are left out")
 
-    def figure(quantity: str, raw: Estimate, role: Role, note: str) -> Figure:
+    def figure(quantity: str, raw: Estimate, role: Role, note: str) -> MeasuredCharacteristic:
         own = pair if role == "squareness" else sensor
         whole = raw if own is None else measured(raw, own, role=role)
-        return Figure(
-            quantity=quantity,
-            axis=test.axis,
-            estimate=replace(whole, note=note),
-            test=test.name,
-        )
+        return figure_of(campaign, test, quantity, whole, note)
 
     return TestResult(
         test=test,

@@ -1,16 +1,44 @@
-"""The structural diagram of one axis: masses, springs, dampers and a lever, as one draws them."""
+"""One axis of a stage as masses, springs, dampers and a lever: in numbers, and as a diagram."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.export.diagram.axis_chain import AxisChain
-from flexstage.export.diagram.builder import DiagramBuilder
-from flexstage.export.diagram.drive_chain import add_drive_chain, add_probe_chain
-from flexstage.export.diagram.graph import Diagram
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+from flexstage.export.diagram.graph import Diagram, DiagramBuilder
+from flexstage.export.diagram.port_blocks import add_drive_chain, add_probe_chain
 from flexstage.export.diagram.springs import DriveSpring
 from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
-from flexstage.system import RayleighDamping
+from flexstage.system import MechanicalSystem, RayleighDamping, modes
+from flexstage.system.mechanical import AxisPort
+
+# A drive and a probe whose ratio differs by less from mode to mode move as one.
+_AS_ONE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisChain:
+    """An input mass and an output mass with a lever and a spring between them.
+
+    With the elongation d of the drive and the reading p, the potential energy is
+    ``(k_in d^2 + k_t (p - i d)^2)/2`` and the kinetic one ``(m_in d'^2 + m_out p'^2)/2``.
+    """
+
+    ratio: float
+    """Static ratio i of reading to elongation of the drive [1]."""
+    input_stiffness: float
+    """Stiffness k_in that the drive feels [N/m], its own left out."""
+    transmission_stiffness: float
+    """Stiffness k_t of the transmission at its output [N/m]; 0 where the input and the output move
+    as one.
+    """
+    input_mass: float
+    """Mass m_in at the drive [kg]."""
+    output_mass: float
+    """Mass m_out at the probe [kg]; 0 where they move as one."""
+    frequency_hz: float
+    """Frequency of the mode that it holds, drives in place [Hz]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,20 +83,18 @@ def axis_blocks(
     read = _transmission(b, chain, damping, head).motion if two else head.motion
     probe_group = b.group("probe", title=f"Probe {probe.name}", kind="probe")
     if not two:
-        lever = _gain(
-            b, "probe_ratio", "i", chain.ratio, f"ratio of reading to drive {drive.name} [1]",
-            probe_group, "geometry",
-        )  # fmt: skip
+        lever = b.gain(
+            "probe_ratio",
+            "i",
+            f"ratio of reading to drive {drive.name} [1]",
+            chain.ratio,
+            probe_group,
+            "geometry",
+        )
         b.connect(read, lever, "d [m]")
         read = lever
     add_probe_chain(b, probe, read, probe_group, "p [m]" if two else "")
     return b.diagram(title, notes)
-
-
-def _gain(
-    b: DiagramBuilder, name: str, label: str, value: float, meaning: str, group: str, role: str
-) -> str:
-    return b.add(name, "gain", label, meaning, group=group, matrix=np.array([[value]]), role=role)
 
 
 def _mass(
@@ -86,10 +112,14 @@ def _mass(
     short = {"Input": "_in", "Output": "_out"}.get(title, "")
     group = b.group(name, title=f"{title} mass", kind="body")
     forces = b.add(f"{name}_forces", "sum", "+", f"forces on the {low} [N]", group=group)
-    inverse = _gain(
-        b, f"{name}_inverse_mass", f"1/m{short}", 1.0 / mass, f"inverse mass of the {low} [1/kg]",
-        group, "mass",
-    )  # fmt: skip
+    inverse = b.gain(
+        f"{name}_inverse_mass",
+        f"1/m{short}",
+        f"inverse mass of the {low} [1/kg]",
+        1.0 / mass,
+        group,
+        "mass",
+    )
     rate = b.add(
         f"{name}_rate", "integrator", "1/s", f"speed of the {low} {letter}' [m/s]", group=group
     )
@@ -98,17 +128,25 @@ def _mass(
     )
     b.chain(forces, inverse, rate, motion)
     if damper > 0.0:
-        drag = _gain(
-            b, f"{name}_damper", f"c{short}", damper,
-            f"damper between the {low} and the ground [N s/m]", group, "damper",
-        )  # fmt: skip
+        drag = b.gain(
+            f"{name}_damper",
+            f"c{short}",
+            f"damper between the {low} and the ground [N s/m]",
+            damper,
+            group,
+            "damper",
+        )
         b.connect(rate, drag)
         b.term(forces, drag, -1, last=True)
     if stiffness > 0.0:
-        hold = _gain(
-            b, f"{name}_spring", f"k{short}", stiffness,
-            f"spring between the {low} and the ground [N/m]", group, "spring",
-        )  # fmt: skip
+        hold = b.gain(
+            f"{name}_spring",
+            f"k{short}",
+            f"spring between the {low} and the ground [N/m]",
+            stiffness,
+            group,
+            "spring",
+        )
         b.connect(motion, hold)
         b.term(forces, hold, -1, last=True)
     return _Mass(forces=forces, rate=rate, motion=motion, letter=letter)
@@ -130,17 +168,25 @@ def _drive_spring(
     b.term(stretch, free, 1, f"w_{drive.name} [m]")
     b.term(stretch, head.motion, -1, "d [m]")
     words = "stiff spring in place of an imposed displacement" if spring.stands_in else "stiffness"
-    stiffness = _gain(
-        b, "drive_spring", "k_s", spring.stiffness, f"{words} of drive {drive.name} [N/m]", group,
+    stiffness = b.gain(
+        "drive_spring",
+        "k_s",
+        f"{words} of drive {drive.name} [N/m]",
+        spring.stiffness,
+        group,
         "spring",
-    )  # fmt: skip
+    )
     b.connect(stretch, stiffness)
     if spring.stands_in or damping.beta == 0.0:
         return stiffness
-    damper = _gain(
-        b, "drive_damper", "c_s", damping.beta * spring.stiffness,
-        f"damping of drive {drive.name} [N s/m]", group, "damper",
-    )  # fmt: skip
+    damper = b.gain(
+        "drive_damper",
+        "c_s",
+        f"damping of drive {drive.name} [N s/m]",
+        damping.beta * spring.stiffness,
+        group,
+        "damper",
+    )
     b.connect(head.rate, damper, "d' [m/s]")
     force = b.add("drive_force", "sum", "+", f"force of drive {drive.name} [N]", group=group)
     b.term(force, stiffness, 1)
@@ -161,27 +207,35 @@ def _transmission(
         group=group,
     )  # fmt: skip
     words = "ratio of the lever [1]"
-    lever = _gain(b, "transmission_motion_ratio", "i", chain.ratio, words, group, "geometry")
+    lever = b.gain("transmission_motion_ratio", "i", words, chain.ratio, group, "geometry")
     b.connect(head.motion, lever, "d [m]")
     b.term(stretch, lever, 1)
     b.term(stretch, tail.motion, -1, "p [m]")
-    force = _gain(
-        b, "transmission_spring", "k_t", chain.transmission_stiffness,
-        "stiffness of the transmission [N/m]", group, "spring",
-    )  # fmt: skip
+    force = b.gain(
+        "transmission_spring",
+        "k_t",
+        "stiffness of the transmission [N/m]",
+        chain.transmission_stiffness,
+        group,
+        "spring",
+    )
     b.connect(stretch, force)
     if damping.beta > 0.0:
         rate = b.add(
             "transmission_rate", "sum", "+", "rate of deformation i d' - p' [m/s]", group=group
         )
-        speed = _gain(b, "transmission_rate_ratio", "i", chain.ratio, words, group, "geometry")
+        speed = b.gain("transmission_rate_ratio", "i", words, chain.ratio, group, "geometry")
         b.connect(head.rate, speed, "d' [m/s]")
         b.term(rate, speed, 1)
         b.term(rate, tail.rate, -1, "p' [m/s]")
-        damper = _gain(
-            b, "transmission_damper", "c_t", damping.beta * chain.transmission_stiffness,
-            "damping of the transmission [N s/m]", group, "damper",
-        )  # fmt: skip
+        damper = b.gain(
+            "transmission_damper",
+            "c_t",
+            "damping of the transmission [N s/m]",
+            damping.beta * chain.transmission_stiffness,
+            group,
+            "damper",
+        )
         b.connect(rate, damper)
         spring, force = (
             force,
@@ -189,8 +243,96 @@ def _transmission(
         )
         b.term(force, spring, 1)
         b.term(force, damper, 1)
-    back = _gain(b, "transmission_back", "i", chain.ratio, words, group, "geometry")
+    back = b.gain("transmission_back", "i", words, chain.ratio, group, "geometry")
     b.connect(force, back, "f [N]")
     b.term(head.forces, back, -1, "i f [N]")
     b.term(tail.forces, force, 1, "f [N]")
     return tail
+
+
+def axis_chain(system: MechanicalSystem, axis: AxisPort, *, pushed_mass: float) -> AxisChain:
+    r"""Return two masses that stand for an axis of a stage, or one where no two positive ones do.
+
+    `pushed_mass`, of the body that the drive pushes [kg], is the input mass where the displacement
+    is imposed, which takes no part in the modes. All else follows in closed form from what is
+    to be kept: the static elongation and reading for a unit of the drive, and of the mode that
+    carries most of the reading its frequency :math:`\omega`, its shape :math:`(\phi_d, \phi_p)` and
+    its modal mass 1,
+
+    .. math:: k_t = \frac{\omega^2 - (k_{in} + k_s)\phi_d^2}{(\phi_p - i\phi_d)^2}, \quad
+              m_{out} = \frac{k_t (\phi_p - i\phi_d)}{\omega^2\phi_p}, \quad
+              m_{in} = \frac{1 - m_{out}\phi_p^2}{\phi_d^2}.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.lumped import lumped_system
+    >>> system = lumped_system(design("vgtu-piezo"))
+    >>> chain = axis_chain(system, system.axes[0], pushed_mass=0.0143)
+    >>> round(chain.ratio, 3), round(chain.frequency_hz, 1)
+    (1.777, 910.3)
+    """
+    drive, probe = system.drive(axis.drive), system.probe(axis.probe).vector
+    found = modes(system, drives="in place", count=None)
+    own = drive.stiffness or 0.0
+    shape, stiffness = _solved(system, axis.drive)
+    ratio = float(probe @ shape)
+    if abs(ratio) <= 1e-12:
+        raise ModelError(f"drive '{axis.drive}' does not move probe '{axis.probe}'")
+    phi_p = probe @ found.shapes
+
+    def chain(k_t: float, m_in: float, m_out: float, omega: float) -> AxisChain:
+        return AxisChain(
+            ratio=ratio,
+            input_stiffness=stiffness,
+            transmission_stiffness=k_t,
+            input_mass=m_in,
+            output_mass=m_out,
+            frequency_hz=float(omega / (2.0 * np.pi)),
+        )
+
+    if drive.stiffness is None:
+        share = phi_p * (found.shapes.T @ system.M @ shape)
+        first = int(np.argmax(np.abs(share)))
+        if abs(share[first]) < _AS_ONE * abs(ratio):
+            # the probe follows the imposed displacement at once
+            bare = modes(system, drives="removed", count=1).omega[0]
+            return chain(0.0, stiffness / float(bare**2), 0.0, bare)
+        omega, at_p = found.omega[first], float(phi_p[first])
+        return chain(float(omega**2) / at_p**2, pushed_mass, 1.0 / at_p**2, omega)
+    phi_d = drive.vector @ found.shapes
+    first = int(np.argmax(np.abs(phi_p * phi_d / found.omega**2)))
+    omega = found.omega[first]
+    omega2 = float(omega**2)
+    at_d, at_p = float(phi_d[first]), float(phi_p[first])
+    swing = at_p - ratio * at_d
+    if abs(swing) > _AS_ONE * abs(at_p):
+        k_t = (omega2 - (stiffness + own) * at_d**2) / swing**2
+        m_out = k_t * swing / (omega2 * at_p)
+        m_in = (1.0 - m_out * at_p**2) / at_d**2
+        if k_t > 0.0 and m_out > 0.0 and m_in > 0.0:
+            return chain(k_t, m_in, m_out, omega)
+    return chain(0.0, (stiffness + own) / omega2, 0.0, omega)
+
+
+def _solved(system: MechanicalSystem, name: str) -> tuple[Array, float]:
+    """Shape for a unit elongation of one drive, the others in place, and the force it takes."""
+    chosen = system.drive(name)
+    added = np.zeros_like(system.K)
+    columns = [chosen.vector]
+    for d in system.drives:
+        if d.name == name or d.stiffness == 0.0:
+            continue
+        if d.stiffness is None:
+            columns.append(d.vector)
+        else:
+            added += d.stiffness * np.outer(d.vector, d.vector)
+    held = np.stack(columns, axis=1)
+    n, m = held.shape
+    saddle = np.block([[system.K + added, held], [held.T, np.zeros((m, m))]])
+    right = np.zeros(n + m)
+    right[n] = 1.0
+    # scaled, or lengths and angles spoil the solution
+    size = np.concatenate((np.sqrt(np.diag(system.K + added)), np.ones(m)))
+    solved = np.linalg.solve(saddle / np.outer(size, size), right / size) / size
+    return solved[:n], -float(solved[n])

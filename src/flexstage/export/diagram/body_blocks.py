@@ -1,12 +1,19 @@
-"""Bodies of a structural diagram: sum of forces, inverse mass, and two integrators."""
+"""Bodies and hinges of a structural diagram.
 
+A body is a sum of forces, an inverse mass, and two integrators; a hinge leads from the motion of
+two bodies to forces on both.
+"""
+
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from flexstage.arrays import Array
-from flexstage.export.diagram.builder import DiagramBuilder
+from flexstage.export.diagram.graph import DiagramBuilder
 from flexstage.lumped import Mechanism
+from flexstage.lumped.rigid_bodies import SpringHinge
 from flexstage.system import RayleighDamping
 
 
@@ -24,6 +31,11 @@ class BodyBlocks:
     """Indices of the bodies that share the group."""
     label: str
     """What is written behind q: name of the body and units."""
+
+    @property
+    def name(self) -> str:
+        """Name of the first body."""
+        return self.label.split(" ")[0].lstrip("_")
 
 
 def count_mark(members: tuple[int, ...]) -> str:
@@ -56,15 +68,12 @@ def add_body(
     forces = builder.add(
         f"{group}_forces", "sum", "+", f"forces on {words} [N, N, N m]", **described
     )
-    inverse = builder.add(
+    inverse = builder.gain(
         f"{group}_inverse_mass",
-        "gain",
         "M⁻¹",
         f"inverse masses and inertia of {words} [1/kg, 1/kg, 1/(kg m^2)]",
-        matrix=np.diag(1.0 / masses),
-        role="mass",
-        **described,
-    )
+        np.diag(1.0 / masses), group, "mass",
+    )  # fmt: skip
     rate = builder.add(
         f"{group}_rate", "integrator", "1/s", f"rates of {words} [m/s, m/s, rad/s]", **described
     )
@@ -79,15 +88,12 @@ def add_body(
     builder.connect(inverse, rate)
     builder.connect(rate, motion)
     if damping.alpha > 0.0:
-        drag = builder.add(
+        drag = builder.gain(
             f"{group}_damper",
-            "gain",
             "αM",
             f"damping of {words} against the ground [N s/m, N s/m, N m s]",
-            matrix=np.diag(damping.alpha * masses),
-            role="damper",
-            **described,
-        )
+            np.diag(damping.alpha * masses), group, "damper",
+        )  # fmt: skip
         builder.connect(rate, drag)
         builder.term(forces, drag, -1, last=True)
     return BodyBlocks(
@@ -108,3 +114,155 @@ def point_of_body(mechanism: Mechanism, body: int, at: tuple[float, float]) -> A
 def per_second(label: str) -> str:
     """Return the units of rates instead of those of motion."""
     return label.replace("[m, m, rad]", "[m/s, m/s, rad/s]")
+
+
+def _hinge_end(mechanism: Mechanism, hinge: SpringHinge, body: int) -> Array:
+    """Motion of an end of a hinge, in its axes, for the coordinates of the body."""
+    c, s = math.cos(hinge.direction), math.sin(hinge.direction)
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ point_of_body(
+        mechanism, body, hinge.at
+    )
+
+
+def _sides(
+    mechanism: Mechanism, members: tuple[int, ...], bodies: dict[int, BodyBlocks]
+) -> list[tuple[BodyBlocks, int, Array]]:
+    """Bodies at the ends of twin hinges, the signs of their parts, and the matrices of these.
+
+    The deformation is the sum over the ends of sign times matrix times motion.
+    """
+    found: dict[str, tuple[BodyBlocks, int, Array]] = {}
+    for row, k in enumerate(members):
+        hinge = mechanism.hinges[k]
+        # the end that it is held by comes last, so that a reader meets the body that moves first
+        for body, sign in zip(hinge.bodies[::-1], (1, -1), strict=True):
+            if body not in bodies:
+                continue
+            end = bodies[body]
+            if end.forces not in found:
+                shape = (3 * len(members), 3 * len(end.members))
+                found[end.forces] = (end, sign, np.zeros(shape))
+            _, first, matrix = found[end.forces]
+            column = end.members.index(body)
+            part = matrix[3 * row : 3 * row + 3, 3 * column : 3 * column + 3]
+            part += first * sign * _hinge_end(mechanism, hinge, body)
+    sides = list(found.values())
+    if len(sides) == 1:
+        end, sign, matrix = sides[0]
+        return [(end, 1, sign * matrix)]
+    return sides
+
+
+def add_hinge(
+    builder: DiagramBuilder,
+    mechanism: Mechanism,
+    members: tuple[int, ...],
+    bodies: dict[int, BodyBlocks],
+    damping: RayleighDamping,
+) -> None:
+    """Add the group of a hinge, or of several that do the same, and lead its forces to bodies."""
+    first = mechanism.hinges[members[0]]
+    sides = _sides(mechanism, members, bodies)
+    if not sides:
+        return
+    many = count_mark(members)
+    words = f"hinge {first.name}" + (f" and {len(members) - 1} like it" if many else "")
+    held = [mechanism.bodies[i].name for i in first.bodies if mechanism.bodies[i].fixed]
+    group = builder.group(
+        f"h_{first.name}",
+        title=f"Hinge {first.name}{many}" + (f" to {held[0]} (held)" if held else ""),
+        kind="hinge",
+        place=first.at,
+        stands_for=tuple(mechanism.hinges[i].name for i in members[1:]),
+    )
+    stiffness = np.asarray(block_diag(*(mechanism.hinges[i].stiffness for i in members)))
+    spring = builder.gain(
+        f"{group}_spring",
+        "K",
+        f"stiffness of {words} [N/m, N, N m/rad]",
+        stiffness,
+        group,
+        "spring",
+    )
+    _add_law(builder, sides, spring, damping, group, words, f"_{first.name}")
+
+
+def _add_law(
+    builder: DiagramBuilder,
+    sides: list[tuple[BodyBlocks, int, Array]],
+    spring: str,
+    damping: RayleighDamping,
+    group: str,
+    words: str,
+    label: str,
+) -> None:
+    """Add what leads from the motion of bodies to a spring, and from it back as forces."""
+    from_motion = _add_difference(builder, sides, group, words, "motion")
+    builder.connect(from_motion, spring, f"e{label} [m, m, rad]")
+    force = spring
+    if damping.beta > 0.0:
+        stiffness = builder.matrix(spring)
+        damper = builder.gain(
+            f"{group}_damper",
+            "βK",
+            f"damping of {words} [N s/m, N s, N m s/rad]",
+            damping.beta * stiffness, group, "damper",
+        )  # fmt: skip
+        from_rate = _add_difference(builder, sides, group, words, "rate")
+        builder.connect(from_rate, damper)
+        force = builder.add(
+            f"{group}_force",
+            "sum",
+            "+",
+            f"force of {words} [N, N, N m]",
+            group=group, width=stiffness.shape[0],
+        )  # fmt: skip
+        builder.term(force, spring, 1)
+        builder.term(force, damper, 1)
+    for number, (end, sign, matrix) in enumerate(sides):
+        back = builder.gain(
+            f"{group}_to_{number + 1}",
+            "Bᵀ",
+            f"force of {words} on body {end.name} [N, N, N m]",
+            matrix.T.copy(), group, "geometry",
+        )  # fmt: skip
+        builder.connect(force, back, f"f{label} [N, N, N m]" if number == 0 else "")
+        builder.term(end.forces, back, -sign, f"f{label} [N, N, N m]")
+
+
+def _add_difference(
+    builder: DiagramBuilder,
+    sides: list[tuple[BodyBlocks, int, Array]],
+    group: str,
+    words: str,
+    of: str,
+) -> str:
+    """Add gains from the bodies at the ends of a hinge, and their sum; return its name."""
+    what = "deformation" if of == "motion" else "rate of deformation"
+    units = "[m, m, rad]" if of == "motion" else "[m/s, m/s, rad/s]"
+    gains = []
+    for number, (end, sign, matrix) in enumerate(sides):
+        gain = builder.gain(
+            f"{group}_{of}_{number + 1}",
+            "B",
+            f"part of body {end.name} in the {what} of {words} {units}",
+            matrix, group, "geometry",
+        )  # fmt: skip
+        source = end.motion if of == "motion" else end.rate
+        label = "q" if of == "motion" else "q'"
+        unit = end.label if of == "motion" else per_second(end.label)
+        builder.connect(source, gain, label + unit)
+        gains.append((gain, sign))
+    if len(gains) == 1:
+        return gains[0][0]
+    total = builder.add(
+        f"{group}_{of}",
+        "sum",
+        "+",
+        f"{what} of {words} {units}",
+        group=group,
+        width=sides[0][2].shape[0],
+    )
+    for gain, sign in gains:
+        builder.term(total, gain, sign)
+    return total

@@ -8,7 +8,7 @@ between two rows. So lines cross one another, but never a cell, and never lie on
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from flexstage.export.diagram.cells import Cell, Net, Point, Routed, Segment
+from flexstage.export.diagram.shapes import Cell, Net, Point, Routed, Segment
 
 #: Distance between tracks [px].
 PITCH = 9.0

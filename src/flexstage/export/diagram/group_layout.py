@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass
 
-from flexstage.export.diagram.cells import Cell, Net, Pin, Routed, Segment
 from flexstage.export.diagram.graph import Block, BlockGroup, Diagram, SignalLine
 from flexstage.export.diagram.grid import route
-from flexstage.export.diagram.layered import Layered, layered
 from flexstage.export.diagram.markup import SMALL, plain, text_width, wrapped
-from flexstage.export.diagram.shapes import block_cell
+from flexstage.export.diagram.placing import Layered, layered
+from flexstage.export.diagram.shapes import Cell, Net, Pin, Routed, Segment, block_cell
 
 _PAD = 10.0
 _TITLE = 26.0

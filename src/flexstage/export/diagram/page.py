@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from flexstage.export.diagram.cells import Cell, Net, Pin, Segment
 from flexstage.export.diagram.graph import Block, BlockGroup, Diagram
 from flexstage.export.diagram.grid import route
 from flexstage.export.diagram.group_layout import GroupLayout, group_layout
 from flexstage.export.diagram.placing import Thing, place_groups
+from flexstage.export.diagram.shapes import Cell, Net, Pin, Segment
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,10 +6,11 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.export.diagram.body_blocks import BodyBlocks, per_second, point_of_body
-from flexstage.export.diagram.builder import DiagramBuilder
+from flexstage.export.diagram.graph import DiagramBuilder
 from flexstage.export.diagram.springs import DriveSpring
+from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.lumped import Mechanism, Sight
-from flexstage.system import RayleighDamping
+from flexstage.system import RayleighDamping, modes
 
 
 def _line_of_sight(
@@ -52,17 +53,12 @@ def add_drive(
     if spring.stiffness > 0.0:
         force = _add_drive_spring(builder, sight, sides, spring, damping, free, group)
     for number, (end, sign, row) in enumerate(sides):
-        name = end.label.split(" ")[0].lstrip("_")
-        back = builder.add(
+        back = builder.gain(
             f"{group}_to_{number + 1}",
-            "gain",
             "rᵀ",
-            f"force of drive {sight.name} on body {name} [N, N, N m]",
-            group=group,
-            width=row.shape[1],
-            matrix=row.T.copy(),
-            role="geometry",
-        )
+            f"force of drive {sight.name} on body {end.name} [N, N, N m]",
+            row.T.copy(), group, "geometry",
+        )  # fmt: skip
         builder.connect(force, back, f"F_{sight.name} [N]" if number == 0 else "")
         builder.term(end.forces, back, sign, f"f_{sight.name} [N, N, N m]")
 
@@ -88,16 +84,13 @@ def _add_drive_spring(
         gain = _add_row(builder, sight.name, end, row, group, f"motion_{number + 1}")
         builder.connect(end.motion, gain, "q" + end.label)
         builder.term(stretch, gain, -sign)
-    stiffness = builder.add(
+    stands_in = ", which stands in for an imposed displacement" if spring.stands_in else ""
+    stiffness = builder.gain(
         f"{group}_spring",
-        "gain",
         "k",
-        f"stiffness of drive {sight.name} [N/m]"
-        + (", which stands in for an imposed displacement" if spring.stands_in else ""),
-        group=group,
-        matrix=np.array([[spring.stiffness]]),
-        role="spring",
-    )
+        f"stiffness of drive {sight.name} [N/m]{stands_in}",
+        spring.stiffness, group, "spring",
+    )  # fmt: skip
     builder.connect(stretch, stiffness)
     if damping.beta == 0.0 or spring.stands_in:
         return stiffness
@@ -105,15 +98,12 @@ def _add_drive_spring(
         f"{group}_force", "sum", "+", f"force of drive {sight.name} [N]", group=group
     )
     builder.term(force, stiffness, 1)
-    damper = builder.add(
+    damper = builder.gain(
         f"{group}_damper",
-        "gain",
         "βk",
         f"damping of drive {sight.name} [N s/m]",
-        group=group,
-        matrix=np.array([[damping.beta * spring.stiffness]]),
-        role="damper",
-    )
+        damping.beta * spring.stiffness, group, "damper",
+    )  # fmt: skip
     rates = [
         (_add_row(builder, sight.name, end, row, group, f"rate_{number + 1}"), end, sign)
         for number, (end, sign, row) in enumerate(sides)
@@ -140,16 +130,8 @@ def _add_drive_spring(
 def _add_row(
     builder: DiagramBuilder, sight: str, end: BodyBlocks, row: Array, group: str, what: str
 ) -> str:
-    name = end.label.split(" ")[0].lstrip("_")
-    return builder.add(
-        f"{group}_{what}",
-        "gain",
-        "r",
-        f"part of body {name} in the length of {sight} [m or m/s]",
-        group=group,
-        matrix=row,
-        role="geometry",
-    )
+    meaning = f"part of body {end.name} in the length of {sight} [m or m/s]"
+    return builder.gain(f"{group}_{what}", "r", meaning, row, group, "geometry")
 
 
 def add_reading(
@@ -174,3 +156,114 @@ def add_reading(
     for gain, sign in gains:
         builder.term(total, gain, sign)
     return total
+
+
+def output_scale(model: DynamicModel, drive: ModelDrive) -> float:
+    """Return the free displacement over the output of a drive's hysteresis.
+
+    It is 1 but for a hysteresis that was identified from voltage to reading [m/unit].
+    """
+    if drive.hysteresis is None or drive.stiffness is None:
+        return 1.0
+    port = model.system.drive(drive.name)
+    found = modes(model.system, drives="in place", count=None)
+    kept = drive.modal_gain.size
+    own = (drive.stiffness or 1.0) * (port.vector @ found.shapes[:, :kept])
+    own = own / found.omega[:kept] ** 2
+    at = int(np.argmax(np.abs(own)))
+    scale = float(drive.modal_gain[at] / own[at])
+    return 1.0 if abs(scale - 1.0) < 1e-9 else scale
+
+
+def add_drive_chain(
+    builder: DiagramBuilder, model: DynamicModel, drive: ModelDrive, group: str
+) -> str:
+    """Add what lies before the spring of a drive; return what gives w [m], or the force [N]."""
+    what = "force" if drive.stiffness == 0.0 else "free displacement"
+    unit = "N" if drive.stiffness == 0.0 else "m"
+    words = f"{what} of drive {drive.name} [{unit}]"
+    at = builder.add(
+        f"{group}_command",
+        "input",
+        f"u_{drive.name}",
+        f"command of drive {drive.name} [{drive.unit}]",
+        group=group,
+        role="drive",
+        unit=drive.unit,
+    )
+    signal = f"u_{drive.name} [{drive.unit}]"
+    if drive.amplifier is not None:
+        block = builder.add(
+            f"{group}_amplifier",
+            "amplifier",
+            "amplifier",
+            f"amplifier of drive {drive.name}, {drive.amplifier.bandwidth_hz:.4g} Hz [V]",
+            group=group,
+            model=drive.amplifier,
+            role="drive",
+        )
+        builder.connect(at, block, signal)
+        at, signal = block, f"v_{drive.name} [V]"
+    if drive.hysteresis is not None:
+        block = builder.add(
+            f"{group}_hysteresis",
+            "hysteresis",
+            "hysteresis",
+            f"hysteresis ({drive.hysteresis.kind}) from voltage [V] to {words}",
+            group=group,
+            model=drive.hysteresis,
+            role="drive",
+        )
+        builder.connect(at, block, signal)
+        at, signal = block, ""
+        scale = output_scale(model, drive)
+        if scale != 1.0:
+            meaning = f"{words} over what was identified"
+            at = builder.chain(
+                at, builder.gain(f"{group}_scale", "c", meaning, scale, group, "drive")
+            )
+    elif drive.gain != 1.0 or drive.unit != unit:
+        meaning = f"{what} over command of drive {drive.name} [{unit}/{drive.unit}]"
+        block = builder.gain(f"{group}_gain", "c", meaning, drive.gain, group, "drive")
+        builder.connect(at, block, signal)
+        at, signal = block, ""
+    if drive.creep is not None:
+        block = builder.add(
+            f"{group}_creep",
+            "creep",
+            "creep",
+            f"creep of the {words}, {100.0 * drive.creep.rate_per_decade:.3g} % a decade",
+            group=group,
+            model=drive.creep,
+            role="drive",
+        )
+        at = builder.chain(at, block)
+    return at
+
+
+def add_probe_chain(
+    builder: DiagramBuilder, probe: ModelProbe, source: str, group: str, signal: str = ""
+) -> str:
+    """Add what lies behind the true motion [m] at a probe: its sensor, and the output, returned."""
+    at = source
+    if probe.sensor is not None:
+        block = builder.add(
+            f"{group}_sensor",
+            "sensor",
+            "sensor",
+            f"sensor of probe {probe.name}, without its noise [{probe.unit}]",
+            group=group,
+            model=probe.sensor,
+        )
+        builder.connect(at, block, signal)
+        at, signal = block, ""
+    out = builder.add(
+        f"{group}_reading",
+        "output",
+        f"y_{probe.name}",
+        f"reading of probe {probe.name} [{probe.unit}]",
+        group=group,
+        unit=probe.unit,
+    )
+    builder.connect(at, out, signal or f"y_{probe.name} [{probe.unit}]")
+    return out

@@ -7,15 +7,16 @@ import numpy as np
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.export.build_model import dynamic_model
-from flexstage.export.diagram.axis_chain import axis_chain
-from flexstage.export.diagram.axis_diagram import axis_blocks
-from flexstage.export.diagram.body_blocks import BodyBlocks, add_body
-from flexstage.export.diagram.builder import DiagramBuilder
-from flexstage.export.diagram.drive_chain import add_drive_chain, add_probe_chain
+from flexstage.export.diagram.axis_diagram import axis_blocks, axis_chain
+from flexstage.export.diagram.body_blocks import BodyBlocks, add_body, add_hinge
 from flexstage.export.diagram.equivalent_bodies import EquivalentParts, equivalent_parts
-from flexstage.export.diagram.graph import Diagram
-from flexstage.export.diagram.hinge_blocks import add_hinge
-from flexstage.export.diagram.port_blocks import add_drive, add_reading
+from flexstage.export.diagram.graph import Diagram, DiagramBuilder
+from flexstage.export.diagram.port_blocks import (
+    add_drive,
+    add_drive_chain,
+    add_probe_chain,
+    add_reading,
+)
 from flexstage.export.diagram.springs import DriveSpring, drive_springs, fitted_damping
 from flexstage.export.model import DynamicModel
 from flexstage.lumped import Mechanism, lumped_system, mechanism

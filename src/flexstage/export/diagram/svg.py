@@ -1,15 +1,20 @@
-"""A diagram as a drawing that stands by itself: SVG."""
+"""A diagram as a drawing that stands by itself: SVG; those of a stage as files."""
 
 from xml.sax.saxutils import escape
 
 import flexstage
-from flexstage.export.diagram.cells import branches
 from flexstage.export.diagram.graph import Diagram, SignalKind, signal_kinds
 from flexstage.export.diagram.legend import LINES, foot
 from flexstage.export.diagram.markup import SMALL, path, text, wrapped
 from flexstage.export.diagram.page import Frame, PageLayout, PlacedBlock, PlacedLine, layout
+from flexstage.export.diagram.shapes import branches
+from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.symbols import inset, symbol
+from flexstage.export.file_names import file_names
+from flexstage.export.model import DynamicModel
 from flexstage.export.svg_elements import attributes
+from flexstage.stage import Stage
+from flexstage.system import RayleighDamping
 
 _MARGIN = 24.0
 _FRAMES = {
@@ -71,6 +76,32 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
         f'<rect width="100%" height="100%" fill="#ffffff"/>\n'
         f'<g transform="translate({_MARGIN:g} {_MARGIN:g})">\n{body}\n</g>\n</svg>\n'
     ).encode()
+
+
+def diagram_files(
+    stage: Stage,
+    *,
+    model: DynamicModel | None = None,
+    damping: RayleighDamping | None = None,
+) -> dict[str, bytes]:
+    """Draw a stage and each of its axes.
+
+    ``diagram.svg`` and, for each axis, ``diagram-AXIS.svg``. Where no model is given, amplifiers,
+    hysteresis, creep and sensors are those of `flexstage.export.dynamic_model`; damping is fitted
+    to the two lowest modes where none is given.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> sorted(diagram_files(design("parallelogram")))
+    ['diagram-x.svg', 'diagram.svg']
+    """
+    out = {"diagram.svg": diagram_svg(stage_diagram(stage, model=model, damping=damping))}
+    safe = file_names(axis.name for axis in stage.axes)
+    for axis, name in zip(stage.axes, safe, strict=True):
+        made = stage_diagram(stage, model=model, axis=axis.name, damping=damping)
+        out[f"diagram-{name}.svg"] = diagram_svg(made)
+    return out
 
 
 def _drawing(where: PageLayout, diagram: Diagram) -> str:

@@ -1,14 +1,26 @@
-"""The opening comment of a header for real time, with what a step costs."""
+"""The opening comment of a header for real time: what a step costs, how far rounding takes it.
+
+And samples of commands and readings with which a target is checked.
+"""
 
 import textwrap
+from dataclasses import dataclass
 
 import numpy as np
 
 import flexstage
 from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
-from flexstage.export.realtime.accuracy import ROUNDINGS, rounding_bound
 from flexstage.export.source.arrays import c_comment
 from flexstage.export.source.model_numbers import lag_rates
+from flexstage.hysteresis.model import Array
+
+_COUNT = 200
+#: Roundings of a step over the largest force: six terms of the size of the force in deflection and
+#: in rate, each with the rounding of its factor, its product and three sums.
+ROUNDINGS = 42.0
+# of a step of a lag, whose losses are carried, over what a step adds
+_LAG_ROUNDINGS = ROUNDINGS
+_SINGLE = 2.0**-24
 
 
 def opening(model: DynamicModel, prefix: str, *, single: bool) -> str:
@@ -154,3 +166,107 @@ def state_numbers(model: DynamicModel) -> int:
         memory = 1 if d.hysteresis is None else int(np.size(d.hysteresis.initial_state()))
         total += 2 * model.omega.size + lag_rates(d).size + memory + 3
     return total + sum(3 for p in model.probes if p.sensor is not None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CheckSamples:
+    """Commands, and what the stage reads under them, from rest at zero commands."""
+
+    commands: Array
+    """Commands in order of the drives, exact in single precision too, shape (n, m)."""
+    readings: Array
+    """Readings in order of the probes, shape (n, p)."""
+
+
+def command_span(model: DynamicModel, drive: ModelDrive) -> tuple[float, float]:
+    """Return between what a drive may well be commanded [unit of the command].
+
+    Its range where that is known, else its stroke or largest force to both sides, else 10 um or
+    1 N.
+    """
+    if drive.input_range is not None:
+        return drive.input_range
+    port = model.system.drive(drive.name)
+    size = port.largest_force if drive.unit == "N" else port.stroke
+    if not size:
+        size = 1.0 if drive.unit == "N" else 1e-5
+    if drive.unit == "V" and drive.gain != 0.0:
+        size = abs(size / drive.gain)
+    return -size, size
+
+
+def check_samples(model: DynamicModel, count: int = _COUNT) -> CheckSamples:
+    """Return commands that take every drive through loops, steps and rest, and the readings.
+
+    They are stepped one sample at a time, as a target steps.
+    """
+    share = np.arange(1, count + 1) / count
+    commands = np.empty((count, len(model.drives)))
+    for j, drive in enumerate(model.drives):
+        low, high = command_span(model, drive)
+        loops = 0.5 - 0.5 * np.cos(2.0 * np.pi * (3.0 + 1.3 * j) * share)
+        commands[:, j] = low + (high - low) * (0.05 + 0.8 * loops * (1.0 - 0.45 * share))
+        # a step up in the first half, one down in the second, and rest at the end
+        commands[int(count * (0.31 + 0.07 * j)) : count // 2, j] += 0.08 * (high - low)
+        commands[int(0.88 * count) :, j] = low + (0.37 + 0.1 * (j % 3)) * (high - low)
+    commands = commands.astype(np.float32).astype(np.float64)
+    memory = model.settled()
+    readings = np.empty((count, len(model.probes)))
+    for i in range(count):
+        u = {d.name: commands[i : i + 1, j] for j, d in enumerate(model.drives)}
+        read, memory = model.simulate(u, memory)
+        readings[i] = [read[p.name][0] for p in model.probes]
+    return CheckSamples(commands=commands, readings=readings)
+
+
+def rounding_bound(model: DynamicModel, unit_roundoff: float = _SINGLE) -> Array:
+    r"""Return a bound of the error that rounding makes in the readings, for ever, by probe.
+
+    What is rounded in a step, at most :math:`c\,u\,W` with the largest free displacement W and unit
+    roundoff u, decays with the mode: errors of all steps add up to
+
+    .. math:: \sum_d W_d \sum_i |r_{di}| \frac{c\,u}{1 - e^{-\zeta_i\omega_i h}}
+
+    with the weights r of the reading and c = 42, which for slow modes is
+    :math:`c u/(\zeta\omega h)`. Roundings go both ways, so that what is seen is some hundred times
+    less. It is infinite where a mode is not damped.
+
+    Notes
+    -----
+    Validity: commands within their range, modes that are not driven far above what they do at rest
+    (times their amplification where they are), and loops of hysteresis of not too many steps: N
+    steps all one way add up to ``N u/2`` of its memory, which 10,000 steps do not show beside the
+    modes and a million do.
+    """
+    k = model.omega.size
+    # an overdamped mode forgets by its slower root
+    zeta = model.damping_ratio
+    fall = (zeta - np.sqrt(np.maximum(zeta**2 - 1.0, 0.0))) * model.omega * model.step
+    with np.errstate(divide="ignore"):
+        growth = np.where(fall > 0.0, -1.0 / np.expm1(-fall), np.inf)
+    bound = np.zeros(len(model.probes))
+    for d in model.drives:
+        low, high = command_span(model, d)
+        if d.hysteresis is None:
+            largest = abs(d.gain) * max(abs(low), abs(high))
+        else:
+            ends = d.hysteresis.simulate([low, high]).values
+            largest = float(np.abs(ends).max())
+        rate = np.abs(d.mode_weights[:, k:]) * model.omega
+        reach = np.hypot(d.mode_weights[:, :k], rate)
+        terms = 2.0 * k + d.lag_weights.shape[1]
+        total = reach.sum(axis=1) + np.abs(d.lag_weights).sum(axis=1) + np.abs(d.feedthrough)
+        bound += (
+            largest
+            * unit_roundoff
+            * (
+                ROUNDINGS * (reach @ growth)
+                + _LAG_ROUNDINGS * np.abs(d.lag_weights).sum(axis=1)
+                + terms * total
+            )
+        )
+    for j, p in enumerate(model.probes):
+        if p.sensor is not None:
+            bound[j] = abs(p.sensor.gain) * bound[j] + p.sensor.quantisation
+            bound[j] += 4.0 * unit_roundoff * abs(p.sensor.offset)
+    return bound

@@ -13,9 +13,13 @@ import numpy as np
 import flexstage
 from flexstage.errors import ModelError
 from flexstage.export.model import DynamicModel, ModelDrive
-from flexstage.export.realtime.accuracy import rounding_bound
-from flexstage.export.realtime.check_samples import CheckSamples, check_samples, command_span
-from flexstage.export.realtime.comment import opening
+from flexstage.export.realtime.comment import (
+    CheckSamples,
+    check_samples,
+    command_span,
+    opening,
+    rounding_bound,
+)
 from flexstage.export.source.arrays import c_array, c_comment, c_number
 from flexstage.export.source.render import render_source
 

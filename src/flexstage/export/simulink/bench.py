@@ -9,10 +9,9 @@ from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Block, Diagram
 from flexstage.export.model import DynamicModel
 from flexstage.export.simulink.functions import Functions
-from flexstage.export.simulink.modal import modal
-from flexstage.export.simulink.structure import structure
+from flexstage.export.simulink.matlab_text import Variables
+from flexstage.export.simulink.structure import modal, structure
 from flexstage.export.simulink.system import Node, System, Wiring
-from flexstage.export.simulink.variables import Variables
 from flexstage.hysteresis.model import Array
 
 _SAMPLES = 401
@@ -100,19 +99,17 @@ def _source(
     variable = variables.add(
         f"command_{block.name}", values, f"time [s] and {block.meaning}, to run the model with"
     )
-    return w.add(
-        Node(
-            name=variable,
-            kind="FromWorkspace",
-            settings={
-                "VariableName": variable,
-                "SampleTime": "0",
-                "Interpolate": "on",
-                "OutputAfterFinalValue": "Holding final value",
-            },
-            meaning=block.meaning,
-            inputs=0,
-        )
+    return w.block(
+        variable,
+        "FromWorkspace",
+        {
+            "VariableName": variable,
+            "SampleTime": "0",
+            "Interpolate": "on",
+            "OutputAfterFinalValue": "Holding final value",
+        },
+        block.meaning,
+        inputs=0,
     )
 
 
@@ -138,14 +135,13 @@ def _record(
     made: dict[str, str] = {}
     for port, b in enumerate(outputs, 1):
         _keep(w, made, "structure", port, f"{name}_{b.name}", f"{b.meaning}, structure")
-        scope = Node(name=f"scope_{b.name}", kind="Scope", outputs=0, meaning=b.meaning)
+        scope = Node(f"scope_{b.name}", "Scope", outputs=0, meaning=b.meaning)
         if b.name not in reader:
             w.connect("structure", w.add(scope), output=port, signal=_signal(b, diagram))
             continue
-        both = w.add(
-            Node(name=f"both_{b.name}", kind="Mux", settings={"Inputs": "2"}, inputs=2,
-                 meaning=f"{b.meaning}: structure, modes")
-        )  # fmt: skip
+        both = w.block(
+            f"both_{b.name}", "Mux", {"Inputs": "2"}, f"{b.meaning}: structure, modes", inputs=2
+        )
         w.connect("structure", both, output=port, signal=_signal(b, diagram))
         w.connect("modes", both, output=reader[b.name], port=2)
         w.chain(both, w.add(scope))
@@ -163,13 +159,11 @@ def _keep(
         count += 1
         variable = f"{wanted[:58]}_{count}"
     made[variable] = words
-    at = w.add(
-        Node(
-            name=f"keep_{variable}"[:63],
-            kind="ToWorkspace",
-            settings={"VariableName": variable, "SaveFormat": "Structure With Time"},
-            meaning=words,
-            outputs=0,
-        )
+    at = w.block(
+        f"keep_{variable}"[:63],
+        "ToWorkspace",
+        {"VariableName": variable, "SaveFormat": "Structure With Time"},
+        words,
+        outputs=0,
     )
     w.connect(source, at, output=output)

@@ -1,13 +1,20 @@
-"""Names, strings, comments and numbers as MATLAB reads them, in every release and locale."""
+"""Names, strings, comments and numbers as MATLAB reads them; variables as a .mat file.
 
+In every release and locale.
+"""
+
+import io
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexstage import __version__
 from flexstage.errors import ModelError
+from flexstage.hysteresis.model import Array
 
 # What MATLAB takes as a name: longer ones are cut without a word.
 _LONGEST = 63
@@ -25,6 +32,9 @@ _WORDS = {
     "τ": "tau", "φ": "phi", "ψ": "psi", "ω": "omega",
 }  # fmt: skip
 _RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
+_HEADER = 116  # bytes of text at the start of a .mat file, level 5
+# Names that stand for something in expressions of MATLAB.
+_TAKEN = frozenset(("ans", "diag", "eps", "i", "inf", "j", "max", "min", "nan", "pi", "zeros"))
 
 
 def plain(text: str) -> str:
@@ -139,3 +149,50 @@ def _number(value: float) -> str:
         return "NaN"
     text = repr(value)
     return text[:-2] if text.endswith(".0") else text
+
+
+class Variables:
+    """Matrices by names that MATLAB takes, with what they mean."""
+
+    __slots__ = ("_meanings", "_values")
+
+    def __init__(self) -> None:
+        self._values: dict[str, Array] = {}
+        self._meanings: dict[str, str] = {}
+
+    def add(self, wanted: str, value: ArrayLike, meaning: str) -> str:
+        """Add a number or a matrix and return its name; a number follows one that is taken."""
+        # room for a sign of order behind the name, and for names of files made of it
+        name = base = identifier(wanted, longest=58)
+        count = 1
+        while name.lower() in {*_TAKEN, *(known.lower() for known in self._values)}:
+            count += 1
+            name = f"{base}_{count}"
+        self._values[name] = np.atleast_2d(np.asarray(value, dtype=np.float64))
+        self._meanings[name] = meaning
+        return name
+
+    @property
+    def values(self) -> Mapping[str, Array]:
+        """The values by name."""
+        return dict(self._values)
+
+    @property
+    def meanings(self) -> Mapping[str, str]:
+        """What they are, by name."""
+        return dict(self._meanings)
+
+    def mat_file(self) -> bytes:
+        """Return them as `mat_file` does."""
+        return mat_file(self._values)
+
+
+def mat_file(variables: Mapping[str, Any]) -> bytes:
+    """Return a .mat file, level 5; a dict becomes a struct, the same variables the same bytes."""
+    from scipy.io import savemat
+
+    made = io.BytesIO()
+    savemat(made, dict(variables), long_field_names=True, oned_as="column")
+    # a date would make every file another one
+    text = f"MATLAB 5.0 MAT-file, written by flexstage {__version__}"
+    return text.ljust(_HEADER).encode("ascii")[:_HEADER] + made.getvalue()[_HEADER:]

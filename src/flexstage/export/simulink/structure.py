@@ -1,13 +1,17 @@
-"""The structural diagram as a system of Simulink: a subsystem for each of its groups."""
+"""A stage as systems of Simulink: its structural diagram, and its modes.
+
+Of the diagram each group is a subsystem; the modes are drive chains, then one State-Space block.
+"""
 
 import numpy as np
 
+from flexstage.export.control_object import linear_part
 from flexstage.export.diagram.graph import Block, Diagram
+from flexstage.export.model import DynamicModel, ModelDrive
 from flexstage.export.simulink import chains
 from flexstage.export.simulink.functions import Functions
-from flexstage.export.simulink.matlab_text import literal
+from flexstage.export.simulink.matlab_text import Variables, identifiers, literal
 from flexstage.export.simulink.system import Node, System, Wiring
-from flexstage.export.simulink.variables import Variables
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 
 _ROUND = 3  # inputs of a sum that is still drawn as a circle
@@ -77,18 +81,11 @@ class _Places:
         for group, w in self._inner.items():
             for source in self._coming[group]:
                 width = self._blocks[source].width
-                ports[group, source] = w.add(
-                    Node(
-                        name=source,
-                        kind="Inport",
-                        settings={"PortDimensions": str(width)},
-                        meaning=self._blocks[source].meaning,
-                    )
+                ports[group, source] = w.block(
+                    source, "Inport", {"PortDimensions": str(width)}, self._blocks[source].meaning
                 )
             for source in self._leaving[group]:
-                out = w.add(
-                    Node(name=f"{source}_out", kind="Outport", meaning=self._blocks[source].meaning)
-                )
+                out = w.block(f"{source}_out", "Outport", meaning=self._blocks[source].meaning)
                 w.connect(self._names[source], out, signal=self._signals.get(source, ""))
         for line in self._diagram.lines:
             group = self._group(line.target)
@@ -142,16 +139,12 @@ def _words(title: str, group: object) -> str:
 
 def _inport(block: Block) -> Node:
     return Node(
-        name=block.name,
-        kind="Inport",
-        settings={"PortDimensions": str(block.width)},
-        meaning=block.meaning,
-        label=block.label,
+        block.name, "Inport", {"PortDimensions": str(block.width)}, block.meaning, label=block.label
     )
 
 
 def _outport(block: Block) -> Node:
-    return Node(name=block.name, kind="Outport", meaning=block.meaning, label=block.label)
+    return Node(block.name, "Outport", meaning=block.meaning, label=block.label)
 
 
 def _node(block: Block, variables: Variables, functions: Functions, sample_time: str) -> Node:
@@ -160,37 +153,34 @@ def _node(block: Block, variables: Variables, functions: Functions, sample_time:
         return chains.gain(block.name, variable, block.meaning, block.label)
     if block.kind == "integrator":
         return Node(
-            name=block.name,
-            kind="Integrator",
-            settings={"InitialCondition": f"zeros({block.width}, 1)"},
-            meaning=block.meaning,
+            block.name,
+            "Integrator",
+            {"InitialCondition": f"zeros({block.width}, 1)"},
+            block.meaning,
         )
     if block.kind == "sum":
         return _sum(block)
     chains.refuse_columns(block.width, block.name, block.kind)
     inside = _element(block, variables, functions, sample_time)
-    return Node(name=block.name, kind="SubSystem", inside=inside, meaning=block.meaning)
+    return Node(block.name, "SubSystem", inside=inside, meaning=block.meaning)
 
 
 def _sum(block: Block) -> Node:
     if not block.signs:
         value = literal(np.zeros((block.width, 1)))
-        return Node(
-            name=block.name, kind="Constant", settings={"Value": value}, inputs=0,
-            meaning=block.meaning,
-        )  # fmt: skip
+        return Node(block.name, "Constant", {"Value": value}, block.meaning, inputs=0)
     if len(block.signs) == 1:
         # a Sum of one input would add up the numbers of its column
         settings = {"Gain": literal(block.signs[0]), "Multiplication": "Element-wise(K.*u)"}
-        return Node(name=block.name, kind="Gain", settings=settings, meaning=block.meaning)
+        return Node(block.name, "Gain", settings, block.meaning)
     return Node(
-        name=block.name,
-        kind="Sum",
-        settings={
+        block.name,
+        "Sum",
+        {
             "Inputs": "".join("+" if s > 0 else "-" for s in block.signs),
             "IconShape": "round" if len(block.signs) <= _ROUND else "rectangular",
         },
-        meaning=block.meaning,
+        block.meaning,
         inputs=len(block.signs),
     )
 
@@ -205,3 +195,98 @@ def _element(block: Block, variables: Variables, functions: Functions, sample_ti
         return chains.sensor(model, block.name, variables)
     assert isinstance(model, HysteresisModel)
     return chains.hysteresis(functions.add(model, block.name), sample_time, block.meaning)
+
+
+def modal(
+    model: DynamicModel, variables: Variables, functions: Functions, sample_time: str
+) -> System:
+    """Return the modes of a stage behind the chains of its drives.
+
+    The State-Space block holds `flexstage.export.control_object.linear_part`: modes with the
+    damping ratio of each, and the lags of creep. Inports are the drives and outports the probes,
+    in the order of the model.
+    """
+    form = linear_part(model)
+    w = Wiring(f"{model.name}: modes, with the damping of each")
+    names = {
+        letter: variables.add(f"modes_{letter}", matrix, meaning)
+        for letter, matrix, meaning in (
+            ("A", form.A, "state matrix: deflections and rates of the modes, lags of creep"),
+            ("B", form.B, "input matrix: free displacements of the drives [m], or forces [N]"),
+            ("C", form.C, "output matrix: motion of the probes"),
+            ("D", form.D, "what the probes follow at once"),
+        )
+    }
+    count = len(model.drives)
+    w.block(
+        "modes", "StateSpace", names, f"{model.omega.size} modes: x' = A x + B w, y = C x + D w"
+    )
+    inports = identifiers([d.name for d in model.drives], longest=40)
+    for drive in model.drives:
+        w.block(
+            f"command_{inports[drive.name]}",
+            "Inport",
+            {"PortDimensions": "1"},
+            f"command of drive {drive.name} [{drive.unit}]",
+        )
+    ends = [_chain(w, d, inports[d.name], variables, functions, sample_time) for d in model.drives]
+    if count == 1:
+        w.chain(ends[0], "modes")
+    else:
+        w.block(
+            "w",
+            "Mux",
+            {"Inputs": str(count)},
+            "free displacements [m], or forces [N]",
+            inputs=count,
+        )
+        for port, end in enumerate(ends, 1):
+            w.connect(end, "w", port=port)
+        w.chain("w", "modes")
+    _read(w, model, variables)
+    return w.system(model.notes)
+
+
+def _chain(
+    w: Wiring,
+    drive: ModelDrive,
+    name: str,
+    variables: Variables,
+    functions: Functions,
+    sample_time: str,
+) -> str:
+    """Add what lies between the command of a drive and its free displacement."""
+    at = f"command_{name}"
+    what = "force" if drive.stiffness == 0.0 else "free displacement"
+    unit = "N" if drive.stiffness == 0.0 else "m"
+    if drive.amplifier is not None:
+        inside = chains.amplifier(drive.amplifier, f"modes_{name}_amplifier", variables)
+        at = w.chain(at, w.nest(f"amplifier_{name}", inside))
+    if drive.hysteresis is not None:
+        meaning = f"{drive.hysteresis.kind} of drive {drive.name}, from voltage [V] to {what}"
+        inside = chains.hysteresis(functions.add(drive.hysteresis, name), sample_time, meaning)
+        return w.chain(at, w.nest(f"hysteresis_{name}", inside))
+    meaning = f"{what} over command of drive {drive.name} [{unit}/{drive.unit}]"
+    gain = variables.add(f"modes_{name}_gain", drive.gain, meaning)
+    return w.chain(at, w.add(chains.gain(f"gain_{name}", gain, meaning)))
+
+
+def _read(w: Wiring, model: DynamicModel, variables: Variables) -> None:
+    """Lead the outputs through sensors to outports."""
+    count = len(model.probes)
+    names = identifiers([p.name for p in model.probes], longest=40)
+    at = "modes"
+    if count > 1:
+        at = w.block("y", "Demux", {"Outputs": str(count)}, "motion of the probes", outputs=count)
+        w.chain("modes", at)
+    for output, probe in enumerate(model.probes, 1):
+        source, port = at, output
+        if probe.sensor is not None:
+            name = names[probe.name]
+            inside = chains.sensor(probe.sensor, f"modes_{name}_sensor", variables)
+            source = w.nest(f"sensor_{name}", inside)
+            w.connect(at, source, output=output)
+            port = 1
+        meaning = f"reading of probe {probe.name} [{probe.unit}]"
+        out = w.block(f"reading_{names[probe.name]}", "Outport", meaning=meaning)
+        w.connect(source, out, output=port)

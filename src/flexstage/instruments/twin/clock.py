@@ -7,7 +7,6 @@ held, whether it is a question that a client repeats while it waits.
 import math
 import threading
 import time
-from collections.abc import Callable
 from typing import Protocol
 
 from flexstage.errors import ControllerError, ModelError
@@ -23,58 +22,16 @@ _LOOK, _PATIENCE = 5e-3, 0.25
 _PIECE, _BREATH = 20e-3, 1e-4
 
 
-class Clock(Protocol):
-    """Tells the time, and waits."""
-
-    def now(self) -> float:
-        """Return the time from some moment on [s]."""
-        ...
-
-    def wait(self, seconds: float, ended: threading.Event) -> bool:
-        """Wait some time, or until an event is set."""
-        ...
-
-
-class RealClock(Clock):
+class Clock:
     """The clock of the computer, which is never set back."""
 
     def now(self) -> float:
+        """Return the time from some moment on [s]."""
         return time.monotonic()
 
     def wait(self, seconds: float, ended: threading.Event) -> bool:
+        """Wait some time, or until an event is set."""
         return ended.wait(seconds)
-
-
-class StepClock(Clock):
-    """A clock that stands until it is told to go on.
-
-    `on_wait` is called with the seconds of each wait, before the clock goes on by them.
-
-    Examples
-    --------
-    >>> clock = StepClock()
-    >>> clock.advance(0.25)
-    >>> clock.now()
-    0.25
-    """
-
-    def __init__(self, on_wait: Callable[[float], None] | None = None) -> None:
-        self._now = 0.0
-        self._on_wait = on_wait
-
-    def now(self) -> float:
-        return self._now
-
-    def advance(self, seconds: float) -> None:
-        """Go on."""
-        self._now += duration(seconds)
-
-    def wait(self, seconds: float, ended: threading.Event) -> bool:
-        """Go on at once by the time that is waited for."""
-        if self._on_wait is not None:
-            self._on_wait(seconds)
-        self.advance(seconds)
-        return ended.is_set()
 
 
 class Pace(Protocol):
@@ -138,7 +95,7 @@ class Pacemaker(Pace):
                 f"{tick!r} and {catch_up!r} s"
             )
         self._device = device
-        self._clock: Clock = RealClock() if clock is None else clock
+        self._clock = Clock() if clock is None else clock
         self._tick, self._catch_up = tick, catch_up
         self._lock = threading.RLock()
         self._ended = threading.Event()

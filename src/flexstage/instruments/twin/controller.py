@@ -9,14 +9,13 @@ from flexstage import __version__
 from flexstage.arrays import Array
 from flexstage.instruments.protocol import Identity, Signal
 from flexstage.instruments.twin.controller_motion import ControllerMotion
-from flexstage.instruments.twin.controller_waves import ControllerWaves
 from flexstage.instruments.twin.device import Refusal, RefusedError
 from flexstage.instruments.twin.stage import VirtualStage
 
 _KINDS = ("position", "target", "voltage", "channel", "force", "response")
 
 
-class VirtualController(ControllerMotion, ControllerWaves):
+class VirtualController(ControllerMotion):
     """A controller of a stage that is simulated: axes, control, waveforms and a recorder.
 
     Everything is SI and in simulated time. The axes are ``1``, ``2`` ... in the order of the

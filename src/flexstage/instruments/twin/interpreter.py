@@ -18,10 +18,9 @@ from flexstage.instruments.twin.commands_recorder import RECORDER
 from flexstage.instruments.twin.commands_setup import SETUP, TRIGGERS
 from flexstage.instruments.twin.commands_waves import WAVES, running_bits
 from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.controller_models import OWN, ControllerModel
 from flexstage.instruments.twin.device import RefusedError
 from flexstage.instruments.twin.errors_gcs import CODES, GcsError
-from flexstage.instruments.twin.gcs_state import ControllerState
+from flexstage.instruments.twin.gcs_state import OWN, ControllerModel, ControllerState
 
 #: Answer to ``#7``: always ready; a controller that is not says 0xB0.
 _READY = "\xb1"

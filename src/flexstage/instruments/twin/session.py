@@ -175,11 +175,12 @@ class ServerSession:
 class Loopback:
     """Takes what a client sends, and has the answer ready at once.
 
-    Any thread may send; a stop (character 24) does not wait for what another thread does.
+    Any thread may send; a stop (character 24) does not wait for what another thread does. With
+    `ends_time` the clock of the controller ends with the conversation.
     """
 
-    def __init__(self, interpreter: Interpreter) -> None:
-        self._interpreter = interpreter
+    def __init__(self, interpreter: Interpreter, *, ends_time: bool = False) -> None:
+        self._interpreter, self._ends_time = interpreter, ends_time
         self._session = ServerSession(interpreter)
         self._answers = bytearray()
         self._lock = threading.Lock()
@@ -214,12 +215,9 @@ class Loopback:
         if not self._closed:
             self._closed = True
             self._session.close()
+            if self._ends_time:
+                self._interpreter.pace.close()
 
     def _open(self) -> None:
         if self._closed:
             raise NotConnectedError("the conversation with the simulated controller was closed")
-
-
-def open_session(interpreter: Interpreter) -> Loopback:
-    """Open a conversation with a controller in the same process."""
-    return Loopback(interpreter)

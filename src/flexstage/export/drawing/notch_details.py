@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, get_args, get_origin, get_type_hints
 
+from flexstage.export.drawing.canvas import THICK, Canvas, horizontal, vertical
 from flexstage.export.drawing.curve import Curve
 from flexstage.export.drawing.notes import millimetres
-from flexstage.export.drawing.sheet.canvas import THICK, Canvas
-from flexstage.export.drawing.sheet.dimensions import horizontal, vertical
 from flexstage.export.drawing.smooth import profile_in_arcs
 from flexstage.hinges import Profile
 from flexstage.stage import Hinge, Loop, Stage

@@ -1,1 +1,0 @@
-"""A technical drawing of a stage on one sheet, as SVG."""
