@@ -205,11 +205,9 @@ def _not_listed(others: dict[str, list[Mode]]) -> list[str]:
         return []
     said = []
     for reason, modes in sorted(others.items()):
-        named = [
-            f"{mode.frequency_hz.value:.4g} Hz with {100.0 * mode.damping_ratio.value:.2g} % damping"
-            for mode in modes
-        ]
-        said.append(f"{', '.join(named)} ({reason})")
+        figures = [(mode.frequency_hz.value, 100.0 * mode.damping_ratio.value) for mode in modes]
+        named = ", ".join(f"{f:.4g} Hz with {zeta:.2g} % damping" for f, zeta in figures)
+        said.append(f"{named} ({reason})")
     return [f"poles of the fit that are not listed as modes: {'; '.join(said)}"]
 
 
