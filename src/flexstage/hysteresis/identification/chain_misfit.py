@@ -27,10 +27,7 @@ from flexstage.hysteresis.identification.fit_rows import (
     filtered,
     rows_of,
 )
-from flexstage.hysteresis.identification.measurement import (
-    IdentificationData,
-    Section,
-)
+from flexstage.hysteresis.identification.measurement import IdentificationData, Section
 from flexstage.hysteresis.identification.misfit import jackknife
 from flexstage.hysteresis.identification.projection import (
     Normal,

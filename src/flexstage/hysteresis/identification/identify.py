@@ -10,11 +10,7 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
-from flexstage.hysteresis.identification.chain_search import (
-    FoundChain,
-    find_chain,
-    find_starts,
-)
+from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain, find_starts
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, behind_chain
