@@ -31,9 +31,9 @@ class PlannedMotion:
     unit: str
     """``V`` or ``m``."""
     low: float
-    """Smallest and largest value [V or m]."""
+    """Smallest value [V or m]."""
     high: float
-    """Smallest and largest value [V or m]."""
+    """Largest value [V or m]."""
     largest_rate: float
     """Largest slope [V/s or m/s]."""
     limits: tuple[float, float]
@@ -49,9 +49,9 @@ class PlannedStep:
     """What one step would do."""
 
     name: str
-    """Name and verb of the step."""
+    """Name of the step."""
     verb: str
-    """Name and verb of the step."""
+    """Its verb."""
     what: str
     """What it does, in words."""
     duration: float = 0.0
