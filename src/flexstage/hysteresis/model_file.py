@@ -19,7 +19,7 @@ from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.registry import MODELS
+from flexstage.hysteresis.models import MODELS
 
 #: Version of the format. A reader takes this one and none that is newer.
 _VERSION = 1
