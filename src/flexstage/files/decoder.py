@@ -31,6 +31,9 @@ from flexstage.files.nodes import (
 )
 from flexstage.units import DIMENSIONS, Dimension, parse
 
+#: What the entries of a list are called.
+_ENTRIES = {str: "texts", float: "numbers", int: "whole numbers"}
+
 
 @dataclass(slots=True)
 class Decoder:
@@ -196,9 +199,10 @@ class Decoder:
                 self._named(parts[0], key, item, f"{path}.{key}")
                 for key, item in entries.items.items()
             )
+        what = _ENTRIES.get(parts[0], "entries")
         return tuple(
             self.decode(parts[0], item, f"{path}[{k}]")
-            for k, item in enumerate(self.items(node, path, None, "entries"))
+            for k, item in enumerate(self.items(node, path, None, what))
         )
 
     def _named(self, kind: Any, name: str, node: Node, path: str) -> Any:
@@ -309,9 +313,9 @@ class Decoder:
                 node, key, f"expected a number, version {version} of the format, got {show(node)}"
             )
         if got != version:
-            self.refuse(
-                node, key, f"version {got:g} is not known: this flexstage reads version {version}"
-            )
+            advice = "; use a newer flexstage" if got > version else ""
+            sentence = f"version {got:g} is not known: this flexstage reads version {version}"
+            self.refuse(node, key, sentence + advice)
         rest = {k: v for k, v in root.items.items() if k != key}
         if self.format.length_unit and "length_unit" in rest:
             units = DIMENSIONS["length"].units
@@ -327,7 +331,8 @@ def read_file(path: Path, format: Format) -> tuple[Decoder, Mapping]:
 def read(text: str, source: str, format: Format) -> tuple[Decoder, Mapping]:
     """Read a text in YAML, which messages call `source`, as `read_file` does."""
     decoder = Decoder(source, format)
-    return decoder, decoder.head(parse_yaml(text, source, format.noun, format.error))
+    root = parse_yaml(text, source, format.noun, format.error, finite=format.finite)
+    return decoder, decoder.head(root)
 
 
 def show(node: Node) -> str:
@@ -348,7 +353,7 @@ def _join(path: str, name: str) -> str:
 def _hint(kind: Any) -> str:
     """Say how a value of a type is written."""
     if (inner := optional_part(kind)) is not None:
-        return _hint(inner)
+        return _hint(inner) or "null for none"
     if (quantity := dimension_of(kind)) is not None:
         dimension, count = quantity
         one = f'"10 {dimension.units[0]}"'

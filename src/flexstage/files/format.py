@@ -49,6 +49,8 @@ class Format:
     """Members of classes of which a file names the kind, by the word for it."""
     forms: Mapping[Any, Form] = field(default_factory=dict)
     """How values are written, by their type."""
+    finite: bool = True
+    """Whether numbers that are not finite are refused."""
     length_unit: bool = False
     """Whether it may say once the unit of lengths that are bare numbers."""
     later: bool = False
