@@ -1,10 +1,12 @@
 """Settings of the process that the tests run in."""
 
 import atexit
+import functools
 import math
 import os
 import shutil
 import signal
+import sys
 import tempfile
 from collections.abc import Iterator
 
@@ -16,6 +18,11 @@ os.environ.setdefault("NGS_NUM_THREADS", "1")
 
 # The matrix library's threads wait the same way; many small least squares are faster without them.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# What is compiled is kept, also where the surroundings say that nothing is: else each run rewrites
+# the assertions of all tests anew, and each process that a test starts compiles the package.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Runs and locks of tests stay out of the user's own store, and so does what they condense: one
 # folder for all processes of a run, which take it over from the process that starts them.
@@ -37,4 +44,14 @@ def _without_progress() -> Iterator[None]:
     """Lines of progress come by the clock: what a test reads must not depend on the machine."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("flexstage.cli.output._SILENT", math.inf)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _commands_are_parsed_by_one_parser() -> Iterator[None]:
+    """A process makes the parser of its command line once; tests run a thousand in theirs."""
+    import typer.main
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.main, "get_command", functools.cache(typer.main.get_command))
         yield

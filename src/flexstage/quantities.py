@@ -24,6 +24,11 @@ class Quantity:
     zero: float = 0.0
     """Magnitude below which a value is rounding and no motion, in `unit`."""
 
+    @property
+    def heading(self) -> str:
+        """Its name with the unit that it is shown in."""
+        return f"{self.label} [{self.shown_unit}]" if self.shown_unit else self.label
+
     def text(self, value: float | None) -> str:
         """Write a value in `unit` with four significant digits; a dash for none.
 

@@ -34,27 +34,34 @@ def _model(name: str) -> DynamicModel:
     return dynamic_model(stage, lumped_system(stage), sensors=sensors, **kinds)
 
 
-def _diagram(name: str, axis: str | None, collapse: bool) -> Diagram:
+# the design, the axis alone, and whether bodies that move as one are one
+CASES: dict[str, tuple[str, str | None, bool]] = {
+    "piezo": ("vgtu-piezo", None, True),
+    "piezo, every body": ("vgtu-piezo", None, False),
+    "piezo x": ("vgtu-piezo", "x", True),
+    "piezo y": ("vgtu-piezo", "y", True),
+    "mechanical": ("vgtu-mechanical", None, True),
+    "mechanical y": ("vgtu-mechanical", "y", True),
+    "parallelogram": ("parallelogram", None, True),
+    "parallelogram, every body": ("parallelogram", None, False),
+    "parallelogram x": ("parallelogram", "x", True),
+}
+
+
+@functools.cache
+def _diagram(case: str) -> Diagram:
+    name, axis, collapse = CASES[case]
     return stage_diagram(design(name), model=_model(name), axis=axis, collapse=collapse)
 
 
-CASES = {
-    "piezo": _diagram("vgtu-piezo", None, True),
-    "piezo, every body": _diagram("vgtu-piezo", None, False),
-    "piezo x": _diagram("vgtu-piezo", "x", True),
-    "piezo y": _diagram("vgtu-piezo", "y", True),
-    "mechanical": _diagram("vgtu-mechanical", None, True),
-    "mechanical y": _diagram("vgtu-mechanical", "y", True),
-    "parallelogram": _diagram("parallelogram", None, True),
-    "parallelogram, every body": _diagram("parallelogram", None, False),
-    "parallelogram x": _diagram("parallelogram", "x", True),
-}
-PLACED = {name: layout(diagram) for name, diagram in CASES.items()}
+@functools.cache
+def _placed(case: str) -> PageLayout:
+    return layout(_diagram(case))
 
 
 @pytest.fixture(params=list(CASES))
 def case(request: pytest.FixtureRequest) -> tuple[Diagram, PageLayout]:
-    return CASES[request.param], PLACED[request.param]
+    return _diagram(request.param), _placed(request.param)
 
 
 def cell_box(b: PlacedBlock) -> Box:
@@ -285,15 +292,16 @@ def test_lines_that_change_places_do_not_lie_on_each_other() -> None:
 
 
 def test_a_page_is_no_strip() -> None:
-    for name, placed in PLACED.items():
+    for name in CASES:
+        placed = _placed(name)
         assert 0.6 < placed.width / placed.height < 5.0, name
     # one axis fits on a landscape sheet at a size at which it can be read: 9 px are 4.5 points
     # where a page of 2000 px is printed on a width of 267 mm
-    assert max(PLACED[n].width for n in ("piezo x", "piezo y", "mechanical y")) < 2000.0
+    assert max(_placed(n).width for n in ("piezo x", "piezo y", "mechanical y")) < 2000.0
 
 
 def test_values_below_an_axis_are_those_of_its_gains() -> None:
-    diagram = CASES["mechanical y"]
+    diagram = _diagram("mechanical y")
     said = "".join(ET.fromstring(diagram_svg(diagram)).itertext())
     inverse = diagram.block("output_inverse_mass").matrix
     spring = diagram.block("transmission_spring").matrix
@@ -304,7 +312,7 @@ def test_values_below_an_axis_are_those_of_its_gains() -> None:
 
 
 def test_blocks_of_no_group_are_drawn_too() -> None:
-    diagram = CASES["parallelogram x"]
+    diagram = _diagram("parallelogram x")
     loose = Diagram(
         title="loose",
         blocks=tuple(replace(b, group="") for b in diagram.blocks),

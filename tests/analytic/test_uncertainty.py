@@ -450,7 +450,7 @@ def test_a_budget_file_is_read_in_si():
         ("63.12 um", "63.12 parsec", "line 6.*unknown unit"),
         ("12 nm", "12 K", "line 6.*the value is in m"),
         ("12 nm", "-12 nm", "line 6.*0 or more"),
-        ("dof: 9", "dof: many", "line 6.*plain number"),
+        ("dof: 9", "dof: many", "line 6.*number without a unit"),
         ("uncertainty: 12 nm", "uncertanty: 12 nm", "line 6.*did you mean 'uncertainty'"),
         ("dof: 9", "half_width: 3 nm", "line 6.*one of the two"),
         ("name: c", "name: l", "."),

@@ -184,9 +184,9 @@ FILE_FAULTS = [
         "neck_thickness: 1e-150,",
         ("hinges.left foot", "shorter than 1e-12 m"),
     ),
-    Broken("negative mass", "mass: 35 g", "mass: -35 g", ("extra_masses[0]", "0 or more")),
+    Broken("negative mass", "mass: 35 g", "mass: -35 g", ("extra_masses[0]", "not below 0 kg")),
     Broken("negative inertia", "inertia: 4200", "inertia: -4200", ("extra_masses[0]", "inertia")),
-    Broken("negative wire", "wire_width: 0.35", "wire_width: -1", ("manufacture", "0 or more")),
+    Broken("negative wire", "wire_width: 0.35", "wire_width: -1", ("manufacture", "not below 0 m")),
     Broken("negative patch", "half_width: 2", "half_width: -2", ("drives.stack", "patch")),
     Broken(
         "negative uncertainty",

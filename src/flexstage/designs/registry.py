@@ -9,9 +9,12 @@ from typing import Any
 
 from flexstage.choose import did_you_mean, nearest
 from flexstage.designs import nested_xy, parallelogram, vgtu_mechanical, vgtu_piezo
-from flexstage.designs.from_text import parameters_from_text
 from flexstage.errors import StageError
+from flexstage.files.decoder import Decoder
+from flexstage.files.format import field_types, required
+from flexstage.files.nodes import Given, node_of
 from flexstage.stage import Stage
+from flexstage.stage.format import STAGE_FILE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,8 +122,7 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
     0.02134
     """
     name = _known("design", name, [*TOPOLOGIES, *DESIGNS])
-    given = dict(parameters)
-    base_name = given.pop("based_on", None)
+    base_name = parameters.get("based_on")
     if name not in TOPOLOGIES:
         if base_name is not None:
             raise StageError(
@@ -130,7 +132,7 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
         name, base_name = PARAMETER_SETS[name][0], name
     topology = TOPOLOGIES[name]
     if base_name is None:
-        return topology.construct(parameters_from_text(topology.parameters, given))
+        return topology.construct(_dimensions(topology, parameters, None))
     if not isinstance(base_name, str):
         raise StageError(f"'based_on' must be the name of a built-in design, got {base_name!r:.60}")
     base_name = _known("built-in design", base_name, PARAMETER_SETS)
@@ -139,7 +141,7 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
         raise StageError(
             f"'{base_name}' is a {family} design and cannot be the base of a {topology.name} one"
         )
-    dimensions = parameters_from_text(topology.parameters, given, base=base)
+    dimensions = _dimensions(topology, parameters, base)
     if dimensions == base:
         return design(base_name)
     return replace(
@@ -149,6 +151,27 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
             f"A variation of {base_name}: figures published for that stage do not belong to it.",
         ),
     )
+
+
+def _dimensions(topology: Topology, given: Mapping[str, object], base: Any) -> Any:
+    """Read dimensions; those that are not given are those of a base, where there is one."""
+    node, path = node_of(given), ""
+    decoder = Decoder(f"the design '{topology.name}'", STAGE_FILE)
+    if isinstance(given, Given):  # in a file, whose lines are known
+        decoder, path = given.decoder, "design"
+    missing = [
+        name
+        for name, (field, _) in field_types(topology.parameters).items()
+        if base is None and required(field) and name not in given
+    ]
+    if missing:
+        decoder.refuse(
+            node,
+            path,
+            f"'{missing[0]}' is missing: give it, or name a design to start from in 'based_on'",
+        )
+    mapping = decoder.mapping(node, path)
+    return decoder.build(topology.parameters, mapping, path, base=base, also=["based_on"])
 
 
 @cache

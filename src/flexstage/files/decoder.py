@@ -6,16 +6,16 @@ import typing
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NoReturn
+from typing import Annotated, Any, Literal, NoReturn
 
 from flexstage.choose import did_you_mean, unknown
 from flexstage.errors import FlexstageError
 from flexstage.files.format import (
     Format,
+    by_name,
     check_name,
     dimension_of,
     field_types,
-    is_named,
     members,
     optional_part,
     required,
@@ -29,6 +29,7 @@ from flexstage.files.nodes import (
     plain,
     read_text,
 )
+from flexstage.files.ranges import range_of, wanted
 from flexstage.units import DIMENSIONS, Dimension, parse
 
 #: What the entries of a list are called.
@@ -79,9 +80,9 @@ class Decoder:
             if isinstance(node, Scalar) and node.value is None:
                 return None
             return self.decode(inner, node, path, base)
-        if (quantity := dimension_of(kind)) is not None:
-            return self._quantities(*quantity, node, path)
         origin = typing.get_origin(kind)
+        if origin is Annotated:
+            return self._annotated(kind, node, path, base)
         if origin is tuple:
             return self._tuple(typing.get_args(kind), node, path)
         if origin in (dict, collections.abc.Mapping):
@@ -101,6 +102,24 @@ class Decoder:
         if kind in scalars:
             return scalars[kind](node, path)
         return self.build(kind, self.mapping(node, path), path, base=base)
+
+    def _annotated(self, kind: Any, node: Node, path: str, base: Any) -> Any:
+        bare, quantity, bounds = typing.get_args(kind)[0], dimension_of(kind), range_of(kind)
+        if quantity is not None:
+            value = self._quantities(*quantity, node, path)
+        elif bare is int and bounds is not None:
+            value = self._int(node, path, what := bounds[0].text(whole=True))
+            if not bounds[0].holds(value):
+                self.refuse(node, path, f"expected {what}, got {show(node)}")
+        else:
+            value = self.decode(bare, node, path, base)
+        if said := wanted(kind, value):
+            noun, unit = (
+                ("a number", "") if quantity is None else (quantity[0].noun, quantity[0].si)
+            )
+            what = f"{noun} {said} {unit}".rstrip() if bounds is not None else said
+            self.refuse(node, path, f"expected {what}, got {show(node)}")
+        return value
 
     def build(
         self,
@@ -191,7 +210,7 @@ class Decoder:
                 self.decode(part, item, f"{path}[{k}]")
                 for k, (part, item) in enumerate(zip(parts, items, strict=True))
             )
-        if is_named(parts[0]):
+        if by_name(parts[0], self.format):
             entries = self.mapping(node, path)
             for key in entries.items:
                 check_name(key, lambda message: self.refuse(entries, path, message))
@@ -239,16 +258,19 @@ class Decoder:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.refuse(node, path, f"expected a number without a unit, got {show(node)}")
         try:
-            return float(value)
+            number = float(value)
         except OverflowError:
             self.refuse(node, path, f"{show(node)} is too large to be a number")
+        if self.format.finite and not math.isfinite(number):
+            self.refuse(node, path, f"expected a number without a unit, got {show(node)}")
+        return number
 
-    def _int(self, node: Node, path: str) -> int:
+    def _int(self, node: Node, path: str, what: str = "a whole number") -> int:
         value = node.value if isinstance(node, Scalar) else None
         # 3.0 and 1e3 are whole numbers, however they are written
         whole = isinstance(value, int) or (isinstance(value, float) and value.is_integer())
         if isinstance(value, bool) or not whole:
-            self.refuse(node, path, f"expected a whole number, got {show(node)}")
+            self.refuse(node, path, f"expected {what}, got {show(node)}")
         return int(typing.cast("float", value))
 
     def quantity(self, dimension: Dimension, node: Node, path: str) -> float:
@@ -301,9 +323,11 @@ class Decoder:
     def head(self, root: Node) -> Mapping:
         """Check how a file begins; return what stands after the key of its version."""
         key, version = self.format.key, self.format.version
-        begins = f"a {self.format.noun} begins with '{key}: {version}'"
+        begins = f"a {self.format.noun} begins with '{self.format.begins or f'{key}: {version}'}'"
         if not isinstance(root, Mapping):
             self.refuse(root, "", f"{begins}, got {show(root)}")
+        if not key:
+            return root
         if key not in root.items:
             self.refuse(root, "", f"{begins}, which is missing")
         node = root.items[key]

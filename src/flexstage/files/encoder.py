@@ -3,13 +3,13 @@
 import collections.abc
 import typing
 from dataclasses import MISSING, Field, dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from flexstage.files.format import (
     Format,
+    by_name,
     dimension_of,
     field_types,
-    is_named,
     optional_part,
     required,
 )
@@ -42,11 +42,13 @@ class Encoder:
                 return [self.coordinate(v, dimension) for v in value]
             return to_text(value, dimension.name)
         origin = typing.get_origin(kind)
+        if origin is Annotated:
+            return self.encode(typing.get_args(kind)[0], value)
         if origin is tuple:
             parts = typing.get_args(kind)
             if parts[-1] is not Ellipsis:
                 return [self.encode(p, v) for p, v in zip(parts, value, strict=True)]
-            if is_named(parts[0]):
+            if by_name(parts[0], self.format):
                 return {v.name: self.fields(v, skip="name") for v in value}
             return [self.encode(parts[0], v) for v in value]
         if origin in (dict, collections.abc.Mapping):

@@ -39,6 +39,8 @@ class Format:
     """What it is called in messages."""
     key: str = ""
     """The key of its version, which its first line gives; empty where it has none."""
+    begins: str = ""
+    """How one begins that has no such key."""
     version: int = 1
     """Version of the format; no other is read."""
     error: type[FlexstageError] = StageError
@@ -53,6 +55,8 @@ class Format:
     """Whether numbers that are not finite are refused."""
     length_unit: bool = False
     """Whether it may say once the unit of lengths that are bare numbers."""
+    finite: bool = True
+    """Whether every number in it is finite."""
     later: bool = False
     """Whether keys that are not known are left out: a later version may have written them."""
 
@@ -103,17 +107,13 @@ def members(kind: Any, format: Format) -> Mapping[str, type] | None:
     return None
 
 
-def is_named(kind: Any) -> bool:
+def by_name(kind: Any, format: Format) -> bool:
     """Say whether things of a type are listed by their names: dataclasses with a name.
 
-    A class of which ``listed`` is true has its name inside.
+    One that has a form of its own holds its name.
     """
-    return (
-        isinstance(kind, type)
-        and is_dataclass(kind)
-        and "name" in field_types(kind)
-        and not getattr(kind, "listed", False)
-    )
+    has_name = isinstance(kind, type) and is_dataclass(kind) and "name" in field_types(kind)
+    return has_name and kind not in format.forms
 
 
 def check_name(name: str, refuse: Callable[[str], Any]) -> None:

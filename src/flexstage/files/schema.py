@@ -2,21 +2,23 @@
 
 import collections.abc
 import inspect
+import math
 import typing
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from flexstage.field_texts import field_texts
 from flexstage.files.format import (
     Format,
+    by_name,
     dimension_of,
     field_types,
-    is_named,
     members,
     optional_part,
     required,
     union_parts,
 )
+from flexstage.files.ranges import range_of
 from flexstage.units import DIMENSIONS, Dimension
 
 _NUMBER = r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?"
@@ -86,11 +88,13 @@ class SchemaBuilder:
             one = self.quantity(dimension)
             return self.list_of(one, count) if count else one
         origin = typing.get_origin(kind)
+        if origin is Annotated:
+            return self.of(typing.get_args(kind)[0]) | _bounds(kind)
         if origin is tuple:
             parts = typing.get_args(kind)
             if parts[-1] is not Ellipsis:
                 return self.list_of(self.of(parts[0]), len(parts))
-            if is_named(parts[0]):
+            if by_name(parts[0], self.format):
                 return {"type": "object", "additionalProperties": self.of(parts[0])}
             return {"type": "array", "items": self.of(parts[0])}
         if origin in (dict, collections.abc.Mapping):
@@ -112,7 +116,7 @@ class SchemaBuilder:
         properties: dict[str, Any] = {} if kind is None else {"kind": {"const": kind}}
         needed = [] if kind is None else ["kind"]
         for name, (field, annotation) in field_types(cls).items():
-            if name == "name" and is_named(cls) and not named:
+            if name == "name" and by_name(cls, self.format) and not named:
                 continue
             properties[name] = dict(self.of(annotation))
             if name in texts:
@@ -162,3 +166,17 @@ class SchemaBuilder:
     def list_of(item: dict[str, Any], count: int) -> dict[str, Any]:
         """Return the schema of a list of so many."""
         return {"type": "array", "items": item, "minItems": count, "maxItems": count}
+
+
+def _bounds(kind: Any) -> dict[str, Any]:
+    """Return what a schema says of the range of a number."""
+    found = range_of(kind)
+    if found is None:
+        return {}
+    range_ = found[0]
+    bounds: dict[str, Any] = {}
+    if math.isfinite(range_.low):
+        bounds["exclusiveMinimum" if range_.above else "minimum"] = range_.low
+    if math.isfinite(range_.high):
+        bounds["exclusiveMaximum" if range_.below else "maximum"] = range_.high
+    return bounds

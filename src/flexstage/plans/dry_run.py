@@ -31,9 +31,9 @@ class PlannedMotion:
     unit: str
     """``V`` or ``m``."""
     low: float
-    """Smallest and largest value [V or m]."""
+    """Smallest value [V or m]."""
     high: float
-    """Smallest and largest value [V or m]."""
+    """Largest value [V or m]."""
     largest_rate: float
     """Largest slope [V/s or m/s]."""
     limits: tuple[float, float]
@@ -49,9 +49,9 @@ class PlannedStep:
     """What one step would do."""
 
     name: str
-    """Name and verb of the step."""
+    """Name of the step."""
     verb: str
-    """Name and verb of the step."""
+    """Its verb."""
     what: str
     """What it does, in words."""
     duration: float = 0.0
@@ -221,7 +221,7 @@ def _planned(
     if isinstance(action, Centre):
         for axis in action.axes:
             axis_setting(stage, axis, closed_loop=True)
-        moves = int(action.moves) + 2
+        moves = action.moves + 2
         return PlannedStep(
             name=step.name, verb=step.verb, what=f"up to {moves} moves of {', '.join(action.axes)}"
         )

@@ -120,9 +120,9 @@ class CentredMove:
     eccentricity: tuple[float, float]
     """Centre of the scale that was measured then, x and y on the table [m]."""
     length: float
-    """Its distance from the centre, and the expanded uncertainty of that at 95 % [m]."""
+    """Its distance from the centre [m]."""
     uncertainty: float
-    """Its distance from the centre, and the expanded uncertainty of that at 95 % [m]."""
+    """Expanded uncertainty of that at 95 % [m]."""
     predicted: float | None
     """What the move was expected to leave [m]; None before the moves were known."""
     true_length: float

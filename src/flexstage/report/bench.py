@@ -13,9 +13,8 @@ from flexstage.errors import FlexstageError
 from flexstage.quantities import beside, display
 from flexstage.report.figures.centring import draw_polar
 from flexstage.report.figures.modal_fit import draw_resonance
-from flexstage.report.figures.style import inline_svg
 from flexstage.report.measurement import MeasurementComparison, compare_with_references
-from flexstage.report.page import captioned, figure, row_of, table_html
+from flexstage.report.page import captioned, cells, drawn, row_of, table_html
 
 if TYPE_CHECKING:
     from flexstage.centring.harmonic_fit import HarmonicFit
@@ -152,12 +151,8 @@ def _main_figures(found: MeasurementComparison) -> str:
         if not rows:
             continue
         shown = display(quantity).fitting(max(abs(e.value) for e in rows.values()))
-        unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
-        cells = "".join(
-            f"<td>{_with_spread(rows[a], shown.factor)}</td>" if a in rows else "<td>–</td>"
-            for a in axes
-        )
-        lines.append(f'<tr><td class="text">{escape(shown.label + unit)}</td>{cells}</tr>')
+        shares = (_with_spread(rows[a], shown.factor) if a in rows else "–" for a in axes)
+        lines.append(f'<tr><td class="text">{escape(shown.heading)}</td>{cells(shares)}</tr>')
     heads = ['<th class="text">Quantity</th>', *(f"<th>{escape(a)}</th>" for a in axes)]
     caption = "Simulated measurement: main figures, ± at 95 % with all contributions."
     return captioned(table_html(heads, lines), caption) if lines else ""
@@ -178,22 +173,20 @@ def _resonances(found: MeasurementComparison) -> Iterator[str]:
         axis = result.test.axis
         rows = published.select("natural_frequency_hz", axis, "published-measured")
         known = rows[0].value if rows else None
-        svg = inline_svg(
-            draw_resonance(
-                fit,
-                axis=axis,
-                label="simulated measurement",
-                frequency_hz=estimates.get(("natural_frequency_hz", axis)),
-                published_hz=known,
-            ),
-            f"resonance-{i}", f"resonance of {axis}",
-        )  # fmt: skip
+        plot = draw_resonance(
+            fit,
+            axis=axis,
+            label="simulated measurement",
+            frequency_hz=estimates.get(("natural_frequency_hz", axis)),
+            published_hz=known,
+        )
         agree = (
             " The simulated stage is set to the published value, so that both agree."
             if known is not None
             else ""
         )
-        yield figure(svg, f"Response of {escape(axis)}, simulated measurement.{agree}")
+        words = f"Response of {escape(axis)}, simulated measurement.{agree}"
+        yield drawn(plot, f"resonance-{i}", f"resonance of {axis}", words)
 
 
 def centring_section(found: CentringTrial | str | None) -> str:
@@ -208,12 +201,9 @@ def centring_section(found: CentringTrial | str | None) -> str:
         length = step.reading.length
         low, high = length.interval()
         expected = "" if step.predicted is None else f"{step.predicted.interval()[1] * 1e6:.3f}"
-        rows.append(
-            f"<tr><td>{number_of}</td><td>{step.kind}</td>"
-            f"<td>{step.command[0] * 1e6:.3f}</td><td>{step.command[1] * 1e6:.3f}</td>"
-            f"<td>{length.value * 1e6:.3f}</td><td>{low * 1e6:.3f} to {high * 1e6:.3f}</td>"
-            f"<td>{expected}</td></tr>"
-        )
+        places = (f"{value * 1e6:.3f}" for value in (*step.command, length.value))
+        between = f"{low * 1e6:.3f} to {high * 1e6:.3f}"
+        rows.append(f"<tr>{cells((number_of, step.kind, *places, between, expected))}</tr>")
     titles = (
         "", "step", "x [µm]", "y [µm]", "eccentricity [µm]", "95 % interval", "predicted, at most",
     )  # fmt: skip
@@ -221,8 +211,9 @@ def centring_section(found: CentringTrial | str | None) -> str:
         table_html((f"<th>{title}</th>" for title in titles), rows),
         "Centring step by step; simulated.",
     )
-    svg = inline_svg(draw_polar(found.fits, found.angles), "polar", "scale before and after")
     words = "Graduation error read by the first head before and after centring; simulated."
+    plot = draw_polar(found.fits, found.angles)
+    shown = drawn(plot, "polar", "scale before and after", words)
     target = "met" if done.reached else "not met"
     return (
         f"<p>A scale of {2e3 * _RADIUS:g} mm diameter, {_OFF * 1e6:g} µm off the axis of a "
@@ -231,7 +222,7 @@ def centring_section(found: CentringTrial | str | None) -> str:
         "unknown angle and mirrored, which trial moves find out. Each command is approached from "
         "the low end of both axes. "
         f"True residual eccentricity: {found.left * 1e9:.2g} nm (target {target}: "
-        f"{escape(done.reason)}).</p>{table}{row_of([figure(svg, words)])}"
+        f"{escape(done.reason)}).</p>{table}{row_of([shown])}"
     )
 
 

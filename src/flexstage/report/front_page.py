@@ -10,8 +10,7 @@ from flexstage.report.comparison import ComparisonRow
 from flexstage.report.figures.bode import draw_bode
 from flexstage.report.figures.compensation import draw_loop
 from flexstage.report.figures.drawing import draw_stage
-from flexstage.report.figures.style import inline_svg
-from flexstage.report.page import captioned, figure, table_html
+from flexstage.report.page import captioned, drawn, table_html
 from flexstage.report.tables import MANUFACTURE, percent
 
 if TYPE_CHECKING:
@@ -72,8 +71,10 @@ def front_page(study: "Study") -> str:
     """Write the first page."""
     sentences = "".join(f"<p>{_marked(s)}</p>" for s in verdict(study))
     name = escape(study.stage.name)
-    left = figure(
-        inline_svg(draw_stage(study.stage, key=False), "front-drawing", f"drawing of {name}"),
+    left = drawn(
+        draw_stage(study.stage, key=False),
+        "front-drawing",
+        f"drawing of {name}",
         f"The stage: {escape(outer_size(study))}. Arrows: drives (orange) and probes (green).",
     )
     right = "".join(_curves(study))
@@ -94,15 +95,12 @@ def _curves(study: "Study") -> Iterator[str]:
     axes = [a.axis for a in study.main.axes]
     model = escape(model_name(study.main.system.model))
     for i, axis in enumerate(axes[: 1 if made is not None else 2]):
-        svg = inline_svg(
-            draw_bode(study.main, axis, conditions=("removed",), size=(5.0, 3.1)),
-            f"front-bode{i}", f"Bode diagram of {axis}",
-        )  # fmt: skip
-        yield figure(svg, f"Bode diagram of {escape(axis)}, drives removed; {model}.")
+        plot = draw_bode(study.main, axis, conditions=("removed",), size=(5.0, 3.1))
+        words = f"Bode diagram of {escape(axis)}, drives removed; {model}."
+        yield drawn(plot, f"front-bode{i}", f"Bode diagram of {axis}", words)
     if made is not None:
-        svg = inline_svg(draw_loop(made), "front-loop", f"loop of {made.axis}")
         words = f"Loop of {escape(made.axis)} without and with the inverse; simulated stage."
-        yield figure(svg, words)
+        yield drawn(draw_loop(made), "front-loop", f"loop of {made.axis}", words)
 
 
 def _rows(study: "Study", quantities: Iterable[str] = _MAIN) -> list[ComparisonRow]:
@@ -126,8 +124,7 @@ def _table(study: "Study") -> str:
         if cell is None or not (set(published) & set(row.cells) or not published):
             continue
         shown = display(row.quantity)
-        unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
-        cells = [f'<td class="text">{escape(shown.label + unit)}</td><td>{escape(row.axis)}</td>']
+        cells = [f'<td class="text">{escape(shown.heading)}</td><td>{escape(row.axis)}</td>']
         for c in published:
             slip = " †" if _slip(study, c, row.axis) and row.quantity == _RATIO else ""
             cells.append(

@@ -13,7 +13,6 @@ from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.hinges import draw_stress
 from flexstage.report.figures.mode_shapes import body_symbols, mode_cards
 from flexstage.report.figures.static_shape import draw_static_shape, draw_stroke
-from flexstage.report.figures.style import inline_svg
 from flexstage.report.findings import FINDINGS
 from flexstage.report.front_page import front_page, outer_size
 from flexstage.report.hysteresis import hysteresis_section
@@ -26,7 +25,7 @@ from flexstage.report.model_sections import (
     fe_modes_section,
     neck_stress_section,
 )
-from flexstage.report.page import figure, folded, page_html, row_of
+from flexstage.report.page import bullets, definitions, drawn, folded, page_html, row_of
 from flexstage.report.study import Study
 from flexstage.report.tables import (
     characteristics_table,
@@ -107,8 +106,9 @@ def _content(study: Study, chapter: Chapter, number: int) -> str:
 
 
 def _drawing(study: Study) -> str:
-    svg = inline_svg(draw_stage(study.stage), "stage", f"drawing of {study.stage.name}")
-    return figure(svg, f"The stage to scale: {escape(outer_size(study))}.", kind="small")
+    words = f"The stage to scale: {escape(outer_size(study))}."
+    title = f"drawing of {study.stage.name}"
+    return drawn(draw_stage(study.stage), "stage", title, words, kind="small")
 
 
 def _statics_table(study: Study) -> str:
@@ -140,10 +140,6 @@ def _against(study: Study) -> str:
     return left_out + differences_table(study.comparison)
 
 
-def _published(study: Study) -> str:
-    return published_table(study.comparison)
-
-
 def _bench(study: Study) -> str:
     if not study.stage.probes:
         return ""
@@ -151,16 +147,16 @@ def _bench(study: Study) -> str:
         "Sketch of the bench: drives (orange) and displacement sensors (green) on the lines of the "
         "probes of the stage."
     )
-    return figure(
-        inline_svg(draw_bench(study.stage), "bench", "sketch of the bench"), words, kind="tiny"
-    )
+    return drawn(draw_bench(study.stage), "bench", "sketch of the bench", words, kind="tiny")
 
 
 def _bode(study: Study) -> str:
     model = study.main.system.model
     plots = [
-        figure(
-            inline_svg(draw_bode(study.main, a.axis), f"bode{i}", f"Bode diagram of {a.axis}"),
+        drawn(
+            draw_bode(study.main, a.axis),
+            f"bode{i}",
+            f"Bode diagram of {a.axis}",
             f"Bode diagrams of {escape(a.axis)}, {model} model. Left: a force in place of the "
             "drive, whose stiffness is removed. Right: the free displacement of the drive, acting "
             "through its stiffness; of a rigid drive its length itself.",
@@ -197,10 +193,10 @@ def _modes(study: Study) -> str:
 
 def _static(study: Study) -> str:
     plots = [
-        figure(
-            inline_svg(
-                draw_static_shape(study.main, a.axis), f"static{i}", f"static shape of {a.axis}"
-            ),
+        drawn(
+            draw_static_shape(study.main, a.axis),
+            f"static{i}",
+            f"static shape of {a.axis}",
             f"Drive of {escape(a.axis)} at full stroke, the others removed; "
             f"{study.main.system.model} model; dashed: at rest.",
         )
@@ -212,31 +208,29 @@ def _static(study: Study) -> str:
 def _stroke(study: Study) -> str:
     figures = {axis: draw_stroke(path, axis) for axis, path in study.paths.items()}
     plots = [
-        figure(
-            inline_svg(drawn, f"stroke{i}", f"motion of {axis} over its stroke"),
+        drawn(
+            plot,
+            f"stroke{i}",
+            f"motion of {axis} over its stroke",
             f"What finite rotations add to the first-order motion of {escape(axis)}; lumped model.",
         )
-        for i, (axis, drawn) in enumerate(figures.items())
+        for i, (axis, plot) in enumerate(figures.items())
     ]
     # axes that go straight have one curve, and stand side by side
-    narrow = all(len(drawn.axes) == 1 for drawn in figures.values())
+    narrow = all(len(plot.axes) == 1 for plot in figures.values())
     return row_of(plots, columns=2 if narrow else 1)
 
 
 def _stress(study: Study) -> str:
     if not any(study.main.hinge_stress.values()):
         return ""
-    svg = inline_svg(draw_stress(study.main), "stress-bars", "largest stress in every hinge")
     words = (
         f"Equivalent stress at the surface of each notch at full stroke, {study.main.system.model} "
         "model. The number after a hinge's name is the one in the drawing. Lines: yield, and the "
         "peak that fatigue allows when the stress goes from nothing to it and back (Soderberg)."
     )
-    return figure(svg, words, kind="small")
-
-
-def _hysteresis(study: Study) -> str:
-    return hysteresis_section(study.stage, study.experiments, study.experiments_left_out)
+    title = "largest stress in every hinge"
+    return drawn(draw_stress(study.main), "stress-bars", title, words, kind="small")
 
 
 def _measured(study: Study) -> str:
@@ -244,14 +238,6 @@ def _measured(study: Study) -> str:
         return ""
     others = Characteristics(r for r in study.characteristics if r.origin != "measured")
     return measurement_section(compare_with_references(study.measured, study.stage, others))
-
-
-def _virtual(study: Study) -> str:
-    return bench_section(study.virtual, _VIRTUAL_FILE)
-
-
-def _centring(study: Study) -> str:
-    return centring_section(study.centring)
 
 
 def _hinges(study: Study) -> str:
@@ -267,7 +253,8 @@ def _validity(study: Study) -> str:
     """Return where the stage and its models stop being valid; empty where nothing is said of it."""
     notes = dict.fromkeys(note for a in study.analyses.values() for note in a.validity)
     notes = tuple(dict.fromkeys((*study.stage.notes, *notes)))
-    return f'<div class="columns">{_list(notes)}</div>' if notes else ""
+    shown = f"<p>{escape(notes[0])}</p>" if len(notes) == 1 else bullets(notes)
+    return f'<div class="columns">{shown}</div>' if notes else ""
 
 
 def _provenance(study: Study) -> str:
@@ -286,14 +273,7 @@ def _provenance(study: Study) -> str:
         entries.append((title, "; ".join(values)))
     material = study.stage.material
     entries.append(("material", f"{material.name}: {material.source}"))
-    rows = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in entries)
-    return f"<dl>{rows}</dl>"
-
-
-def _list(notes: tuple[str, ...]) -> str:
-    if len(notes) == 1:
-        return f"<p>{escape(notes[0])}</p>"
-    return f"<ul>{''.join(f'<li>{escape(note)}</li>' for note in notes)}</ul>"
+    return definitions(entries)
 
 
 #: The chapters in order, by id.
@@ -342,14 +322,20 @@ CHAPTERS: dict[str, Chapter] = {
     "measurements": Chapter(
         title="Measured",
         sections={
-            "published": ("Published figures", _published),
+            "published": ("Published figures", lambda study: published_table(study.comparison)),
             "measured": ("Campaign of tests", _measured),
             "bench": ("The bench", _bench),
-            "virtual": ("Simulated measurement", _virtual),
+            "virtual": (
+                "Simulated measurement",
+                lambda study: bench_section(study.virtual, _VIRTUAL_FILE),
+            ),
         },
     ),
-    "compensation": Chapter(title="Hysteresis", sections={"hysteresis": ("", _hysteresis)}),
-    "scale": Chapter(title="Centring", sections={"centring": ("", _centring)}),
+    "compensation": Chapter(title="Hysteresis", sections={"hysteresis": ("", hysteresis_section)}),
+    "scale": Chapter(
+        title="Centring",
+        sections={"centring": ("", lambda study: centring_section(study.centring))},
+    ),
     "record": Chapter(
         title="Record",
         sections={

@@ -9,13 +9,13 @@ from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError
 from flexstage.quantities import number
 from flexstage.report.figures.compensation import draw_compensation
-from flexstage.report.figures.style import inline_svg
-from flexstage.report.page import captioned, figure, row_of, table_html
+from flexstage.report.page import captioned, cells, drawn, row_of, table_html
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import MechanicalSystem
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.virtual_experiment import AxisExperiment
+    from flexstage.report.study import Study
 
 _UM = 1e6
 _CAPTION = (
@@ -53,21 +53,19 @@ def run_experiments(
     return made, left_out
 
 
-def hysteresis_section(
-    stage: Stage, experiments: "Mapping[str, AxisExperiment]", left_out: Mapping[str, str]
-) -> str:
+def hysteresis_section(study: "Study") -> str:
     """Write the section, with what is published of the stage.
 
     Empty where no axis has a piezo stack.
     """
+    stage, experiments = study.stage, study.experiments
     reasons = "".join(
-        f"<p>Axis {escape(axis)} was left out: {escape(why)}.</p>" for axis, why in left_out.items()
+        f"<p>Axis {escape(axis)} was left out: {escape(why)}.</p>"
+        for axis, why in study.experiments_left_out.items()
     )
     if not experiments:
         return reasons
-    svg = inline_svg(
-        draw_compensation(experiments), "hysteresis", "loops without and with the inverse"
-    )
+    plot = draw_compensation(experiments)
     return (
         "<p>An experiment on the <em>virtual</em> stage, the entire dynamic model: amplifier, "
         "stacks with hysteresis, creep of 1.2 % per decade, all modes with the stacks in place, a "
@@ -77,7 +75,7 @@ def hysteresis_section(
         "designed record at two rates. The loop width hides every error that both branches share; "
         "therefore the error from the reference is given as well.</p>"
         f"<p>{_deviations(stage, experiments)}</p>{_table(stage, experiments)}"
-        + row_of([figure(svg, _CAPTION)])
+        + row_of([drawn(plot, "hysteresis", "loops without and with the inverse", _CAPTION)])
         + reasons
     )
 
@@ -121,13 +119,13 @@ def _table(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> str:
 
 
 def _row(title: str, width: float, reduction: float | None, errors: Any) -> str:
-    cells = [
+    values = [
         f"{_UM * width:.2f}",
         "" if reduction is None else f"{reduction:.1f}",
         "" if errors is None else number(1e3 * _UM * errors.rms, 3),
         "" if errors is None else number(1e3 * _UM * errors.largest, 3),
     ]
-    return f"<tr><th>{title}</th>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+    return f"<tr><th>{title}</th>{cells(values)}</tr>"
 
 
 def _published(stage: Stage, axis: str, quantity: str) -> float | None:

@@ -18,10 +18,9 @@ from flexstage.report.figures.motion_error import (
     draw_workspace,
 )
 from flexstage.report.figures.noise import draw_hold, draw_staircase
-from flexstage.report.figures.style import inline_svg
 from flexstage.report.measurement import MeasuredRow, MeasurementComparison, positioning_tables
-from flexstage.report.page import figure, page_html, row_of
-from flexstage.report.tables import column_title
+from flexstage.report.page import bullets, cells, definitions, drawn, page_html, row_of, table_html
+from flexstage.report.tables import LABEL_HEADS, column_title
 
 _MOTIONS = {
     "across": "motion across, in the plane",
@@ -35,7 +34,7 @@ _MOTIONS = {
 def measurement_text(result: MeasurementComparison) -> str:
     """Write a page of what was measured, which needs nothing else."""
     parts = dict(_parts(result))
-    notes = "".join(f"<li>{escape(note)}</li>" for note in result.found.campaign.notes)
+    notes = bullets(result.found.campaign.notes)
     return page_html(
         title=result.title,
         heading=result.title,
@@ -49,7 +48,7 @@ def measurement_text(result: MeasurementComparison) -> str:
             f'<section id="{key}"><h2>{title}</h2>{content}</section>'
             for key, (title, content) in parts.items()
         ),
-        notes=f'<div class="note"><ul>{notes}</ul></div>' if notes else "",
+        notes=f'<div class="note">{notes}</div>' if notes else "",
     )
 
 
@@ -91,10 +90,8 @@ def _table(result: MeasurementComparison) -> str:
     simulated = result.found.campaign.origin == "virtual"
     # a simulated stage is made from published values and random errors: it tests no model
     references = () if simulated else result.references
-    heads = '<th class="text">Quantity</th><th class="text">Axis</th>'
-    heads += "<th>value</th><th>±&nbsp;(95&nbsp;%)</th>"
-    for origin in references:
-        heads += f"<th>{escape(column_title(origin))}</th>"
+    heads = [*LABEL_HEADS, "<th>value</th><th>±&nbsp;(95&nbsp;%)</th>"]
+    heads += [f"<th>{escape(column_title(origin))}</th>" for origin in references]
     here = "simulated measurement" if simulated else "measured here"
     groups = f'<th></th><th></th><th colspan="2">{here}</th>'
     published = [o for o in references if o.startswith("published")]
@@ -115,20 +112,16 @@ def _table(result: MeasurementComparison) -> str:
         if simulated
         else ""
     )
-    return (
-        f'<div class="scroll"><table><thead><tr class="groups">{groups}</tr>'
-        f"<tr>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>{key}"
-    )
+    return table_html(heads, lines, groups=groups) + key
 
 
 def _cells(row: MeasuredRow, origins: tuple[str, ...]) -> str:
     estimate = row.figure.estimate
     sizes = [abs(estimate.value), *(abs(other.value) for other in row.references.values())]
     shown = display(row.figure.quantity).fitting(max(sizes))
-    unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
     value, spread = beside(shown.factor * estimate.value, shown.factor * estimate.expanded)
     cells = [
-        f'<td class="text">{escape(shown.label + unit)}</td>',
+        f'<td class="text">{escape(shown.heading)}</td>',
         f'<td class="text">{escape(row.figure.axis)}</td>',
         f'<td class="ours" title="{escape(estimate.note, quote=True)}">{value}</td>',
         f'<td class="ours">{spread}</td>',
@@ -155,7 +148,6 @@ def _budgets(result: MeasurementComparison) -> str:
     names = list(
         dict.fromkeys(c.name for row in result.rows for c in row.figure.estimate.components)
     )
-    heads = "".join(f"<th>{escape(name)}</th>" for name in names)
     lines = []
     for row in result.rows:
         estimate = row.figure.estimate
@@ -164,24 +156,19 @@ def _budgets(result: MeasurementComparison) -> str:
         for c in estimate.components:
             own[c.name] = (own.get(c.name, 0.0) ** 2 + c.uncertainty**2) ** 0.5
         u = estimate.uncertainty
-        cells = "".join(
-            f"<td>{100.0 * (own[n] / u) ** 2:.0f}</td>" if u > 0.0 and n in own else "<td></td>"
-            for n in names
-        )
-        unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
+        shares = (f"{100.0 * (own[n] / u) ** 2:.0f}" if u > 0.0 and n in own else "" for n in names)
         nu = estimate.degrees_of_freedom
         freedom = "∞" if nu > 1e4 else f"{nu:.0f}"
         lines.append(
-            f'<tr><td class="text">{escape(shown.label + unit)}</td>'
+            f'<tr><td class="text">{escape(shown.heading)}</td>'
             f'<td class="text">{escape(row.figure.axis)}</td>'
-            f"<td>{number(shown.factor * u, 2)}</td><td>{freedom}</td>{cells}</tr>"
+            f"{cells((number(shown.factor * u, 2), freedom, *shares))}</tr>"
         )
+    heads = (f"<th>{escape(name)}</th>" for name in names)
     return (
         "<p>Standard uncertainty, its degrees of freedom, and the share of each contribution in "
         "its square [%].</p>"
-        '<div class="scroll"><table><thead><tr><th class="text">Quantity</th>'
-        f'<th class="text">Axis</th><th>u</th><th>degrees</th>{heads}</tr></thead>'
-        f"<tbody>{''.join(lines)}</tbody></table></div>"
+        + table_html([*LABEL_HEADS, "<th>u</th><th>degrees</th>", *heads], lines)
     )
 
 
@@ -192,23 +179,21 @@ def _motion(result: TestResult, key: str) -> str:
     axis = result.test.axis
     # the legend of the first serves all
     plots = [
-        figure(
-            inline_svg(
-                draw_motion_error(
-                    result.details["stroke"].curve,
-                    title=f"{axis}: position less its line",
-                    position_label="command",
-                    label="distance from the line",
-                ),
-                f"{key}-along",
-                f"{axis}: position less its least-squares line",
+        drawn(
+            draw_motion_error(
+                result.details["stroke"].curve,
+                title=f"{axis}: position less its line",
+                position_label="command",
+                label="distance from the line",
             ),
+            f"{key}-along",
+            f"{axis}: position less its least-squares line",
             f"{escape(axis)}: position less its least-squares line{_band(result)}.",
         )
     ]
     for name, curve in curves.items():
         turning = curve.unit == "rad"
-        drawn = draw_motion_error(
+        plot = draw_motion_error(
             curve,
             title=f"{axis}: {_MOTIONS[name]}",
             position_label=f"position {axis}",
@@ -216,8 +201,8 @@ def _motion(result: TestResult, key: str) -> str:
             line="none" if turning else "least_squares",
             legend=False,
         )
-        svg = inline_svg(drawn, f"{key}-{name}", f"{axis}: {_MOTIONS[name]}")
-        plots.append(figure(svg, f"{escape(axis)}: {_MOTIONS[name]}{_band(result)}."))
+        words = f"{axis}: {_MOTIONS[name]}"
+        plots.append(drawn(plot, f"{key}-{name}", words, f"{escape(words)}{_band(result)}."))
     return row_of(plots, columns=2)
 
 
@@ -231,10 +216,10 @@ def _positioning(result: TestResult, key: str) -> str:
         return ""
     tables = positioning_tables(found)
     name = escape(result.test.name)
-    svg = inline_svg(draw_positioning(found, title=f"{result.test.axis}: ISO 230-2"), key, name)
+    plot = draw_positioning(found, title=f"{result.test.axis}: ISO 230-2")
     return (
         f"<p>Test {name}: {found.runs} runs upward and downward; values in {tables.unit}.</p>"
-        f"{row_of([figure(svg, f'Positioning by ISO 230-2, test {name}.')])}"
+        f"{row_of([drawn(plot, key, name, f'Positioning by ISO 230-2, test {name}.')])}"
         f"{_cells_of(tables.axis_heads, tables.axis, 2)}"
         f"{_cells_of(tables.target_heads, tables.targets, 0)}"
     )
@@ -243,25 +228,21 @@ def _positioning(result: TestResult, key: str) -> str:
 def _cells_of(heads: tuple[str, ...], rows: tuple[tuple[str, ...], ...], words: int) -> str:
     """Write a table whose first columns are words."""
     kind = ['<{} class="text">' if i < words else "<{}>" for i in range(len(heads))]
-    top = "".join(k.format("th") + f"{escape(h)}</th>" for k, h in zip(kind, heads, strict=True))
-    body = "".join(
+    top = (k.format("th") + f"{escape(h)}</th>" for k, h in zip(kind, heads, strict=True))
+    lines = (
         f"<tr>{''.join(k.format('td') + escape(c) + '</td>' for k, c in zip(kind, r, strict=True))}"
         "</tr>"
         for r in rows
     )
-    return (
-        f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
-        "</div>"
-    )
+    return table_html(top, lines)
 
 
 def _workspace(result: TestResult, key: str) -> str:
     found = result.details.get("workspace")
     if found is None:
         return ""
-    svg = inline_svg(draw_workspace(found), key, "workspace")
     words = f"Workspace, test {escape(result.test.name)}; ± of its title is statistical."
-    return row_of([figure(svg, words)], columns=2)
+    return row_of([drawn(draw_workspace(found), key, "workspace", words)], columns=2)
 
 
 def _response(result: TestResult, key: str) -> str:
@@ -269,39 +250,34 @@ def _response(result: TestResult, key: str) -> str:
     if fit is None:
         return ""
     name = escape(result.test.name)
-    svg = inline_svg(
-        draw_modal_fit(fit, output=strongest_output(fit)),
-        f"{key}-fit",
-        f"{result.test.name}: response and fit",
-    )
-    plots = [figure(svg, f"Frequency response and modal fit, test {name}.")]
+    shown = [
+        (draw_modal_fit(fit, output=strongest_output(fit)), "fit", "response and fit",
+         "Frequency response and modal fit"),
+    ]  # fmt: skip
     if fit.stabilisation is not None:
-        svg = inline_svg(
-            draw_stabilisation(fit), f"{key}-stabilisation", f"{result.test.name}: stabilisation"
-        )
-        plots.append(figure(svg, f"Stabilisation diagram, test {name}."))
-    return row_of(plots)
+        plot = draw_stabilisation(fit)
+        shown.append((plot, "stabilisation", "stabilisation", "Stabilisation diagram"))
+    return row_of(
+        drawn(plot, f"{key}-{kind}", f"{result.test.name}: {title}", f"{words}, test {name}.")
+        for plot, kind, title, words in shown
+    )
 
 
 def _standing(result: TestResult, key: str) -> str:
     details = result.details
     if "hold" in details:
-        drawn = draw_hold(details["values"], details["hold"], details["allan"])
+        plot = draw_hold(details["values"], details["hold"], details["allan"])
     elif "staircase" in details:
         time = details["time"]
         rate = (time.size - 1) / float(time[-1] - time[0])
-        drawn = draw_staircase(details["along"], rate, details["staircase"])
+        plot = draw_staircase(details["along"], rate, details["staircase"])
     else:
         return ""
-    svg = inline_svg(drawn, key, f"test {result.test.name}")
     kind = "Reading while held" if "hold" in details else "Staircase of small steps"
-    return row_of([figure(svg, f"{kind}, test {escape(result.test.name)}.")])
+    name = f"test {result.test.name}"
+    return row_of([drawn(plot, key, name, f"{kind}, {escape(name)}.")])
 
 
 def _records(result: MeasurementComparison, words: list[str]) -> str:
-    notes = "".join(f"<li>{escape(note)}</li>" for note in words)
-    rows = "".join(
-        f"<dt>{escape(name)}</dt><dd>SHA-256 {escape(digest)}</dd>"
-        for name, digest in result.found.sources.items()
-    )
-    return (f"<ul>{notes}</ul>" if notes else "") + (f"<dl>{rows}</dl>" if rows else "")
+    sources = result.found.sources.items()
+    return bullets(words) + definitions((name, f"SHA-256 {digest}") for name, digest in sources)

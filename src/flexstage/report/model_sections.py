@@ -10,8 +10,7 @@ from flexstage.quantities import display, number
 from flexstage.report.figures.convergence import draw_convergence
 from flexstage.report.figures.fields import draw_fe_modes
 from flexstage.report.figures.neck_stress import draw_neck_stress, neck_sampler
-from flexstage.report.figures.style import inline_svg
-from flexstage.report.page import figure, row_of
+from flexstage.report.page import drawn, figure, row_of
 from flexstage.stage import PiezoStack
 
 if TYPE_CHECKING:
@@ -116,12 +115,10 @@ def neck_stress_section(study: "Study") -> str:
         sampler = neck_sampler(run.mesh)
         where = ", middle plane" if run.mesh.system.model == "solid" else ""
         plots = [
-            figure(
-                inline_svg(
-                    draw_neck_stress(run.mesh, run.analysis, axis, sampler=sampler),
-                    f"necks-{name}-{i}",
-                    f"stress at the necks, {axis}, model {name}",
-                ),
+            drawn(
+                draw_neck_stress(run.mesh, run.analysis, axis, sampler=sampler),
+                f"necks-{name}-{i}",
+                f"stress at the necks, {axis}, model {name}",
                 f"Equivalent stress (von Mises), drive of {escape(axis)} at full stroke, the "
                 f"others removed; {mesh_words(name, run)}{where}.",
                 kind="small",
@@ -146,11 +143,10 @@ def fe_modes_section(study: "Study") -> str:
     for name, run in _meshed(study):
         if run.analysis.modes["removed"].frequency_hz.size:
             assert run.mesh is not None
-            svg = inline_svg(
-                draw_fe_modes(run.mesh, run.analysis), f"fem-modes-{name}", f"modes, model {name}"
-            )
-            return figure(
-                svg,
+            return drawn(
+                draw_fe_modes(run.mesh, run.analysis),
+                f"fem-modes-{name}",
+                f"modes, model {name}",
                 f"Lowest modes, drives removed; {mesh_words(name, run)}. Amplitudes are not to "
                 "scale, so that bodies may overlap; thin: at rest.",
                 kind="small",
@@ -166,16 +162,15 @@ def convergence_section(study: "Study") -> str:
         if found is None or len(found.steps) < 2:
             continue
         asked = display(found.quantity).label.lower()
-        svg = inline_svg(
-            draw_convergence(found), f"convergence-{name}", f"convergence of model {name}"
-        )
         words = (
             f"Change from mesh to mesh; {mesh_words(name, run)}. Requested: {escape(asked)} to "
             f"{100.0 * found.accuracy:.3g} %; estimate of the last mesh: "
             f"{100.0 * found.estimate:.2g} %. Stress is read at points on the notches and settles "
             "last."
         )
-        parts.append(figure(svg, words, kind="small"))
+        title = f"convergence of model {name}"
+        plot = draw_convergence(found)
+        parts.append(drawn(plot, f"convergence-{name}", title, words, kind="small"))
     if not parts:
         return ""
     return (

@@ -6,8 +6,12 @@ from collections.abc import Iterable
 from html import escape
 from importlib.resources import files
 from string import Template
+from typing import TYPE_CHECKING
 
-from flexstage.report.figures.style import css_variables
+from flexstage.report.figures.style import css_variables, inline_svg
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: A hyphen that is a minus sign: before a digit, and after nothing that it could belong to.
 _HYPHEN_MINUS = re.compile(r"(?<![\w\])−–-])-(?=\.?\d)")
@@ -49,6 +53,11 @@ def figure(svg: str, caption: str, *, kind: str = "") -> str:
     return f'<figure class="{kind or "whole"}">{svg}<figcaption>{caption}</figcaption></figure>'
 
 
+def drawn(plot: "Figure", key: str, title: str, caption: str, *, kind: str = "") -> str:
+    """Return a plot as a figure; the key is unique in the page, the title for who cannot see it."""
+    return figure(inline_svg(plot, key, title), caption, kind=kind)
+
+
 def row_of(figures: Iterable[str], *, columns: int = 1) -> str:
     """Return figures side by side, 1 to 3 in a row; empty where there is none."""
     shown = "".join(figures)
@@ -71,6 +80,23 @@ def table_html(heads: Iterable[str], lines: Iterable[str], *, groups: str = "") 
         f'<div class="scroll"><table><thead>{above}<tr>{"".join(heads)}</tr></thead>'
         f"<tbody>{''.join(lines)}</tbody></table></div>"
     )
+
+
+def cells(values: Iterable[object]) -> str:
+    """Write the cells of a row, as HTML."""
+    return "".join(f"<td>{value}</td>" for value in values)
+
+
+def bullets(notes: Iterable[str]) -> str:
+    """Write notes as a list; empty where there are none."""
+    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    return f"<ul>{items}</ul>" if items else ""
+
+
+def definitions(entries: Iterable[tuple[str, str]]) -> str:
+    """Write what things are called and what they are; empty where there are none."""
+    rows = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in entries)
+    return f"<dl>{rows}</dl>" if rows else ""
 
 
 def folded(key: str, title: str, finding: str, content: str) -> str:

@@ -18,10 +18,10 @@ from flexstage.plans.results import (
 from flexstage.plans.step_results import FollowedRun
 from flexstage.quantities import beside, display, number
 from flexstage.report.figures.following import draw_drive_fit, draw_following
-from flexstage.report.figures.style import inline_svg
 from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.measurement_html import measurement_section
-from flexstage.report.page import figure, page_html
+from flexstage.report.page import bullets, cells, definitions, drawn, page_html, row_of, table_html
+from flexstage.report.tables import LABEL_HEADS
 
 if TYPE_CHECKING:
     from flexstage.stage import Stage
@@ -111,8 +111,7 @@ def _notes(result: PlanResult) -> str:
     if result.note:
         said.append(f"Note: {result.note}")
     said += [*result.plan.notes, *(n for n in result.notes if "is a simulation" not in n)]
-    items = "".join(f"<li>{escape(text)}</li>" for text in dict.fromkeys(said))
-    return f'<div class="note"><ul>{items}</ul></div>' if items else ""
+    return f'<div class="note">{bullets(dict.fromkeys(said))}</div>' if said else ""
 
 
 def _parts(result: PlanResult) -> Iterator[tuple[str, str, str]]:
@@ -146,14 +145,14 @@ def _further(result: PlanResult) -> str:
         )
     if not rows:
         return ""
+    heads = (
+        *LABEL_HEADS, '<th class="text">Test</th><th>value</th><th>±&nbsp;(95&nbsp;%)</th>',
+        '<th class="text">Unit</th>',
+    )  # fmt: skip
     return (
         "<p>Natural frequencies are those of the stage without its drives, except where this table "
         "says that they were in place. It lists those, and what a test gave again after another "
-        "test.</p>"
-        '<div class="scroll"><table><thead><tr><th class="text">Quantity</th>'
-        '<th class="text">Axis</th><th class="text">Test</th><th>value</th>'
-        '<th>±&nbsp;(95&nbsp;%)</th><th class="text">Unit</th></tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
+        "test.</p>" + table_html(heads, rows)
     )
 
 
@@ -170,18 +169,16 @@ def _models(result: PlanResult, steps: list[IdentifiedStep]) -> str:
             f'<td class="text">{escape(step.kind)}</td><td class="text">{escape(errors)}</td>'
             f"<td>{number(_UM * step.deviation)}</td><td>{beside}</td></tr>"
         )
-        svg = inline_svg(draw_drive_fit(step), f"model-{i}", f"{step.name}: record and model")
-        name = escape(step.name)
-        plots.append(figure(svg, f"Step {name}: record and identified model."))
+        words = f"Step {escape(step.name)}: record and identified model."
+        title = f"{step.name}: record and model"
+        plots.append(drawn(draw_drive_fit(step), f"model-{i}", title, words))
         warned |= dict.fromkeys(f"{step.name}: {text}" for text in step.warnings)
-    notes = "".join(f"<li>{escape(text)}</li>" for text in warned)
-    return (
-        '<div class="scroll"><table><thead><tr><th>Step</th><th>Axis</th>'
-        '<th class="text">Model</th><th class="text">Errors [% of the stroke]</th>'
-        "<th>Largest deviation [µm]</th><th>published [µm]</th></tr></thead>"
-        f'<tbody>{"".join(rows)}</tbody></table></div><div class="plots">{"".join(plots)}</div>'
-        + (f"<ul>{notes}</ul>" if notes else "")
+    heads = (
+        "<th>Step</th><th>Axis</th>",
+        '<th class="text">Model</th><th class="text">Errors [% of the stroke]</th>',
+        "<th>Largest deviation [µm]</th><th>published [µm]</th>",
     )
+    return table_html(heads, rows) + row_of(plots) + bullets(warned)
 
 
 def _following(result: PlanResult, steps: list[VerifiedStep]) -> str:
@@ -197,27 +194,25 @@ def _following(result: PlanResult, steps: list[VerifiedStep]) -> str:
             lines += _published_rows(result.stage, step.axis)
             shown.add(step.axis)
         title = f"{step.name}: a reference followed in {len(step.runs)} ways"
-        svg = inline_svg(draw_following(step), f"following-{i}", title)
-        plots.append(figure(svg, f"Step {escape(title)}."))
+        words = f"Step {escape(title)}."
+        plots.append(drawn(draw_following(step), f"following-{i}", title, words))
         told |= dict.fromkeys(
             f"{step.name}, {run.way}: {text}" for run in step.runs for text in run.notes
         )
-    titles = "".join(f"<th>{title}</th>" for title in heads)
-    notes = "".join(f"<li>{escape(text)}</li>" for text in told)
     return (
         "<p>Errors include the noise of the reading. The loop width hides every error that both "
         "branches share; therefore the error from the reference is given as well. In "
         "open loop the reading is shifted by its mean difference from the reference.</p>"
-        f'<div class="scroll"><table><thead><tr>{titles}</tr></thead>'
-        f'<tbody>{"".join(lines)}</tbody></table></div><div class="plots">{"".join(plots)}</div>'
-        + (f"<ul>{notes}</ul>" if notes else "")
+        + table_html((f"<th>{title}</th>" for title in heads), lines)
+        + row_of(plots)
+        + bullets(told)
     )
 
 
 def _run_row(step: VerifiedStep, run: FollowedRun) -> str:
     way = _WAYS[run.way].format(kind=step.kind)
     errors, less = run.tracking, run.reduction_percent
-    cells = (
+    values = (
         number(_UM * step.stroke),
         number(step.rate_hz),
         number(_UM * errors.loop_width),
@@ -227,7 +222,7 @@ def _run_row(step: VerifiedStep, run: FollowedRun) -> str:
         number(_NM * errors.largest),
     )
     title = f"{step.name}, axis {step.axis}: {way}"
-    return f"<tr><th>{escape(title)}</th>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+    return f"<tr><th>{escape(title)}</th>{cells(values)}</tr>"
 
 
 def _as_printed(length: float) -> str:
@@ -254,32 +249,26 @@ def _published_rows(stage: "Stage", axis: str) -> list[str]:
 
 
 def _published_row(title: str, stroke: str, width: float, reduction: str) -> str:
-    cells = (stroke, "", _as_printed(width), reduction, "", "", "")
-    return f"<tr><th>{escape(title)}</th>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+    values = (stroke, "", _as_printed(width), reduction, "", "", "")
+    return f"<tr><th>{escape(title)}</th>{cells(values)}</tr>"
 
 
 def _centred(step: CentredStep) -> str:
     rows = []
     for i, move in enumerate(step.moves):
-        expected = "" if move.predicted is None else f"{move.predicted * _UM:.3f}"
-        cells = (
-            f"<td>{move.command[0] * _UM:.3f}</td><td>{move.command[1] * _UM:.3f}</td>"
-            f"<td>{move.length * _UM:.3f}</td><td>{move.uncertainty * _UM:.3f}</td>"
-            f"<td>{expected}</td><td>{move.true_length * _UM:.3f}</td>"
-        )
-        rows.append(f"<tr><td>{i}</td><td>{escape(move.kind)}</td>{cells}</tr>")
-    notes = "".join(f"<li>{escape(text)}</li>" for text in step.notes)
+        lengths = (*move.command, move.length, move.uncertainty, move.predicted, move.true_length)
+        shown = ("" if length is None else f"{length * _UM:.3f}" for length in lengths)
+        rows.append(f"<tr>{cells((i, escape(move.kind), *shown))}</tr>")
     heads = (
         "move", "kind", "x [µm]", "y [µm]", "eccentricity [µm]", "± (95 %)", "expected [µm]",
         "true [µm]",
     )  # fmt: skip
-    titles = "".join(f"<th>{title}</th>" for title in heads)
     return (
         f"<p>Step {escape(step.name)}: target {step.target * _UM:.3g} µm; "
         f"{escape(step.reason)}. The scale and its heads are simulated, so the true one is "
         "known.</p>"
-        f'<div class="scroll"><table><thead><tr>{titles}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>" + (f"<ul>{notes}</ul>" if notes else "")
+        + table_html((f"<th>{title}</th>" for title in heads), rows)
+        + bullets(step.notes)
     )
 
 
@@ -291,18 +280,15 @@ def _record(result: PlanResult) -> str:
         rows.append(
             f'<tr><th>{escape(step.name)}</th><td class="text">{escape(step.axis)}</td>'
             f'<td class="text">{escape(step.test or "identification")}</td>'
-            f"<td>{len(record.channels)}</td><td>{record.size}</td>"
-            f"<td>{number(record.sample_rate_hz)}</td>"
+            f"{cells((len(record.channels), record.size, number(record.sample_rate_hz)))}"
             f'<td class="text">{escape(step.file.name)}</td><td class="text">{again}</td></tr>'
         )
-    table = (
-        '<div class="scroll"><table><thead><tr><th>Step</th><th class="text">Axis</th>'
-        '<th class="text">Serves</th><th>Signals</th><th>Samples</th><th>Rate [Hz]</th>'
-        '<th class="text">File</th><th></th></tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-        if rows
-        else ""
+    heads = (
+        '<th>Step</th><th class="text">Axis</th>',
+        '<th class="text">Serves</th><th>Signals</th><th>Samples</th><th>Rate [Hz]</th>',
+        '<th class="text">File</th><th></th>',
     )
+    table = table_html(heads, rows) if rows else ""
     identity = result.instrument
     settings = {
         "instrument": f"{identity.vendor} {identity.model}".strip(),
@@ -310,9 +296,4 @@ def _record(result: PlanResult) -> str:
         "firmware": identity.firmware,
         **result.settings,
     }
-    listed = "".join(
-        f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>"
-        for name, value in settings.items()
-        if value
-    )
-    return f"{table}<dl>{listed}</dl>"
+    return table + definitions((name, value) for name, value in settings.items() if value)

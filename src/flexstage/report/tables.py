@@ -20,7 +20,7 @@ _TITLES = {
 }
 #: What comes from manufacture: no model of the ideal geometry is compared with it.
 MANUFACTURE = frozenset(("straightness", "straightness_out_of_plane", "linearity"))
-_LABEL_HEADS = ('<th class="text">Quantity</th>', '<th class="text">Axis</th>')
+LABEL_HEADS = ('<th class="text">Quantity</th>', '<th class="text">Axis</th>')
 _MOST_NAMES = 12  # hinges that a row names
 # what the study says of its own models: each against the experiment, and one against the other
 _PAIRS = (
@@ -62,7 +62,7 @@ def characteristics_table(comparison: Comparison, quantities: Collection[str], c
     if published:
         groups += f'<th colspan="{len(published)}">published</th>'
     groups += f'<th colspan="{len(shown) - len(published)}">here, by model</th>'
-    heads = [*_LABEL_HEADS, *(f"<th>{escape(column_title(c))}</th>" for c in shown)]
+    heads = [*LABEL_HEADS, *(f"<th>{escape(column_title(c))}</th>" for c in shown)]
     lines = []
     before = ""
     for row in rows:
@@ -88,7 +88,7 @@ def differences_table(comparison: Comparison) -> str:
     )
     # the longest name may be broken, or the last column stands outside the page
     names = [escape(m).replace("superelement", "super&shy;element") for m in models]
-    heads = [*_LABEL_HEADS, *[f"<th>{name}</th>" for name in names] * len(comparison.published)]
+    heads = [*LABEL_HEADS, *[f"<th>{name}</th>" for name in names] * len(comparison.published)]
     lines = []
     for row in shared_rows(comparison.rows):
         if row.quantity in MANUFACTURE or row.quantity == "input_displacement":
@@ -114,7 +114,7 @@ def published_table(comparison: Comparison) -> str:
     if not comparison.published:
         return ""
     pairs = [p for p in _PAIRS if set(p) <= set(comparison.published)]
-    heads = [*_LABEL_HEADS, *(f"<th>{column_title(c)}</th>" for c in comparison.published)]
+    heads = [*LABEL_HEADS, *(f"<th>{column_title(c)}</th>" for c in comparison.published)]
     heads += [f"<th>{column_title(a)} to {column_title(b)}</th>" for a, b in pairs]
     lines, notes = [], []
     for row in shared_rows(comparison.rows):
@@ -200,10 +200,9 @@ def _profile_text(profile: Profile) -> str:
 
 
 def _label_cells(row: ComparisonRow, shown: Quantity) -> list[str]:
-    unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
     remark = f"<br><small>{escape(row.remark)}</small>" if row.remark else ""
     return [
-        f'<td class="text wrap">{escape(shown.label + unit)}{remark}</td>',
+        f'<td class="text wrap">{escape(shown.heading)}{remark}</td>',
         f'<td class="text">{escape(row.axis)}</td>',
     ]
 

@@ -14,7 +14,7 @@ from flexstage.experiment.motion.curve_fit import fit_motion_curve
 from flexstage.experiment.motion.cycles import MotionCycles, motion_cycles
 from flexstage.experiment.motion.motion_curve import MotionCurve
 from flexstage.experiment.motion.stroke import linearity, stroke
-from flexstage.experiment.noise.resolution import screw_resolution
+from flexstage.experiment.noise.staircase import screw_resolution
 from flexstage.experiment.uncertainty.sensor import Role, measured
 from flexstage.quantities import QUANTITIES
 from flexstage.records import Record

@@ -203,15 +203,12 @@ def _not_listed(others: dict[str, list[Mode]]) -> list[str]:
     """Name the poles that are not listed, in one note."""
     if not others:
         return []
-    said = [
-        f"{', '.join(_named(mode) for mode in modes)} ({reason})"
-        for reason, modes in sorted(others.items())
-    ]
+    said = []
+    for reason, modes in sorted(others.items()):
+        figures = [(mode.frequency_hz.value, 100.0 * mode.damping_ratio.value) for mode in modes]
+        named = ", ".join(f"{f:.4g} Hz with {zeta:.2g} % damping" for f, zeta in figures)
+        said.append(f"{named} ({reason})")
     return [f"poles of the fit that are not listed as modes: {'; '.join(said)}"]
-
-
-def _named(mode: Mode) -> str:
-    return f"{mode.frequency_hz.value:.4g} Hz with {100.0 * mode.damping_ratio.value:.2g} % damping"
 
 
 def _names(parts: Sequence[Prepared]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -189,15 +189,12 @@ def noise_ratios(fit: DecayFit, rate: float) -> Array:
     return np.einsum("rab,rba->r", np.linalg.inv(noise), falls)
 
 
-def _width(lines: int) -> int:
-    return int(np.clip(lines // _SHARE, min(_FEWEST, lines // 2), _MOST))
-
-
 def _density(fit: DecayFit, free: Array) -> tuple[Complex, int]:
     """Return auto and cross spectra of the noise, shape (c, c, lines), and lines averaged."""
     size, count = fit.residual.shape
     residual = np.fft.rfft(fit.residual, axis=0).T
-    width = _width(residual.shape[1])
+    lines = residual.shape[1]
+    width = int(np.clip(lines // _SHARE, min(_FEWEST, lines // 2), _MOST))
     # share of white noise that functions and poles take away from each line
     taken = np.sum(np.abs(np.fft.rfft(fit.functions, axis=0)) ** 2, axis=1) / size
     left = np.empty((count, residual.shape[1]))

@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, Literal, NoReturn, cast
+from typing import Any, Literal, NamedTuple, cast
 
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError, RecordError, UnitError
@@ -13,21 +13,11 @@ from flexstage.experiment.uncertainty.expression import Expression
 from flexstage.experiment.uncertainty.influence import Influence
 from flexstage.experiment.uncertainty.monte_carlo import MonteCarlo, monte_carlo
 from flexstage.experiment.uncertainty.propagate import Propagated, propagate
-from flexstage.files.nodes import Mapping, Node, Scalar, Sequence, parse_yaml, read_text
+from flexstage.files.decoder import Decoder, read, read_file, show
+from flexstage.files.format import Form, Format
+from flexstage.files.nodes import Mapping, Node, Scalar
 from flexstage.records.columns import measured_unit
 
-_TOP = ("quantity", "unit", "equation", "influences", "correlations", "notes")
-_INFLUENCE = (
-    "name",
-    "value",
-    "uncertainty",
-    "half_width",
-    "distribution",
-    "dof",
-    "kind",
-    "flat_share",
-    "source",
-)
 _NUMBER = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,3})?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})(?:\s*([^\d\s.,+-].{{0,40}}?)|\s+(1/.{{1,40}}?))?\s*")
 
@@ -123,7 +113,7 @@ def read_budget(path: Path) -> Budget:
     RecordError
         There is no such file, or it is no budget; the line is named.
     """
-    return budget_from_text(read_text(path, "budget file", RecordError), str(path))
+    return _budget(*read_file(path, BUDGET_FILE))
 
 
 def budget_from_text(text: str, source: str = "budget") -> Budget:
@@ -142,180 +132,228 @@ def budget_from_text(text: str, source: str = "budget") -> Budget:
     >>> round(budget.propagate().uncertainty * 1e9, 2)
     16.23
     """
-    return _Reader(source).budget(parse_yaml(text, source, "budget file", RecordError))
+    return _budget(*read(text, source, BUDGET_FILE))
 
 
-class _Reader:
-    """Turns nodes into a budget; every message names a line."""
+class _Correlation(NamedTuple):
+    """A correlation coefficient with the names of two influences."""
 
-    def __init__(self, source: str) -> None:
-        self.source = source
+    first: str
+    second: str
+    coefficient: float
 
-    def refuse(self, line: int, message: str) -> NoReturn:
-        raise RecordError(f"{self.source}, line {line}: {message}")
 
-    def budget(self, root: Node) -> Budget:
-        if not isinstance(root, Mapping):
-            self.refuse(root.line, "a budget begins with 'quantity: NAME'")
-        self.known(root, _TOP, "budget")
-        for key in ("equation", "influences"):
-            if key not in root.items:
-                self.refuse(root.line, f"the budget has no '{key}'")
-        influences = tuple(map(self.influence, self.sequence(root, "influences")))
-        unit = self.text(root, "unit", "1")
-        try:
-            factor, si = measured_unit(unit)
-        except UnitError as error:
-            self.refuse(root.items["unit"].line, str(error))
-        equation = self.equation(root, influences)
-        try:
-            equation.require_unit({i.name: i.unit for i in influences}, si)
-        except ModelError as error:
-            self.refuse(root.items["equation"].line, str(error))
-        return Budget(
-            quantity=self.text(root, "quantity", "result"),
-            unit=unit,
-            factor=factor,
-            si=si,
-            equation=equation,
-            influences=influences,
-            correlations=self.correlations(root, {i.name for i in influences}),
-            source=self.source,
-            notes=self.text(root, "notes", ""),
-        )
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Content:
+    """An uncertainty budget as its file says it."""
 
-    def equation(self, root: Mapping, influences: tuple[Influence, ...]) -> Expression:
-        line = root.items["equation"].line
-        try:
-            equation = Expression(self.text(root, "equation", ""))
-        except ModelError as error:
-            self.refuse(line, str(error))
-        have = [i.name for i in influences]
-        for name in equation.names:
-            if name not in have:
-                hint = did_you_mean(name, have)
-                self.refuse(line, f"the equation names '{name}', which is no influence{hint}")
-        unused = [name for name in have if name not in equation.names]
-        if unused:
-            self.refuse(line, f"the equation does not use the influence '{unused[0]}'")
-        return equation
+    quantity: str = "result"
+    """What the result is called."""
+    unit: str = "1"
+    """Unit that the result is shown in."""
+    equation: Expression
+    """The result from its influences."""
+    influences: tuple[Influence, ...]
+    """The influences."""
+    correlations: tuple[_Correlation, ...] = ()
+    """Correlation coefficients, each after the names of two influences."""
+    notes: str = ""
+    """Remarks of its author."""
 
-    def influence(self, node: Node) -> Influence:
-        if not isinstance(node, Mapping):
-            self.refuse(node.line, "an influence is a mapping with 'name' and 'value'")
-        self.known(node, _INFLUENCE, "influence")
-        name = self.text(node, "name", "")
-        if not Expression.is_name(name):
-            self.refuse(node.line, f"an influence needs a name of letters, got '{name[:40]}'")
-        if "value" not in node.items:
-            self.refuse(node.line, f"the influence '{name}' has no value")
-        value, unit = self.quantity(node, "value", None)
-        sizes = {
-            key: self.quantity(node, key, unit)[0]
-            for key in ("uncertainty", "half_width")
-            if key in node.items
-        }
-        if not sizes:
-            self.constant(node, name)
-            sizes["uncertainty"] = 0.0
-        freedom = self.number(node, "dof", math.inf)
-        repeated = math.isfinite(freedom) and "half_width" not in sizes
-        try:
-            return Influence(
-                name=name,
-                value=value,
-                unit=unit,
-                distribution=self.text(node, "distribution", "") or None,
-                degrees_of_freedom=freedom,
-                kind=cast(Any, self.text(node, "kind", "A" if repeated else "B")),
-                flat_share=self.number(node, "flat_share", 0.5),
-                source=self.text(node, "source", ""),
-                **sizes,
-            )
-        except ModelError as error:
-            self.refuse(node.line, str(error))
 
-    def constant(self, node: Mapping, name: str) -> None:
-        """Refuse what is said of an uncertainty that is not there."""
+class _Quantity(NamedTuple):
+    """A value in SI with its unit."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Entry:
+    """An influence: its value, and its uncertainty or half-width unless it is a constant."""
+
+    name: str
+    """Its name in the equation."""
+    value: _Quantity
+    """Its best estimate."""
+    uncertainty: _Quantity | None = None
+    """Its standard uncertainty."""
+    half_width: _Quantity | None = None
+    """Half of the interval that it lies in."""
+    distribution: str | None = None
+    """How it is spread: normal, student, uniform, triangular, arcsine or trapezoidal."""
+    dof: float = math.inf
+    """Degrees of freedom of its uncertainty."""
+    kind: str | None = None
+    """A from repeated observations, B otherwise; A where degrees of freedom are given."""
+    flat_share: float = 0.5
+    """Top over base of a trapezoid [1]."""
+    source: str = ""
+    """Where its figures come from."""
+
+
+def _budget(decoder: Decoder, root: Mapping) -> Budget:
+    content: _Content = decoder.build(_Content, root, "")
+    places = root.items
+    if not content.influences:
+        decoder.refuse(places["influences"], "influences", "expected one entry at least, got none")
+    unit = content.unit.strip()
+    try:
+        factor, si = measured_unit(unit)
+    except UnitError as error:
+        decoder.refuse_again(places["unit"], "unit", error)
+    equation, names = content.equation, [i.name for i in content.influences]
+    if fault := _unmatched(equation, names):
+        decoder.refuse(places["equation"], "equation", fault)
+    try:
+        equation.require_unit({i.name: i.unit for i in content.influences}, si)
+    except ModelError as error:
+        decoder.refuse_again(places["equation"], "equation", error)
+    correlations: dict[tuple[str, str], float] = {}
+    for k, (a, b, r) in enumerate(content.correlations):
+        if fault := _no_correlation(a, b, r, names, correlations):
+            place = decoder.items(places["correlations"], "correlations", None, "entries")[k]
+            decoder.refuse(place, f"correlations[{k}]", fault)
+        correlations[a, b] = r
+    return Budget(
+        quantity=content.quantity.strip(),
+        unit=unit,
+        factor=factor,
+        si=si,
+        equation=equation,
+        influences=content.influences,
+        correlations=correlations,
+        source=decoder.source,
+        notes=content.notes.strip(),
+    )
+
+
+def _unmatched(equation: Expression, have: list[str]) -> str:
+    """Say what only one of equation and influences names; nothing where all is well."""
+    for name in equation.names:
+        if name not in have:
+            hint = did_you_mean(name, have)
+            return f"the equation names '{name}', which is no influence{hint}"
+    unused = [name for name in have if name not in equation.names]
+    return f"the equation does not use the influence '{unused[0]}'" if unused else ""
+
+
+def _no_correlation(
+    a: str, b: str, r: float, names: list[str], found: dict[tuple[str, str], float]
+) -> str:
+    """Say why a correlation cannot be; nothing where it can."""
+    for name in (a, b):
+        if name not in names:
+            hint = did_you_mean(name, names)
+            return f"a correlation names '{name}', which is no influence{hint}"
+    if not -1.0 <= r <= 1.0:
+        return f"a correlation coefficient lies from -1 to 1, got {r!r}"
+    if a == b or (a, b) in found or (b, a) in found:
+        return f"the correlation of {a} and {b} must be given once, of two"
+    return ""
+
+
+def _read_correlation(decoder: Decoder, node: Node, path: str, _base: Any) -> _Correlation:
+    written = "3 entries, [name, name, coefficient]"
+    first, second, coefficient = decoder.items(node, path, 3, written)
+    return _Correlation(
+        decoder.text(first, f"{path}[0]"),
+        decoder.text(second, f"{path}[1]"),
+        decoder.number(coefficient, f"{path}[2]"),
+    )
+
+
+def _read_influence(decoder: Decoder, node: Node, path: str, _base: Any) -> Influence:
+    if not isinstance(node, Mapping):
+        sentence = f"an influence is a mapping with 'name' and 'value', got {show(node)}"
+        decoder.refuse(node, path, sentence)
+    entry: _Entry = decoder.build(_Entry, node, path)
+    name = entry.name.strip()
+    if not Expression.is_name(name):
+        sentence = f"an influence needs a name of letters, got '{name[:40]}'"
+        decoder.refuse(node.items["name"], f"{path}.name", sentence)
+    sizes: dict[str, float] = {}
+    for key in ("uncertainty", "half_width"):
+        if (size := getattr(entry, key)) is not None:
+            sizes[key] = _width(decoder, node.items[key], f"{path}.{key}", entry.value, size)
+    if not sizes:
         for key in ("distribution", "dof", "flat_share"):
             if key in node.items:
-                self.refuse(
-                    node.key_lines[key],
+                decoder.refuse(
+                    node.items[key],
+                    f"{path}.{key}",
                     f"the influence '{name}' has '{key}' and no uncertainty: give its uncertainty "
                     f"or its half_width, or leave '{key}' out of a constant",
                 )
+        sizes["uncertainty"] = 0.0
+    repeated = math.isfinite(entry.dof) and "half_width" not in sizes
+    try:
+        return Influence(
+            name=name,
+            value=entry.value.value,
+            unit=entry.value.unit,
+            distribution=entry.distribution or None,
+            degrees_of_freedom=entry.dof,
+            kind=cast(Any, entry.kind or ("A" if repeated else "B")),
+            flat_share=entry.flat_share,
+            source=entry.source.strip(),
+            **sizes,
+        )
+    except ModelError as error:
+        decoder.refuse(node, path, str(error))
 
-    def correlations(self, root: Mapping, names: set[str]) -> dict[tuple[str, str], float]:
-        found: dict[tuple[str, str], float] = {}
-        if "correlations" not in root.items:
-            return found
-        for node in self.sequence(root, "correlations"):
-            if not isinstance(node, Sequence) or len(node.items) != 3:
-                self.refuse(node.line, "a correlation is written [name, name, coefficient]")
-            parts = [n.value if isinstance(n, Scalar) else None for n in node.items]
-            a, b, r = parts
-            if not isinstance(r, (int, float)) or isinstance(r, bool) or not -1.0 <= r <= 1.0:
-                self.refuse(node.line, f"a correlation coefficient lies from -1 to 1, got {r!r}")
-            for name in (a, b):
-                if name not in names:
-                    self.refuse(node.line, f"a correlation names {name!r}, which is no influence")
-            if a == b or (a, b) in found or (b, a) in found:
-                self.refuse(node.line, f"the correlation of {a} and {b} must be given once, of two")
-            found[str(a), str(b)] = float(r)
-        return found
 
-    def known(self, node: Mapping, keys: tuple[str, ...], what: str) -> None:
-        for key, line in node.key_lines.items():
-            if key not in keys:
-                hint = did_you_mean(key, keys)
-                self.refuse(line, f"a {what} has no '{key[:40]}': it has {', '.join(keys)}{hint}")
+def _width(decoder: Decoder, node: Node, path: str, value: _Quantity, size: _Quantity) -> float:
+    """Return a width in the unit of its value; a degree Celsius is a kelvin there."""
+    unit = "degC" if value.unit == "degC" and size.unit == "K" else size.unit
+    if unit != value.unit:
+        decoder.refuse(
+            node,
+            path,
+            f"the value is in {value.unit}, but '{path.rpartition('.')[2]}' is {show(node)}: give "
+            "it in the same kind of unit",
+        )
+    return size.value
 
-    def sequence(self, node: Mapping, key: str) -> list[Node]:
-        found = node.items[key]
-        if not isinstance(found, Sequence) or not found.items:
-            self.refuse(found.line, f"'{key}' is a list with at least one entry")
-        return found.items
 
-    def text(self, node: Mapping, key: str, default: str) -> str:
-        found = node.items.get(key)
-        if found is None:
-            return default
-        if not isinstance(found, Scalar) or found.value is None:
-            self.refuse(found.line, f"'{key}' is a text")
-        return found.text.strip()
+def _read_quantity(decoder: Decoder, node: Node, path: str, _base: Any) -> _Quantity:
+    text = node.text.strip() if isinstance(node, Scalar) else ""
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        decoder.refuse(node, path, f"expected a number and a unit, as '12 nm', got {show(node)}")
+    number, written, inverse = match.groups()
+    try:
+        factor, unit = measured_unit(written or inverse or "1")
+    except UnitError as error:
+        decoder.refuse_again(node, path, error)
+    value = float(Decimal(number) * Decimal(repr(factor)))
+    if not math.isfinite(value):
+        decoder.refuse(node, path, f"{show(node)} is too large to be a number")
+    return _Quantity(value, unit)
 
-    def number(self, node: Mapping, key: str, default: float) -> float:
-        found = node.items.get(key)
-        if found is None:
-            return default
-        value = found.value if isinstance(found, Scalar) else None
-        if not isinstance(value, (int, float)) or isinstance(value, bool):
-            self.refuse(found.line, f"'{key}' is a plain number")
-        return float(value)
 
-    def quantity(self, node: Mapping, key: str, wanted: str | None) -> tuple[float, str]:
-        """Read a value and its unit as SI; a degree Celsius is a kelvin where it is a width."""
-        found = node.items[key]
-        text = self.text(node, key, "")
-        match = _QUANTITY.fullmatch(text)
-        if match is None:
-            self.refuse(
-                found.line, f"'{key}' is a number and a unit, as '12 nm', got '{text[:40]}'"
-            )
-        number, written, inverse = match.groups()
-        try:
-            factor, unit = measured_unit(written or inverse or "1")
-        except UnitError as error:
-            self.refuse(found.line, str(error))
-        if wanted == "degC" and unit in ("K", "degC"):
-            unit = wanted
-        if wanted is not None and unit != wanted:
-            self.refuse(
-                found.line,
-                f"the value is in {wanted}, but '{key}' is '{text[:40]}': give it in the same kind "
-                "of unit",
-            )
-        value = float(Decimal(number) * Decimal(repr(factor)))
-        if not math.isfinite(value):
-            self.refuse(found.line, f"'{text[:40]}' is too large to be a number")
-        return value, unit
+def _read_equation(decoder: Decoder, node: Node, path: str, _base: Any) -> Expression:
+    try:
+        return Expression(decoder.text(node, path).strip())
+    except ModelError as error:
+        decoder.refuse_again(node, path, error)
+
+
+#: The kind of file that holds an uncertainty budget.
+BUDGET_FILE = Format(
+    noun="budget file",
+    begins="quantity: NAME",
+    error=RecordError,
+    only=True,
+    forms={
+        _Correlation: Form(
+            read=_read_correlation,
+            schema=lambda _: {"type": "array", "minItems": 3, "maxItems": 3},
+        ),
+        Expression: Form(read=_read_equation, schema=lambda _: {"type": ["string", "number"]}),
+        Influence: Form(
+            read=_read_influence, schema=lambda builder: builder.describe(_Entry, named=True)
+        ),
+        _Quantity: Form(read=_read_quantity, schema=lambda _: {"type": ["string", "number"]}),
+    },
+)

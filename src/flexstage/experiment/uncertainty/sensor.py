@@ -28,7 +28,7 @@ standard deviation :math:`(1 - e^{-s^2})/\sqrt2`.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
@@ -49,17 +49,7 @@ Role = Literal[
 ]
 
 #: What a figure can be to the sensor.
-ROLES: tuple[Role, ...] = (
-    "length",
-    "transverse range",
-    "coupling",
-    "squareness",
-    "angle",
-    "area",
-    "frequency",
-    "drift",
-    "noise",
-)
+ROLES: tuple[Role, ...] = get_args(Role)
 
 
 def measured(

@@ -32,9 +32,9 @@ class Parameter:
     that can be set.
     """
     group: str
-    """How it is listed."""
+    """The heading that it is listed under."""
     name: str
-    """How it is listed."""
+    """What it is listed as."""
     get: Get
     """Returns the value, from state and item."""
     _: KW_ONLY
