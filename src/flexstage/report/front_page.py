@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from flexstage.characteristic import measured_value
 from flexstage.quantities import display, number
 from flexstage.report.comparison import ComparisonRow
-from flexstage.report.figures.bode import draw_bode
-from flexstage.report.figures.compensation import draw_loop
 from flexstage.report.figures.drawing import draw_stage
+from flexstage.report.figures.responses import draw_bode
+from flexstage.report.figures.tracking import draw_loop
 from flexstage.report.page import captioned, drawn, table_html
 from flexstage.report.tables import MANUFACTURE, percent
 

@@ -8,7 +8,7 @@ from flexstage import progress
 from flexstage.characteristic import measured_value
 from flexstage.errors import FlexstageError
 from flexstage.quantities import number
-from flexstage.report.figures.compensation import draw_compensation
+from flexstage.report.figures.tracking import draw_compensation
 from flexstage.report.page import captioned, cells, drawn, row_of, table_html
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import MechanicalSystem
