@@ -27,10 +27,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.identification.chain_search import find_chain
     from flexstage.hysteresis.identification.cycles import Cycles, cycles
     from flexstage.hysteresis.identification.identify import Identification, identify
-    from flexstage.hysteresis.identification.measurement import (
-        IdentificationData,
-        measurement,
-    )
+    from flexstage.hysteresis.identification.measurement import IdentificationData, measurement
     from flexstage.hysteresis.identification.misfit import ParameterEstimate
     from flexstage.hysteresis.inversion import Feedforward, feedforward, smoothed
     from flexstage.hysteresis.loops import Tracking, loop_width, tracking
@@ -54,9 +51,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.plant import Plant
     from flexstage.hysteresis.prediction import Prediction, predict
     from flexstage.hysteresis.stage_plant import stage_plant
-    from flexstage.hysteresis.virtual_experiment import (
-        virtual_experiment,
-    )
+    from flexstage.hysteresis.virtual_experiment import virtual_experiment
     from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
 
 __all__ = [

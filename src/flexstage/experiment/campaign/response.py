@@ -43,7 +43,7 @@ def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> 
     fit = fit_modes(
         responses,
         band=test.band,
-        count="auto" if test.modes is None else int(test.modes),
+        count="auto" if test.modes is None else test.modes,
         added_damping_rate=added,
     )
     return TestResult(
@@ -66,7 +66,7 @@ def evaluate_ring_down(test: Test, records: list[Record], campaign: Campaign) ->
     fit = ring_down(
         records[0],
         list(test.columns.output),
-        count=None if test.modes is None else int(test.modes),
+        count=None if test.modes is None else test.modes,
     )
     return TestResult(
         test=test,

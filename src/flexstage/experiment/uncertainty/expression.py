@@ -32,13 +32,7 @@ _UNARY: dict[type[ast.unaryop], Callable[[Any], Any]] = {
 
 _APPLIED = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log")
 Powers = dict[str, float]
-_SYMBOLS = {
-    "[mass]": "kg",
-    "[length]": "m",
-    "[time]": "s",
-    "[current]": "A",
-    "[temperature]": "K",
-}
+_SYMBOLS = {"[mass]": "kg", "[length]": "m", "[time]": "s", "[current]": "A", "[temperature]": "K"}
 #: Functions of two arguments of one kind.
 _ALIKE = ("atan2", "hypot")
 
