@@ -36,9 +36,10 @@ def file_schema(format: Format, cls: type) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of files of a kind, which hold a class."""
     builder = SchemaBuilder(format)
     content = builder.describe(cls, named=True)
-    head: dict[str, Any] = {
-        format.key: {"const": format.version, "description": "Version of the file format."}
-    }
+    head: dict[str, Any] = {}
+    if format.key:
+        version = {"const": format.version, "description": "Version of the file format."}
+        head[format.key] = version
     if format.length_unit:
         head["length_unit"] = {
             "enum": list(DIMENSIONS["length"].units),
@@ -51,7 +52,7 @@ def file_schema(format: Format, cls: type) -> dict[str, Any]:
         "type": "object",
         "properties": {**head, **content["properties"]},
         "additionalProperties": False,
-        "required": [format.key, *content["required"]],
+        "required": [*([format.key] if format.key else []), *content["required"]],
         "$defs": dict(sorted(builder.definitions.items())),
     }
 
