@@ -296,7 +296,7 @@ HOSTILE = {
     "negative delay": (replaced("delay: 0.0047", "delay: -0.1"), "-0.1"),
     "infinite offset": (replaced("offset: -3.1e-06", "offset: .inf"), "finite offset"),
     "text offset": (replaced("offset: -3.1e-06", "offset: low"), "low"),
-    "sign": (replaced("sign: 1.0", "sign: 0.5"), "sign of 1 or -1"),
+    "sign": (replaced("sign: 1.0", "sign: 0.5"), "expected a sign of 1 or -1"),
     "text for an element": (
         replaced("lag: {time_constant: 0.0, delay: 0.0047}", "lag: soon"),
         "expected a mapping of names to values, got 'soon'",

@@ -60,13 +60,6 @@ class _Output:
     offset: float = 0.0
     sign: float = 1.0
 
-    def __post_init__(self) -> None:
-        if self.sign not in (1.0, -1.0) or not math.isfinite(self.offset):
-            raise ModelError(
-                f"the output needs a sign of 1 or -1 and a finite offset, got {self.sign:g} and "
-                f"{self.offset:g}"
-            )
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Chain:
@@ -135,6 +128,10 @@ def read_model_text(text: str, source: str = "the model file") -> ModelFile:
 
 def _model_file(decoder: Decoder, root: nodes.Mapping) -> ModelFile:
     content: _Content = decoder.build(_Content, root, "", also=["checksum"])
+    sign, offset = content.output.sign, content.output.offset
+    if sign not in (1.0, -1.0) or not math.isfinite(offset):
+        sentence = f"expected a sign of 1 or -1 and a finite offset, got {sign:g} and {offset:g}"
+        decoder.refuse(root.items["output"], "output", sentence)
     data = {MODEL_FILE.key: MODEL_FILE.version, **nodes.plain(root)}
     changed = data.pop("checksum", None) != _checksum(data)
     return ModelFile(
@@ -143,8 +140,8 @@ def _model_file(decoder: Decoder, root: nodes.Mapping) -> ModelFile:
             creep=content.chain.creep,
             modes=content.chain.modes,
             lag=content.chain.lag,
-            offset=content.output.offset,
-            sign=content.output.sign,
+            offset=offset,
+            sign=sign,
             input_unit=content.input.unit,
             output_unit=content.output.unit,
             validity=content.validity,
