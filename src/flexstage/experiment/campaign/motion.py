@@ -23,7 +23,7 @@ from flexstage.experiment.noise.staircase import screw_resolution
 from flexstage.experiment.uncertainty.sensor import Role, measured
 from flexstage.quantities import QUANTITIES
 from flexstage.records import Record
-from flexstage.records.require import require_live
+from flexstage.records.quality import require_live
 from flexstage.sensor import SensorSpecification
 
 _ROTATIONS = {"roll": "roll", "pitch": "pitch", "yaw": "parasitic_rotation"}
