@@ -10,7 +10,7 @@ from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import TestResult
 from flexstage.experiment.motion.rigid_body import rigid_motion, travel_frame
 from flexstage.records import Record
-from flexstage.records.require import require_live
+from flexstage.records.quality import require_live
 
 _DIRECTIONS = {"x": 0, "y": 1}
 
