@@ -276,14 +276,14 @@ def _followed() -> "dict[str, VerifiedStep]":
 
 def inverse_on_twin() -> "Figure":
     """The twin with the inverse of its hysteresis."""
-    from flexstage.report.figures.following import draw_following
+    from flexstage.report.figures.tracking import draw_following
 
     return draw_following(_followed()["inverse-preisach-x"])
 
 
 def control_on_twin() -> "Figure":
     """The twin under control."""
-    from flexstage.report.figures.following import draw_following
+    from flexstage.report.figures.tracking import draw_following
 
     return draw_following(_followed()["control-x"])
 

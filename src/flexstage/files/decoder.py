@@ -6,7 +6,7 @@ import typing
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NoReturn
+from typing import Annotated, Any, Literal, NoReturn
 
 from flexstage.choose import did_you_mean, unknown
 from flexstage.errors import FlexstageError
@@ -30,6 +30,7 @@ from flexstage.files.nodes import (
     plain,
     read_text,
 )
+from flexstage.files.ranges import range_of, wanted
 from flexstage.units import DIMENSIONS, Dimension, parse
 
 
@@ -84,9 +85,9 @@ class Decoder:
             if isinstance(node, Scalar) and node.value is None:
                 return None
             return self.decode(inner, node, path, base)
-        if (quantity := dimension_of(kind)) is not None:
-            return self._quantities(*quantity, node, path)
         origin = typing.get_origin(kind)
+        if origin is Annotated:
+            return self._annotated(kind, node, path, base)
         if origin is tuple:
             return self._tuple(typing.get_args(kind), node, path)
         if origin in (dict, collections.abc.Mapping):
@@ -106,6 +107,24 @@ class Decoder:
         if kind in scalars:
             return scalars[kind](node, path)
         return self.build(kind, self.mapping(node, path), path, base=base)
+
+    def _annotated(self, kind: Any, node: Node, path: str, base: Any) -> Any:
+        bare, quantity, bounds = typing.get_args(kind)[0], dimension_of(kind), range_of(kind)
+        if quantity is not None:
+            value = self._quantities(*quantity, node, path)
+        elif bare is int and bounds is not None:
+            value = self._int(node, path, what := bounds[0].text(whole=True))
+            if not bounds[0].holds(value):
+                self.refuse(node, path, f"expected {what}, got {show(node)}")
+        else:
+            value = self.decode(bare, node, path, base)
+        if said := wanted(kind, value):
+            noun, unit = (
+                ("a number", "") if quantity is None else (quantity[0].noun, quantity[0].si)
+            )
+            what = f"{noun} {said} {unit}".rstrip() if bounds is not None else said
+            self.refuse(node, path, f"expected {what}, got {show(node)}")
+        return value
 
     def build(
         self,
@@ -251,13 +270,13 @@ class Decoder:
             self.refuse(node, path, f"expected a number without a unit, got {show(node)}")
         return number
 
-    def _int(self, node: Node, path: str) -> int:
+    def _int(self, node: Node, path: str, what: str = "a whole number") -> int:
         value = node.value if isinstance(node, Scalar) else None
         # 3.0 and 1e3 are whole numbers, however people write them
         whole = isinstance(value, float) and value.is_integer() and not self.format.exact
         whole = whole or isinstance(value, int)
         if isinstance(value, bool) or not whole:
-            self.refuse(node, path, f"expected a whole number, got {show(node)}")
+            self.refuse(node, path, f"expected {what}, got {show(node)}")
         return int(typing.cast("float", value))
 
     def quantity(self, dimension: Dimension, node: Node, path: str) -> float:

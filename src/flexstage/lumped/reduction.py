@@ -13,6 +13,7 @@ from scipy.linalg import eigh, qr
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.lumped.rigid_bodies import named
 from flexstage.lumped.symbolic import DampingKind, SymbolicModel, SymbolicPort
 from flexstage.lumped.symbols import number, starting_values, upright
 from flexstage.lumped.symmetry import Mirror, find_mirror
@@ -62,11 +63,11 @@ class ReducedModel:
 
     def drive(self, name: str) -> SymbolicPort:
         """Return a drive by name."""
-        return _find("drive", name, self.drives)
+        return named("drive", name, self.drives, " in these coordinates: they have")
 
     def probe(self, name: str) -> SymbolicPort:
         """Return a probe by name."""
-        return _find("probe", name, self.probes)
+        return named("probe", name, self.probes, " in these coordinates: they have")
 
 
 def reduce_by_symmetry(
@@ -306,11 +307,3 @@ def _floats(matrix: Array) -> sp.ImmutableMatrix:
     return sp.ImmutableMatrix(
         matrix.shape[0], matrix.shape[1], [sp.Float(float(v), 17) for v in matrix.flat]
     )
-
-
-def _find(noun: str, name: str, ports: tuple[SymbolicPort, ...]) -> SymbolicPort:
-    for port in ports:
-        if port.name == name:
-            return port
-    have = ", ".join(p.name for p in ports) or "none"
-    raise ModelError(f"there is no {noun} '{name}' in these coordinates: they have {have}")

@@ -180,7 +180,7 @@ class _Bench:
 def centre_scale(context: RunContext, name: str, action: Centre) -> Path:
     """Centre the scale, and write every measurement and move."""
     park(context.instrument, action.axes)
-    first, second = (int(context.plan.sensor(s).channel) for s in action.sensors)
+    first, second = (context.plan.sensor(s).channel for s in action.sensors)
     positioner = InstrumentPositioner(
         context.instrument,
         context.stage,
@@ -194,10 +194,10 @@ def centre_scale(context: RunContext, name: str, action: Centre) -> Path:
         heads=action.heads,
         eccentricity=action.eccentricity,
         noise=action.noise,
-        seed=int(action.seed),
+        seed=action.seed,
     )
     bench = _Bench(table, positioner, action.mounting_angle)
-    done = centre(bench, positioner, target=action.target, moves=int(action.moves))
+    done = centre(bench, positioner, target=action.target, moves=action.moves)
     moves = []
     for step, true in zip(done.steps, bench.true_lengths, strict=True):
         length = step.reading.length

@@ -272,7 +272,7 @@ def _learned(
             time=record.time[first:] - record.time[first],
         )
 
-    settings = LearningSettings(trials=int(action.trials) - 1, periods=max(course.cycles, 2))
+    settings = LearningSettings(trials=action.trials - 1, periods=max(course.cycles, 2))
     found = learn(
         trial,
         course.trajectory,
@@ -335,7 +335,7 @@ def verified_from(
 
 def _run(way: str, record: Record, file: Path, action: Verify) -> FollowedRun:
     period = round(record.sample_rate_hz / action.reference.rate)
-    cycles = int(action.reference.cycles)
+    cycles = action.reference.cycles
     # the compared cycles are the last ones, whatever was run before them; the sample that ends the
     # last one is there where the whole command ran once
     end = record.size - 1 if record.size % period == 1 or way in (_OPEN, "inverse") else record.size
