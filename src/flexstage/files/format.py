@@ -51,14 +51,21 @@ class Format:
     """Members of classes of which a file names the kind, by the word for it."""
     forms: Mapping[Any, Form] = field(default_factory=dict)
     """How values are written, by their type."""
-    finite: bool = True
-    """Whether numbers that are not finite are refused."""
     length_unit: bool = False
     """Whether it may say once the unit of lengths that are bare numbers."""
     finite: bool = True
     """Whether every number in it is finite."""
     later: bool = False
     """Whether keys that are not known are left out: a later version may have written them."""
+    exact: bool = False
+    """Whether programs alone write it: then 7 is no text, and 7.0 no whole number."""
+    mend: str = ""
+    """What is to be done about a file at fault; every message ends with it."""
+
+    @property
+    def ending(self) -> str:
+        """The end of every message."""
+        return f"; {self.mend}" if self.mend else ""
 
 
 @lru_cache(maxsize=256)
