@@ -346,7 +346,7 @@ def _run(way: str, record: Record, file: Path, action: Verify) -> FollowedRun:
     if way == _OPEN:
         # what a constant gain, and the best offset, would have given
         output = output - float(np.mean(output) - np.mean(reference))
-    settings = read_metadata(record.attributes).settings
+    settings = read_metadata(record).settings
     return FollowedRun(
         way=way,
         time=record.time[kept] - record.time[first],
