@@ -1,4 +1,4 @@
-"""A drive: hysteresis, creep, delay and modes in a row, and whether a command suits it."""
+"""A drive: hysteresis, creep, delay and modes in a row, the units of it, and what suits it."""
 
 import math
 from collections.abc import Mapping

@@ -101,10 +101,7 @@ def _found(test: Test, modes: tuple[Mode, ...]) -> Mode:
 def _figures(
     test: Test, campaign: Campaign, mode: Mode | DecayMode
 ) -> tuple[MeasuredCharacteristic, ...]:
-    sensor = campaign.instrument(test.along)
-    frequency = mode.frequency_hz
-    if sensor is not None:
-        frequency = measured(frequency, sensor, role="frequency")
+    frequency = measured(mode.frequency_hz, campaign.instrument(test.along), role="frequency")
     return (
         figure_of(campaign, test, "natural_frequency_hz", frequency, "undamped, by modal fit"),
         figure_of(campaign, test, "damping_ratio", mode.damping_ratio, "share of the critical"),

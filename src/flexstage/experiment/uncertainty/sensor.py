@@ -54,7 +54,7 @@ ROLES: tuple[Role, ...] = get_args(Role)
 
 def measured(
     raw: Estimate,
-    sensor: SensorSpecification,
+    sensor: SensorSpecification | None,
     *,
     role: Role,
     pitch: Estimate | None = None,
@@ -72,8 +72,8 @@ def measured(
     ----------
     raw : Estimate
         The figure as it was read, with the uncertainty that its scatter gives it.
-    sensor : SensorSpecification
-        The sensor.
+    sensor : SensorSpecification or None
+        The sensor; None leaves the figure as it is.
     role : str
         One of `ROLES`: what the figure is.
     pitch : Estimate, optional
@@ -110,6 +110,8 @@ def measured(
     >>> [f"{c.name} {c.uncertainty * 1e9:.2f} nm" for c in full.components]
     ['noise 3.00 nm', 'calibration 12.60 nm', 'alignment 4.45 nm']
     """
+    if sensor is None:
+        return raw
     if role not in ROLES:
         raise ModelError(f"unknown role {role!r} of a figure: expected one of {', '.join(ROLES)}")
     if not 0.0 <= duration < math.inf:

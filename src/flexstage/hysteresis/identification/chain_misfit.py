@@ -24,7 +24,7 @@ from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
     Rows,
     averaged,
-    filtered,
+    filtered_whole,
     rows_of,
 )
 from flexstage.hysteresis.identification.measurement import IdentificationData, Section
@@ -79,7 +79,8 @@ class ChainMisfit:
 
     def _crept(self, i: int, section: Section) -> Array:
         """What creep adds to the columns of a section, with the modes that are known."""
-        added = np.asfortranarray(_every(self._quasi[i], section, self._unit) - self._quasi[i])
+        added = filtered_whole(self._quasi[i], section, self._unit) - self._quasi[i]
+        added = np.asfortranarray(added)
         return added if self._known is None else _behind_modes(added, section, self._known)
 
     def fix_modes(self, chain: ChainValues) -> None:
@@ -293,9 +294,4 @@ def _used_rows(
 
 
 def _behind_modes(columns: Array, section: Section, known: ChainValues) -> Array:
-    return np.asfortranarray(_every(columns, section, known))
-
-
-def _every(columns: Array, section: Section, chain: ChainValues) -> Array:
-    at = np.arange(columns.shape[0])
-    return filtered(columns, section, Rows(at=at, cycle=at), chain)
+    return np.asfortranarray(filtered_whole(columns, section, known))

@@ -14,7 +14,12 @@ from flexstage.hysteresis.identification.chain_search import FoundChain, find_ch
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, behind_chain
-from flexstage.hysteresis.identification.fit_rows import ChainValues, averaged, rows_of
+from flexstage.hysteresis.identification.fit_rows import (
+    ChainValues,
+    averaged,
+    filtered_whole,
+    rows_of,
+)
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,
     Section,
@@ -509,13 +514,9 @@ def _drive_model(tried: FittedModel, data: Data) -> DriveModel:
 
 
 def _predicted(tried: FittedModel, data: Data) -> tuple[Array, ...]:
-    from flexstage.hysteresis.identification.fit_rows import Rows, filtered
-
     made = []
     for s in data.measurement.sections:
-        at = np.arange(s.u.size)
-        rows = Rows(at=at, cycle=at)
         quasi = tried.fit.model.simulate(s.u).values[:, None]
-        behind = filtered(quasi, s, rows, data.chain)[s.history :, 0]
+        behind = filtered_whole(quasi, s, data.chain)[s.history :, 0]
         made.append(data.measurement.sign * (behind + tried.left.offset))
     return tuple(made)

@@ -91,7 +91,7 @@ class RunWriter:
         self.head = StreamHead(
             channels=tuple((n, u) for n, u in channels),
             sample_rate_hz=sample_rate_hz,
-            metadata=metadata.begun(),
+            run=metadata.begun(),
         )
         self._names = [name for name, _ in self.head.channels]
         self._sync_after, self._clock = sync, clock
@@ -219,7 +219,7 @@ class RunWriter:
 
         Return its writer, to be continued or closed: another run, whose note names this one.
         """
-        about = self.head.metadata
+        about = self.head.run
         note = f"{about.note} (continues run {about.identifier})".strip()
         other = RunWriter(
             path,
