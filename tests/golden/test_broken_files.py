@@ -9,7 +9,7 @@ from tests.golden.broken_files import CRASH, HERE, READ, SOUND, frozen, kinds, s
 
 KINDS = kinds()
 #: Kinds whose readers know the line of every value.
-WITH_LINES = ("stage", "design", "plan", "campaign", "budget")
+WITH_LINES = ("stage", "design", "hysteresis-model", "plan", "campaign", "budget")
 #: What has no line: the whole file is wrong, or the parser of YAML does not tell it.
 WITHOUT_LINE = {
     "more than 1 MB", "a zero", "a control character", "a web page", "a drawing", "a solid",

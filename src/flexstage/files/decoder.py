@@ -33,6 +33,9 @@ from flexstage.files.nodes import (
 from flexstage.files.ranges import range_of, wanted
 from flexstage.units import DIMENSIONS, Dimension, parse
 
+#: What the entries of a list are called.
+_ENTRIES = {str: "texts", float: "numbers", int: "whole numbers"}
+
 
 @dataclass(slots=True)
 class Decoder:
@@ -223,9 +226,10 @@ class Decoder:
                 self._named(parts[0], key, item, f"{path}.{key}")
                 for key, item in entries.items.items()
             )
+        what = _ENTRIES.get(parts[0], "entries")
         return tuple(
             self.decode(parts[0], item, f"{path}[{k}]")
-            for k, item in enumerate(self.items(node, path, None, "entries"))
+            for k, item in enumerate(self.items(node, path, None, what))
         )
 
     def _named(self, kind: Any, name: str, node: Node, path: str) -> Any:
@@ -344,8 +348,7 @@ class Decoder:
             )
         if got != version:
             told = f"version {self.number(node, key):g} is not known: this flexstage reads version"
-            newer = self.format.exact and got > version
-            ending = "; a newer one wrote it: use that one" if newer else None
+            ending = "; use a newer flexstage" if got > version else None
             self.refuse(node, key, f"{told} {version}", ending=ending)
         rest = {k: v for k, v in root.items.items() if k != key}
         if self.format.length_unit and "length_unit" in rest:
@@ -393,7 +396,7 @@ def _join(path: str, name: str) -> str:
 def _hint(kind: Any) -> str:
     """Say how a value of a type is written."""
     if (inner := optional_part(kind)) is not None:
-        return _hint(inner)
+        return _hint(inner) or "null for none"
     if (quantity := dimension_of(kind)) is not None:
         dimension, count = quantity
         one = f'"10 {dimension.units[0]}"'

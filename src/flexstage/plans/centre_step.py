@@ -23,7 +23,7 @@ from flexstage.files.write import write_whole
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.instruments.ramp import lead_to
 from flexstage.plans.axis_limits import AxisSetting, axis_setting, estimated_stroke
-from flexstage.plans.recorded_command import park, prepare_loops
+from flexstage.plans.command import park, prepare_loops
 from flexstage.plans.results import CentredStep
 from flexstage.plans.run_context import RunContext
 from flexstage.plans.step_results import CentredMove
