@@ -98,7 +98,7 @@ def card_stage() -> "Figure":
 def card_mode() -> "Figure":
     """The first mode of the piezo stage, by rigid bodies."""
     from flexstage.lumped import lumped_system
-    from flexstage.report.figures.mode_shapes import mode_motion
+    from flexstage.report.figures.body_motion import mode_motion
     from flexstage.system import modes
 
     stage = design("vgtu-piezo")
@@ -276,14 +276,14 @@ def _followed() -> "dict[str, VerifiedStep]":
 
 def inverse_on_twin() -> "Figure":
     """The twin with the inverse of its hysteresis."""
-    from flexstage.report.figures.following import draw_following
+    from flexstage.report.figures.tracking import draw_following
 
     return draw_following(_followed()["inverse-preisach-x"])
 
 
 def control_on_twin() -> "Figure":
     """The twin under control."""
-    from flexstage.report.figures.following import draw_following
+    from flexstage.report.figures.tracking import draw_following
 
     return draw_following(_followed()["control-x"])
 

@@ -12,7 +12,7 @@ from flexstage.errors import ModelError
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.device import ChannelDescription
-from flexstage.instruments.twin.stage import Blow, StageSamples
+from flexstage.instruments.twin.stage import Blow, StageSamples, VirtualStage
 
 GAIN = np.array([4.7e-7, 3.9e-7])  # m/V
 POLE = np.array([0.62, 0.71])  # of the first-order lag, a sample
@@ -25,7 +25,7 @@ SCREW = AxisLimits(position=(0.0, 2.3e-3), speed=1.1e-3)
 
 
 @dataclass
-class SimpleStage:
+class SimpleStage(VirtualStage):
     """First-order lags without noise; `commands` and `beside` keep what came, sample by sample."""
 
     kind: Literal["piezo", "screw"] = "piezo"
@@ -38,9 +38,7 @@ class SimpleStage:
         self.channels = tuple(
             ChannelDescription(number=i + 1, name=n, unit="m") for i, n in enumerate(names)
         )
-        self.limits: dict[str, AxisLimits] = dict.fromkeys(
-            self.axes, PIEZO if self.kind == "piezo" else SCREW
-        )
+        self.limits = dict.fromkeys(self.axes, PIEZO if self.kind == "piezo" else SCREW)
         self.notes = ()
         self._settings: dict[str, ServoSettings] = dict.fromkeys(
             self.axes, ServoSettings(integral=6e8)

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from flexstage import units as units
     from flexstage.designs.registry import design
     from flexstage.interactive.hinge_result import hinge
+    from flexstage.interactive.show import draw, read
     from flexstage.interactive.stage_analysis import analyse
     from flexstage.interactive.stage_study import study
-    from flexstage.interactive.stages import draw, read
     from flexstage.records.read import read_record
 
 __all__ = [

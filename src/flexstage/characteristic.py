@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, fields
 from typing import Self
 
@@ -273,6 +273,12 @@ class Characteristics(tuple[Characteristic, ...]):
         """
         names = [f.name for f in fields(Characteristic)]
         return {name: [getattr(row, name) for row in self] for name in names}
+
+
+def measured_value(published: Iterable[Characteristic], quantity: str, axis: str) -> float | None:
+    """Return what was measured of an axis by those who published it; None where nothing was."""
+    wanted = (quantity, axis, "published-measured")
+    return next((r.value for r in published if (r.quantity, r.axis, r.origin) == wanted), None)
 
 
 def _choices(names: Collection[str]) -> str:

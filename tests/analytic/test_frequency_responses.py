@@ -24,7 +24,7 @@ from flexstage.experiment.spectra.estimate import estimate_response, recognised
 from flexstage.experiment.spectra.repeated import find_period
 from flexstage.experiment.spectra.response import response_from_record
 from flexstage.records import Channel, Record
-from flexstage.report.figures.measured_response import draw_response
+from flexstage.report.figures.responses import draw_response
 from flexstage.report.figures.style import encode
 
 RATE = 2000.0

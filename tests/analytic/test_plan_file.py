@@ -74,12 +74,12 @@ def test_steps_that_are_wanted_bring_those_that_they_use():
         (
             HEAD + "  - {name: a, excite: {kind: cycles, axis: x, rate: -3 Hz}}\n",
             7,
-            "rate of cycles",
+            "excite.rate: expected a frequency from",
         ),
         (
             HEAD + "  - {name: a, excite: {kind: cycles, axis: x, rate: 3 Hz, cycles: 2.5}}\n",
             7,
-            "whole number from 1, got 2.5",
+            "a whole number from 1 to 1000000, got '2.5'",
         ),
         (
             HEAD
@@ -137,9 +137,13 @@ def test_steps_that_are_wanted_bring_those_that_they_use():
         (
             HEAD.replace("channel: 5", "channel: 0") + LOOPS,
             5,
-            "channel of sensor 'tilt' must be a whole number from 1, got 0",
+            "channel: expected a whole number from 1, got '0'",
         ),
-        (HEAD.replace("unit: rad", "unit: deg") + LOOPS, 5, "reads m or rad, got 'deg'"),
+        (
+            HEAD.replace("unit: rad", "unit: deg") + LOOPS,
+            5,
+            "unit: expected one of m, rad, got 'deg'",
+        ),
         (HEAD.replace("alignment", "alignments") + LOOPS, 4, "did you mean 'alignment'?"),
         ("plan: 1\nstage: &a s\n", 2, "not used in a plan"),
         ("plan: 1\n  stage: s\n", 2, "this is not YAML"),

@@ -30,16 +30,22 @@ def refused(steps: str) -> str:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ("test: motion, along: x, confidence: 5", "a confidence is between 0 and 1, got 5"),
-        ("test: motion, along: x, smallest_step: -3 nm", "smallest step of a drive must be pos"),
-        ("test: response, output: [x], modes: 2.5", "whole number from 1 to 100, got 2.5"),
+        (
+            "test: motion, along: x, confidence: 5",
+            "a number between 0 and 1, got '5'",
+        ),
+        (
+            "test: motion, along: x, smallest_step: -3 nm",
+            "expected a length above 0 m",
+        ),
+        ("test: response, output: [x], modes: 2.5", "whole number from 1 to 100, got '2.5'"),
         ("test: response, output: [x], band: [70 Hz, 3 Hz]", "must rise from 0 Hz or more, got 70"),
         ("test: response", "name its sensors as 'output'"),
         ("test: motion", "does not say which sensor reads along"),
         ("test: workspace, x: x", "does not say which sensor reads y"),
         ("test: workspace, x: x, y: y", "needs a step of corners"),
-        ("along: x, rate: 1e300 Hz", "from 1 mHz to 10 MHz, got 1e+300 Hz"),
-        ("along: x, rate: 1e-9 Hz", "from 1 mHz to 10 MHz, got 1e-09 Hz"),
+        ("along: x, rate: 1e300 Hz", "from 0.001 to 1e+07 Hz, got '1e300 Hz'"),
+        ("along: x, rate: 1e-9 Hz", "from 0.001 to 1e+07 Hz, got '1e-9 Hz'"),
     ],
 )
 def test_a_record_that_could_not_be_evaluated_is_not_taken(options: str, said: str) -> None:
@@ -53,7 +59,7 @@ def test_a_record_that_could_not_be_evaluated_is_not_taken(options: str, said: s
         ("identify: {of: [m], output: y}", "by the sensor 'y', which step 'm' does not record"),
         ("centre: {axes: [x, x]}", "centre needs two axes, got 'x' twice"),
         ("centre: {axes: [x, q]}", "has no axis 'q': its axes are x, y"),
-        ("centre: {moves: 1000}", "from 1 to 100, got 1000"),
+        ("centre: {moves: 1000}", "from 1 to 100, got '1000'"),
         ("centre: {eccentricity: [1 m, 0 m]}", "smaller than its radius of 0.05 m, got 1 and 0"),
     ],
 )

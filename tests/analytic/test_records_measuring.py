@@ -11,7 +11,7 @@ from flexstage.errors import RecordError
 from flexstage.records import FORMATS, Channel, Record, read_record, write_record
 from flexstage.records.cmm_words import decimal_sign, printed_number
 from flexstage.records.columns import measured_unit
-from flexstage.records.require import require_live, require_unclipped, require_unit
+from flexstage.records.quality import require_live, require_unclipped, require_unit
 from flexstage.records.write import record_bytes
 from tests.measuring_files import function_58, gcs_array, report, units_164
 

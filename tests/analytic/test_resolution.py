@@ -14,8 +14,7 @@ from flexstage.experiment.noise.allan import allan_deviation, allan_freedom
 from flexstage.experiment.noise.hold import expected_peak_to_peak, hold_noise
 from flexstage.experiment.noise.levels import levels_of_command, levels_of_reading
 from flexstage.experiment.noise.mains import mains_lines
-from flexstage.experiment.noise.resolution import resolution, screw_resolution
-from flexstage.experiment.noise.staircase import staircase
+from flexstage.experiment.noise.staircase import resolution, screw_resolution, staircase
 from flexstage.experiment.spectra.density import spectral_density
 from flexstage.report.figures.noise import draw_hold, draw_staircase
 from flexstage.report.figures.style import encode

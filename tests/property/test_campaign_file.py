@@ -82,7 +82,7 @@ def described(draw: st.DrawFn, name: str, sensors: list[str]) -> Test:
             transverse=sensor,
             angle=sensor,
             excitation=st.sampled_from(EXCITATIONS),
-            modes=st.none() | st.integers(1, 30).map(float),
+            modes=st.none() | st.integers(1, 30),
             band=st.none() | bands.filter(lambda b: b[1] > b[0]),
             confidence=st.floats(0.5, 1.0, exclude_min=True, exclude_max=True),
             smallest_steps=st.booleans(),
@@ -189,7 +189,7 @@ HEAD = "campaign: 1\ntests:\n  t:\n    kind: hold\n    axis: x\n    records: [a.
         (HEAD + "    reading: {sample_rate: 3 um}\n", 7, "frequency"),
         (HEAD + "instruments:\n  g: {calibration: 0.1 %}\n", 8, "number without a unit"),
         (HEAD + "instruments:\n  g:\n    calibration: -1\n", 9, "instrument 'g': calibration"),
-        (HEAD + "origin: guessed\n", 1, "measured or virtual"),
+        (HEAD + "origin: guessed\n", 7, "expected one of measured, virtual"),
     ],
 )
 def test_mistakes_are_placed(folder: Path, text: str, line: int, said: str) -> None:

@@ -19,13 +19,12 @@ from flexstage.material import material
 from flexstage.plans.results import IdentifiedStep
 from flexstage.quantities import display
 from flexstage.report import Study, report_html, results_json, run_study, study_results
-from flexstage.report.figures.bode import draw_bode
+from flexstage.report.figures.body_motion import draw_static_shape, draw_stroke, mode_motion
 from flexstage.report.figures.drawing import draw_stage
-from flexstage.report.figures.following import draw_drive_fit
 from flexstage.report.figures.hinges import draw_stress
-from flexstage.report.figures.mode_shapes import mode_motion
-from flexstage.report.figures.static_shape import draw_static_shape, draw_stroke
+from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.style import FORMATS, encode, inline_svg
+from flexstage.report.figures.tracking import draw_drive_fit
 from flexstage.report.front_page import verdict
 from flexstage.report.html import CHAPTERS, SECTIONS
 from flexstage.stage.mass import mass_properties

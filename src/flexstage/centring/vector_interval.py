@@ -22,13 +22,10 @@ def length_estimate(
     unit: str,
     *,
     degrees_of_freedom: float = math.inf,
-    name: str = "noise",
-    note: str = "",
 ) -> Estimate:
     r"""Return the length of a measured vector of two parts, with a 95 % interval.
 
-    Its interval begins at 0 where the vector could as well be none. `name` says what the
-    uncertainty comes from.
+    Its interval begins at 0 where the vector could as well be none.
 
     Noise makes a short vector longer: its length has Rice's distribution (Rice 1944, Bell System
     Technical Journal 23), and ``|v|^2 / u^2`` that of chi squared, not central, with 2 degrees of
@@ -54,11 +51,11 @@ def length_estimate(
     # a vector that is none has no direction: the mean over all of them stands for it
     along = v / length if length > 0.0 else np.array([1.0, 1.0]) / math.sqrt(2.0)
     u = math.sqrt(max(float(along @ cov @ along), 0.0))
-    component = Component(name=name, uncertainty=u, degrees_of_freedom=degrees_of_freedom)
+    component = Component(name="noise", uncertainty=u, degrees_of_freedom=degrees_of_freedom)
     bounds = None
     if u > 0.0 and length < _FAR * u:
         bounds = _rice_interval(length, u, degrees_of_freedom)
-    return Estimate(value=length, unit=unit, components=(component,), bounds=bounds, note=note)
+    return Estimate(value=length, unit=unit, components=(component,), bounds=bounds)
 
 
 def direction_estimate(
@@ -66,13 +63,11 @@ def direction_estimate(
     covariance: ArrayLike,
     *,
     degrees_of_freedom: float = math.inf,
-    name: str = "noise",
-    note: str = "",
 ) -> Estimate:
     r"""Return the direction of a measured vector of two parts, with a 95 % interval.
 
     It is from the first part towards the second [rad], between -pi and pi; the interval is the
-    whole turn where the vector could as well be none. `name` says what the uncertainty comes from.
+    whole turn where the vector could as well be none.
 
     The part of the vector across its true direction is normal with mean 0, so that the direction is
     known to within ``arcsin(t u / |v|)``, with Student's t (the way of Fieller 1954, Journal of the
@@ -97,18 +92,18 @@ def direction_estimate(
     value = math.atan2(v[1], v[0])
     if length == 0.0:
         u = math.pi / math.sqrt(3.0)
-        component = Component(name=name, uncertainty=u)
+        component = Component(name="noise", uncertainty=u)
         bounds = (value - math.pi, value + math.pi)
-        return Estimate(value=value, unit="rad", components=(component,), bounds=bounds, note=note)
+        return Estimate(value=value, unit="rad", components=(component,), bounds=bounds)
     across = np.array([-v[1], v[0]]) / length
     u = math.sqrt(max(float(across @ cov @ across), 0.0)) / length
     # of a direction that is not known, that of equal chances all round
     own = Component(
-        name=name,
+        name="noise",
         uncertainty=min(u, math.pi / math.sqrt(3.0)),
         degrees_of_freedom=degrees_of_freedom,
     )
-    plain = Estimate(value=value, unit="rad", components=(own,), note=note)
+    plain = Estimate(value=value, unit="rad", components=(own,))
     half = replace(plain, components=(replace(own, uncertainty=u),)).expanded
     reach = math.asin(half) if half < 1.0 else math.pi
     return replace(plain, bounds=(value - reach, value + reach)) if half > 0.1 else plain

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.characteristic import Characteristics
+from flexstage.characteristic import measured_value
 from flexstage.errors import ModelError
 from flexstage.stage import PiezoStack, Screw, Stage
 
@@ -107,7 +107,7 @@ def open_loop_axis(stage: Stage, axis: str, quantum: float | None, backlash: flo
         raise ModelError("a piezo stack has hysteresis and no backlash: leave the backlash out")
     from flexstage.hysteresis import virtual_stack
 
-    measured = _published(stage, axis, "hysteresis_loop_width")
+    measured = measured_value(stage.published, "hysteresis_loop_width", axis)
     share = _USUAL_WIDTH if measured is None else measured / stroke
     voltage = _VOLTAGE if drive.voltage_range is None else drive.voltage_range
     return VirtualAxis(
@@ -131,7 +131,7 @@ def closed_loop_axis(stage: Stage, axis: str, quantum: float | None) -> VirtualA
 
 def _stroke(stage: Stage, axis: str) -> float:
     """Stroke that was measured and is published, else that of the lumped model."""
-    known = _published(stage, axis, "output_displacement")
+    known = measured_value(stage.published, "output_displacement", axis)
     if known is not None:
         return known
     from flexstage.lumped import lumped_system
@@ -145,8 +145,3 @@ def _stroke(stage: Stage, axis: str) -> float:
         )
     solution = static_displacements(lumped_system(stage), {port.drive: stroke})
     return abs(float(np.float64(solution.readings[port.probe])))
-
-
-def _published(stage: Stage, axis: str, quantity: str) -> float | None:
-    rows = Characteristics(stage.published).select(quantity, axis, "published-measured")
-    return rows[0].value if rows else None

@@ -192,7 +192,7 @@ def _diagrams(
     analysis: "Analysis", figure: Path = Path("bode.svg"), model: str = ""
 ) -> dict[str, bytes]:
     """A Bode diagram of each axis, by the name of the figure, the model and the axis."""
-    from flexstage.report.figures.bode import draw_bode
+    from flexstage.report.figures.responses import draw_bode
 
     stem = f"{figure.stem}-{model}" if model else figure.stem
     return {

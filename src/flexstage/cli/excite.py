@@ -193,6 +193,7 @@ def _plant(text: str | None, axis: str | None, *, needs_frequency: bool) -> _Pla
         if axis is not None:
             raise ModelError("--axis needs a STAGE: name it before the options")
         return _Plant()
+    from flexstage.plans.axis_limits import lowest_frequency
     from flexstage.stage import PiezoStack
 
     stage = find_stage(text)
@@ -210,17 +211,8 @@ def _plant(text: str | None, axis: str | None, *, needs_frequency: bool) -> _Pla
         axis=chosen.name,
         voltage_range=drive.voltage_range,
         capacitance=drive.capacitance,
-        natural_frequency_hz=_lowest(stage) if needs_frequency else None,
+        natural_frequency_hz=lowest_frequency(stage) if needs_frequency else None,
     )
-
-
-def _lowest(stage: Any) -> float | None:
-    """Return the lowest natural frequency with the drives in place [Hz], by the lumped model."""
-    from flexstage.lumped import lumped_system
-    from flexstage.system import modes
-
-    lowest = float(modes(lumped_system(stage), drives="in place", count=1).frequency_hz[0])
-    return lowest if lowest > 0.0 else None
 
 
 def _result(made: "Excitation", plant: _Plant, out: Path | None) -> dict[str, Any]:

@@ -342,8 +342,8 @@ def _responded(
         found = fit_modes(responses, added_damping_rate=added, **wanted)
 
     def draw() -> Any:
-        from flexstage.report.figures.measured_response import draw_response
         from flexstage.report.figures.modal_fit import draw_modal_fit, draw_stabilisation
+        from flexstage.report.figures.responses import draw_response
 
         if found is None:
             return {"": draw_response(responses[0])}

@@ -15,6 +15,7 @@ from flexstage.control.periodic import (
     reach_limits,
     steady_displacement,
     steady_input,
+    within_reach,
 )
 from flexstage.control.trajectories.trajectory import Trajectory, smooth_step
 from flexstage.errors import LimitError, ModelError
@@ -260,16 +261,9 @@ class _Axis:
             dt = 1.0 / self.rate
             creep = model.creep.simulate(before.values, dt, self.creeping)
             x = model.creep.inverse(x, dt, creep.state).values
-        top, bottom = model.hysteresis.simulate([high, low], before.state).values
-        inside = np.clip(x, bottom, top)
-        beyond = np.abs(inside - x) > 1e-9 * (top - bottom)
-        if beyond.all():
-            raise ModelError(
-                f"the motion needs displacements of {x.min():.4g} to {x.max():.4g}, the drive "
-                f"gives {bottom:.4g} to {top:.4g} {model.output_unit}: shift it into that range"
-            )
+        inside, beyond = within_reach(model, x, before.state, (low, high))
         u = model.hysteresis.inverse(inside, before.state).values
-        return np.clip(u, low, high), int(beyond.sum())
+        return np.clip(u, low, high), beyond
 
     def reading_after(self, lead_in: Array) -> float:
         """What the sensor should read at the end of the lead-in."""

@@ -130,16 +130,16 @@ def _step_response(modes: StageModes | None, time_constant: float) -> tuple[Comp
     return np.array(poles, dtype=np.complex128), np.array(residues, dtype=np.complex128)
 
 
-def local_gains(model: DriveModel, swing: float = 1.0) -> tuple[float, float, float]:
+def local_gains(model: DriveModel) -> tuple[float, float, float]:
     """Return mean, least and largest slope of the loop of a drive [unit of output over input].
 
-    The loop runs over a share of the range, the swing, about its middle. The least slope is that
-    after a turn, where a control that trembles on the spot works.
+    The loop runs over the whole range. The least slope is that after a turn, where a control that
+    trembles on the spot works.
     """
     if model.validity is None:
         raise ModelError("the slope of a drive is looked at over its range: give it a validity")
     low, high = model.validity.input_range
-    middle, half = 0.5 * (low + high), 0.5 * swing * (high - low)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
     line = middle + half * np.linspace(-1.0, 1.0, _STEPS + 1)
     cycle = np.concatenate((line[:-1], line[::-1][:-1]))
     u = np.concatenate((np.tile(cycle, _CYCLES), line[:1]))
@@ -171,7 +171,6 @@ def loop_plant(
     sample_rate_hz: float,
     *,
     delay: float | None = None,
-    creep: bool = True,
 ) -> LoopPlant:
     """Return what a control sees of an identified drive: voltage [V] to reading [m], rising.
 
@@ -187,7 +186,7 @@ def loop_plant(
             "voltage, before the loop is closed"
         )
     mean, least, largest = local_gains(model)
-    if creep and model.creep is not None:
+    if model.creep is not None:
         largest *= float(abs(model.creep.frequency_response([10.0])[0]))
     lag = model.lag
     own = 0.0 if lag is None else lag.delay

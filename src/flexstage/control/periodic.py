@@ -84,7 +84,22 @@ def steady_input(
     wanted = np.asarray(x, dtype=np.float64)
     low, high = reach_limits(model, limits)
     start = _start(model)
-    top, bottom = model.hysteresis.simulate([high, low], start).values
+    inside, beyond = within_reach(model, wanted, start, (low, high))
+    state, before = start, np.full(wanted.size, np.inf)
+    for _ in range(_MOST_PERIODS):
+        made = model.hysteresis.inverse(inside, state)
+        u = np.clip(made.values, low, high)
+        if np.max(np.abs(u - before)) <= _SAME * (high - low):
+            return u, beyond
+        before, state = u, made.state
+    raise ConvergenceError(_no_repeat(model, "input"))
+
+
+def within_reach(
+    model: DriveModel, wanted: Array, state: Array, limits: tuple[float, float]
+) -> tuple[Array, int]:
+    """Return displacements as far as the drive reaches them, and how many it does not reach."""
+    top, bottom = model.hysteresis.simulate(limits[::-1], state).values
     inside = np.clip(wanted, bottom, top)
     beyond = np.abs(inside - wanted) > 1e-9 * (top - bottom)
     if beyond.all():
@@ -92,14 +107,7 @@ def steady_input(
             f"the motion needs displacements of {wanted.min():.4g} to {wanted.max():.4g}, the "
             f"drive gives {bottom:.4g} to {top:.4g} {model.output_unit}: shift it into that range"
         )
-    state, before = start, np.full(wanted.size, np.inf)
-    for _ in range(_MOST_PERIODS):
-        made = model.hysteresis.inverse(inside, state)
-        u = np.clip(made.values, low, high)
-        if np.max(np.abs(u - before)) <= _SAME * (high - low):
-            return u, int(beyond.sum())
-        before, state = u, made.state
-    raise ConvergenceError(_no_repeat(model, "input"))
+    return inside, int(beyond.sum())
 
 
 def reach_limits(model: DriveModel, limits: tuple[float, float] | None) -> tuple[float, float]:

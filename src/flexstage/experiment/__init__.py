@@ -33,8 +33,12 @@ if TYPE_CHECKING:
     from flexstage.experiment.noise.allan import allan_deviation
     from flexstage.experiment.noise.hold import HoldNoise, hold_noise
     from flexstage.experiment.noise.mains import mains_lines
-    from flexstage.experiment.noise.resolution import resolution, screw_resolution
-    from flexstage.experiment.noise.staircase import Staircase, staircase
+    from flexstage.experiment.noise.staircase import (
+        Staircase,
+        resolution,
+        screw_resolution,
+        staircase,
+    )
     from flexstage.experiment.spectra.density import spectral_density
     from flexstage.experiment.spectra.estimate import estimate_response
     from flexstage.experiment.spectra.response import MeasuredResponse, response_from_record

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
-from flexstage.fem.constrained import Constrained
+from flexstage.fem.constrained import Constrained, edge_means, neck_rows
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
 from flexstage.fem.mesh import sound_mesh
 from flexstage.fem.necks import NeckPoints, neck_points
 from flexstage.fem.ports import drive_vector
 from flexstage.fem.substructure import BODY, PointReading, Substructure
-from flexstage.fem.traction import edge_means, neck_rows
 from flexstage.stage import mass_properties
 
 #: Loads inside a body: forces and moment on its mean motion, one kelvin, one kelvin by metre.
@@ -97,9 +96,9 @@ def condense(part: Substructure) -> Condensed:
 
     Each neck has three: displacement along and across its hinge and rotation, each the mean that
     does work with its traction. These are the tractions of a beam, uniform and linear along the
-    hinge and parabolic across, with what `flexstage.fem.traction.shaped` adds to them so that the
-    neck stays plane where it must. With the rows P of these means, the body under interface forces
-    obeys
+    hinge and parabolic across, with what `flexstage.fem.constrained.shaped` adds to them so that
+    the neck stays plane where it must. With the rows P of these means, the body under interface
+    forces obeys
 
     .. math:: K u = P^T\lambda, \quad P u = q, \quad K_c = \partial\lambda/\partial q
 

@@ -3,7 +3,7 @@
 import collections.abc
 import typing
 from dataclasses import MISSING, Field, dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from flexstage.files.format import (
     Format,
@@ -42,6 +42,8 @@ class Encoder:
                 return [self.coordinate(v, dimension) for v in value]
             return to_text(value, dimension.name)
         origin = typing.get_origin(kind)
+        if origin is Annotated:
+            return self.encode(typing.get_args(kind)[0], value)
         if origin is tuple:
             parts = typing.get_args(kind)
             if parts[-1] is not Ellipsis:

@@ -2,9 +2,10 @@
 
 import collections.abc
 import inspect
+import math
 import typing
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from flexstage.field_texts import field_texts
 from flexstage.files.format import (
@@ -17,6 +18,7 @@ from flexstage.files.format import (
     required,
     union_parts,
 )
+from flexstage.files.ranges import range_of
 from flexstage.units import DIMENSIONS, Dimension
 
 _NUMBER = r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?"
@@ -34,9 +36,10 @@ def file_schema(format: Format, cls: type) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of files of a kind, which hold a class."""
     builder = SchemaBuilder(format)
     content = builder.describe(cls, named=True)
-    head: dict[str, Any] = {
-        format.key: {"const": format.version, "description": "Version of the file format."}
-    }
+    head: dict[str, Any] = {}
+    if format.key:
+        version = {"const": format.version, "description": "Version of the file format."}
+        head[format.key] = version
     if format.length_unit:
         head["length_unit"] = {
             "enum": list(DIMENSIONS["length"].units),
@@ -49,7 +52,7 @@ def file_schema(format: Format, cls: type) -> dict[str, Any]:
         "type": "object",
         "properties": {**head, **content["properties"]},
         "additionalProperties": False,
-        "required": [format.key, *content["required"]],
+        "required": [*([format.key] if format.key else []), *content["required"]],
         "$defs": dict(sorted(builder.definitions.items())),
     }
 
@@ -86,6 +89,8 @@ class SchemaBuilder:
             one = self.quantity(dimension)
             return self.list_of(one, count) if count else one
         origin = typing.get_origin(kind)
+        if origin is Annotated:
+            return self.of(typing.get_args(kind)[0]) | _bounds(kind)
         if origin is tuple:
             parts = typing.get_args(kind)
             if parts[-1] is not Ellipsis:
@@ -162,3 +167,17 @@ class SchemaBuilder:
     def list_of(item: dict[str, Any], count: int) -> dict[str, Any]:
         """Return the schema of a list of so many."""
         return {"type": "array", "items": item, "minItems": count, "maxItems": count}
+
+
+def _bounds(kind: Any) -> dict[str, Any]:
+    """Return what a schema says of the range of a number."""
+    found = range_of(kind)
+    if found is None:
+        return {}
+    range_ = found[0]
+    bounds: dict[str, Any] = {}
+    if math.isfinite(range_.low):
+        bounds["exclusiveMinimum" if range_.above else "minimum"] = range_.low
+    if math.isfinite(range_.high):
+        bounds["exclusiveMaximum" if range_.below else "maximum"] = range_.high
+    return bounds

@@ -27,10 +27,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.identification.chain_search import find_chain
     from flexstage.hysteresis.identification.cycles import Cycles, cycles
     from flexstage.hysteresis.identification.identify import Identification, identify
-    from flexstage.hysteresis.identification.measurement import (
-        IdentificationData,
-        measurement,
-    )
+    from flexstage.hysteresis.identification.measurement import IdentificationData, measurement
     from flexstage.hysteresis.identification.misfit import ParameterEstimate
     from flexstage.hysteresis.inversion import Feedforward, feedforward, smoothed
     from flexstage.hysteresis.loops import Tracking, loop_width, tracking
@@ -41,6 +38,7 @@ if TYPE_CHECKING:
         read_model_file,
         read_model_text,
     )
+    from flexstage.hysteresis.models import MODELS
     from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
     from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
     from flexstage.hysteresis.models.dahl import Dahl
@@ -50,13 +48,10 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
     from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
     from flexstage.hysteresis.models.preisach import Preisach
-    from flexstage.hysteresis.models.registry import MODELS
     from flexstage.hysteresis.plant import Plant
     from flexstage.hysteresis.prediction import Prediction, predict
     from flexstage.hysteresis.stage_plant import stage_plant
-    from flexstage.hysteresis.virtual_experiment import (
-        virtual_experiment,
-    )
+    from flexstage.hysteresis.virtual_experiment import virtual_experiment
     from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""A drive: hysteresis, creep, delay and modes in a row, and whether a command suits it."""
+"""A drive: hysteresis, creep, delay and modes in a row, the units of it, and what suits it."""
 
 import math
 from collections.abc import Mapping
@@ -174,12 +174,7 @@ class DriveModel:
         return self.hysteresis.simulate([high, low] * _CONDITIONING).state
 
     def simulate(
-        self,
-        u: ArrayLike,
-        dt: float,
-        state: ArrayLike | None = None,
-        *,
-        start: Start | None = None,
+        self, u: ArrayLike, dt: float, state: ArrayLike | None = None, *, start: Start | None = None
     ) -> Array:
         """Return the readings for a sequence of commands.
 
@@ -280,11 +275,7 @@ def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -
 
 
 def unsuited(
-    model: DriveModel,
-    dt: float,
-    *,
-    command: ArrayLike,
-    reading: ArrayLike | None = None,
+    model: DriveModel, dt: float, *, command: ArrayLike, reading: ArrayLike | None = None
 ) -> tuple[str, ...]:
     """Say where a command and its readings leave what a model was identified on.
 

@@ -143,12 +143,7 @@ def predict(
         The record cannot serve.
     """
     given, read = record.channel(input_column), record.channel(output_column)
-    require_usable(record, given.name, given.values)
-    require_usable(record, read.name, read.values, gaps=True)
-    if not record.uniform:
-        raise RecordError(
-            f"{record.source or 'the record'} is not evenly sampled: resample it to a constant rate"
-        )
+    require_usable(record, given, read)
     dt = 1.0 / record.sample_rate_hz
     u, y = given.values, read.values
     first = first_moving(u)

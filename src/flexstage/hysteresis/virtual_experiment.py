@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage import progress
-from flexstage.characteristic import Characteristics
+from flexstage.characteristic import measured_value
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.sensor import Sensor
@@ -210,8 +210,8 @@ def _bench(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> _Ben
         )
     limits = drive.voltage_range
     lowest = float(modes(system, drives="in place", count=1).frequency_hz[0])
-    stroke = _published(stage, axis, "output_displacement")
-    width = _published(stage, axis, "hysteresis_loop_width")
+    stroke = measured_value(stage.published, "output_displacement", axis)
+    width = measured_value(stage.published, "hysteresis_loop_width", axis)
     share = _USUAL_WIDTH if stroke is None or width is None else width / stroke
     free, own = drive.free_stroke, share
 
@@ -238,12 +238,6 @@ def _bench(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> _Ben
         free *= 1.0 if stroke is None else stroke / got
         own *= share / got_share
     return wired(free, own)
-
-
-def _published(stage: Stage, axis: str, quantity: str) -> float | None:
-    """What was measured of the stage and is published."""
-    rows = Characteristics(stage.published).select(quantity, axis, "published-measured")
-    return rows[0].value if rows else None
 
 
 def _study_record(bench: _Bench) -> Record:

@@ -10,9 +10,9 @@ from flexstage.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.designs.registry import design
     from flexstage.interactive.hinge_result import hinge
+    from flexstage.interactive.show import draw, read
     from flexstage.interactive.stage_analysis import analyse
     from flexstage.interactive.stage_study import study
-    from flexstage.interactive.stages import draw, read
 
 __all__ = [
     "analyse",

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from flexstage.characteristic import Characteristics
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
-from flexstage.interactive.show import data_frame, headline, html_table
-from flexstage.interactive.stages import stage_of
+from flexstage.interactive.show import data_frame, headline, html_table, stage_of
 from flexstage.quantities import display
 from flexstage.report.models import ModelOptions, ModelRun, Plane, run_model
 from flexstage.stage import Stage
@@ -144,10 +143,10 @@ def analyse(
 
 
 def _figure(run: ModelRun, kind: str, axis: str | None) -> "Figure":
-    from flexstage.report.figures.bode import draw_bode
+    from flexstage.report.figures.body_motion import draw_static_shape
     from flexstage.report.figures.fields import draw_fe_modes
     from flexstage.report.figures.hinges import draw_stress
-    from flexstage.report.figures.static_shape import draw_static_shape
+    from flexstage.report.figures.responses import draw_bode
 
     analysis = run.analysis
     draw: dict[str, Callable[[str], Figure]] = {

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 from flexstage.characteristic import Characteristics
 from flexstage.errors import ModelError
-from flexstage.interactive.show import data_frame, headline, html_table
+from flexstage.interactive.show import data_frame, headline, html_table, stage_of
 from flexstage.interactive.stage_analysis import StageAnalysis
-from flexstage.interactive.stages import stage_of
 from flexstage.quantities import display
 from flexstage.report.models import Plane
 from flexstage.stage import Stage

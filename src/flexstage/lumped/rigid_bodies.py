@@ -5,8 +5,9 @@ the distance of a point of one body from a point of another. Both the symbolic e
 nonlinear model are built from this; neither looks at outlines or notches.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
@@ -117,7 +118,7 @@ class Mechanism:
         ModelError
             There is no such drive.
         """
-        return _find("drive", name, self.drives)
+        return named("drive", name, self.drives)
 
     def probe(self, name: str) -> Sight:
         """Return a probe by name.
@@ -137,7 +138,7 @@ class Mechanism:
         ModelError
             There is no such probe.
         """
-        return _find("probe", name, self.probes)
+        return named("probe", name, self.probes)
 
 
 def mechanism(
@@ -213,9 +214,10 @@ def mechanism(
     )
 
 
-def _find(noun: str, name: str, sights: tuple[Sight, ...]) -> Sight:
-    for sight in sights:
-        if sight.name == name:
-            return sight
-    have = ", ".join(s.name for s in sights) or "none"
-    raise ModelError(f"there is no {noun} '{name}': the mechanism has {have}")
+def named(noun: str, name: str, among: Sequence[Any], where: str = ": the mechanism has") -> Any:
+    """Return the one of a name; `where` says in a refusal what has the others."""
+    for one in among:
+        if one.name == name:
+            return one
+    have = ", ".join(one.name for one in among) or "none"
+    raise ModelError(f"there is no {noun} '{name}'{where} {have}")

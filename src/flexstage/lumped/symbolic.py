@@ -29,7 +29,7 @@ from flexstage.lumped.hinge_block import (
     hinge_constants,
     sight_vector,
 )
-from flexstage.lumped.rigid_bodies import Mechanism, Sight, mechanism
+from flexstage.lumped.rigid_bodies import Mechanism, Sight, mechanism, named
 from flexstage.lumped.symbols import SymbolTable, number, starting_values
 from flexstage.stage.model import Stage
 
@@ -116,7 +116,7 @@ class SymbolicModel:
         ModelError
             There is no such drive.
         """
-        return _find("drive", name, self.drives)
+        return named("drive", name, self.drives, ": the model has")
 
     def probe(self, name: str) -> SymbolicPort:
         """Return a probe by name.
@@ -136,7 +136,7 @@ class SymbolicModel:
         ModelError
             There is no such probe.
         """
-        return _find("probe", name, self.probes)
+        return named("probe", name, self.probes, ": the model has")
 
     def equations(self) -> tuple[sp.Eq, ...]:
         """Return Lagrange's equations of motion, one for each coordinate.
@@ -329,11 +329,3 @@ def symbolic_model(stage: Stage | Mechanism, *, damping: DampingKind = "rayleigh
         damping=damping,
         source=source,
     )
-
-
-def _find(noun: str, name: str, ports: tuple[SymbolicPort, ...]) -> SymbolicPort:
-    for port in ports:
-        if port.name == name:
-            return port
-    have = ", ".join(p.name for p in ports) or "none"
-    raise ModelError(f"there is no {noun} '{name}': the model has {have}")

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from flexstage.characteristic import Characteristics
+from flexstage.characteristic import measured_value
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
 from flexstage.instruments.limits import AxisLimits, stage_limits
@@ -102,11 +102,9 @@ def estimated_stroke(stage: Stage, axis: str) -> float:
     >>> print(f"{1e6 * estimated_stroke(design('vgtu-piezo'), 'x'):.2f} um")
     63.12 um
     """
-    rows = Characteristics(stage.published).select(
-        "output_displacement", axis, "published-measured"
-    )
-    if rows:
-        return rows[0].value
+    known = measured_value(stage.published, "output_displacement", axis)
+    if known is not None:
+        return known
     from flexstage.lumped import lumped_system
     from flexstage.system import static_displacements
 

@@ -78,8 +78,8 @@ def reference_of(
         trajectory=trajectory,
         model=used,
         limits=own,
-        settle=int(wanted.settle),
-        cycles=int(wanted.cycles),
+        settle=wanted.settle,
+        cycles=wanted.cycles,
     )
 
 

@@ -59,7 +59,7 @@ def design_command(
     (8.001, 2000, 120.0)
     """
     if isinstance(wanted, Blows):
-        return Strike(axis=wanted.axis, hits=int(wanted.hits))
+        return Strike(axis=wanted.axis, hits=wanted.hits)
     fs = whole_part(sample_rate_hz, base_rate_hz)
     makers: dict[type, Callable[..., CommandWaveform]] = {
         EqualCycles: _cycles,
@@ -118,7 +118,7 @@ def _cycles(w: EqualCycles, s: AxisSetting, fs: float) -> CommandWaveform:
     else:
         share = 1.0 - np.abs(2.0 * (phase % 1.0) - 1.0)
     low, high = s.place(w.low), s.place(w.high)
-    return _command(s, low + (high - low) * share, fs, first=int(w.condition) * n, period=n)
+    return _command(s, low + (high - low) * share, fs, first=w.condition * n, period=n)
 
 
 def _falling(w: Falling, s: AxisSetting, fs: float) -> CommandWaveform:
@@ -145,7 +145,7 @@ def _designed(w: Designed, s: AxisSetting, fs: float) -> CommandWaveform:
             natural_frequency_hz=s.natural_frequency_hz,
             resonance=w.resonance and s.natural_frequency_hz is not None,
             hold=w.hold,
-            seed=int(w.seed),
+            seed=w.seed,
         )
     except FlexstageError as error:
         raise PlanError(str(error)) from error
@@ -191,13 +191,13 @@ def _small(w: Multisine | Chirp, s: AxisSetting, fs: float, base: float) -> Comm
         raise PlanError(
             f"an amplitude of {w.amplitude:g} V does not fit into {s.low:g} to {s.high:g} V"
         )
-    values = middle + w.amplitude * np.tile(one, int(w.periods) + 1)
+    values = middle + w.amplitude * np.tile(one, w.periods + 1)
     return _command(s, np.append(values, values[0]), rate, first=n, period=n)
 
 
 def _multisine(w: Multisine, n: int, rate: float) -> Array:
     lines = np.arange(math.ceil(w.band[0] * n / rate - 1e-9), math.floor(w.band[1] * n / rate) + 1)
-    rng = np.random.default_rng(np.random.SeedSequence(int(w.seed), spawn_key=(7,)))
+    rng = np.random.default_rng(np.random.SeedSequence(w.seed, spawn_key=(7,)))
     best: Array | None = None
     # of some draws that with the lowest crest has most power for its amplitude
     for _ in range(32):
@@ -243,7 +243,7 @@ def _staircase(w: RisingSteps, s: AxisSetting, fs: float) -> CommandWaveform:
             f"the staircase of axis '{s.axis}' would end at {_text(top, s)}, and its range ends at "
             f"{_text(s.high, s)}: begin lower, or take smaller or fewer steps"
         )
-    levels = s.place(w.at) + height * np.arange(w.levels)
+    levels = s.place(w.at) + height * np.arange(w.levels, dtype=np.float64)
     samples, wait = _levels(w.kind, s, levels, w.dwell, fs, w.settle)
     return _command(s, samples, fs, first=wait)
 
@@ -251,7 +251,7 @@ def _staircase(w: RisingSteps, s: AxisSetting, fs: float) -> CommandWaveform:
 def _positioning(w: BidirectionalTargets, s: AxisSetting, fs: float) -> CommandWaveform:
     if s.quantity != "position":
         raise PlanError(f"targets are positions, and axis '{s.axis}' is commanded by voltage")
-    rise = np.linspace(s.place(w.low), s.place(w.high), int(w.targets))
+    rise = np.linspace(s.place(w.low), s.place(w.high), w.targets)
     # one level beyond each end, so that the end targets too are gone to from both sides
     beyond = 0.5 * min(w.low, 1.0 - w.high, 0.1) * (s.high - s.low)
     first, last = rise[0] - beyond, rise[-1] + beyond
@@ -261,7 +261,7 @@ def _positioning(w: BidirectionalTargets, s: AxisSetting, fs: float) -> CommandW
         # it is told from a ramp by resting for most of the time
         dwell = max(dwell, _REST_OVER_WAY * (rise[1] - rise[0]) / (_OF_RATE * s.largest_rate))
     require_size(once.size * w.rounds * dwell * fs, w.kind)
-    samples, _ = _levels(w.kind, s, np.append(np.tile(once, int(w.rounds)), first), dwell, fs)
+    samples, _ = _levels(w.kind, s, np.append(np.tile(once, w.rounds), first), dwell, fs)
     return _command(s, samples, fs)
 
 
@@ -283,7 +283,7 @@ def _corners(w: Corners, settings: list[AxisSetting], fs: float) -> CommandWavef
     shares = ((0, 1, 1, 0), (0, 0, 1, 1))
     number: list[Array] = []
     samples: tuple[list[Array], list[Array]] = ([], [])
-    visits = 4 * (int(w.rounds) + 1)
+    visits = 4 * (w.rounds + 1)
     for v in range(visits):
         for axis, s in enumerate(settings):
             a, b = (s.place((w.low, w.high)[shares[axis][(v + j) % 4]]) for j in (0, 1))

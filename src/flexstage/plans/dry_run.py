@@ -221,7 +221,7 @@ def _planned(
     if isinstance(action, Centre):
         for axis in action.axes:
             axis_setting(stage, axis, closed_loop=True)
-        moves = int(action.moves) + 2
+        moves = action.moves + 2
         return PlannedStep(
             name=step.name, verb=step.verb, what=f"up to {moves} moves of {', '.join(action.axes)}"
         )

@@ -2,15 +2,18 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 from flexstage.errors import PlanError
+from flexstage.files.ranges import Count, Range, Seed, Share, Whole, require_ranges
 from flexstage.units import DIMENSIONS, Frequency, Length, Time, Voltage
 
 Band = Annotated[tuple[float, float], DIMENSIONS["frequency"]]
 
 #: What stands for above nothing.
-TINY = 1e-12
+_TINY = 1e-12
+_SOME = Range(low=_TINY, high=1e6)
+_NONE_OR_SOME = Range(low=0.0, high=1e6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,23 +33,8 @@ class Excite:
         own = getattr(self, "axis", None)
         return (own,) if own is not None else tuple(getattr(self, "axes", ()))
 
-    def _require(self, **bounds: tuple[float, float]) -> None:
-        """Refuse numbers outside their bounds, both of which are allowed."""
-        for name, (low, high) in bounds.items():
-            value = getattr(self, name)
-            for v in value if isinstance(value, tuple) else (value,):
-                if v is not None and not (low <= v <= high and math.isfinite(v)):
-                    between = f"{low:g} to {high:g}" if math.isfinite(high) else f"{low:g} or more"
-                    raise PlanError(f"{name} of {self.kind} must be {between}, got {v:g}")
-
-    def _require_whole(self, **least: int) -> None:
-        """Refuse numbers of things that are no whole numbers, or too small."""
-        for name, low in least.items():
-            value = getattr(self, name)
-            if not (value >= low and value == int(value) and value <= 1e6):
-                raise PlanError(
-                    f"{name} of {self.kind} must be a whole number from {low}, got {value:g}"
-                )
+    def __post_init__(self) -> None:
+        require_ranges(self, PlanError, self.kind)
 
     def _require_span(self) -> None:
         low, high = getattr(self, "low"), getattr(self, "high")  # noqa: B009
@@ -57,9 +45,6 @@ class Excite:
             )
 
 
-_SHAPES = ("triangle", "cosine")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EqualCycles(Excite):
     """Equal cycles, begun and ended at their low end."""
@@ -68,14 +53,14 @@ class EqualCycles(Excite):
 
     axis: str
     """The axis."""
-    rate: Frequency
+    rate: Annotated[Frequency, _SOME]
     """Cycles in a second [Hz]."""
-    cycles: float = 3.0
+    cycles: Count = 3
     """How many."""
-    condition: float = 1.0
+    condition: Whole = 1
     """How many more of them before, that are not evaluated."""
-    shape: str = "triangle"
-    """``triangle`` or ``cosine``."""
+    shape: Literal["triangle", "cosine"] = "triangle"
+    """How each runs."""
     low: float = 0.0
     """Low end, as a share of the range [1]."""
     high: float = 1.0
@@ -84,11 +69,8 @@ class EqualCycles(Excite):
     """Whether positions are commanded under control, and not voltages."""
 
     def __post_init__(self) -> None:
-        self._require(rate=(TINY, 1e6))
-        self._require_whole(cycles=1, condition=0)
+        Excite.__post_init__(self)
         self._require_span()
-        if self.shape not in _SHAPES:
-            raise PlanError(f"the shape of cycles is {' or '.join(_SHAPES)}, got '{self.shape}'")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,20 +81,16 @@ class Falling(Excite):
 
     axis: str
     """The axis."""
-    rate: Frequency
+    rate: Annotated[Frequency, _SOME]
     """Cycles in a second [Hz]."""
-    full: float = 4.0
+    full: Count = 4
     """Full cycles."""
-    falling: float = 6.0
+    falling: Count = 6
     """Cycles over which the range falls."""
-    smallest: float = 0.1
+    smallest: Annotated[float, Range(low=0.001, high=0.999)] = 0.1
     """Range of the last one, as a share of the whole [1]."""
-    condition: float = 2.0
+    condition: Whole = 2
     """How many full ones before them, that are not evaluated."""
-
-    def __post_init__(self) -> None:
-        self._require(rate=(TINY, 1e6), smallest=(0.001, 0.999))
-        self._require_whole(full=1, falling=1, condition=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,20 +101,19 @@ class Designed(Excite):
 
     axis: str
     """The axis, of a piezo stack."""
-    rates: tuple[Frequency, ...] = (0.5, 5.0)
+    rates: tuple[Annotated[Frequency, _SOME], ...] = (0.5, 5.0)
     """How often a major loop repeats, one rate or more [Hz]."""
-    duration: Time | None = None
+    duration: Annotated[Time, _SOME] | None = None
     """Longest time that it may take [s]."""
-    hold: Time | None = None
+    hold: Annotated[Time, _NONE_OR_SOME] | None = None
     """Time of its step and hold [s]."""
     resonance: bool = False
     """Whether it ends with a multisine about the lowest resonance."""
-    seed: float = 0.0
+    seed: Seed = 0
     """Seed of the phases of that multisine."""
 
     def __post_init__(self) -> None:
-        self._require(rates=(TINY, 1e6), duration=(TINY, 1e6), hold=(0.0, 1e6))
-        self._require_whole(seed=0)
+        Excite.__post_init__(self)
         if not self.rates:
             raise PlanError("designed needs one rate at least, got none")
 
@@ -151,20 +128,19 @@ class Multisine(Excite):
     """The axis, of a piezo stack."""
     band: Band
     """Ends of the band [Hz]."""
-    amplitude: Voltage
+    amplitude: Annotated[Voltage, _SOME]
     """Largest voltage from the mean [V]."""
-    period: Time = 1.0
+    period: Annotated[Time, _SOME] = 1.0
     """Time of a period, whose inverse is the distance of the lines [s]."""
-    periods: float = 5.0
+    periods: Annotated[int, Range(low=2, high=1e6)] = 5
     """How many; one more runs before them, to settle."""
-    at: float = 0.5
+    at: Share = 0.5
     """Where in the range, as a share [1]."""
-    seed: float = 0.0
+    seed: Seed = 0
     """Seed of the phases."""
 
     def __post_init__(self) -> None:
-        self._require(amplitude=(TINY, 1e6), period=(TINY, 1e6), at=(0.0, 1.0))
-        self._require_whole(periods=2, seed=0)
+        Excite.__post_init__(self)
         _require_band(self.kind, self.band)
         if self.band[1] - self.band[0] < 1.0 / self.period:
             raise PlanError(
@@ -183,18 +159,17 @@ class Chirp(Excite):
     """The axis, of a piezo stack."""
     band: Band
     """Ends of the band [Hz]."""
-    amplitude: Voltage
+    amplitude: Annotated[Voltage, _SOME]
     """Its amplitude [V]."""
-    period: Time = 1.0
+    period: Annotated[Time, _SOME] = 1.0
     """Time of one sweep [s]."""
-    periods: float = 5.0
+    periods: Annotated[int, Range(low=2, high=1e6)] = 5
     """How many; one more runs before them, to settle."""
-    at: float = 0.5
+    at: Share = 0.5
     """Where in the range, as a share [1]."""
 
     def __post_init__(self) -> None:
-        self._require(amplitude=(TINY, 1e6), period=(TINY, 1e6), at=(0.0, 1.0))
-        self._require_whole(periods=2)
+        Excite.__post_init__(self)
         _require_band(self.kind, self.band)
 
 
@@ -213,29 +188,25 @@ class RisingSteps(Excite):
 
     axis: str
     """The axis."""
-    step: Voltage | None = None
+    step: Annotated[Voltage, _SOME] | None = None
     """Height of a step of a piezo stack [V]."""
-    advance: Length | None = None
+    advance: Annotated[Length, Range(low=_TINY, high=1.0)] | None = None
     """Height of a step of a screw, or of a position under control [m]; the smallest step of the
     screw where not given.
     """
-    levels: float = 20.0
+    levels: Annotated[int, Range(low=3, high=1e6)] = 20
     """How many levels."""
-    dwell: Time = 0.2
+    dwell: Annotated[Time, _SOME] = 0.2
     """Time on each [s]."""
-    at: float = 0.5
+    at: Share = 0.5
     """Where in the range it begins, as a share [1]."""
-    settle: Time = 2.0
+    settle: Annotated[Time, _NONE_OR_SOME] = 2.0
     """Time at its beginning before it is recorded, while creep fades [s]."""
     closed_loop: bool = False
     """Whether positions are commanded under control, and not voltages."""
 
     def __post_init__(self) -> None:
-        self._require(
-            step=(TINY, 1e6), advance=(TINY, 1.0), dwell=(TINY, 1e6), at=(0.0, 1.0),
-            settle=(0.0, 1e6),
-        )  # fmt: skip
-        self._require_whole(levels=3)
+        Excite.__post_init__(self)
         if self.step is not None and self.advance is not None:
             raise PlanError("staircase has a step in volts or an advance in metres, got both")
 
@@ -248,11 +219,11 @@ class Corners(Excite):
 
     axes: tuple[str, str] = ("x", "y")
     """The two axes."""
-    rounds: float = 4.0
+    rounds: Annotated[int, Range(low=2, high=1e6)] = 4
     """How often they are gone round."""
-    dwell: Time = 0.2
+    dwell: Annotated[Time, _SOME] = 0.2
     """Time at each, the last half of which is averaged [s]."""
-    travel: Time = 0.2
+    travel: Annotated[Time, _SOME] = 0.2
     """Time from one corner to the next [s]."""
     low: float = 0.0
     """Low end, as a share of the range [1]."""
@@ -260,8 +231,7 @@ class Corners(Excite):
     """High end, as a share of the range [1]."""
 
     def __post_init__(self) -> None:
-        self._require(dwell=(TINY, 1e6), travel=(TINY, 1e6))
-        self._require_whole(rounds=2)
+        Excite.__post_init__(self)
         self._require_span()
         if self.axes[0] == self.axes[1]:
             raise PlanError(f"corners need two axes, got '{self.axes[0]}' twice")
@@ -275,11 +245,11 @@ class BidirectionalTargets(Excite):
 
     axis: str
     """The axis, of a screw, or of a piezo stack with position control."""
-    targets: float = 11.0
+    targets: Annotated[int, Range(low=3, high=1e6)] = 11
     """How many."""
-    rounds: float = 3.0
+    rounds: Annotated[int, Range(low=2, high=1e6)] = 3
     """How often there and back."""
-    dwell: Time = 0.2
+    dwell: Annotated[Time, _SOME] = 0.2
     """Time on each [s]; longer where the way from one to the next takes long."""
     low: float = 0.05
     """First target, as a share of the range [1]."""
@@ -287,8 +257,7 @@ class BidirectionalTargets(Excite):
     """Last target, as a share of the range [1]."""
 
     def __post_init__(self) -> None:
-        self._require(dwell=(TINY, 1e6))
-        self._require_whole(targets=3, rounds=2)
+        Excite.__post_init__(self)
         self._require_span()
 
 
@@ -300,17 +269,14 @@ class Hold(Excite):
 
     axis: str
     """The axis."""
-    at: float = 0.5
+    at: Share = 0.5
     """Where in the range, as a share [1]."""
-    duration: Time = 4.0
+    duration: Annotated[Time, _SOME] = 4.0
     """How long it is recorded [s]."""
-    settle: Time = 2.0
+    settle: Annotated[Time, _NONE_OR_SOME] = 2.0
     """Time before, while creep fades [s]."""
     closed_loop: bool = False
     """Whether it is held under position control."""
-
-    def __post_init__(self) -> None:
-        self._require(duration=(TINY, 1e6), settle=(0.0, 1e6), at=(0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -321,11 +287,8 @@ class Blows(Excite):
 
     axis: str
     """The axis."""
-    hits: float = 5.0
+    hits: Count = 5
     """How many."""
-
-    def __post_init__(self) -> None:
-        self._require_whole(hits=1)
 
 
 #: Commands by their kind.

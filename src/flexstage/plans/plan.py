@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
-from typing import Annotated
+from typing import Annotated, Literal
 
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
+from flexstage.files.ranges import Range, require_ranges
 from flexstage.plans.excite import Blows, Corners, EqualCycles, Excite
 from flexstage.plans.verbs import (
     Centre,
@@ -16,7 +17,9 @@ from flexstage.plans.verbs import (
     Verify,
 )
 from flexstage.sensor import SensorSpecification
-from flexstage.units import DIMENSIONS
+from flexstage.units import Frequency
+
+_Rate = Annotated[Frequency, Range(low=0.0, high=1e7, above=True, below=True)]
 
 Action = Excite | Measure | Characterise | Identify | Compensate | Verify | Centre
 
@@ -25,20 +28,14 @@ Action = Excite | Measure | Characterise | Identify | Compensate | Verify | Cent
 class SensorEntry(SensorSpecification):
     """A sensor of the instrument: which channel it is, and what is known of its errors."""
 
-    channel: float
+    channel: Annotated[int, Range(low=1)]
     """Number of the channel, from 1."""
-    unit: str = "m"
-    """``m`` or ``rad``."""
+    unit: Literal["m", "rad"] = "m"
+    """What it reads in."""
 
     def __post_init__(self) -> None:
         SensorSpecification.__post_init__(self)
-        if not (self.channel >= 1 and self.channel == int(self.channel)):
-            raise PlanError(
-                f"the channel of sensor '{self.name}' must be a whole number from 1, got "
-                f"{self.channel:g}"
-            )
-        if self.unit not in ("m", "rad"):
-            raise PlanError(f"sensor '{self.name}' reads m or rad, got '{self.unit}'")
+        require_ranges(self, PlanError, f"sensor '{self.name}'")
 
     @property
     def instrument(self) -> SensorSpecification:
@@ -52,20 +49,17 @@ class SensorEntry(SensorSpecification):
 class Defaults:
     """What holds for all steps that say nothing else."""
 
-    rate: Annotated[float, DIMENSIONS["frequency"]] = 1000.0
+    rate: _Rate = 1000.0
     """Rate of samples of records [Hz]."""
-    command_rate: Annotated[float, DIMENSIONS["frequency"]] = 1000.0
+    command_rate: _Rate = 1000.0
     """Rate of samples of commands [Hz]; straight lines between them."""
-    lowest_frequency: Annotated[float, DIMENSIONS["frequency"]] | None = None
+    lowest_frequency: _Rate | None = None
     """Lowest natural frequency of the stage with its drives in place [Hz]; that of the lumped model
     where not given.
     """
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if value is not None and not 0.0 < value < 1e7:
-                raise PlanError(f"{f.name} must be positive, got {value:g} Hz")
+        require_ranges(self, PlanError, "the defaults")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from flexstage.characteristic import Characteristic, Characteristics, MeasuredCharacteristic
 from flexstage.errors import PlanError
@@ -70,7 +71,7 @@ class PlanResult:
     """What belongs to every figure."""
 
     @property
-    def origin(self) -> str:
+    def origin(self) -> Literal["measured", "virtual"]:
         """``measured``, or ``virtual`` where the instrument is a simulation."""
         return "virtual" if self.instrument.simulated else "measured"
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from flexstage.errors import PlanError
 from flexstage.instruments.protocol import Capability, Instrument, Signal
@@ -45,7 +46,7 @@ class RunContext:
     """Commands that are ready to run, by the step that made them."""
 
     @property
-    def origin(self) -> str:
+    def origin(self) -> Literal["measured", "virtual"]:
         """``measured``, or ``virtual`` where the instrument is a simulation."""
         return "virtual" if self.instrument.identity.simulated else "measured"
 
@@ -71,7 +72,7 @@ class RunContext:
     def signal(self, sensor: str) -> Signal:
         """Return the signal of a sensor of the plan."""
         own = self.plan.sensor(sensor)
-        return Signal(kind="channel", source=str(int(own.channel)), name=sensor, unit=own.unit)
+        return Signal(kind="channel", source=str(own.channel), name=sensor, unit=own.unit)
 
     def metadata(self, step: str, kind: str, axis: str) -> RunMetadata:
         """Return what is written at the head of a record."""

@@ -1,10 +1,11 @@
 """What a step of a plan does with commands, records and models."""
 
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 from flexstage.errors import PlanError
 from flexstage.experiment.campaign.plan import KINDS
+from flexstage.files.ranges import INNER_SHARE, POSITIVE, Count, Range, Seed, Whole, require_ranges
 from flexstage.units import DIMENSIONS, Angle, Frequency, Length
 
 #: Sensors by what they read in a test.
@@ -13,10 +14,8 @@ _TESTS = ("motion", "positioning", "staircase", "hold", "response", "workspace")
 #: Ways in which a reference can be followed.
 WAYS: tuple[str, ...] = ("open loop", "inverse", "feedback", "both", "learning")
 
-
-def _require_rate(rate: float | None) -> None:
-    if rate is not None and not 1e-3 <= rate < 1e7:
-        raise PlanError(f"the rate of samples must be from 1 mHz to 10 MHz, got {rate:g} Hz")
+_SIZE = Range(low=0.0, high=1e3, above=True)
+_Rate = Annotated[Frequency, Range(low=1e-3, high=1e7)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,15 +50,15 @@ class Measure:
     """Of a response: the sensors that follow. Of a blow: the axes whose acceleration is read."""
     also: tuple[str, ...] = ()
     """Further sensors to record."""
-    rate: Frequency | None = None
+    rate: _Rate | None = None
     """Rate of samples [Hz]; that of the plan where not given."""
-    confidence: float = 0.95
+    confidence: Annotated[float, INNER_SHARE] = 0.95
     """Of a staircase: confidence at which steps are told apart [1]."""
     smallest_steps: bool = False
     """Of a staircase: whether its steps are the smallest that the drive makes."""
-    smallest_step: Length | None = None
+    smallest_step: Annotated[Length, POSITIVE] | None = None
     """Of a motion commanded in metres: the smallest step of the drive [m]."""
-    modes: float | None = None
+    modes: Annotated[int, Range(low=1, high=100)] | None = None
     """Of a response: how many modes are fitted."""
     band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
     """Of a response: the band that is fitted [Hz]."""
@@ -70,15 +69,7 @@ class Measure:
             raise PlanError(
                 f"the kind of test '{self.test}' {known}: choose from {', '.join(_TESTS)}"
             )
-        _require_rate(self.rate)
-        if not 0.0 < self.confidence < 1.0:
-            raise PlanError(f"a confidence is between 0 and 1, got {self.confidence:g}")
-        if self.smallest_step is not None and not self.smallest_step > 0.0:
-            raise PlanError(
-                f"the smallest step of a drive must be positive, got {self.smallest_step:g} m"
-            )
-        if self.modes is not None and not (1 <= self.modes <= 100 and self.modes % 1 == 0):
-            raise PlanError(f"modes must be a whole number from 1 to 100, got {self.modes:g}")
+        require_ranges(self, PlanError, self.verb)
         if self.band is not None and not 0.0 <= self.band[0] < self.band[1]:
             raise PlanError(
                 f"the band of a response must rise from 0 Hz or more, got {self.band[0]:g} to "
@@ -155,32 +146,19 @@ class Identify:
 class Reference:
     """Positions that shall be followed, over and over."""
 
-    rate: Frequency = 1.0
+    rate: Annotated[Frequency, Range(low=0.0, high=1e6, above=True)] = 1.0
     """Cycles in a second [Hz]."""
-    cycles: float = 3.0
+    cycles: Count = 3
     """How many are evaluated."""
-    settle: float = 3.0
+    settle: Whole = 3
     """How many run before them."""
-    shape: str = "cosine"
-    """``cosine``, or ``triangle`` with rounded corners."""
-    share: float = 0.99
+    shape: Literal["cosine", "triangle"] = "cosine"
+    """How each runs; a triangle has rounded corners."""
+    share: Annotated[float, Range(low=0.0, high=1.0, above=True)] = 0.99
     """Range, as a share of what the model was identified on [1]."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.rate < 1e6:
-            raise PlanError(f"the rate of a reference must be positive, got {self.rate:g} Hz")
-        for name, least in (("cycles", 1), ("settle", 0)):
-            value = getattr(self, name)
-            if not (value >= least and value == int(value) and value < 1e6):
-                raise PlanError(
-                    f"{name} of a reference must be a whole number from {least}, got {value:g}"
-                )
-        if self.shape not in ("cosine", "triangle"):
-            raise PlanError(f"the shape of a reference is cosine or triangle, got '{self.shape}'")
-        if not 0.0 < self.share <= 1.0:
-            raise PlanError(
-                f"the share of a reference must be above 0, up to 1, got {self.share:g}"
-            )
+        require_ranges(self, PlanError, "a reference")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -222,9 +200,9 @@ class Verify:
     """``open loop`` (the voltage in proportion to the reference), ``inverse``, ``feedback``,
     ``both``, ``learning``.
     """
-    trials: float = 5.0
+    trials: Annotated[int, Range(low=1, high=100)] = 5
     """Trials of learning."""
-    rate: Frequency | None = None
+    rate: _Rate | None = None
     """Rate of samples [Hz]; that of the plan where not given."""
 
     def __post_init__(self) -> None:
@@ -236,9 +214,7 @@ class Verify:
                 )
         if not self.ways or len(set(self.ways)) < len(self.ways):
             raise PlanError(f"verify needs ways, each once, got {', '.join(self.ways) or 'none'}")
-        if not (1 <= self.trials <= 100 and self.trials == int(self.trials)):
-            raise PlanError(f"trials must be a whole number from 1 to 100, got {self.trials:g}")
-        _require_rate(self.rate)
+        require_ranges(self, PlanError, self.verb)
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -256,7 +232,7 @@ class Centre:
     """The two axes that carry the scale."""
     sensors: tuple[str, str] = ("x", "y")
     """The sensors that read where they carry it."""
-    radius: Length = 50e-3
+    radius: Annotated[Length, _SIZE] = 50e-3
     """Radius at which the scale is read [m]."""
     eccentricity: Annotated[tuple[float, float], DIMENSIONS["length"]] = (14e-6, -11e-6)
     """Centre of the scale on the table when both axes are in their middle [m]."""
@@ -264,21 +240,19 @@ class Centre:
     """Where the heads stand [rad]."""
     mounting_angle: Angle = 0.4
     """Angle of the stage on the table [rad]."""
-    noise: Angle = 4.8e-6
+    noise: Annotated[Angle, _SIZE] = 4.8e-6
     """Standard deviation of a head's reading [rad]."""
-    target: Length = 0.1e-6
+    target: Annotated[Length, _SIZE] = 0.1e-6
     """Eccentricity that shall be reached [m]."""
-    moves: float = 3.0
+    moves: Annotated[int, Range(low=1, high=100)] = 3
     """The most moves towards the centre."""
     closed_loop: bool = True
     """Whether the axes move under position control where they can."""
-    seed: float = 0.0
+    seed: Seed = 0
     """Seed of the scale's errors and of the noise."""
 
     def __post_init__(self) -> None:
-        for name in ("radius", "target", "noise"):
-            if not 0.0 < getattr(self, name) < 1e3:
-                raise PlanError(f"{name} of centre must be positive, got {getattr(self, name):g}")
+        require_ranges(self, PlanError, self.verb)
         if not max(abs(e) for e in self.eccentricity) < self.radius:
             raise PlanError(
                 f"the eccentricity of centre must be smaller than its radius of {self.radius:g} m, "
@@ -287,12 +261,6 @@ class Centre:
         for what, two in (("axes", self.axes), ("sensors", self.sensors)):
             if two[0] == two[1]:
                 raise PlanError(f"centre needs two {what}, got '{two[0]}' twice")
-        if not (1 <= self.moves <= 100 and self.moves == int(self.moves)):
-            raise PlanError(
-                f"moves of centre must be a whole number from 1 to 100, got {self.moves:g}"
-            )
-        if not (self.seed >= 0 and self.seed == int(self.seed)):
-            raise PlanError(f"the seed of centre is a whole number from 0, got {self.seed:g}")
         if not self.heads:
             raise PlanError("centre needs one head at least, got none")
 

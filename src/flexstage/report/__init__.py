@@ -6,17 +6,14 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.report.comparison import Comparison, compare
-    from flexstage.report.figures.bode import draw_bode
+    from flexstage.report.figures.body_motion import draw_static_shape, draw_stroke
     from flexstage.report.figures.budget import draw_budget
     from flexstage.report.figures.centring import draw_polar
-    from flexstage.report.figures.compensation import draw_compensation
     from flexstage.report.figures.convergence import draw_convergence
     from flexstage.report.figures.drawing import draw_stage
     from flexstage.report.figures.fields import draw_fe_modes
-    from flexstage.report.figures.following import draw_drive_fit, draw_following
     from flexstage.report.figures.hinges import draw_notch, draw_stress
     from flexstage.report.figures.identification import draw_identification, draw_prediction
-    from flexstage.report.figures.measured_response import draw_response
     from flexstage.report.figures.modal_fit import (
         draw_modal_fit,
         draw_ring_down,
@@ -30,8 +27,13 @@ if TYPE_CHECKING:
     from flexstage.report.figures.neck_stress import draw_neck_stress
     from flexstage.report.figures.noise import draw_hold, draw_staircase
     from flexstage.report.figures.part import draw_part
-    from flexstage.report.figures.static_shape import draw_static_shape, draw_stroke
+    from flexstage.report.figures.responses import draw_bode, draw_response
     from flexstage.report.figures.style import encode
+    from flexstage.report.figures.tracking import (
+        draw_compensation,
+        draw_drive_fit,
+        draw_following,
+    )
     from flexstage.report.html import report_html
     from flexstage.report.measurement import MeasurementComparison, compare_measurement
     from flexstage.report.models import MODELS, ModelRun, analyse_model, run_model

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.characteristic import Characteristics
+from flexstage.characteristic import Characteristics, measured_value
 from flexstage.errors import FlexstageError
 from flexstage.quantities import beside, display
 from flexstage.report.figures.centring import draw_polar
@@ -164,15 +164,14 @@ def _with_spread(estimate: "Estimate", factor: float) -> str:
 
 
 def _resonances(found: MeasurementComparison) -> Iterator[str]:
-    published = Characteristics(() if found.stage is None else found.stage.published)
+    published = () if found.stage is None else found.stage.published
     estimates = {(r.figure.quantity, r.figure.axis): r.figure.estimate for r in found.rows}
     for i, result in enumerate(found.found.results):
         fit = result.details.get("fit")
         if fit is None or not fit.modes:
             continue
         axis = result.test.axis
-        rows = published.select("natural_frequency_hz", axis, "published-measured")
-        known = rows[0].value if rows else None
+        known = measured_value(published, "natural_frequency_hz", axis)
         plot = draw_resonance(
             fit,
             axis=axis,

@@ -5,11 +5,12 @@ from collections.abc import Iterable, Iterator
 from html import escape
 from typing import TYPE_CHECKING
 
+from flexstage.characteristic import measured_value
 from flexstage.quantities import display, number
 from flexstage.report.comparison import ComparisonRow
-from flexstage.report.figures.bode import draw_bode
-from flexstage.report.figures.compensation import draw_loop
 from flexstage.report.figures.drawing import draw_stage
+from flexstage.report.figures.responses import draw_bode
+from flexstage.report.figures.tracking import draw_loop
 from flexstage.report.page import captioned, drawn, table_html
 from flexstage.report.tables import MANUFACTURE, percent
 
@@ -156,12 +157,10 @@ def _loops(study: "Study", published: int) -> Iterator[str]:
 
 def _printed_reduction(study: "Study", axis: str) -> float | None:
     rows = study.characteristics
-    widths = [
-        rows.select(q, axis, _MEASURED) for q in ("hysteresis_loop_width", "compensated_loop_width")
-    ]
-    if not all(widths):
-        return None
-    return 100.0 * (1.0 - widths[1][0].value / widths[0][0].value)
+    width, left = (
+        measured_value(rows, q, axis) for q in ("hysteresis_loop_width", "compensated_loop_width")
+    )
+    return None if width is None or left is None else 100.0 * (1.0 - left / width)
 
 
 _RATIO = "transmission_ratio"

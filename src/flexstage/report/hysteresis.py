@@ -5,10 +5,10 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from flexstage import progress
-from flexstage.characteristic import Characteristics
+from flexstage.characteristic import measured_value
 from flexstage.errors import FlexstageError
 from flexstage.quantities import number
-from flexstage.report.figures.compensation import draw_compensation
+from flexstage.report.figures.tracking import draw_compensation
 from flexstage.report.page import captioned, cells, drawn, row_of, table_html
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import MechanicalSystem
@@ -83,7 +83,7 @@ def hysteresis_section(study: "Study") -> str:
 def _deviations(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> str:
     words = []
     for axis, made in experiments.items():
-        published = _published(stage, axis, "hysteresis_deviation")
+        published = measured_value(stage.published, "hysteresis_deviation", axis)
         beside = "" if published is None else f" (published: {_UM * published:.10g} µm)"
         words.append(f"{_UM * made.deviation:.2f} µm in {escape(axis)}{beside}")
     return f"The identified Bouc-Wen model is within {', '.join(words)} of the loop."
@@ -104,8 +104,8 @@ def _table(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> str:
             )
             for run in made.runs
         ]
-        open_width = _published(stage, axis, "hysteresis_loop_width")
-        left = _published(stage, axis, "compensated_loop_width")
+        open_width = measured_value(stage.published, "hysteresis_loop_width", axis)
+        left = measured_value(stage.published, "compensated_loop_width", axis)
         if open_width is not None:
             rows.append(_row(f"{name}, published, open loop", open_width, None, None))
         if open_width is not None and left is not None:
@@ -126,11 +126,6 @@ def _row(title: str, width: float, reduction: float | None, errors: Any) -> str:
         "" if errors is None else number(1e3 * _UM * errors.largest, 3),
     ]
     return f"<tr><th>{title}</th>{cells(values)}</tr>"
-
-
-def _published(stage: Stage, axis: str, quantity: str) -> float | None:
-    rows = Characteristics(stage.published).select(quantity, axis, "published-measured")
-    return rows[0].value if rows else None
 
 
 def experiment_results(experiments: "Mapping[str, AxisExperiment]") -> dict[str, Any]:

@@ -52,22 +52,17 @@ def measurement_text(result: MeasurementComparison) -> str:
     )
 
 
-def measurement_section(result: MeasurementComparison, *, prefix: str = "") -> str:
-    """Write what was measured as a section of another page.
-
-    `prefix` begins the ids of its pictures, where a page has several such sections.
-    """
+def measurement_section(result: MeasurementComparison) -> str:
+    """Write what was measured as a section of another page."""
     whole = "".join(
         content if key == "figures" else f"<h3>{title}</h3>{content}"
-        for key, (title, content) in _parts(result, prefix)
+        for key, (title, content) in _parts(result)
     )
     notes = "; ".join(result.found.campaign.notes)
     return (f'<div class="note"><p>{escape(notes)}</p></div>' if notes else "") + whole
 
 
-def _parts(
-    result: MeasurementComparison, prefix: str = ""
-) -> Iterator[tuple[str, tuple[str, str]]]:
+def _parts(result: MeasurementComparison) -> Iterator[tuple[str, tuple[str, str]]]:
     yield "figures", ("Figures", _table(result))
     named = (
         ("motion", "Motion over the stroke", _motion),
@@ -77,7 +72,7 @@ def _parts(
         ("standing", "Steps and noise", _standing),
     )
     for key, title, draw in named:
-        content = "".join(draw(r, f"{prefix}{key}-{i}") for i, r in enumerate(result.found.results))
+        content = "".join(draw(r, f"{key}-{i}") for i, r in enumerate(result.found.results))
         if content:
             yield key, (title, content)
     yield "budgets", ("Budgets of uncertainty", _budgets(result))

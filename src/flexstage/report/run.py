@@ -5,7 +5,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 import flexstage
-from flexstage.characteristic import Characteristics
+from flexstage.characteristic import Characteristics, measured_value
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import Characterisation, TestResult
 from flexstage.plans.results import (
@@ -17,7 +17,7 @@ from flexstage.plans.results import (
 )
 from flexstage.plans.step_results import FollowedRun
 from flexstage.quantities import beside, display, number
-from flexstage.report.figures.following import draw_drive_fit, draw_following
+from flexstage.report.figures.tracking import draw_drive_fit, draw_following
 from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.measurement_html import measurement_section
 from flexstage.report.page import bullets, cells, definitions, drawn, page_html, row_of, table_html
@@ -158,12 +158,11 @@ def _further(result: PlanResult) -> str:
 
 def _models(result: PlanResult, steps: list[IdentifiedStep]) -> str:
     rows, plots, warned = [], [], {}
-    published = Characteristics(result.stage.published)
     for i, step in enumerate(steps):
         errors = "; ".join(f"{name} {value:.3g}" for name, value in step.errors_percent.items())
         # the study's own model is a Bouc-Wen model: no other is set beside what it printed
-        known = published.select("hysteresis_deviation", step.axis, "published-measured")
-        beside = _as_printed(known[0].value) if known and step.kind == "bouc-wen" else ""
+        known = measured_value(result.stage.published, "hysteresis_deviation", step.axis)
+        beside = _as_printed(known) if known is not None and step.kind == "bouc-wen" else ""
         rows.append(
             f"<tr><th>{escape(step.name)}</th><td>{escape(step.axis)}</td>"
             f'<td class="text">{escape(step.kind)}</td><td class="text">{escape(errors)}</td>'
@@ -231,12 +230,10 @@ def _as_printed(length: float) -> str:
 
 
 def _published_rows(stage: "Stage", axis: str) -> list[str]:
-    rows = Characteristics(stage.published)
-    values = {}
-    for quantity in ("hysteresis_loop_width", "compensated_loop_width", "output_displacement"):
-        found = rows.select(quantity, axis, "published-measured")
-        values[quantity] = found[0].value if found else None
-    width, left, stroke = values.values()
+    width, left, stroke = (
+        measured_value(stage.published, quantity, axis)
+        for quantity in ("hysteresis_loop_width", "compensated_loop_width", "output_displacement")
+    )
     if width is None:
         return []
     first = "" if stroke is None else _as_printed(stroke)

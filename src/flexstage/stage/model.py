@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, TypeVar
 from flexstage.characteristic import Characteristic
 from flexstage.choose import did_you_mean
 from flexstage.errors import StageError
+from flexstage.files.ranges import NOT_NEGATIVE, require_ranges
 from flexstage.hinges import Profile
 from flexstage.material import Material
 from flexstage.short_repr import short_repr
@@ -28,19 +29,15 @@ class ExtraMass:
         Mass or inertia is negative or not finite.
     """
 
-    mass: Annotated[float, DIMENSIONS["mass"]]
+    mass: Annotated[float, DIMENSIONS["mass"], NOT_NEGATIVE]
     """Its mass [kg]."""
     at: Point
     """Its centre of mass in the plane [m]."""
-    inertia: Annotated[float, DIMENSIONS["inertia"]] = 0.0
+    inertia: Annotated[float, DIMENSIONS["inertia"], NOT_NEGATIVE] = 0.0
     """Its moment of inertia about its own centre, normal to the plane [kg m^2]."""
 
     def __post_init__(self) -> None:
-        for name, unit in (("mass", "kg"), ("inertia", "kg m^2")):
-            if not 0.0 <= (value := getattr(self, name)) < math.inf:
-                raise StageError(
-                    f"{name} of an extra mass must be 0 or more and finite, got {value!r} {unit}"
-                )
+        require_ranges(self, StageError, "an extra mass")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,15 +133,13 @@ class Manufacture:
         One is negative or not finite.
     """
 
-    wire_width: Length = 0.35e-3
+    wire_width: Annotated[Length, NOT_NEGATIVE] = 0.35e-3
     """Width of the narrowest slot that can be cut [m]."""
-    minimum_neck: Length = 0.3e-3
+    minimum_neck: Annotated[Length, NOT_NEGATIVE] = 0.3e-3
     """Thinnest neck that can be cut [m]."""
 
     def __post_init__(self) -> None:
-        for name in ("wire_width", "minimum_neck"):
-            if not 0.0 <= (value := getattr(self, name)) < math.inf:
-                raise StageError(f"{name} must be 0 or more and finite, got {value!r} m")
+        require_ranges(self, StageError, "the manufacture")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

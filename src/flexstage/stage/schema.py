@@ -1,9 +1,5 @@
-"""The JSON Schema of stage files.
+"""The JSON Schema of stage files; ``scripts/schemas.py`` writes it beside this file."""
 
-``python -m flexstage.stage.schema`` writes it to ``stage.schema.json`` beside this file.
-"""
-
-import json
 from pathlib import Path
 from typing import Any
 
@@ -37,12 +33,3 @@ def stage_schema() -> dict[str, Any]:
         "else": {"required": [key for key in needed if key not in head]},
         "$defs": schema["$defs"],
     }
-
-
-def schema_text() -> str:
-    """Return the schema as the text of its file."""
-    return json.dumps(stage_schema(), indent=2, ensure_ascii=False) + "\n"
-
-
-if __name__ == "__main__":
-    SCHEMA_PATH.write_text(schema_text(), encoding="utf-8")

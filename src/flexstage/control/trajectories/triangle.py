@@ -49,10 +49,10 @@ def linear_between_turns(phase: Array, turn: float) -> NDArray[np.bool_]:
     return (t >= edge) & (t <= 1.0 - edge)
 
 
-def turn_share(turn_time: float | None, half_period: float, default: float = 0.1) -> float:
+def turn_share(turn_time: float | None, half_period: float) -> float:
     """Return the duration of a turn over half the period [1]; both are given in s."""
     if turn_time is None:
-        return default
+        return 0.1
     if not 0.0 < turn_time <= half_period * (1.0 + 1e-9):
         raise ModelError(
             f"a turn must take more than 0 s and at most half the period, {half_period:g} s, got "

@@ -8,13 +8,15 @@ from flexstage import progress
 from flexstage.errors import FlexstageError, RecordError
 from flexstage.experiment.campaign.holding import evaluate_hold, evaluate_staircase
 from flexstage.experiment.campaign.loading import load_records
-from flexstage.experiment.campaign.motion import evaluate_motion
+from flexstage.experiment.campaign.motion import (
+    evaluate_motion,
+    evaluate_spheres,
+    evaluate_workspace,
+)
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.positioning import evaluate_positioning
 from flexstage.experiment.campaign.response import evaluate_response, evaluate_ring_down
 from flexstage.experiment.campaign.results import Characterisation, TestResult
-from flexstage.experiment.campaign.spheres import evaluate_spheres
-from flexstage.experiment.campaign.workspace import evaluate_workspace
 from flexstage.records import Record
 
 #: What evaluates each kind of test.

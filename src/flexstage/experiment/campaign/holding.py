@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.loading import column
 from flexstage.experiment.campaign.motion import only
 from flexstage.experiment.campaign.plan import Campaign, Test
@@ -13,7 +11,7 @@ from flexstage.experiment.noise.allan import allan_deviation
 from flexstage.experiment.noise.hold import hold_noise
 from flexstage.experiment.noise.levels import levels_of_command
 from flexstage.experiment.noise.staircase import staircase
-from flexstage.experiment.uncertainty.sensor import Role, measured
+from flexstage.experiment.uncertainty.sensor import measured
 from flexstage.records import Record
 from flexstage.records.sampling import require_uniform
 
@@ -44,9 +42,10 @@ def evaluate_staircase(test: Test, records: list[Record], campaign: Campaign) ->
                 f"{100.0 * test.confidence:g} % confidence: average more samples on each level"
             )
         raw, note = found.smallest_told, f"mean of the smallest steps; {found.smallest_told.note}"
+    whole = measured(raw, campaign.instrument(test.along), role="noise")
     return TestResult(
         test=test,
-        figures=(_figure(campaign, test, "resolution", raw, "noise", note),),
+        figures=(figure_of(campaign, test, "resolution", whole, note),),
         details={"staircase": found, "along": along, "time": record.time},
         notes=found.notes,
     )
@@ -61,11 +60,14 @@ def evaluate_hold(test: Test, records: list[Record], campaign: Campaign) -> Test
     require_uniform(record)
     along = column(test, record, "along")
     found = hold_noise(along, record.sample_rate_hz)
+    sensor = campaign.instrument(test.along)
+    noise = measured(found.rms, sensor, role="noise")
+    drift = measured(found.drift, sensor, role="drift")
     return TestResult(
         test=test,
         figures=(
-            _figure(campaign, test, "noise", found.rms, "noise", "rms about a straight line"),
-            _figure(campaign, test, "drift", found.drift, "drift", "while the stage is held"),
+            figure_of(campaign, test, "noise", noise, "rms about a straight line"),
+            figure_of(campaign, test, "drift", drift, "while the stage is held"),
         ),
         details={
             "hold": found,
@@ -75,11 +77,3 @@ def evaluate_hold(test: Test, records: list[Record], campaign: Campaign) -> Test
         },
         notes=found.notes,
     )
-
-
-def _figure(
-    campaign: Campaign, test: Test, quantity: str, raw: Estimate, role: Role, note: str
-) -> MeasuredCharacteristic:
-    sensor = campaign.instrument(test.along)
-    whole = raw if sensor is None else measured(raw, sensor, role=role)
-    return figure_of(campaign, test, quantity, whole, note)

@@ -11,7 +11,7 @@ from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.experiment.campaign.plan import Columns, Test
 from flexstage.records import Channel, Record, read_record, saturation
-from flexstage.records.require import require_live, require_unclipped
+from flexstage.records.quality import require_live, require_unclipped
 from flexstage.records.sampling import row_range
 
 #: Kinds of tests whose rows follow one another by number where the file has no time.

@@ -1,23 +1,29 @@
-"""Tests of an axis that runs in cycles over its stroke, read by sensors or by spheres."""
+"""Tests of motion: an axis by sensors or by spheres, and the corners that two axes reach."""
 
 import math
+from dataclasses import replace
+
+import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
-from flexstage.experiment.campaign.loading import column, optional_column
+from flexstage.experiment.campaign.loading import column, optional_column, sphere_columns
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import TestResult, figure_of
 from flexstage.experiment.motion.curve_extremes import curve_range
 from flexstage.experiment.motion.curve_fit import fit_motion_curve
 from flexstage.experiment.motion.cycles import MotionCycles, motion_cycles
 from flexstage.experiment.motion.motion_curve import MotionCurve
+from flexstage.experiment.motion.rigid_body import rigid_motion, travel_frame
 from flexstage.experiment.motion.stroke import linearity, stroke
-from flexstage.experiment.noise.resolution import screw_resolution
+from flexstage.experiment.motion.workspace import workspace
+from flexstage.experiment.noise.staircase import screw_resolution
 from flexstage.experiment.uncertainty.sensor import Role, measured
 from flexstage.quantities import QUANTITIES
 from flexstage.records import Record
+from flexstage.records.quality import require_live
 from flexstage.sensor import SensorSpecification
 
 _ROTATIONS = {"roll": "roll", "pitch": "pitch", "yaw": "parasitic_rotation"}
@@ -38,6 +44,7 @@ _NOTES = {
     "parasitic_rotation": "largest less smallest rotation in the plane",
     "drift": "linear drift of the position over all cycles",
 }
+_DIRECTIONS = {"x": 0, "y": 1}
 
 
 def evaluate_motion(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
@@ -100,11 +107,7 @@ def motion_figures(
         role: Role,
         pitch: Estimate | None = None,
     ) -> None:
-        whole = (
-            raw
-            if instrument is None
-            else measured(raw, instrument, role=role, duration=lasting, pitch=pitch)
-        )
+        whole = measured(raw, instrument, role=role, duration=lasting, pitch=pitch)
         note = _NOTES[quantity]
         said = f"{note}; {whole.note}" if whole.note else note
         whole = whole.times(1.0, QUANTITIES[quantity].unit)
@@ -171,3 +174,125 @@ def _half_cycle(cycles: MotionCycles, time: Array) -> float:
     """Time of one run, over which drift that is not taken off adds up [s]."""
     first, last = int(cycles.runs[0, 0, 0]), int(cycles.runs[-1, -1, 1])
     return float(time[last] - time[first]) / (2 * cycles.count)
+
+
+def evaluate_spheres(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
+    """Evaluate spheres probed at stations over repeated cycles.
+
+    The motion is that of the point at the origin of the machine's coordinates, which is the point
+    of interest; axis ``x`` runs along the machine's X, and ``y`` along its Y. The record has a row
+    for each station; the figures are those of `evaluate_motion`, without drift.
+    """
+    record = only(test, records)
+    if test.axis not in _DIRECTIONS:
+        raise RecordError(
+            f"test '{test.name}': spheres are evaluated along axis x or y, got '{test.axis}'"
+        )
+    if len(test.columns.spheres) < 3:
+        raise RecordError(
+            f"test '{test.name}' names {len(test.columns.spheres)} spheres: a rigid motion needs "
+            "three at least"
+        )
+    points = np.stack([_centres(record, sphere) for sphere in test.columns.spheres], axis=1)
+    command, unit = _command(test, record)
+    number = _DIRECTIONS[test.axis]
+    frame = travel_frame(np.eye(3)[number])
+    points = points @ frame.T
+    # the first station, over all of its visits, is what the others are compared with
+    first = np.isclose(command, command[0], rtol=0.0, atol=1e-6 * float(np.ptp(command)))
+    motion = rigid_motion(points[first].mean(axis=0), points, about=(0.0, 0.0, 0.0))
+    along, across, vertical = motion.translation.T
+    roll, pitch, yaw = motion.angles.T
+    result = motion_figures(
+        test,
+        campaign,
+        command,
+        unit,
+        along,
+        record.time,
+        {
+            # sideways is towards the other axis, on either of them
+            "across": across if number == 0 else -across,
+            "vertical": vertical,
+            "roll": roll,
+            "pitch": pitch,
+            "yaw": yaw,
+        },
+        timed=False,
+    )
+    return TestResult(
+        test=test,
+        figures=result.figures,
+        details={**result.details, "rigid": motion},
+        notes=(*result.notes, _rigidity(motion.residuals)),
+    )
+
+
+def _command(test: Test, record: Record) -> tuple[Array, str]:
+    """What the drive was told at each station, and its unit."""
+    if not test.commands:
+        command = column(test, record, "command")
+        return command, record.channel(test.columns.command or 0).unit
+    if len(test.commands) != record.size:
+        raise RecordError(
+            f"test '{test.name}' gives {len(test.commands)} commands for {record.size} stations: "
+            "give one for each"
+        )
+    return np.array(test.commands), "m"
+
+
+def _centres(record: Record, sphere: str) -> Array:
+    found = []
+    for name in sphere_columns(sphere):
+        channel = record.channel(name)
+        if channel.unit != "m":
+            got = f"is in {channel.unit}" if channel.unit else "does not give its unit"
+            raise RecordError(
+                f"column '{name}' {got}, and a sphere needs a unit of length: give it, such as "
+                "spheres=mm"
+            )
+        found.append(channel.values)
+    require_live(record, [sphere_columns(sphere)[0]])
+    return np.stack(found, axis=1)
+
+
+def _rigidity(residuals: Array) -> str:
+    rms = float(np.sqrt(np.mean(residuals**2)))
+    return f"the spheres differ from a rigid body by {rms * 1e6:.3g} um rms"
+
+
+def evaluate_workspace(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
+    """Evaluate corners that were gone to again and again.
+
+    The record has a row for each visit: the number of the corner, ``x`` and ``y``; each corner at
+    least twice.
+    """
+    record = only(test, records)
+    corner = column(test, record, "corner")
+    points = np.stack((column(test, record, "x"), column(test, record, "y")), axis=1)
+    visits = [np.flatnonzero(corner == k) for k in range(4)]
+    if not set(np.unique(corner)) == {0.0, 1.0, 2.0, 3.0} or min(v.size for v in visits) < 2:
+        raise RecordError(
+            f"test '{test.name}': corners are numbered 0 to 3, anticlockwise from low x and low y, "
+            f"each gone to twice at least; got {', '.join(f'{c:g}' for c in np.unique(corner)[:8])}"
+        )
+    rounds = min(v.size for v in visits)
+    found = workspace(np.stack([points[v[:rounds]] for v in visits], axis=1))
+    sensor = campaign.instrument(test.along)
+    # two sensors, each with a direction of its own
+    pair = None if sensor is None else replace(sensor, alignment=2.0**0.5 * sensor.alignment)
+    notes = []
+    if any(v.size > rounds for v in visits):
+        notes.append(f"{rounds} whole rounds are used, visits beyond them are left out")
+    area = measured(found.area, sensor, role="area")
+    square = measured(found.squareness, pair, role="squareness")
+    said = "angle from the path of x to that of y, less a right angle"
+    return TestResult(
+        test=test,
+        figures=(
+            figure_of(campaign, test, "workspace_area", area, "between the mean corners"),
+            figure_of(campaign, test, "squareness", square, said),
+        ),
+        details={"workspace": found},
+        notes=tuple(notes),
+    )

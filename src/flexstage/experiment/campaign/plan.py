@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import dataclass, field, fields
-from typing import Annotated
+from typing import Annotated, Literal
 
 from flexstage.errors import ModelError
 from flexstage.experiment.motion.approaches import CYCLES
+from flexstage.files.ranges import POSITIVE, Range, require_ranges
 from flexstage.sensor import SensorSpecification
-from flexstage.units import DIMENSIONS
+from flexstage.units import DIMENSIONS, Frequency, Length
 
 #: Kinds of tests, and what each of them is.
 KINDS: dict[str, str] = {
@@ -72,7 +73,7 @@ class Columns:
 class FileReading:
     """How the files of a test are read; what they say themselves need not be repeated."""
 
-    sample_rate: Annotated[float, DIMENSIONS["frequency"]] | None = None
+    sample_rate: Annotated[Frequency, POSITIVE] | None = None
     """Sample rate [Hz]."""
     time: str | None = None
     """Column of time."""
@@ -118,17 +119,17 @@ class Test:
     """Name of the instrument that reads rotations."""
     excitation: str = "auto"
     """Of a response: hammer, random, periodic, step, sweep, or auto."""
-    modes: float | None = None
+    modes: Annotated[int, Range(low=1, remark="counted where not given")] | None = None
     """Of a response: how many modes to fit; chosen by stabilisation where not given."""
     band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
     """Of a response: ends of the band that is fitted [Hz]."""
-    confidence: float = 0.95
+    confidence: Annotated[float, Range(low=0.5, high=1.0, above=True, below=True)] = 0.95
     """Of a staircase: confidence at which a step shall be told from its neighbours [1]."""
     smallest_steps: bool = False
     """Of a staircase: whether its steps are the smallest that the drive can make, so that they are
     the resolution, and not what the noise would still let one see.
     """
-    smallest_step: Annotated[float, DIMENSIONS["length"]] | None = None
+    smallest_step: Annotated[Length, POSITIVE] | None = None
     """Of a motion commanded in metres: smallest step of the drive, whose product with the measured
     ratio is the resolution [m].
     """
@@ -164,31 +165,13 @@ class Test:
         self._check_numbers()
 
     def _check_numbers(self) -> None:
-        if self.modes is not None and not (self.modes >= 1.0 and self.modes == int(self.modes)):
-            raise ModelError(
-                f"test '{self.name}': modes must be a whole number from 1, got {self.modes:g}: "
-                "leave it out to have them counted"
-            )
+        require_ranges(self, ModelError, f"test '{self.name}'")
+        require_ranges(self.reading, ModelError, f"the reading of test '{self.name}'")
         if self.band is not None and not 0.0 <= self.band[0] < self.band[1] < math.inf:
             low, high = self.band
             raise ModelError(
                 f"test '{self.name}': a band must rise from 0 Hz or more, got {low:g} to {high:g} "
                 "Hz: give its lower end first"
-            )
-        if not 0.5 < self.confidence < 1.0:
-            raise ModelError(
-                f"test '{self.name}': a confidence lies above 0.5 and below 1, got "
-                f"{self.confidence:g}"
-            )
-        if self.smallest_step is not None and not 0.0 < self.smallest_step < math.inf:
-            raise ModelError(
-                f"test '{self.name}': the smallest step must be positive and finite, got "
-                f"{self.smallest_step:g} m"
-            )
-        rate = self.reading.sample_rate
-        if rate is not None and not 0.0 < rate < math.inf:
-            raise ModelError(
-                f"test '{self.name}': the sample rate must be positive and finite, got {rate:g} Hz"
             )
 
 
@@ -198,8 +181,8 @@ class Campaign:
 
     stage: str = ""
     """Stage file or name of a built-in design; empty where there is none."""
-    origin: str = "measured"
-    """``measured``, or ``virtual`` where the records are simulated."""
+    origin: Literal["measured", "virtual"] = "measured"
+    """Whether the records are measured or simulated."""
     instruments: tuple[SensorSpecification, ...] = ()
     """The sensors."""
     tests: tuple[Test, ...]
@@ -208,8 +191,7 @@ class Campaign:
     """Remarks that belong to every figure."""
 
     def __post_init__(self) -> None:
-        if self.origin not in ("measured", "virtual"):
-            raise ModelError(f"the origin must be measured or virtual, got '{self.origin}'")
+        require_ranges(self, ModelError, "a description of tests")
         for noun, named in (("instrument", self.instruments), ("test", self.tests)):
             names = [n.name for n in named]
             twice = sorted({n for n in names if names.count(n) > 1})

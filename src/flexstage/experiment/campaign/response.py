@@ -43,7 +43,7 @@ def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> 
     fit = fit_modes(
         responses,
         band=test.band,
-        count="auto" if test.modes is None else int(test.modes),
+        count="auto" if test.modes is None else test.modes,
         added_damping_rate=added,
     )
     return TestResult(
@@ -66,7 +66,7 @@ def evaluate_ring_down(test: Test, records: list[Record], campaign: Campaign) ->
     fit = ring_down(
         records[0],
         list(test.columns.output),
-        count=None if test.modes is None else int(test.modes),
+        count=None if test.modes is None else test.modes,
     )
     return TestResult(
         test=test,
@@ -101,10 +101,7 @@ def _found(test: Test, modes: tuple[Mode, ...]) -> Mode:
 def _figures(
     test: Test, campaign: Campaign, mode: Mode | DecayMode
 ) -> tuple[MeasuredCharacteristic, ...]:
-    sensor = campaign.instrument(test.along)
-    frequency = mode.frequency_hz
-    if sensor is not None:
-        frequency = measured(frequency, sensor, role="frequency")
+    frequency = measured(mode.frequency_hz, campaign.instrument(test.along), role="frequency")
     return (
         figure_of(campaign, test, "natural_frequency_hz", frequency, "undamped, by modal fit"),
         figure_of(campaign, test, "damping_ratio", mode.damping_ratio, "share of the critical"),

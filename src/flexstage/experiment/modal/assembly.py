@@ -7,12 +7,18 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.covariance import Worth, assess, frequencies_of, residues_of
 from flexstage.experiment.modal.mode_selection import significances, threshold
 from flexstage.experiment.modal.prepare import Prepared
-from flexstage.experiment.modal.result import FittedResponse, ModalFit, Mode, shape_from_residues
+from flexstage.experiment.modal.result import (
+    FittedResponse,
+    ModalFit,
+    Mode,
+    noisy_estimate,
+    shape_from_residues,
+)
 from flexstage.experiment.modal.stabilisation import Stabilisation
 
 # with more damping than this a pole lifts its response by less than 1.75 above that at standstill
@@ -203,15 +209,12 @@ def _not_listed(others: dict[str, list[Mode]]) -> list[str]:
     """Name the poles that are not listed, in one note."""
     if not others:
         return []
-    said = [
-        f"{', '.join(_named(mode) for mode in modes)} ({reason})"
-        for reason, modes in sorted(others.items())
-    ]
+    said = []
+    for reason, modes in sorted(others.items()):
+        figures = [(mode.frequency_hz.value, 100.0 * mode.damping_ratio.value) for mode in modes]
+        named = ", ".join(f"{f:.4g} Hz with {zeta:.2g} % damping" for f, zeta in figures)
+        said.append(f"{named} ({reason})")
     return [f"poles of the fit that are not listed as modes: {'; '.join(said)}"]
-
-
-def _named(mode: Mode) -> str:
-    return f"{mode.frequency_hz.value:.4g} Hz with {100.0 * mode.damping_ratio.value:.2g} % damping"
 
 
 def _names(parts: Sequence[Prepared]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -223,13 +226,9 @@ def _names(parts: Sequence[Prepared]) -> tuple[tuple[str, ...], tuple[str, ...]]
 def _estimate(
     value: float, variance: float, unit: str, worth: Worth, clock: float = 0.0
 ) -> Estimate:
-    noise = Component(
-        name="noise",
-        uncertainty=math.sqrt(max(float(variance), 0.0)),
-        degrees_of_freedom=float(worth.degrees_of_freedom),
-    )
-    components = (noise, Component(name="sample rate", uncertainty=float(clock), kind="B"))
-    return Estimate(value=float(value), unit=unit, components=components[: 1 + (clock > 0.0)])
+    uncertainty = math.sqrt(max(float(variance), 0.0))
+    freedom = float(worth.degrees_of_freedom)
+    return noisy_estimate(float(value), uncertainty, unit, freedom, float(clock))
 
 
 def _fitted(worth: Worth, parts: Sequence[Prepared]) -> list[FittedResponse]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ConvergenceError
+from flexstage.experiment.modal.scatter import moving_mean
 
 # lines of the residual's periodogram that are averaged: no fewer, no more, and share of all
 _FEWEST, _MOST, _SHARE = 24, 400, 32
@@ -167,7 +168,7 @@ def decay_covariance(fit: DecayFit, mode: int) -> tuple[Array, float]:
             covariance += (lines[a].conj().T @ weighted).real
     covariance /= fit.residual.shape[0] ** 2
     # lines that a mode's pole rests on, each of two degrees of freedom
-    power = _moving_mean(np.sum(np.abs(lines[:, :, :2]) ** 2, axis=(0, 2)), width)
+    power = moving_mean(np.sum(np.abs(lines[:, :, :2]) ** 2, axis=(0, 2)), width)
     freedom = 2.0 * float(power.sum() ** 2 / np.sum(power**2))
     return 0.5 * (covariance + covariance.T), freedom
 
@@ -189,15 +190,12 @@ def noise_ratios(fit: DecayFit, rate: float) -> Array:
     return np.einsum("rab,rba->r", np.linalg.inv(noise), falls)
 
 
-def _width(lines: int) -> int:
-    return int(np.clip(lines // _SHARE, min(_FEWEST, lines // 2), _MOST))
-
-
 def _density(fit: DecayFit, free: Array) -> tuple[Complex, int]:
     """Return auto and cross spectra of the noise, shape (c, c, lines), and lines averaged."""
     size, count = fit.residual.shape
     residual = np.fft.rfft(fit.residual, axis=0).T
-    width = _width(residual.shape[1])
+    lines = residual.shape[1]
+    width = int(np.clip(lines // _SHARE, min(_FEWEST, lines // 2), _MOST))
     # share of white noise that functions and poles take away from each line
     taken = np.sum(np.abs(np.fft.rfft(fit.functions, axis=0)) ** 2, axis=1) / size
     left = np.empty((count, residual.shape[1]))
@@ -205,19 +203,10 @@ def _density(fit: DecayFit, free: Array) -> tuple[Complex, int]:
     unit = np.linalg.qr(stacked)[0].reshape(free.shape)
     for c in range(count):
         poles = np.sum(np.abs(np.fft.rfft(unit[c], axis=0)) ** 2, axis=1) / size
-        left[c] = _moving_mean(np.maximum(1.0 - taken - poles, 0.01), width)
+        left[c] = moving_mean(np.maximum(1.0 - taken - poles, 0.01), width)
     density = np.empty((count, count, residual.shape[1]), dtype=np.complex128)
     for a in range(count):
         for b in range(count):
-            both = _moving_mean(residual[a] * residual[b].conj(), width)
+            both = moving_mean(residual[a] * residual[b].conj(), width)
             density[a, b] = both / np.sqrt(left[a] * left[b])
     return density, width
-
-
-def _moving_mean(values: Array, width: int) -> Array:
-    """Average over a number of lines, fewer at the ends."""
-    half = width // 2
-    total = np.concatenate([np.zeros(1, dtype=values.dtype), np.cumsum(values)])
-    low = np.maximum(np.arange(values.size) - half, 0)
-    high = np.minimum(np.arange(values.size) + half + 1, values.size)
-    return (total[high] - total[low]) / (high - low)

@@ -126,9 +126,7 @@ def settled(
 
 
 def started(
-    parts: Sequence[Prepared],
-    orders: Sequence[int] | None,
-    band: tuple[float, float],
+    parts: Sequence[Prepared], orders: Sequence[int] | None, band: tuple[float, float]
 ) -> tuple[Stabilisation, Complex]:
     """Return poles to start from: stable ones, and those that stretches of a response show."""
     lines = [

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
-from flexstage.experiment.modal.scatter import line_scatter
+from flexstage.experiment.modal.scatter import line_scatter, moving_mean
 from flexstage.experiment.modal.variable_projection import ResponseBlock
 from flexstage.experiment.spectra.response import MeasuredResponse
 
@@ -193,7 +193,7 @@ def deviations(part: MeasuredResponse) -> Array | None:
         # inverse variances from few averages scatter: their neighbours help
         width = min(math.ceil(_KNOWN_WELL / freedom), max(lines // 8, 1))
         sharp = _share_of_response(variance, part.response)
-        variance = np.maximum(_moving_mean(variance - sharp, width | 1), 0.0) + sharp
+        variance = np.maximum(_averaged(variance - sharp, width | 1), 0.0) + sharp
     finite = np.where(np.isfinite(variance), variance, np.nan)
     if np.all(np.isnan(finite)):
         raise RecordError("the variance of a response must be finite at some lines at least")
@@ -256,14 +256,11 @@ def _share_of_response(variance: Array, response: Complex) -> Array:
     return out
 
 
-def _moving_mean(values: Array, width: int) -> Array:
-    half = width // 2
-    finite = np.where(np.isfinite(values), values, np.nanmax(values[np.isfinite(values)]))
-    total = np.cumsum(np.concatenate([np.zeros((1, *values.shape[1:])), finite]), axis=0)
-    low = np.maximum(np.arange(values.shape[0]) - half, 0)
-    high = np.minimum(np.arange(values.shape[0]) + half + 1, values.shape[0])
-    mean = (total[high] - total[low]) / (high - low)[:, None, None]
-    return np.where(np.isfinite(values), mean, values)
+def _averaged(values: Array, width: int) -> Array:
+    """The mean over neighbouring lines, of those that are finite."""
+    finite = np.isfinite(values)
+    known = np.where(finite, values, np.nanmax(values[finite]))
+    return np.where(finite, moving_mean(known, width), values)
 
 
 def _block(

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
-from flexstage.estimate import Estimate
+from flexstage.estimate import Component, Estimate
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.stabilisation import Stabilisation
 from flexstage.experiment.spectra.response import MeasuredResponse
@@ -255,9 +255,24 @@ def shape_from_residues(residues: Complex, covariance: Array) -> tuple[Complex, 
         slope = np.zeros((outputs, inputs), dtype=np.complex128)
         slope[o, taken] += weights / mean[largest]
         slope[chosen[largest], taken] -= values[n] * weights / mean[largest]
-        flat = slope.ravel()
-        # real and imaginary part of slope times residue
-        turn = np.stack([np.stack([flat.real, -flat.imag]), np.stack([flat.imag, flat.real])])
-        rotated = turn.transpose(0, 2, 1).reshape(2, -1)
-        spread[o] = np.sqrt(np.maximum(np.einsum("ap,pq,aq->a", rotated, covariance, rotated), 0.0))
+        spread[o] = spread_of_parts(slope.ravel(), covariance)
     return shape, spread
+
+
+def spread_of_parts(slope: Complex, covariance: Array) -> Array:
+    """Return the uncertainty of the real and the imaginary part of a sum of complex numbers.
+
+    The covariance is of their real and imaginary parts in turn, `slope` their factors.
+    """
+    turn = np.stack([np.stack([slope.real, -slope.imag]), np.stack([slope.imag, slope.real])])
+    rotated = turn.transpose(0, 2, 1).reshape(2, -1)
+    return np.sqrt(np.maximum(np.einsum("ap,pq,aq->a", rotated, covariance, rotated), 0.0))
+
+
+def noisy_estimate(
+    value: float, uncertainty: float, unit: str, degrees_of_freedom: float, clock: float = 0.0
+) -> Estimate:
+    """Return a figure that noise makes uncertain, and `clock` the sample rate."""
+    noise = Component(name="noise", uncertainty=uncertainty, degrees_of_freedom=degrees_of_freedom)
+    both = (noise, Component(name="sample rate", uncertainty=clock, kind="B"))
+    return Estimate(value=value, unit=unit, components=both[: 1 + (clock > 0.0)])

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ConvergenceError, ModelError, RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 from flexstage.experiment.modal.decay_model import (
     DecayFit,
     decay_covariance,
@@ -18,6 +18,7 @@ from flexstage.experiment.modal.decay_model import (
     project_decay,
 )
 from flexstage.experiment.modal.mode_selection import distinct
+from flexstage.experiment.modal.result import noisy_estimate, spread_of_parts
 from flexstage.records import Record, step_uncertainty
 from flexstage.records.sampling import require_complete, require_uniform
 
@@ -276,21 +277,11 @@ def _mode(r: int, fit: DecayFit, times: int, rate: float, share: float) -> Decay
         slope = np.zeros(shape.size, dtype=np.complex128)
         slope[c] += 1.0 / amplitudes[largest]
         slope[largest] -= shape[c] / amplitudes[largest]
-        turn = np.stack([np.stack([slope.real, -slope.imag]), np.stack([slope.imag, slope.real])])
-        rows = turn.transpose(0, 2, 1).reshape(2, -1)
-        square = np.einsum("ap,pq,aq->a", rows, covariance[2:, 2:], rows)
-        spread[c] = np.sqrt(np.maximum(square, 0.0))
-
-    def estimate(value: float, uncertainty: float, unit: str, own: float = 0.0) -> Estimate:
-        noise = Component(name="noise", uncertainty=uncertainty, degrees_of_freedom=freedom)
-        both = (noise, Component(name="sample rate", uncertainty=own, kind="B"))
-        return Estimate(value=value, unit=unit, components=both[: 1 + (own > 0.0)])
-
+        spread[c] = spread_of_parts(slope, covariance[2:, 2:])
     frequency = size / (2.0 * math.pi)
-
     return DecayMode(
-        frequency_hz=estimate(frequency, float(pair[0]), "Hz", share * frequency),
-        damping_ratio=estimate(sigma / size, float(pair[1]), "1"),
+        frequency_hz=noisy_estimate(frequency, float(pair[0]), "Hz", freedom, share * frequency),
+        damping_ratio=noisy_estimate(sigma / size, float(pair[1]), "1", freedom),
         # of the first sample, not of the average that begins with it
         amplitudes=amplitudes / np.exp(complex(-sigma, omega) / rate * np.arange(times)).mean(),
         shape=shape,

@@ -121,3 +121,12 @@ def _medians(values: Array, width: int) -> Array:
     half = width // 2
     padded = np.pad(values, half, mode="reflect") if half else values
     return np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
+
+
+def moving_mean(values: Array, width: int) -> Array:
+    """Return the mean over a number of lines, the first axis; over fewer at the ends."""
+    half, lines = width // 2, np.arange(values.shape[0])
+    total = np.zeros((lines.size + 1, *values.shape[1:]), dtype=values.dtype)
+    np.cumsum(values, axis=0, out=total[1:])
+    low, high = np.maximum(lines - half, 0), np.minimum(lines + half + 1, lines.size)
+    return (total[high] - total[low]) / (high - low).reshape(-1, *(1,) * (values.ndim - 1))

@@ -78,10 +78,7 @@ def cross_coupling(
     extent = curve.basis.high - curve.basis.low
     largest = curve_range(curve, seed=seed)
     return Coupling(
-        slope=found,
-        angle=_angle(found),
-        largest=largest,
-        share=largest.times(1.0 / extent, "1"),
+        slope=found, angle=_angle(found), largest=largest, share=largest.times(1.0 / extent, "1")
     )
 
 

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from flexstage.experiment.motion.motion_curve import Direction, MotionCurve, pos
 _ZONE_TRIALS = 120
 #: Straight line that a deviation is taken from.
 Line = Literal["none", "least_squares", "terminal", "zero", "minimum_zone"]
-_LINES = ("none", "least_squares", "terminal", "zero", "minimum_zone")
+_LINES = get_args(Line)
 #: Curves that are simulated to find what noise adds to an extreme.
 _TRIALS = 400
 _NOISE_NOTE = "less what noise adds to it, {:.2g} {}"

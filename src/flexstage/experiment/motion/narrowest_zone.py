@@ -118,11 +118,7 @@ class StraightnessCylinder:
 
 
 def minimum_zone_cylinder(
-    along: ArrayLike,
-    across: ArrayLike,
-    vertical: ArrayLike,
-    *,
-    covariance: ArrayLike | None = None,
+    along: ArrayLike, across: ArrayLike, vertical: ArrayLike, *, covariance: ArrayLike | None = None
 ) -> StraightnessCylinder:
     """Return the narrowest cylinder that holds all points, its diameter measured square to `along`.
 

@@ -93,12 +93,7 @@ class Positioning:
 
 
 def positioning(
-    target: ArrayLike,
-    upward: ArrayLike,
-    downward: ArrayLike,
-    *,
-    trials: int = 2000,
-    seed: int = 0,
+    target: ArrayLike, upward: ArrayLike, downward: ArrayLike, *, trials: int = 2000, seed: int = 0
 ) -> Positioning:
     """Evaluate repeated approaches to targets from both sides, in the manner of ISO 230-2:2014.
 

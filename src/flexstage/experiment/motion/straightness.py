@@ -224,10 +224,7 @@ def least_squares_straightness(
 
 
 def end_point_straightness(
-    along: ArrayLike,
-    across: ArrayLike,
-    *,
-    covariance: ArrayLike | None = None,
+    along: ArrayLike, across: ArrayLike, *, covariance: ArrayLike | None = None
 ) -> Straightness:
     """Return the distance from the highest to the lowest point about the line through the ends.
 

@@ -233,13 +233,11 @@ def transfer(
     if q == 1 and estimator != "H1":
         # the share of the power, which is the same for H1 and H2
         factor = 0.5 * (1.0 + coherence) if estimator == "Hv" and noise_ratio is None else 1.0
-        share = _ratio(np.abs(response[:, :, 0]) ** 2, np.abs(h1[:, :, 0]) ** 2)
+        own = np.abs(h1[:, :, 0]) ** 2
+        share = np.abs(response[:, :, 0]) ** 2
+        share = np.divide(share, own, out=np.ones_like(own), where=own > 0.0)
         variance = variance * (factor * share)[:, :, None]
     return response, variance, coherence
-
-
-def _ratio(a: Array, b: Array) -> Array:
-    return np.divide(a, b, out=np.ones_like(a), where=b > 0.0)
 
 
 def _one_input(
@@ -276,20 +274,16 @@ def _inverse(xx: Complex) -> Complex:
     """Inverse of the spectral matrices of the inputs, having made sure that they differ."""
     power = np.einsum("kii->ki", xx).real
     scale = 1.0 / np.sqrt(power)
-    inverse = np.linalg.inv(_regular(xx * scale[:, :, None] * scale[:, None, :]))
+    coherence = xx * scale[:, :, None] * scale[:, None, :]
+    if np.linalg.eigvalsh(coherence)[:, 0].min() < 1e-12:
+        raise _correlated(None, 1.0)
+    inverse = np.linalg.inv(coherence)
     # 1 - 1 / (R^-1)_ii is the share of input i that the others explain
     shared = 1.0 - 1.0 / np.einsum("kii->ki", inverse).real
     worst = np.median(shared, axis=0)
     if worst.max() > _CORRELATED:
         raise _correlated(int(worst.argmax()), float(worst.max()))
     return inverse * scale[:, :, None] * scale[:, None, :]
-
-
-def _regular(coherence: Complex) -> Complex:
-    least = np.linalg.eigvalsh(coherence)[:, 0]
-    if least.min() < 1e-12:
-        raise _correlated(None, 1.0)
-    return coherence
 
 
 def _correlated(number: int | None, share: float) -> RecordError:

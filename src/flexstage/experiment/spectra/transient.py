@@ -289,11 +289,7 @@ def _averaged(
         sums.add(np.stack([np.fft.rfft(part)[None, :] for part in row]))
     fs = signals.sample_rate_hz
     spectra = finished(
-        sums,
-        line_frequencies(length, fs),
-        2.0 / (fs * length),
-        float(sums.segments),
-        signals,
+        sums, line_frequencies(length, fs), 2.0 / (fs * length), float(sums.segments), signals
     )
     return CutSpectra(
         spectra=spectra, segment=length, left_out=tuple(left_out), added_damping_rate=rate

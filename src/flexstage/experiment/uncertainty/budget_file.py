@@ -144,8 +144,8 @@ class _Correlation(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Content:
-    """An uncertainty budget as its file says it."""
+class BudgetContent:
+    """What the file of an uncertainty budget holds."""
 
     quantity: str = "result"
     """What the result is called."""
@@ -193,7 +193,7 @@ class _Entry:
 
 
 def _budget(decoder: Decoder, root: Mapping) -> Budget:
-    content: _Content = decoder.build(_Content, root, "")
+    content: BudgetContent = decoder.build(BudgetContent, root, "")
     places = root.items
     if not content.influences:
         decoder.refuse(places["influences"], "influences", "expected one entry at least, got none")

@@ -28,7 +28,7 @@ standard deviation :math:`(1 - e^{-s^2})/\sqrt2`.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
@@ -49,22 +49,12 @@ Role = Literal[
 ]
 
 #: What a figure can be to the sensor.
-ROLES: tuple[Role, ...] = (
-    "length",
-    "transverse range",
-    "coupling",
-    "squareness",
-    "angle",
-    "area",
-    "frequency",
-    "drift",
-    "noise",
-)
+ROLES: tuple[Role, ...] = get_args(Role)
 
 
 def measured(
     raw: Estimate,
-    sensor: SensorSpecification,
+    sensor: SensorSpecification | None,
     *,
     role: Role,
     pitch: Estimate | None = None,
@@ -82,8 +72,8 @@ def measured(
     ----------
     raw : Estimate
         The figure as it was read, with the uncertainty that its scatter gives it.
-    sensor : SensorSpecification
-        The sensor.
+    sensor : SensorSpecification or None
+        The sensor; None leaves the figure as it is.
     role : str
         One of `ROLES`: what the figure is.
     pitch : Estimate, optional
@@ -120,6 +110,8 @@ def measured(
     >>> [f"{c.name} {c.uncertainty * 1e9:.2f} nm" for c in full.components]
     ['noise 3.00 nm', 'calibration 12.60 nm', 'alignment 4.45 nm']
     """
+    if sensor is None:
+        return raw
     if role not in ROLES:
         raise ModelError(f"unknown role {role!r} of a figure: expected one of {', '.join(ROLES)}")
     if not 0.0 <= duration < math.inf:

@@ -7,14 +7,7 @@ from fnmatch import fnmatchcase
 from typing import Any, Literal
 
 from flexstage.errors import HingeError, ModelError
-from flexstage.hinges import (
-    CornerFilleted,
-    Elliptical,
-    Leaf,
-    Profile,
-    RightCircular,
-    VFillet,
-)
+from flexstage.hinges import CornerFilleted, Elliptical, Leaf, Profile, RightCircular, VFillet
 from flexstage.stage import Hinge, Stage
 
 Kind = Literal["neck_factor", "neck_offset", "modulus_factor", "density_factor", "damping_ratio"]

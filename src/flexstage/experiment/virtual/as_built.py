@@ -136,11 +136,7 @@ class AsBuilt:
 
 
 def as_built(
-    stage: Stage,
-    *,
-    seed: int = 0,
-    scatter: Scatter | None = None,
-    as_published: bool = True,
+    stage: Stage, *, seed: int = 0, scatter: Scatter | None = None, as_published: bool = True
 ) -> AsBuilt:
     """Make a virtual stage, on the lumped model.
 
@@ -190,13 +186,7 @@ def as_built(
             "stroke, straightness, and width of the loop are the published measured ones, where "
             "there are any"
         )
-    return AsBuilt(
-        stage=stage,
-        made=made,
-        system=system,
-        axes=tuple(axes),
-        notes=tuple(notes),
-    )
+    return AsBuilt(stage=stage, made=made, system=system, axes=tuple(axes), notes=tuple(notes))
 
 
 def _axis(
@@ -257,9 +247,7 @@ def _axis(
 
 
 def _tuned(
-    made: Stage,
-    frequencies: Mapping[str, float],
-    moved: Mapping[str, tuple[float, float]],
+    made: Stage, frequencies: Mapping[str, float], moved: Mapping[str, tuple[float, float]]
 ) -> Stage:
     """Set necks so that the frequencies of the axes are those that were measured."""
     wanted = {

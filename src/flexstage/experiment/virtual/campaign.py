@@ -181,10 +181,7 @@ def virtual_campaign(
             )
         else:
             columns = Columns(command="command", spheres=_SPHERES)
-            add(
-                _test("spheres", own, columns),
-                sphere_record(built, lab, own, seed=seed),
-            )
+            add(_test("spheres", own, columns), sphere_record(built, lab, own, seed=seed))
         add(
             replace(
                 _test("staircase", own, Columns(command="command", along="along")),
@@ -262,8 +259,5 @@ def _band(built: AsBuilt) -> tuple[float, float]:
 
 def _instrument(name: str, sensor: SimulatedSensor) -> SensorSpecification:
     return SensorSpecification(
-        name=name,
-        calibration=sensor.calibration,
-        alignment=sensor.alignment,
-        drift=sensor.drift,
+        name=name, calibration=sensor.calibration, alignment=sensor.alignment, drift=sensor.drift
     )

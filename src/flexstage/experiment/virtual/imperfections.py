@@ -162,12 +162,7 @@ def manufactured(stage: Stage, scatter: Scatter, *, seed: int = 0) -> Stage:
                 f"a scatter of {scatter.neck_common:g} and {scatter.neck_own:g} m leaves hinge "
                 f"'{hinge.name}' a neck of {neck:.3g} m: give a finer process"
             )
-        hinges.append(
-            replace(
-                hinge,
-                profile=with_neck_thickness(hinge.profile, float(neck)),
-            )
-        )
+        hinges.append(replace(hinge, profile=with_neck_thickness(hinge.profile, float(neck))))
     modulus = float(factor) * stage.material.youngs_modulus
     return replace(
         stage, hinges=tuple(hinges), material=replace(stage.material, youngs_modulus=modulus)

@@ -83,20 +83,18 @@ def axis_blocks(
     read = _transmission(b, chain, damping, head).motion if two else head.motion
     probe_group = b.group("probe", title=f"Probe {probe.name}", kind="probe")
     if not two:
-        lever = _gain(
-            b, "probe_ratio", "i", chain.ratio, f"ratio of reading to drive {drive.name} [1]",
-            probe_group, "geometry",
-        )  # fmt: skip
+        lever = b.gain(
+            "probe_ratio",
+            "i",
+            f"ratio of reading to drive {drive.name} [1]",
+            chain.ratio,
+            probe_group,
+            "geometry",
+        )
         b.connect(read, lever, "d [m]")
         read = lever
     add_probe_chain(b, probe, read, probe_group, "p [m]" if two else "")
     return b.diagram(title, notes)
-
-
-def _gain(
-    b: DiagramBuilder, name: str, label: str, value: float, meaning: str, group: str, role: str
-) -> str:
-    return b.add(name, "gain", label, meaning, group=group, matrix=np.array([[value]]), role=role)
 
 
 def _mass(
@@ -114,10 +112,14 @@ def _mass(
     short = {"Input": "_in", "Output": "_out"}.get(title, "")
     group = b.group(name, title=f"{title} mass", kind="body")
     forces = b.add(f"{name}_forces", "sum", "+", f"forces on the {low} [N]", group=group)
-    inverse = _gain(
-        b, f"{name}_inverse_mass", f"1/m{short}", 1.0 / mass, f"inverse mass of the {low} [1/kg]",
-        group, "mass",
-    )  # fmt: skip
+    inverse = b.gain(
+        f"{name}_inverse_mass",
+        f"1/m{short}",
+        f"inverse mass of the {low} [1/kg]",
+        1.0 / mass,
+        group,
+        "mass",
+    )
     rate = b.add(
         f"{name}_rate", "integrator", "1/s", f"speed of the {low} {letter}' [m/s]", group=group
     )
@@ -126,17 +128,25 @@ def _mass(
     )
     b.chain(forces, inverse, rate, motion)
     if damper > 0.0:
-        drag = _gain(
-            b, f"{name}_damper", f"c{short}", damper,
-            f"damper between the {low} and the ground [N s/m]", group, "damper",
-        )  # fmt: skip
+        drag = b.gain(
+            f"{name}_damper",
+            f"c{short}",
+            f"damper between the {low} and the ground [N s/m]",
+            damper,
+            group,
+            "damper",
+        )
         b.connect(rate, drag)
         b.term(forces, drag, -1, last=True)
     if stiffness > 0.0:
-        hold = _gain(
-            b, f"{name}_spring", f"k{short}", stiffness,
-            f"spring between the {low} and the ground [N/m]", group, "spring",
-        )  # fmt: skip
+        hold = b.gain(
+            f"{name}_spring",
+            f"k{short}",
+            f"spring between the {low} and the ground [N/m]",
+            stiffness,
+            group,
+            "spring",
+        )
         b.connect(motion, hold)
         b.term(forces, hold, -1, last=True)
     return _Mass(forces=forces, rate=rate, motion=motion, letter=letter)
@@ -158,17 +168,25 @@ def _drive_spring(
     b.term(stretch, free, 1, f"w_{drive.name} [m]")
     b.term(stretch, head.motion, -1, "d [m]")
     words = "stiff spring in place of an imposed displacement" if spring.stands_in else "stiffness"
-    stiffness = _gain(
-        b, "drive_spring", "k_s", spring.stiffness, f"{words} of drive {drive.name} [N/m]", group,
+    stiffness = b.gain(
+        "drive_spring",
+        "k_s",
+        f"{words} of drive {drive.name} [N/m]",
+        spring.stiffness,
+        group,
         "spring",
-    )  # fmt: skip
+    )
     b.connect(stretch, stiffness)
     if spring.stands_in or damping.beta == 0.0:
         return stiffness
-    damper = _gain(
-        b, "drive_damper", "c_s", damping.beta * spring.stiffness,
-        f"damping of drive {drive.name} [N s/m]", group, "damper",
-    )  # fmt: skip
+    damper = b.gain(
+        "drive_damper",
+        "c_s",
+        f"damping of drive {drive.name} [N s/m]",
+        damping.beta * spring.stiffness,
+        group,
+        "damper",
+    )
     b.connect(head.rate, damper, "d' [m/s]")
     force = b.add("drive_force", "sum", "+", f"force of drive {drive.name} [N]", group=group)
     b.term(force, stiffness, 1)
@@ -189,27 +207,35 @@ def _transmission(
         group=group,
     )  # fmt: skip
     words = "ratio of the lever [1]"
-    lever = _gain(b, "transmission_motion_ratio", "i", chain.ratio, words, group, "geometry")
+    lever = b.gain("transmission_motion_ratio", "i", words, chain.ratio, group, "geometry")
     b.connect(head.motion, lever, "d [m]")
     b.term(stretch, lever, 1)
     b.term(stretch, tail.motion, -1, "p [m]")
-    force = _gain(
-        b, "transmission_spring", "k_t", chain.transmission_stiffness,
-        "stiffness of the transmission [N/m]", group, "spring",
-    )  # fmt: skip
+    force = b.gain(
+        "transmission_spring",
+        "k_t",
+        "stiffness of the transmission [N/m]",
+        chain.transmission_stiffness,
+        group,
+        "spring",
+    )
     b.connect(stretch, force)
     if damping.beta > 0.0:
         rate = b.add(
             "transmission_rate", "sum", "+", "rate of deformation i d' - p' [m/s]", group=group
         )
-        speed = _gain(b, "transmission_rate_ratio", "i", chain.ratio, words, group, "geometry")
+        speed = b.gain("transmission_rate_ratio", "i", words, chain.ratio, group, "geometry")
         b.connect(head.rate, speed, "d' [m/s]")
         b.term(rate, speed, 1)
         b.term(rate, tail.rate, -1, "p' [m/s]")
-        damper = _gain(
-            b, "transmission_damper", "c_t", damping.beta * chain.transmission_stiffness,
-            "damping of the transmission [N s/m]", group, "damper",
-        )  # fmt: skip
+        damper = b.gain(
+            "transmission_damper",
+            "c_t",
+            "damping of the transmission [N s/m]",
+            damping.beta * chain.transmission_stiffness,
+            group,
+            "damper",
+        )
         b.connect(rate, damper)
         spring, force = (
             force,
@@ -217,7 +243,7 @@ def _transmission(
         )
         b.term(force, spring, 1)
         b.term(force, damper, 1)
-    back = _gain(b, "transmission_back", "i", chain.ratio, words, group, "geometry")
+    back = b.gain("transmission_back", "i", words, chain.ratio, group, "geometry")
     b.connect(force, back, "f [N]")
     b.term(head.forces, back, -1, "i f [N]")
     b.term(tail.forces, force, 1, "f [N]")
@@ -249,75 +275,44 @@ def axis_chain(system: MechanicalSystem, axis: AxisPort, *, pushed_mass: float) 
     drive, probe = system.drive(axis.drive), system.probe(axis.probe).vector
     found = modes(system, drives="in place", count=None)
     own = drive.stiffness or 0.0
-    elongation, reading, force = _statics(system, axis.drive, probe)
-    if abs(reading) <= 1e-12 * abs(elongation):
+    shape, stiffness = _solved(system, axis.drive)
+    ratio = float(probe @ shape)
+    if abs(ratio) <= 1e-12:
         raise ModelError(f"drive '{axis.drive}' does not move probe '{axis.probe}'")
-    ratio = reading / elongation
-    stiffness = force / elongation
     phi_p = probe @ found.shapes
-    if drive.stiffness is None:
-        shape = _imposed_shape(system, axis.drive)
-        share = phi_p * (found.shapes.T @ system.M @ shape)
-        first = int(np.argmax(np.abs(share)))
-        omega2 = float(found.omega[first] ** 2)
-        at_p = float(phi_p[first])
-        bare = modes(system, drives="removed", count=1)
-        if abs(share[first]) < _AS_ONE * abs(reading):
-            # the probe follows the imposed displacement at once
-            return AxisChain(
-                ratio=ratio,
-                input_stiffness=stiffness,
-                transmission_stiffness=0.0,
-                input_mass=stiffness / float(bare.omega[0] ** 2),
-                output_mass=0.0,
-                frequency_hz=float(bare.omega[0] / (2.0 * np.pi)),
-            )
+
+    def chain(k_t: float, m_in: float, m_out: float, omega: float) -> AxisChain:
         return AxisChain(
             ratio=ratio,
             input_stiffness=stiffness,
-            transmission_stiffness=omega2 / at_p**2,
-            input_mass=pushed_mass,
-            output_mass=1.0 / at_p**2,
-            frequency_hz=float(found.omega[first] / (2.0 * np.pi)),
+            transmission_stiffness=k_t,
+            input_mass=m_in,
+            output_mass=m_out,
+            frequency_hz=float(omega / (2.0 * np.pi)),
         )
+
+    if drive.stiffness is None:
+        share = phi_p * (found.shapes.T @ system.M @ shape)
+        first = int(np.argmax(np.abs(share)))
+        if abs(share[first]) < _AS_ONE * abs(ratio):
+            # the probe follows the imposed displacement at once
+            bare = modes(system, drives="removed", count=1).omega[0]
+            return chain(0.0, stiffness / float(bare**2), 0.0, bare)
+        omega, at_p = found.omega[first], float(phi_p[first])
+        return chain(float(omega**2) / at_p**2, pushed_mass, 1.0 / at_p**2, omega)
     phi_d = drive.vector @ found.shapes
     first = int(np.argmax(np.abs(phi_p * phi_d / found.omega**2)))
-    omega2 = float(found.omega[first] ** 2)
+    omega = found.omega[first]
+    omega2 = float(omega**2)
     at_d, at_p = float(phi_d[first]), float(phi_p[first])
     swing = at_p - ratio * at_d
-    frequency = float(found.omega[first] / (2.0 * np.pi))
     if abs(swing) > _AS_ONE * abs(at_p):
         k_t = (omega2 - (stiffness + own) * at_d**2) / swing**2
         m_out = k_t * swing / (omega2 * at_p)
         m_in = (1.0 - m_out * at_p**2) / at_d**2
         if k_t > 0.0 and m_out > 0.0 and m_in > 0.0:
-            return AxisChain(
-                ratio=ratio,
-                input_stiffness=stiffness,
-                transmission_stiffness=k_t,
-                input_mass=m_in,
-                output_mass=m_out,
-                frequency_hz=frequency,
-            )
-    return AxisChain(
-        ratio=ratio,
-        input_stiffness=stiffness,
-        transmission_stiffness=0.0,
-        input_mass=(stiffness + own) / omega2,
-        output_mass=0.0,
-        frequency_hz=frequency,
-    )
-
-
-def _imposed_shape(system: MechanicalSystem, name: str) -> Array:
-    """Static shape of a unit elongation of one drive, the others in place."""
-    return _solved(system, name)[0]
-
-
-def _statics(system: MechanicalSystem, name: str, probe: Array) -> tuple[float, float, float]:
-    """Elongation of a drive, reading, and force on the stage without the drive's own spring."""
-    shape, force = _solved(system, name)
-    return 1.0, float(probe @ shape), force
+            return chain(k_t, m_in, m_out, omega)
+    return chain(0.0, (stiffness + own) / omega2, 0.0, omega)
 
 
 def _solved(system: MechanicalSystem, name: str) -> tuple[Array, float]:

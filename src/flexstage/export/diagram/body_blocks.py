@@ -32,6 +32,11 @@ class BodyBlocks:
     label: str
     """What is written behind q: name of the body and units."""
 
+    @property
+    def name(self) -> str:
+        """Name of the first body."""
+        return self.label.split(" ")[0].lstrip("_")
+
 
 def count_mark(members: tuple[int, ...]) -> str:
     """Return `` ×2`` and so on for those who share a group; nothing for one alone."""
@@ -63,15 +68,12 @@ def add_body(
     forces = builder.add(
         f"{group}_forces", "sum", "+", f"forces on {words} [N, N, N m]", **described
     )
-    inverse = builder.add(
+    inverse = builder.gain(
         f"{group}_inverse_mass",
-        "gain",
         "M⁻¹",
         f"inverse masses and inertia of {words} [1/kg, 1/kg, 1/(kg m^2)]",
-        matrix=np.diag(1.0 / masses),
-        role="mass",
-        **described,
-    )
+        np.diag(1.0 / masses), group, "mass",
+    )  # fmt: skip
     rate = builder.add(
         f"{group}_rate", "integrator", "1/s", f"rates of {words} [m/s, m/s, rad/s]", **described
     )
@@ -86,15 +88,12 @@ def add_body(
     builder.connect(inverse, rate)
     builder.connect(rate, motion)
     if damping.alpha > 0.0:
-        drag = builder.add(
+        drag = builder.gain(
             f"{group}_damper",
-            "gain",
             "αM",
             f"damping of {words} against the ground [N s/m, N s/m, N m s]",
-            matrix=np.diag(damping.alpha * masses),
-            role="damper",
-            **described,
-        )
+            np.diag(damping.alpha * masses), group, "damper",
+        )  # fmt: skip
         builder.connect(rate, drag)
         builder.term(forces, drag, -1, last=True)
     return BodyBlocks(
@@ -177,17 +176,15 @@ def add_hinge(
         stands_for=tuple(mechanism.hinges[i].name for i in members[1:]),
     )
     stiffness = np.asarray(block_diag(*(mechanism.hinges[i].stiffness for i in members)))
-    described = {"group": group, "width": stiffness.shape[0]}
-    spring = builder.add(
+    spring = builder.gain(
         f"{group}_spring",
-        "gain",
         "K",
         f"stiffness of {words} [N/m, N, N m/rad]",
-        matrix=stiffness,
-        role="spring",
-        **described,
+        stiffness,
+        group,
+        "spring",
     )
-    _add_law(builder, sides, spring, damping, group, words, f"_{first.name}", described)
+    _add_law(builder, sides, spring, damping, group, words, f"_{first.name}")
 
 
 def _add_law(
@@ -198,41 +195,37 @@ def _add_law(
     group: str,
     words: str,
     label: str,
-    described: dict[str, object],
 ) -> None:
     """Add what leads from the motion of bodies to a spring, and from it back as forces."""
     from_motion = _add_difference(builder, sides, group, words, "motion")
     builder.connect(from_motion, spring, f"e{label} [m, m, rad]")
     force = spring
     if damping.beta > 0.0:
-        damper = builder.add(
+        stiffness = builder.matrix(spring)
+        damper = builder.gain(
             f"{group}_damper",
-            "gain",
             "βK",
             f"damping of {words} [N s/m, N s, N m s/rad]",
-            matrix=damping.beta * builder.matrix(spring),
-            role="damper",
-            **described,
-        )
+            damping.beta * stiffness, group, "damper",
+        )  # fmt: skip
         from_rate = _add_difference(builder, sides, group, words, "rate")
         builder.connect(from_rate, damper)
         force = builder.add(
-            f"{group}_force", "sum", "+", f"force of {words} [N, N, N m]", **described
-        )
+            f"{group}_force",
+            "sum",
+            "+",
+            f"force of {words} [N, N, N m]",
+            group=group, width=stiffness.shape[0],
+        )  # fmt: skip
         builder.term(force, spring, 1)
         builder.term(force, damper, 1)
     for number, (end, sign, matrix) in enumerate(sides):
-        name = end.label.split(" ")[0].lstrip("_")
-        back = builder.add(
+        back = builder.gain(
             f"{group}_to_{number + 1}",
-            "gain",
             "Bᵀ",
-            f"force of {words} on body {name} [N, N, N m]",
-            group=group,
-            width=matrix.shape[1],
-            matrix=matrix.T.copy(),
-            role="geometry",
-        )
+            f"force of {words} on body {end.name} [N, N, N m]",
+            matrix.T.copy(), group, "geometry",
+        )  # fmt: skip
         builder.connect(force, back, f"f{label} [N, N, N m]" if number == 0 else "")
         builder.term(end.forces, back, -sign, f"f{label} [N, N, N m]")
 
@@ -249,17 +242,12 @@ def _add_difference(
     units = "[m, m, rad]" if of == "motion" else "[m/s, m/s, rad/s]"
     gains = []
     for number, (end, sign, matrix) in enumerate(sides):
-        name = end.label.split(" ")[0].lstrip("_")
-        gain = builder.add(
+        gain = builder.gain(
             f"{group}_{of}_{number + 1}",
-            "gain",
             "B",
-            f"part of body {name} in the {what} of {words} {units}",
-            group=group,
-            width=matrix.shape[0],
-            matrix=matrix,
-            role="geometry",
-        )
+            f"part of body {end.name} in the {what} of {words} {units}",
+            matrix, group, "geometry",
+        )  # fmt: skip
         source = end.motion if of == "motion" else end.rate
         label = "q" if of == "motion" else "q'"
         unit = end.label if of == "motion" else per_second(end.label)

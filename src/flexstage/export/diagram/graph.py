@@ -5,6 +5,9 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from flexstage.errors import ModelError
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 from flexstage.system.mechanical import Array
@@ -247,6 +250,16 @@ class DiagramBuilder:
             self._units[name] = described.pop("unit")
         self._blocks.append(Block(name=name, kind=kind, label=label, meaning=meaning, **described))
         return name
+
+    def gain(
+        self, wanted: str, label: str, meaning: str, matrix: ArrayLike, group: str, role: str = ""
+    ) -> str:
+        """Add a gain, whose matrix may be a number, and return its name."""
+        held = np.atleast_2d(np.asarray(matrix, dtype=np.float64))
+        width = held.shape[0]
+        return self.add(
+            wanted, "gain", label, meaning, group=group, width=width, matrix=held, role=role
+        )
 
     def connect(self, source: str, target: str, signal: str = "", *, port: int = 0) -> None:
         """Add a line from one block to an input of another."""

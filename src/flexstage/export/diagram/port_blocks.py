@@ -53,17 +53,12 @@ def add_drive(
     if spring.stiffness > 0.0:
         force = _add_drive_spring(builder, sight, sides, spring, damping, free, group)
     for number, (end, sign, row) in enumerate(sides):
-        name = end.label.split(" ")[0].lstrip("_")
-        back = builder.add(
+        back = builder.gain(
             f"{group}_to_{number + 1}",
-            "gain",
             "rᵀ",
-            f"force of drive {sight.name} on body {name} [N, N, N m]",
-            group=group,
-            width=row.shape[1],
-            matrix=row.T.copy(),
-            role="geometry",
-        )
+            f"force of drive {sight.name} on body {end.name} [N, N, N m]",
+            row.T.copy(), group, "geometry",
+        )  # fmt: skip
         builder.connect(force, back, f"F_{sight.name} [N]" if number == 0 else "")
         builder.term(end.forces, back, sign, f"f_{sight.name} [N, N, N m]")
 
@@ -89,16 +84,13 @@ def _add_drive_spring(
         gain = _add_row(builder, sight.name, end, row, group, f"motion_{number + 1}")
         builder.connect(end.motion, gain, "q" + end.label)
         builder.term(stretch, gain, -sign)
-    stiffness = builder.add(
+    stands_in = ", which stands in for an imposed displacement" if spring.stands_in else ""
+    stiffness = builder.gain(
         f"{group}_spring",
-        "gain",
         "k",
-        f"stiffness of drive {sight.name} [N/m]"
-        + (", which stands in for an imposed displacement" if spring.stands_in else ""),
-        group=group,
-        matrix=np.array([[spring.stiffness]]),
-        role="spring",
-    )
+        f"stiffness of drive {sight.name} [N/m]{stands_in}",
+        spring.stiffness, group, "spring",
+    )  # fmt: skip
     builder.connect(stretch, stiffness)
     if damping.beta == 0.0 or spring.stands_in:
         return stiffness
@@ -106,15 +98,12 @@ def _add_drive_spring(
         f"{group}_force", "sum", "+", f"force of drive {sight.name} [N]", group=group
     )
     builder.term(force, stiffness, 1)
-    damper = builder.add(
+    damper = builder.gain(
         f"{group}_damper",
-        "gain",
         "βk",
         f"damping of drive {sight.name} [N s/m]",
-        group=group,
-        matrix=np.array([[damping.beta * spring.stiffness]]),
-        role="damper",
-    )
+        damping.beta * spring.stiffness, group, "damper",
+    )  # fmt: skip
     rates = [
         (_add_row(builder, sight.name, end, row, group, f"rate_{number + 1}"), end, sign)
         for number, (end, sign, row) in enumerate(sides)
@@ -141,16 +130,8 @@ def _add_drive_spring(
 def _add_row(
     builder: DiagramBuilder, sight: str, end: BodyBlocks, row: Array, group: str, what: str
 ) -> str:
-    name = end.label.split(" ")[0].lstrip("_")
-    return builder.add(
-        f"{group}_{what}",
-        "gain",
-        "r",
-        f"part of body {name} in the length of {sight} [m or m/s]",
-        group=group,
-        matrix=row,
-        role="geometry",
-    )
+    meaning = f"part of body {end.name} in the length of {sight} [m or m/s]"
+    return builder.gain(f"{group}_{what}", "r", meaning, row, group, "geometry")
 
 
 def add_reading(
@@ -177,9 +158,6 @@ def add_reading(
     return total
 
 
-_FORCE, _LENGTH = "N", "m"
-
-
 def output_scale(model: DynamicModel, drive: ModelDrive) -> float:
     """Return the free displacement over the output of a drive's hysteresis.
 
@@ -202,7 +180,7 @@ def add_drive_chain(
 ) -> str:
     """Add what lies before the spring of a drive; return what gives w [m], or the force [N]."""
     what = "force" if drive.stiffness == 0.0 else "free displacement"
-    unit = _FORCE if drive.stiffness == 0.0 else _LENGTH
+    unit = "N" if drive.stiffness == 0.0 else "m"
     words = f"{what} of drive {drive.name} [{unit}]"
     at = builder.add(
         f"{group}_command",
@@ -240,26 +218,13 @@ def add_drive_chain(
         at, signal = block, ""
         scale = output_scale(model, drive)
         if scale != 1.0:
-            block = builder.add(
-                f"{group}_scale",
-                "gain",
-                "c",
-                f"{words} over what was identified",
-                group=group,
-                matrix=np.array([[scale]]),
-                role="drive",
+            meaning = f"{words} over what was identified"
+            at = builder.chain(
+                at, builder.gain(f"{group}_scale", "c", meaning, scale, group, "drive")
             )
-            at = builder.chain(at, block)
     elif drive.gain != 1.0 or drive.unit != unit:
-        block = builder.add(
-            f"{group}_gain",
-            "gain",
-            "c",
-            f"{what} over command of drive {drive.name} [{unit}/{drive.unit}]",
-            group=group,
-            matrix=np.array([[drive.gain]]),
-            role="drive",
-        )
+        meaning = f"{what} over command of drive {drive.name} [{unit}/{drive.unit}]"
+        block = builder.gain(f"{group}_gain", "c", meaning, drive.gain, group, "drive")
         builder.connect(at, block, signal)
         at, signal = block, ""
     if drive.creep is not None:

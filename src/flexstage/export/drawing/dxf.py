@@ -5,7 +5,7 @@ import io
 from collections.abc import Iterator
 from typing import Any
 
-from flexstage.export.drawing.contours import Contour, Pair, PlateContours, plate_contours
+from flexstage.export.drawing.contours import Pair, PlateContours, plate_contours
 from flexstage.export.drawing.cuts import CUT_ORDER_RULE, Cut, cuts
 from flexstage.export.drawing.notes import millimetres, notes, title_lines
 from flexstage.export.drawing.offset import offset_contours
@@ -66,7 +66,7 @@ def dxf_files(
         space = document.modelspace()
         for contour in plate.contours:
             layer = {"outline": "OUTLINE", "slot": "SLOTS", "hole": "HOLES"}[contour.kind]
-            _closed(space, contour, layer)
+            _polyline(space, contour.loop, contour.circle, layer)
         size = _extent(plate)
         _hinges(space, plate, 0.006 * size)
         for cut in made:
@@ -105,10 +105,6 @@ def _view(document: Any, space: Any) -> None:
 
 def _mm(p: Pair) -> Pair:
     return p[0] * _MM, p[1] * _MM
-
-
-def _closed(space: Any, contour: Contour, layer: str) -> None:
-    _polyline(space, contour.loop, contour.circle, layer)
 
 
 def _polyline(space: Any, loop: Loop, circle: Circle | None, layer: str) -> None:

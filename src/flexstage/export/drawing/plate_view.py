@@ -39,18 +39,8 @@ class Label(NamedTuple):
     """Size of the thing, which the label keeps off [mm]."""
 
 
-_DISTANCES = (
-    1.5,
-    2.5,
-    4.0,
-    6.0,
-    8.5,
-    11.5,
-    15.0,
-    20.0,
-    27.0,
-    36.0,
-)  # of a label from its thing [mm]
+#: Distances of a label from its thing that are tried [mm].
+_DISTANCES = (1.5, 2.5, 4.0, 6.0, 8.5, 11.5, 15.0, 20.0, 27.0, 36.0)
 _DIRECTIONS = 24
 _LINE = 4.0  # how much nearer a label without a line through it may be further away for it [mm]
 _GAP = 0.5  # between labels [mm]

@@ -30,6 +30,7 @@ _MARGIN = 8.0  # between the edge of the sheet and its frame [mm]
 _GAP = 4.0  # between blocks [mm]
 _COLUMN = 2.0 * CELL[0] + _GAP  # width of the column of details and tables [mm]
 _TITLE_ROW = 6.0
+_TITLE_HEIGHT = 5.0 * _TITLE_ROW
 _SHEETS = (("A3", 420.0, 297.0), ("A2", 594.0, 420.0), ("A1", 841.0, 594.0), ("A0", 1189.0, 841.0))
 _SMALLEST_SCALE = 0.5  # at which a stage is drawn before a larger sheet is taken
 
@@ -99,7 +100,7 @@ def drawing_svg(stage: Stage) -> bytes:
         y = table(canvas, (column, y), "Notches", _NOTCHES, blocks.notches)
         y = table(canvas, (column, y), "Hinges", *_hinge_layout(blocks))
     _title_block(canvas, frame, stage, name, view.scale)
-    _write_notes(canvas, (column, frame.bottom - _title_height() - _notes_height(blocks)), blocks)
+    _write_notes(canvas, (column, frame.bottom - _TITLE_HEIGHT - _notes_height(blocks)), blocks)
     _lower_left(canvas, frame, blocks, view.scale)
     draw_view(canvas, view, stage, plate, marks)
     about = f"Made by flexstage {flexstage.__version__}. Lengths in millimetres."
@@ -158,9 +159,7 @@ def _notes(stage: Stage) -> list[str]:
     return [line for text in lines for line in wrapped(text, _COLUMN - _GAP)]
 
 
-def _hinge_layout(
-    blocks: _Blocks,
-) -> tuple[tuple[tuple[str, float], ...], list[list[str]], int]:
+def _hinge_layout(blocks: _Blocks) -> tuple[tuple[tuple[str, float], ...], list[list[str]], int]:
     """Return columns, rows and number of blocks of the table of hinges."""
     if all(fits(row[1], _HINGES[1][1]) for row in blocks.hinges):
         return _HINGES, blocks.hinges, 2
@@ -183,7 +182,7 @@ def _notes_height(blocks: _Blocks) -> float:
 
 
 def _column_height(blocks: _Blocks) -> float:
-    height = _GAP + _notes_height(blocks) + _title_height()
+    height = _GAP + _notes_height(blocks) + _TITLE_HEIGHT
     if blocks.notches:
         height += CELL[1] * math.ceil(len(blocks.notches) / 2)
         height += table_height(len(blocks.notches)) + table_height(
@@ -234,14 +233,10 @@ def _frame(canvas: Canvas, frame: Box) -> None:
         canvas.line(a, b, THICK)
 
 
-def _title_height() -> float:
-    return 5.0 * _TITLE_ROW
-
-
 def _title_block(canvas: Canvas, frame: Box, stage: Stage, sheet: str, scale: float) -> None:
     """Draw the title block in the lower right corner."""
     width = _COLUMN + _GAP
-    left, top = frame.right - width, frame.bottom - _title_height()
+    left, top = frame.right - width, frame.bottom - _TITLE_HEIGHT
     half = 0.5 * width
     rows = [
         [("", stage.name)],

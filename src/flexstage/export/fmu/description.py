@@ -54,7 +54,7 @@ def model_description(model: DynamicModel, layout: FmuLayout, version: str, toke
     )  # fmt: skip
     variables = ET.SubElement(root, "ModelVariables")
     for v in layout.variables:
-        (_scalar_variable if second else _variable)(variables, v)
+        _variable(variables, v, second)
     _structure(root, model, layout, second)
     ET.indent(root, "  ")
     note = ET.Comment(f" {_plain(model.title or model.name)}. Written by {tool()}. ")
@@ -118,10 +118,11 @@ def _numbers(v: FmuVariable) -> dict[str, str]:
     return made
 
 
-def _scalar_variable(parent: ET.Element, v: FmuVariable) -> None:
+def _variable(parent: ET.Element, v: FmuVariable, second: bool) -> None:
+    tag = "ScalarVariable" if second else "Int32" if v.whole else "Float64"
     element = ET.SubElement(
         parent,
-        "ScalarVariable",
+        tag,
         name=v.name,
         valueReference=str(v.reference),
         description=v.description,
@@ -132,31 +133,14 @@ def _scalar_variable(parent: ET.Element, v: FmuVariable) -> None:
         element.set("initial", "calculated")
     elif v.causality == "parameter":
         element.set("initial", "exact")
-    made = _numbers(v)
+    numbers = _numbers(v)
     if v.state is not None:
-        # variables are counted from 1 there
-        made["derivative"] = str(v.state + 1)
-    ET.SubElement(element, "Integer" if v.whole else "Real", made)
-
-
-def _variable(parent: ET.Element, v: FmuVariable) -> None:
-    element = ET.SubElement(
-        parent,
-        "Int32" if v.whole else "Float64",
-        name=v.name,
-        valueReference=str(v.reference),
-        description=v.description,
-        causality=v.causality,
-        variability=v.variability,
-    )
-    if v.causality in ("output", "local"):
-        element.set("initial", "calculated")
-    elif v.causality == "parameter":
-        element.set("initial", "exact")
-    for key, value in _numbers(v).items():
-        element.set(key, value)
-    if v.state is not None:
-        element.set("derivative", str(v.state))
+        # in version 2.0 variables are counted from 1 there
+        numbers["derivative"] = str(v.state + second)
+    if second:
+        ET.SubElement(element, "Integer" if v.whole else "Real", numbers)
+    else:
+        element.attrib.update(numbers)
 
 
 def _structure(root: ET.Element, model: DynamicModel, layout: FmuLayout, second: bool) -> None:

@@ -1,13 +1,14 @@
-"""The variables of an FMU, their value references, and the states that a solver sees."""
+"""The variables of an FMU: names, value references, and the states that a solver sees."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from flexstage.export.fmu.names import identifier, plain_names, structured
 from flexstage.export.model import DynamicModel, ModelDrive
+from flexstage.export.simulink.matlab_text import plain
 from flexstage.export.source.variables import c_variables
 
 _SMALLEST_SHARE = 1e-6  # of the largest usual size, for modes that hardly move
@@ -46,7 +47,6 @@ class SolverStates:
 
 
 Causality = Literal["independent", "parameter", "input", "output", "local"]
-
 #: Events of an amplifier, in the order in which the C code counts them.
 INDICATORS = (
     ("turn", "how far the voltage is from turning"),
@@ -56,7 +56,7 @@ INDICATORS = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class FmuVariable:
     """A variable of an FMU."""
 
@@ -70,6 +70,7 @@ class FmuVariable:
     """``continuous``, ``tunable`` or ``fixed``."""
     description: str
     """What it is."""
+    _: KW_ONLY
     unit: str = "1"
     """Its unit; ``1`` for none."""
     start: float | None = None
@@ -137,11 +138,11 @@ def fmu_layout(model: DynamicModel) -> FmuLayout:
                 continue
             found.append(
                 FmuVariable(
-                    reference=len(found),
-                    name=structured(v.name),
-                    causality=v.causality,
-                    variability="tunable" if kind == "parameter" else "continuous",
-                    description=v.description,
+                    len(found),
+                    structured(v.name),
+                    v.causality,
+                    "tunable" if kind == "parameter" else "continuous",
+                    v.description,
                     unit=v.unit,
                     start=v.start if kind in ("parameter", "input") else None,
                     expression=v.expression if kind in ("parameter", "local") else "",
@@ -160,11 +161,11 @@ def fmu_layout(model: DynamicModel) -> FmuLayout:
         found.append(_local(found, name, s.rate_unit, what, state=first["state"] + k))
     end("derivative")
     start("indicator")
-    for d, plain in zip(model.drives, named.drives, strict=True):
+    for d, simple in zip(model.drives, named.drives, strict=True):
         if d.amplifier is not None:
             for name, what in INDICATORS:
                 text = f"event of the amplifier of drive {d.name}: {what}"
-                called = structured(f"{plain.name}.amplifier.{name}")
+                called = structured(f"{simple.name}.amplifier.{name}")
                 found.append(_local(found, called, "V", text))
     end("indicator")
     return FmuLayout(
@@ -196,23 +197,14 @@ def _states(model: DynamicModel, named: DynamicModel) -> SolverStates:
 
 
 def _first_two(found: list[FmuVariable], model: DynamicModel) -> None:
+    found.append(FmuVariable(0, "time", "independent", "continuous", "simulation time", unit="s"))
     found.append(
         FmuVariable(
-            reference=0,
-            name="time",
-            causality="independent",
-            variability="continuous",
-            description="simulation time",
-            unit="s",
-        )
-    )
-    found.append(
-        FmuVariable(
-            reference=1,
-            name="interpolation",
-            causality="parameter",
-            variability="fixed",
-            description="co-simulation: 0 = a command jumps at the start of a step and holds, "
+            1,
+            "interpolation",
+            "parameter",
+            "fixed",
+            "co-simulation: 0 = a command jumps at the start of a step and holds, "
             "1 = it moves on a straight line from the last command and is met at the end of the "
             f"step; the model steps by {model.step:g} s inside",
             start=0,
@@ -236,11 +228,11 @@ def _local(
     state: int | None = None,
 ) -> FmuVariable:
     return FmuVariable(
-        reference=len(found),
-        name=name,
-        causality="local",
-        variability="continuous",
-        description=description,
+        len(found),
+        name,
+        "local",
+        "continuous",
+        description,
         unit=unit,
         nominal=nominal,
         state=state,
@@ -324,3 +316,60 @@ def _sensor(found: list[SolverState], model: DynamicModel, p: int, outputs: list
     what = f"motion of probe {probe.name} behind the lag of its sensor"
     found.append(SolverState(name, probe.unit, f"{probe.unit}/s", what, max(at_rest) or 1e-6))
     return len(found) - 1
+
+
+_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\[[0-9]+(,[0-9]+)*\])?")
+
+
+def identifier(name: str) -> str:
+    """Return a name as C takes it, not a digit first.
+
+    Examples
+    --------
+    >>> identifier("vgtu-piezo"), identifier("2 axes")
+    ('vgtu_piezo', 'stage_2_axes')
+    """
+    kept = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")
+    return kept if re.match(r"[A-Za-z]", kept) else f"stage_{kept}".rstrip("_")
+
+
+def plain_names(names: Iterable[str]) -> list[str]:
+    """Return a name of one part, in ASCII, for each name of drives or of probes, no two alike.
+
+    Examples
+    --------
+    >>> plain_names(["x", "x.1", "x_1", "Kühler"])
+    ['x', 'x_1', 'x_1_2', 'Kuhler']
+    """
+    found: list[str] = []
+    for name in names:
+        base = free = plain(name).replace(".", "_") or "_"
+        count = 1
+        # these two begin names of other variables
+        while free in found or free in ("mode", "sensor"):
+            count += 1
+            free = f"{base}_{count}"
+        found.append(free)
+    return found
+
+
+def structured(name: str) -> str:
+    """Return a dotted name as FMI's structured naming convention has it.
+
+    A part that is a number counts the part before it; others that are no identifiers are quoted.
+
+    Examples
+    --------
+    >>> structured("mode.3.damping_ratio"), structured("left-x.command")
+    ('mode[3].damping_ratio', "'left-x'.command")
+    """
+    out: list[str] = []
+    for part in name.split("."):
+        if part.isdigit() and out:
+            out[-1] += f"[{part}]"
+        elif _PLAIN.fullmatch(part):
+            out.append(part)
+        else:
+            plain = part.encode("ascii", "replace").decode()
+            out.append("'" + plain.replace("\\", "\\\\").replace("'", "\\'") + "'")
+    return ".".join(out)

@@ -99,19 +99,17 @@ def _source(
     variable = variables.add(
         f"command_{block.name}", values, f"time [s] and {block.meaning}, to run the model with"
     )
-    return w.add(
-        Node(
-            name=variable,
-            kind="FromWorkspace",
-            settings={
-                "VariableName": variable,
-                "SampleTime": "0",
-                "Interpolate": "on",
-                "OutputAfterFinalValue": "Holding final value",
-            },
-            meaning=block.meaning,
-            inputs=0,
-        )
+    return w.block(
+        variable,
+        "FromWorkspace",
+        {
+            "VariableName": variable,
+            "SampleTime": "0",
+            "Interpolate": "on",
+            "OutputAfterFinalValue": "Holding final value",
+        },
+        block.meaning,
+        inputs=0,
     )
 
 
@@ -137,14 +135,13 @@ def _record(
     made: dict[str, str] = {}
     for port, b in enumerate(outputs, 1):
         _keep(w, made, "structure", port, f"{name}_{b.name}", f"{b.meaning}, structure")
-        scope = Node(name=f"scope_{b.name}", kind="Scope", outputs=0, meaning=b.meaning)
+        scope = Node(f"scope_{b.name}", "Scope", outputs=0, meaning=b.meaning)
         if b.name not in reader:
             w.connect("structure", w.add(scope), output=port, signal=_signal(b, diagram))
             continue
-        both = w.add(
-            Node(name=f"both_{b.name}", kind="Mux", settings={"Inputs": "2"}, inputs=2,
-                 meaning=f"{b.meaning}: structure, modes")
-        )  # fmt: skip
+        both = w.block(
+            f"both_{b.name}", "Mux", {"Inputs": "2"}, f"{b.meaning}: structure, modes", inputs=2
+        )
         w.connect("structure", both, output=port, signal=_signal(b, diagram))
         w.connect("modes", both, output=reader[b.name], port=2)
         w.chain(both, w.add(scope))
@@ -162,13 +159,11 @@ def _keep(
         count += 1
         variable = f"{wanted[:58]}_{count}"
     made[variable] = words
-    at = w.add(
-        Node(
-            name=f"keep_{variable}"[:63],
-            kind="ToWorkspace",
-            settings={"VariableName": variable, "SaveFormat": "Structure With Time"},
-            meaning=words,
-            outputs=0,
-        )
+    at = w.block(
+        f"keep_{variable}"[:63],
+        "ToWorkspace",
+        {"VariableName": variable, "SaveFormat": "Structure With Time"},
+        words,
+        outputs=0,
     )
     w.connect(source, at, output=output)

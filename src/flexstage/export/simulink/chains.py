@@ -16,32 +16,22 @@ VECTOR_GAIN = "Matrix(K*u) (u vector)"
 def gain(name: str, variable: str, meaning: str, label: str = "") -> Node:
     """Return a block that multiplies a column of signals by a matrix, given as an expression."""
     return Node(
-        name=name,
-        kind="Gain",
-        settings={"Gain": variable, "Multiplication": VECTOR_GAIN},
-        meaning=meaning,
-        label=label,
+        name, "Gain", {"Gain": variable, "Multiplication": VECTOR_GAIN}, meaning, label=label
     )
 
 
 def _scalar(name: str, value: str, meaning: str) -> Node:
     settings = {"Gain": value, "Multiplication": "Element-wise(K.*u)"}
-    return Node(name=name, kind="Gain", settings=settings, meaning=meaning)
+    return Node(name, "Gain", settings, meaning)
 
 
 def _port(kind: str, name: str, meaning: str) -> Node:
     settings = {"PortDimensions": "1"} if kind == "Inport" else {}
-    return Node(name=name, kind=kind, settings=settings, meaning=meaning)
+    return Node(name, kind, settings, meaning)
 
 
 def _sum(name: str, signs: str, meaning: str) -> Node:
-    return Node(
-        name=name,
-        kind="Sum",
-        settings={"Inputs": signs, "IconShape": "round"},
-        meaning=meaning,
-        inputs=len(signs),
-    )
+    return Node(name, "Sum", {"Inputs": signs, "IconShape": "round"}, meaning, inputs=len(signs))
 
 
 def amplifier(model: Amplifier, name: str, variables: Variables) -> System:
@@ -66,13 +56,11 @@ def amplifier(model: Amplifier, name: str, variables: Variables) -> System:
         rate = variables.add(
             f"{name}_rate", model.largest_rate, "largest rate of the voltage [V/s]"
         )
-        w.add(
-            Node(
-                name="rate",
-                kind="Saturate",
-                settings={"UpperLimit": rate, "LowerLimit": f"-{rate}"},
-                meaning="largest rate: slew limit, or current over capacitance [V/s]",
-            )
+        w.block(
+            "rate",
+            "Saturate",
+            {"UpperLimit": rate, "LowerLimit": f"-{rate}"},
+            "largest rate: slew limit, or current over capacitance [V/s]",
         )
         at = w.chain(at, "rate")
     settings = {"InitialCondition": "0"}
@@ -86,7 +74,7 @@ def amplifier(model: Amplifier, name: str, variables: Variables) -> System:
             "UpperSaturationLimit": at_high,
             "LowerSaturationLimit": at_low,
         }
-    w.add(Node(name="voltage", kind="Integrator", settings=settings, meaning="voltage [V]"))
+    w.block("voltage", "Integrator", settings, "voltage [V]")
     w.add(_port("Outport", "u", "voltage [V]"))
     w.chain(at, "voltage", "u")
     w.connect("voltage", "lag", port=2)
@@ -100,15 +88,13 @@ def hysteresis(function: str, sample_time: str, meaning: str) -> System:
     """
     w = Wiring(meaning)
     w.add(_port("Inport", "u", "input of the hysteresis"))
-    w.add(
-        Node(
-            name="sampled",
-            kind="ZeroOrderHold",
-            settings={"SampleTime": sample_time},
-            meaning="samples of the input; the function steps exactly along the line between two",
-        )
+    w.block(
+        "sampled",
+        "ZeroOrderHold",
+        {"SampleTime": sample_time},
+        "samples of the input; the function steps exactly along the line between two",
     )
-    w.add(Node(name="hysteresis", kind="MatlabFunction", meaning=meaning, function=function))
+    w.block("hysteresis", "MatlabFunction", meaning=meaning, function=function)
     w.add(_port("Outport", "y", "output of the hysteresis, held for one sample"))
     w.chain("u", "sampled", "hysteresis", "y")
     return w.system()
@@ -129,14 +115,7 @@ def creep(model: Creep, name: str, variables: Variables) -> System:
     w.add(_sum("lag", "+-", "how far each lag is behind"))
     # a matrix, since a column of factors could make a matrix of a column of signals
     w.add(gain("per_tau", f"diag({rates})", "1 over time constants [1/s]"))
-    w.add(
-        Node(
-            name="lags",
-            kind="Integrator",
-            settings={"InitialCondition": f"zeros({m}, 1)"},
-            meaning="lags",
-        )
-    )
+    w.block("lags", "Integrator", {"InitialCondition": f"zeros({m}, 1)"}, "lags")
     w.add(gain("share", share, "share of each lag [1]"))
     w.add(_sum("with_creep", "++", "motion with creep"))
     w.add(_port("Outport", "y", "motion with creep"))
@@ -156,13 +135,11 @@ def sensor(model: Sensor, name: str, variables: Variables) -> System:
     if model.bandwidth_hz is not None:
         tau = 1.0 / (2.0 * np.pi * model.bandwidth_hz)
         variable = variables.add(f"{name}_T", tau, "time constant of the sensor [s]")
-        w.add(
-            Node(
-                name="lag",
-                kind="TransferFcn",
-                settings={"Numerator": "[1]", "Denominator": f"[{variable} 1]"},
-                meaning=f"lag of the sensor, {model.bandwidth_hz:.6g} Hz",
-            )
+        w.block(
+            "lag",
+            "TransferFcn",
+            {"Numerator": "[1]", "Denominator": f"[{variable} 1]"},
+            f"lag of the sensor, {model.bandwidth_hz:.6g} Hz",
         )
         at = w.chain(at, "lag")
     if model.gain != 1.0:
@@ -172,13 +149,8 @@ def sensor(model: Sensor, name: str, variables: Variables) -> System:
     at = _added(w, at, model, name, variables)
     if model.quantisation > 0.0:
         steps = variables.add(f"{name}_step", model.quantisation, "smallest step of the reading")
-        w.add(
-            Node(
-                name="steps",
-                kind="Quantizer",
-                settings={"QuantizationInterval": steps},
-                meaning="smallest step of the reading",
-            )
+        w.block(
+            "steps", "Quantizer", {"QuantizationInterval": steps}, "smallest step of the reading"
         )
         at = w.chain(at, "steps")
     w.add(_port("Outport", "y", "reading"))
@@ -192,9 +164,8 @@ def _added(w: Wiring, at: str, model: Sensor, name: str, variables: Variables) -
     if model.offset != 0.0:
         value = variables.add(f"{name}_offset", model.offset, "reading at no motion")
         sources.append(
-            Node(name="offset", kind="Constant", settings={"Value": value}, inputs=0,
-                 meaning="reading at no motion")
-        )  # fmt: skip
+            Node("offset", "Constant", {"Value": value}, "reading at no motion", inputs=0)
+        )
     if model.mains_amplitude != 0.0:
         value = variables.add(f"{name}_mains", model.mains_amplitude, "pick-up of the mains")
         settings: dict[str, Any] = {
@@ -204,9 +175,14 @@ def _added(w: Wiring, at: str, model: Sensor, name: str, variables: Variables) -
             "SampleTime": "0",
         }
         sources.append(
-            Node(name="mains", kind="SineWave", settings=settings, inputs=0,
-                 meaning=f"pick-up of the mains, {model.mains_frequency_hz:g} Hz")
-        )  # fmt: skip
+            Node(
+                "mains",
+                "SineWave",
+                settings,
+                f"pick-up of the mains, {model.mains_frequency_hz:g} Hz",
+                inputs=0,
+            )
+        )
     if not sources:
         return at
     total = w.add(_sum("reading", "+" * (1 + len(sources)), "reading before its steps"))

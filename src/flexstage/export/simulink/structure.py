@@ -81,18 +81,11 @@ class _Places:
         for group, w in self._inner.items():
             for source in self._coming[group]:
                 width = self._blocks[source].width
-                ports[group, source] = w.add(
-                    Node(
-                        name=source,
-                        kind="Inport",
-                        settings={"PortDimensions": str(width)},
-                        meaning=self._blocks[source].meaning,
-                    )
+                ports[group, source] = w.block(
+                    source, "Inport", {"PortDimensions": str(width)}, self._blocks[source].meaning
                 )
             for source in self._leaving[group]:
-                out = w.add(
-                    Node(name=f"{source}_out", kind="Outport", meaning=self._blocks[source].meaning)
-                )
+                out = w.block(f"{source}_out", "Outport", meaning=self._blocks[source].meaning)
                 w.connect(self._names[source], out, signal=self._signals.get(source, ""))
         for line in self._diagram.lines:
             group = self._group(line.target)
@@ -146,16 +139,12 @@ def _words(title: str, group: object) -> str:
 
 def _inport(block: Block) -> Node:
     return Node(
-        name=block.name,
-        kind="Inport",
-        settings={"PortDimensions": str(block.width)},
-        meaning=block.meaning,
-        label=block.label,
+        block.name, "Inport", {"PortDimensions": str(block.width)}, block.meaning, label=block.label
     )
 
 
 def _outport(block: Block) -> Node:
-    return Node(name=block.name, kind="Outport", meaning=block.meaning, label=block.label)
+    return Node(block.name, "Outport", meaning=block.meaning, label=block.label)
 
 
 def _node(block: Block, variables: Variables, functions: Functions, sample_time: str) -> Node:
@@ -164,37 +153,34 @@ def _node(block: Block, variables: Variables, functions: Functions, sample_time:
         return chains.gain(block.name, variable, block.meaning, block.label)
     if block.kind == "integrator":
         return Node(
-            name=block.name,
-            kind="Integrator",
-            settings={"InitialCondition": f"zeros({block.width}, 1)"},
-            meaning=block.meaning,
+            block.name,
+            "Integrator",
+            {"InitialCondition": f"zeros({block.width}, 1)"},
+            block.meaning,
         )
     if block.kind == "sum":
         return _sum(block)
     chains.refuse_columns(block.width, block.name, block.kind)
     inside = _element(block, variables, functions, sample_time)
-    return Node(name=block.name, kind="SubSystem", inside=inside, meaning=block.meaning)
+    return Node(block.name, "SubSystem", inside=inside, meaning=block.meaning)
 
 
 def _sum(block: Block) -> Node:
     if not block.signs:
         value = literal(np.zeros((block.width, 1)))
-        return Node(
-            name=block.name, kind="Constant", settings={"Value": value}, inputs=0,
-            meaning=block.meaning,
-        )  # fmt: skip
+        return Node(block.name, "Constant", {"Value": value}, block.meaning, inputs=0)
     if len(block.signs) == 1:
         # a Sum of one input would add up the numbers of its column
         settings = {"Gain": literal(block.signs[0]), "Multiplication": "Element-wise(K.*u)"}
-        return Node(name=block.name, kind="Gain", settings=settings, meaning=block.meaning)
+        return Node(block.name, "Gain", settings, block.meaning)
     return Node(
-        name=block.name,
-        kind="Sum",
-        settings={
+        block.name,
+        "Sum",
+        {
             "Inputs": "".join("+" if s > 0 else "-" for s in block.signs),
             "IconShape": "round" if len(block.signs) <= _ROUND else "rectangular",
         },
-        meaning=block.meaning,
+        block.meaning,
         inputs=len(block.signs),
     )
 
@@ -232,30 +218,28 @@ def modal(
         )
     }
     count = len(model.drives)
-    w.add(
-        Node(
-            name="modes",
-            kind="StateSpace",
-            settings=names,
-            meaning=f"{model.omega.size} modes: x' = A x + B w, y = C x + D w",
-        )
+    w.block(
+        "modes", "StateSpace", names, f"{model.omega.size} modes: x' = A x + B w, y = C x + D w"
     )
     inports = identifiers([d.name for d in model.drives], longest=40)
     for drive in model.drives:
-        w.add(
-            Node(
-                name=f"command_{inports[drive.name]}",
-                kind="Inport",
-                settings={"PortDimensions": "1"},
-                meaning=f"command of drive {drive.name} [{drive.unit}]",
-            )
+        w.block(
+            f"command_{inports[drive.name]}",
+            "Inport",
+            {"PortDimensions": "1"},
+            f"command of drive {drive.name} [{drive.unit}]",
         )
     ends = [_chain(w, d, inports[d.name], variables, functions, sample_time) for d in model.drives]
     if count == 1:
         w.chain(ends[0], "modes")
     else:
-        w.add(Node(name="w", kind="Mux", settings={"Inputs": str(count)}, inputs=count,
-                   meaning="free displacements [m], or forces [N]"))  # fmt: skip
+        w.block(
+            "w",
+            "Mux",
+            {"Inputs": str(count)},
+            "free displacements [m], or forces [N]",
+            inputs=count,
+        )
         for port, end in enumerate(ends, 1):
             w.connect(end, "w", port=port)
         w.chain("w", "modes")
@@ -293,8 +277,7 @@ def _read(w: Wiring, model: DynamicModel, variables: Variables) -> None:
     names = identifiers([p.name for p in model.probes], longest=40)
     at = "modes"
     if count > 1:
-        at = w.add(Node(name="y", kind="Demux", settings={"Outputs": str(count)}, outputs=count,
-                        meaning="motion of the probes"))  # fmt: skip
+        at = w.block("y", "Demux", {"Outputs": str(count)}, "motion of the probes", outputs=count)
         w.chain("modes", at)
     for output, probe in enumerate(model.probes, 1):
         source, port = at, output
@@ -305,5 +288,5 @@ def _read(w: Wiring, model: DynamicModel, variables: Variables) -> None:
             w.connect(at, source, output=output)
             port = 1
         meaning = f"reading of probe {probe.name} [{probe.unit}]"
-        out = w.add(Node(name=f"reading_{names[probe.name]}", kind="Outport", meaning=meaning))
+        out = w.block(f"reading_{names[probe.name]}", "Outport", meaning=meaning)
         w.connect(source, out, output=port)

@@ -1,8 +1,9 @@
 """Blocks and lines as Simulink has them: systems within systems, before they become a script."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 from flexstage.errors import ModelError
 
@@ -46,7 +47,7 @@ class SimulinkLine:
     """What it carries; empty where the blocks say it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Node:
     """A block."""
 
@@ -58,6 +59,7 @@ class Node:
     """Its parameters by name, as Simulink takes them."""
     meaning: str = ""
     """What it is, with its unit."""
+    _: KW_ONLY
     label: str = ""
     """What is written below it."""
     inputs: int = 1
@@ -118,12 +120,16 @@ class Wiring:
         self._nodes[name] = replace(node, name=name)
         return name
 
+    def block(self, name: str, kind: str, *described: Any, **more: Any) -> str:
+        """Add the block that a `Node` of these describes, and return its name."""
+        return self.add(Node(name, kind, *described, **more))
+
     def nest(self, name: str, inside: System, meaning: str = "") -> str:
         """Add a subsystem and return its name; it means what its title says, where not given."""
         return self.add(
             Node(
-                name=name,
-                kind="SubSystem",
+                name,
+                "SubSystem",
                 meaning=meaning or inside.title,
                 inputs=len(inside.ports("Inport")),
                 outputs=len(inside.ports("Outport")),

@@ -1,7 +1,7 @@
 """What can be commanded, read and tuned in the C of a model, by name."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Literal
 
 from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
@@ -9,7 +9,7 @@ from flexstage.export.source.hysteresis_code import hysteresis_code
 from flexstage.hysteresis import Sensor
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class CVariable:
     """A variable of a model in C."""
 
@@ -27,6 +27,7 @@ class CVariable:
     """Where it is in C: of an instance ``s``, or ``commands[i]`` and ``readings[i]`` of the arrays
     that are handed to the functions.
     """
+    _: KW_ONLY
     prepare: bool = False
     """Whether `fs_prepare` must follow a change."""
 
@@ -78,12 +79,12 @@ def c_variables(model: DynamicModel) -> tuple[CVariable, ...]:
         if p.sensor is not None:
             found.append(
                 CVariable(
-                    name=f"{p.name}.motion",
-                    unit=p.unit,
-                    causality="local",
-                    start=0.0,
-                    description=f"motion that the sensor of probe {p.name} sees",
-                    expression=f"s->motion[{i}]",
+                    f"{p.name}.motion",
+                    p.unit,
+                    "local",
+                    0.0,
+                    f"motion that the sensor of probe {p.name} sees",
+                    f"s->motion[{i}]",
                 )
             )
     for i, d in drives:
@@ -117,24 +118,24 @@ def _command(i: int, d: ModelDrive) -> CVariable:
     if d.input_range is not None:
         allowed = f", {d.input_range[0]:g} to {d.input_range[1]:g} {d.unit}"
     return CVariable(
-        name=f"{d.name}.command",
-        unit=d.unit,
-        causality="input",
-        start=0.0,
-        description=f"command of drive {d.name} ({d.kind}){allowed}",
-        expression=f"commands[{i}]",
+        f"{d.name}.command",
+        d.unit,
+        "input",
+        0.0,
+        f"command of drive {d.name} ({d.kind}){allowed}",
+        f"commands[{i}]",
     )
 
 
 def _reading(i: int, p: ModelProbe, start: float) -> CVariable:
     through = "" if p.sensor is None else ", through its sensor"
     return CVariable(
-        name=f"{p.name}.reading",
-        unit=p.unit,
-        causality="output",
-        start=start,
-        description=f"reading of probe {p.name}{through}",
-        expression=f"readings[{i}]",
+        f"{p.name}.reading",
+        p.unit,
+        "output",
+        start,
+        f"reading of probe {p.name}{through}",
+        f"readings[{i}]",
     )
 
 
@@ -143,24 +144,23 @@ def _locals(i: int, d: ModelDrive) -> list[CVariable]:
     if d.amplifier is not None:
         found.append(
             CVariable(
-                name=f"{d.name}.voltage",
-                unit="V",
-                causality="local",
-                start=0.0,
-                description=f"voltage behind the amplifier of drive {d.name}",
-                expression=f"s->drive[{i}].voltage",
+                f"{d.name}.voltage",
+                "V",
+                "local",
+                0.0,
+                f"voltage behind the amplifier of drive {d.name}",
+                f"s->drive[{i}].voltage",
             )
         )
     force = d.stiffness == 0.0
     found.append(
         CVariable(
-            name=f"{d.name}.{'force' if force else 'free_displacement'}",
-            unit="N" if force else "m",
-            causality="local",
-            start=0.0,
-            description=f"{'force' if force else 'free displacement, without creep,'} of drive "
-            f"{d.name}",
-            expression=f"s->drive[{i}].free",
+            f"{d.name}.{'force' if force else 'free_displacement'}",
+            "N" if force else "m",
+            "local",
+            0.0,
+            f"{'force' if force else 'free displacement, without creep,'} of drive {d.name}",
+            f"s->drive[{i}].free",
         )
     )
     return found
@@ -174,12 +174,12 @@ def _drive_parameters(i: int, d: ModelDrive) -> list[CVariable]:
     ) -> None:
         found.append(
             CVariable(
-                name=f"{d.name}.{name}",
-                unit=unit,
-                causality="parameter",
-                start=start,
-                description=f"{what} of drive {d.name}",
-                expression=f"{at}.{member}",
+                f"{d.name}.{name}",
+                unit,
+                "parameter",
+                start,
+                f"{what} of drive {d.name}",
+                f"{at}.{member}",
                 prepare=prepare,
             )
         )
@@ -233,12 +233,12 @@ def _mode_parameters(model: DynamicModel) -> list[CVariable]:
         ):
             found.append(
                 CVariable(
-                    name=f"mode.{i + 1}.{name}",
-                    unit=unit,
-                    causality="parameter",
-                    start=start,
-                    description=f"{what} of mode {i + 1}, drives in place",
-                    expression=f"s->modes.{name}[{i}]",
+                    f"mode.{i + 1}.{name}",
+                    unit,
+                    "parameter",
+                    start,
+                    f"{what} of mode {i + 1}, drives in place",
+                    f"s->modes.{name}[{i}]",
                     prepare=True,
                 )
             )
@@ -257,12 +257,12 @@ def _sensor_parameters(i: int, p: ModelProbe, sensor: Sensor) -> list[CVariable]
     )
     return [
         CVariable(
-            name=f"sensor.{p.name}.{name}",
-            unit=unit,
-            causality="parameter",
-            start=start,
-            description=f"{what} of the sensor of probe {p.name}",
-            expression=f"s->sensor[{i}].{name}",
+            f"sensor.{p.name}.{name}",
+            unit,
+            "parameter",
+            start,
+            f"{what} of the sensor of probe {p.name}",
+            f"s->sensor[{i}].{name}",
             prepare=name == "bandwidth_hz",
         )
         for name, unit, start, what in numbers

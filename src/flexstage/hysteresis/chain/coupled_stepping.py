@@ -225,13 +225,7 @@ def values_of(force: Forcing) -> Array:
 
 
 def modes_through(
-    force: Forcing,
-    angle: Array,
-    damping_ratio: Array,
-    z: Array,
-    v: Array,
-    reader: Array,
-    y: Array,
+    force: Forcing, angle: Array, damping_ratio: Array, z: Array, v: Array, reader: Array, y: Array
 ) -> None:
     """Step modes through a force, and add their readings.
 
@@ -349,7 +343,5 @@ def _by_one_loop(
         model.simulate(u, before)
     value = model.gain * float(u[-1]) - h
     return JointResponse(
-        values=y,
-        hysteresis_state=np.array([u[-1], h]),
-        stage_state=np.array([value, z, v / dt]),
+        values=y, hysteresis_state=np.array([u[-1], h]), stage_state=np.array([value, z, v / dt])
     )

@@ -294,15 +294,7 @@ def _one_through(
 
 @compiled
 def piece_of_step(
-    z: float,
-    v: float,
-    w: float,
-    zeta: float,
-    h: float,
-    a: float,
-    b: float,
-    c: float,
-    mu: float,
+    z: float, v: float, w: float, zeta: float, h: float, a: float, b: float, c: float, mu: float
 ) -> tuple[float, float]:
     """Return one mode after a piece of a step, under the force a + b s + c exp(-mu s).
 
@@ -355,15 +347,7 @@ def _piece_by_series(
 
 @compiled
 def _piece_in_closed_form(
-    z: float,
-    v: float,
-    w: float,
-    zeta: float,
-    h: float,
-    a: float,
-    b: float,
-    c: float,
-    mu: float,
+    z: float, v: float, w: float, zeta: float, h: float, a: float, b: float, c: float, mu: float
 ) -> tuple[float, float]:
     """The same in closed form: what the force holds, and what turns about it."""
     decay = zeta * w

@@ -117,13 +117,7 @@ def _halved(
 
 
 def modes_through_panels(
-    force: Panels,
-    angle: Array,
-    damping_ratio: Array,
-    z: Array,
-    v: Array,
-    reader: Array,
-    y: Array,
+    force: Panels, angle: Array, damping_ratio: Array, z: Array, v: Array, reader: Array, y: Array
 ) -> None:
     """Step modes through a force on panels, and add their readings.
 

@@ -8,12 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain.element import (
-    ChainElement,
-    Complex,
-    checked_state,
-    positive_step,
-)
+from flexstage.hysteresis.chain.element import ChainElement, Complex, checked_state, positive_step
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.model import Array, Response, samples
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.drive_model import Start
@@ -25,13 +24,11 @@ from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
     Rows,
     averaged,
-    filtered,
+    filtered_whole,
     rows_of,
 )
-from flexstage.hysteresis.identification.measurement import (
-    IdentificationData,
-    Section,
-)
+from flexstage.hysteresis.identification.measurement import IdentificationData, Section
+from flexstage.hysteresis.identification.misfit import jackknife
 from flexstage.hysteresis.identification.projection import (
     Normal,
     Solution,
@@ -62,37 +59,28 @@ class ChainMisfit:
     """
 
     def __init__(self, whole: IdentificationData, train: tuple[int, int] | None) -> None:
-        data = replace(whole, sections=tuple(averaged(s, _SAMPLES) for s in whole.sections))
-        rows = rows_of(data, _ROWS)
-        use = tuple(
-            used_rows(r, s, round(s.dt / w.dt), train)
-            for r, s, w in zip(rows, data.sections, whole.sections, strict=True)
-        )
-        self._data = Data(measurement=data, chain=ChainValues(), rows=rows, use=use)
-        family = PreisachFamily(*_DICTIONARY)
-        columns = [
-            np.concatenate(list(family.columns(s, self._data)), axis=1) for s in data.sections
-        ]
-        moving = moves(columns)
-        self._quasi = [np.asfortranarray(c[:, moving]) for c in columns]
-        self._penalty = _of(family.smoothing(self._data, moving), moving)
+        self._data = short_data(whole, ChainValues(), _SAMPLES, train)
+        sections = self._data.measurement.sections
+        columns, moving, self._penalty = dictionary(self._data)
+        self._quasi = [np.asfortranarray(c) for c in columns]
         # every other threshold: what that changes says what a grid of thresholds does
         coarse = np.arange(moving.size).reshape(_DICTIONARY)[::2].ravel()
         half = PreisachFamily(_DICTIONARY[0] // 2, _DICTIONARY[1])
-        self._coarse_penalty = _of(half.smoothing(self._data, moving[coarse]), moving[coarse])
+        self._coarse_penalty = _smoothing(half, self._data, moving[coarse])
         self._coarse = np.flatnonzero(np.isin(np.flatnonzero(moving), coarse))
         # creep acts on every column alike: its share of a column is found once
-        longest = max(1000.0, *(10.0 * s.u.size * s.dt for s in data.sections))
+        longest = max(1000.0, *(10.0 * s.u.size * s.dt for s in sections))
         self._unit = ChainValues(creep_per_decade=1.0, creep_longest=longest)
         self._known: ChainValues | None = None
         self._columns = list(self._quasi)
-        self._creep = [self._crept(i, s) for i, s in enumerate(data.sections)]
+        self._creep = [self._crept(i, s) for i, s in enumerate(sections)]
         self._both: dict[int, Array] = {}
         self._products: dict[tuple[int, int], Normal] = {}
 
     def _crept(self, i: int, section: Section) -> Array:
         """What creep adds to the columns of a section, with the modes that are known."""
-        added = np.asfortranarray(_every(self._quasi[i], section, self._unit) - self._quasi[i])
+        added = filtered_whole(self._quasi[i], section, self._unit) - self._quasi[i]
+        added = np.asfortranarray(added)
         return added if self._known is None else _behind_modes(added, section, self._known)
 
     def fix_modes(self, chain: ChainValues) -> None:
@@ -198,13 +186,10 @@ class ChainMisfit:
         )
         moved = np.array([_lowest(around, c) for c in costs.T]) * step
         (by_all, by_half), moved = moved[:2], moved[2:]
-        many = moved.shape[0]
         grid = (by_half - by_all) / 3.0
         if not np.all(np.isfinite(moved)) or not np.all(np.isfinite(grid)):
             return dict.fromkeys(names, math.inf)
-        # few parts: the factor makes twice the error cover what the distribution of Student does
-        few = float(stdtrit(many - 1, 0.975)) / 1.96
-        error = np.hypot(few * np.sqrt((many - 1) * np.var(moved, axis=0)), grid)
+        error = np.hypot(jackknife(moved), grid)
         return {name: float(e) for name, e in zip(names, error, strict=True)}
 
     def held_out(self, chain: ChainValues) -> Array:
@@ -249,10 +234,32 @@ class ChainMisfit:
         return solve(normal, smoothing=penalty * (normal.count * self._data.input_scale**2))
 
 
-def _of(penalty: Array | None, moving: NDArray[np.bool_]) -> Array:
+def short_data(
+    whole: IdentificationData, chain: ChainValues, samples: int, train: tuple[int, int] | None
+) -> Data:
+    """Return few rows of a measurement that was averaged to so many samples."""
+    data = replace(whole, sections=tuple(averaged(s, samples) for s in whole.sections))
+    rows = rows_of(data, _ROWS)
+    use = tuple(
+        _used_rows(r, s, round(s.dt / w.dt), train)
+        for r, s, w in zip(rows, data.sections, whole.sections, strict=True)
+    )
+    return Data(measurement=data, chain=chain, rows=rows, use=use)
+
+
+def dictionary(data: Data) -> tuple[list[Array], NDArray[np.bool_], Array]:
+    """Return columns that stand for any hysteresis: those that move, which, and their penalty."""
+    family = PreisachFamily(*_DICTIONARY)
+    columns = [
+        np.concatenate(list(family.columns(s, data)), axis=1) for s in data.measurement.sections
+    ]
+    moving = moves(columns)
+    return [c[:, moving] for c in columns], moving, _smoothing(family, data, moving)
+
+
+def _smoothing(family: PreisachFamily, data: Data, moving: NDArray[np.bool_]) -> Array:
     """The part of a penalty that belongs to the columns that move."""
-    assert penalty is not None
-    return penalty[np.ix_(moving, moving)]
+    return family.smoothing(data, moving)[np.ix_(moving, moving)]
 
 
 def _lowest(around: Array, cost: Array) -> Array:
@@ -272,10 +279,10 @@ def _lowest(around: Array, cost: Array) -> Array:
     return np.asarray(np.linalg.solve(H, -own[1 : 1 + n]), dtype=np.float64)
 
 
-def used_rows(
+def _used_rows(
     rows: Rows, section: Section, every: int, train: tuple[int, int] | None
 ) -> NDArray[np.bool_]:
-    """Return which rows of an averaged section are looked at; what is held out must not be.
+    """Which rows of an averaged section are looked at; what is held out must not be.
 
     Each sample of the section is the mean of `every` samples of the record, in which `train`
     counts.
@@ -287,9 +294,4 @@ def used_rows(
 
 
 def _behind_modes(columns: Array, section: Section, known: ChainValues) -> Array:
-    return np.asfortranarray(_every(columns, section, known))
-
-
-def _every(columns: Array, section: Section, chain: ChainValues) -> Array:
-    at = np.arange(columns.shape[0])
-    return filtered(columns, section, Rows(at=at, cycle=at), chain)
+    return np.asfortranarray(filtered_whole(columns, section, known))

@@ -1,7 +1,7 @@
 """The linear chain behind a hysteresis that is not known yet."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -382,20 +382,10 @@ def _delay_and_creep(search: ChainMisfit, start: ChainValues, longest: float) ->
             creep_per_decade=float(np.clip(x[1], 0.0, 1.0)) * _LARGEST_CREEP,
         )
 
-    def cost(x: Array) -> float:
-        outside = float(np.sum(np.maximum(0.0, -x) + np.maximum(0.0, x - 1.0)))
-        return search.rms(chain(x)) * (1.0 + outside)
-
+    cost = _cost(search, chain)
     grid = [np.array([a, b]) for a in (0.0, 0.1, 0.25, 0.5, 0.8) for b in (0.0, 0.1, 0.3)]
     begin = min(grid, key=cost)
-    simplex = begin + np.array([[0.0, 0.0], [0.07, 0.0], [0.0, 0.07]])
-    found = minimize(
-        cost,
-        begin,
-        method="Nelder-Mead",
-        options={"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-7, "maxfev": 80},
-    )
-    return chain(np.asarray(found.x))
+    return chain(_lowest(cost, begin, 0.07 * np.eye(2), 1e-7, 80))
 
 
 def _resonance(
@@ -421,25 +411,30 @@ def _resonance(
             creep_per_decade=float(np.clip(x[2], 0.0, 1.0)) * _LARGEST_CREEP,
         )
 
-    def cost(x: Array) -> float:
-        outside = float(np.sum(np.maximum(0.0, -x) + np.maximum(0.0, x - 1.0)))
-        return search.rms(chain(x)) * (1.0 + outside)
-
+    cost = _cost(search, chain)
     rest = [start.delay / longest, start.creep_per_decade / _LARGEST_CREEP]
     points = [np.array([a, *rest]) for a in np.linspace(0.0, 1.0, 7)]
     begin = min(points, key=cost)
     if cost(begin) > (1.0 - _GLIMPSE) * search.rms(start):
         return None
     steps = np.diag([0.1, -0.03 if rest[0] > 0.05 else 0.03, 0.03])
-    found = minimize(
-        cost,
-        begin,
-        method="Nelder-Mead",
-        options={
-            "initial_simplex": np.vstack((begin, begin + steps)),
-            "xatol": 1e-3,
-            "fatol": 1e-8,
-            "maxfev": 150,
-        },
-    )
-    return chain(np.asarray(found.x))
+    return chain(_lowest(cost, begin, steps, 1e-8, 150))
+
+
+def _cost(search: ChainMisfit, chain: Callable[[Array], ChainValues]) -> Callable[[Array], float]:
+    """The misfit of a chain of numbers from 0 to 1, which rises beyond these."""
+
+    def cost(x: Array) -> float:
+        outside = float(np.sum(np.maximum(0.0, -x) + np.maximum(0.0, x - 1.0)))
+        return search.rms(chain(x)) * (1.0 + outside)
+
+    return cost
+
+
+def _lowest(
+    cost: Callable[[Array], float], begin: Array, steps: Array, tolerance: float, most: int
+) -> Array:
+    """The least cost by the simplex of Nelder and Mead, from a place and those beside it."""
+    simplex = np.vstack((begin, begin + steps))
+    options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": tolerance, "maxfev": most}
+    return np.asarray(minimize(cost, begin, method="Nelder-Mead", options=options).x)

@@ -8,16 +8,9 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum
-from flexstage.hysteresis.identification.chain_misfit import used_rows
-from flexstage.hysteresis.identification.families.family import Data, equations, folds_of, moves
-from flexstage.hysteresis.identification.families.preisach import PreisachFamily
-from flexstage.hysteresis.identification.fit_rows import (
-    ChainValues,
-    Rows,
-    averaged,
-    filtered,
-    rows_of,
-)
+from flexstage.hysteresis.identification.chain_misfit import dictionary, short_data
+from flexstage.hysteresis.identification.families.family import equations, folds_of
+from flexstage.hysteresis.identification.fit_rows import ChainValues, Rows, filtered
 from flexstage.hysteresis.identification.measurement import IdentificationData, Section
 from flexstage.hysteresis.identification.projection import (
     Normal,
@@ -27,10 +20,7 @@ from flexstage.hysteresis.identification.projection import (
     square_left,
 )
 
-#: Plays and intervals of the dictionary that stands for any hysteresis.
-_DICTIONARY = (8, 8)
-#: Rows that the weights are found from, and samples of a record that are filtered.
-_ROWS = 4000
+#: Samples of a record that are filtered.
 _SAMPLES = 50_000
 #: The shortest time constant is one over the angular frequency of the fastest cycles and this many
 #: times shorter, as what is faster acts on them as a delay; then comes one a decade.
@@ -108,26 +98,15 @@ class _Fit:
         train: tuple[int, int] | None,
     ) -> None:
         self.times = times
-        data = replace(whole, sections=tuple(averaged(s, _SAMPLES) for s in whole.sections))
-        rows = rows_of(data, _ROWS)
-        use = tuple(
-            used_rows(r, s, round(s.dt / w.dt), train)
-            for r, s, w in zip(rows, data.sections, whole.sections, strict=True)
-        )
         self._bare = replace(chain, creep_per_decade=0.0, spectrum=None)
-        self._data = Data(measurement=data, chain=self._bare, rows=rows, use=use)
+        self._data = short_data(whole, self._bare, _SAMPLES, train)
         self._creep = (chain,) if chain.creep_per_decade > 0.0 else ()
-        family = PreisachFamily(*_DICTIONARY)
-        columns = [
-            np.concatenate(list(family.columns(s, self._data)), axis=1) for s in data.sections
-        ]
-        moving = moves(columns)
-        penalty = family.smoothing(self._data, moving)
-        assert penalty is not None
-        self._penalty = penalty[np.ix_(moving, moving)] * self._data.input_scale**2
+        columns, _, penalty = dictionary(self._data)
+        self._penalty = penalty * self._data.input_scale**2
+        sections = self._data.measurement.sections
         self._behind = [
-            self._at_rows(c[:, moving], s, r)
-            for c, s, r in zip(columns, data.sections, rows, strict=True)
+            self._at_rows(c, s, r)
+            for c, s, r in zip(columns, sections, self._data.rows, strict=True)
         ]
         self.whole = equations(self._behind, self._data)
 
@@ -139,8 +118,7 @@ class _Fit:
             for lag in (CreepSpectrum(times=(float(t),), weights=(1.0,)) for t in self.times)
         ]
         crept = [filtered(columns, section, rows, c) - plain for c in (*lags, *self._creep)]
-        parts = [plain, *crept]
-        return np.concatenate(parts, axis=1)
+        return np.concatenate([plain, *crept], axis=1)
 
     def _factors(self, weights: Array | None) -> Array:
         """Factor of each set of columns: weights of the lags, or the creep that is known."""
@@ -148,10 +126,7 @@ class _Fit:
         return np.array([1.0, *lags, *(float(weights is None) for _ in self._creep)])
 
     def _densities(self, normal: Normal, lags: Array) -> Solution:
-        return solve(
-            groups_summed(normal, lags),
-            smoothing=self._penalty * normal.count,
-        )
+        return solve(groups_summed(normal, lags), smoothing=self._penalty * normal.count)
 
     def weights(self, normal: Normal) -> Array:
         """Find densities and weights in turn; return the weights, shape (m,)."""
@@ -160,10 +135,8 @@ class _Fit:
         for _ in range(_ROUNDS):
             w = self._densities(normal, self._factors(a)).coefficients
             by_lag = np.kron(np.eye(a.size + 1), w[:, None])
-            by_lag = np.vstack(
-                (by_lag, np.zeros((normal.columns - by_lag.shape[0], by_lag.shape[1])))
-            )
-            found = _contracted(normal, by_lag)
+            rest = np.zeros((normal.columns - by_lag.shape[0], by_lag.shape[1]))
+            found = _contracted(normal, np.vstack((by_lag, rest)))
             share = solve(found)
             if share.coefficients[0] <= 0.0:
                 break

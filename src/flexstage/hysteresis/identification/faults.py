@@ -205,11 +205,7 @@ def butterfly_text(turned: tuple[float, float, float], unit: str) -> str:
 
 
 def findings_of_record(
-    number: int,
-    section: "Section",
-    spikes: NDArray[np.intp],
-    sign: float,
-    units: tuple[str, str],
+    number: int, section: "Section", spikes: NDArray[np.intp], sign: float, units: tuple[str, str]
 ) -> tuple[RecordFault, ...]:
     """What a record shows by itself, its spikes taken out already.
 

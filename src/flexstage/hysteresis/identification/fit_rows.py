@@ -222,6 +222,12 @@ def filtered(columns: Array, section: Section, rows: Rows, chain: ChainValues) -
     return behind.T
 
 
+def filtered_whole(columns: Array, section: Section, chain: ChainValues) -> Array:
+    """Pass quasi-static columns, shape (n, m), through the chain, to every sample."""
+    at = np.arange(columns.shape[0])
+    return filtered(columns, section, Rows(at=at, cycle=at), chain)
+
+
 def _column_blocks(n: int, m: int) -> Iterator[slice]:
     width = max(1, _BLOCK // n)
     for start in range(0, m, width):

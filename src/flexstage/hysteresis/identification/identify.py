@@ -10,15 +10,16 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
-from flexstage.hysteresis.identification.chain_search import (
-    FoundChain,
-    find_chain,
-    find_starts,
-)
+from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain, find_starts
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, behind_chain
-from flexstage.hysteresis.identification.fit_rows import ChainValues, averaged, rows_of
+from flexstage.hysteresis.identification.fit_rows import (
+    ChainValues,
+    averaged,
+    filtered_whole,
+    rows_of,
+)
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,
     Section,
@@ -197,7 +198,10 @@ def identify(
     if chain is None:
         found = replace(found, values=with_spectrum(data, found.values, train=train))
     if train is None:  # whose samples are counted as they were recorded
-        every = _data(_shortened(data), found.values, None)
+        # models would take minutes with long records and gain nothing
+        share = max(1, _MOST_SAMPLES // len(data.sections))
+        short = replace(data, sections=tuple(averaged(s, share) for s in data.sections))
+        every = _data(short, found.values, None)
     every = replace(every, measurement=data, chain=found.values) if train else every
     still = train is not None and _stands_still(every)
     tried: dict[str, FittedModel] = {}
@@ -292,12 +296,6 @@ def _at(made: Identification, temperature: tuple[float, float]) -> Identificatio
     assert made.model.validity is not None
     validity = replace(made.model.validity, temperature=temperature)
     return replace(made, model=replace(made.model, validity=validity))
-
-
-def _shortened(data: IdentificationData) -> IdentificationData:
-    """Average samples of long records: models would take minutes with them and gain nothing."""
-    share = max(1, _MOST_SAMPLES // len(data.sections))
-    return replace(data, sections=tuple(averaged(s, share) for s in data.sections))
 
 
 def _data(data: IdentificationData, chain: ChainValues, train: tuple[int, int] | None) -> Data:
@@ -516,13 +514,9 @@ def _drive_model(tried: FittedModel, data: Data) -> DriveModel:
 
 
 def _predicted(tried: FittedModel, data: Data) -> tuple[Array, ...]:
-    from flexstage.hysteresis.identification.fit_rows import Rows, filtered
-
     made = []
     for s in data.measurement.sections:
-        at = np.arange(s.u.size)
-        rows = Rows(at=at, cycle=at)
         quasi = tried.fit.model.simulate(s.u).values[:, None]
-        behind = filtered(quasi, s, rows, data.chain)[s.history :, 0]
+        behind = filtered_whole(quasi, s, data.chain)[s.history :, 0]
         made.append(data.measurement.sign * (behind + tried.left.offset))
     return tuple(made)

@@ -156,12 +156,7 @@ def measurement(
     if len(units) > 1:
         raise RecordError(f"the records have different units: {sorted(units)}; give them by option")
     for r, i, o in pairs:
-        require_usable(r, i.name, i.values)
-        require_usable(r, o.name, o.values, gaps=True)
-        if not r.uniform:
-            raise RecordError(
-                f"{r.source or 'the record'} is not evenly sampled: resample it to a constant rate"
-            )
+        require_usable(r, i, o)
     whole = [bool(np.isfinite(o.values).all()) for _, _, o in pairs]
     none = np.zeros(0, dtype=np.intp)
     mended = [
@@ -211,13 +206,22 @@ def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
     return tuple(found)
 
 
-def require_usable(record: Record, name: str, values: Array, *, gaps: bool = False) -> None:
-    """Refuse a column that cannot be computed with.
+def require_usable(record: Record, given: Channel, read: Channel) -> None:
+    """Refuse an input and an output that cannot be computed with.
 
-    With `gaps`, samples may be missing that the record has not, as one of branches or curves.
+    Samples of the output may be missing that the record has not, as one of branches or curves.
     """
-    where = f"column '{name}' of {record.source or 'the record'}"
-    least = 50
+    _require_column(record, given, gaps=False)
+    _require_column(record, read, gaps=True)
+    if not record.uniform:
+        raise RecordError(
+            f"{record.source or 'the record'} is not evenly sampled: resample it to a constant rate"
+        )
+
+
+def _require_column(record: Record, channel: Channel, *, gaps: bool) -> None:
+    where = f"column '{channel.name}' of {record.source or 'the record'}"
+    values, least = channel.values, 50
     if gaps and record.numbers is not None and np.isnan(record.numbers).any():
         values, least = values[~np.isnan(record.numbers)], 20
     if values.size < least:

@@ -166,8 +166,13 @@ def rms_standard_error(errors: Sequence[Array], data: Data) -> float | None:
     squares = np.array([float(np.sum(part**2)) for part in parts])
     sizes = np.array([part.size for part in parts])
     without = np.sqrt((squares.sum() - squares) / (sizes.sum() - sizes))
-    many = without.size
-    return _few(many) * float(np.sqrt((many - 1) * np.var(without)))
+    return float(jackknife(without))
+
+
+def jackknife(values: Array) -> Array:
+    """Return the standard error of figures that were found without each of some parts in turn."""
+    many = values.shape[0]
+    return _few(many) * np.sqrt((many - 1) * np.var(values, axis=0))
 
 
 def another_stretch(rms: float, error: float, stretches: Array) -> float:
@@ -233,7 +238,7 @@ def estimates(
     error = np.sqrt(np.maximum(np.diag(covariance), np.diag(plain)))[named] / scale[named]
     for divided in folds:
         without = np.array([[own.get(n, 0.0) for n in fit.names] for own in divided.values])
-        error = np.maximum(error, _jackknife(without))
+        error = np.maximum(error, jackknife(without))
     for c, width in enumerate(chain.values(), start=first):
         along = bread[named, c] / max(bread[c, c], 1e-300) * scale[c] / scale[named]
         error = np.hypot(error, along * width)
@@ -248,13 +253,6 @@ def estimates(
         for n, v, s in zip(fit.names, fit.values, error, strict=True)
     )
     return found, offset, _warnings(found, plain[named, named])
-
-
-def _jackknife(values: Array) -> Array:
-    many = values.shape[0]
-    # few parts: the factor makes twice the error cover what the distribution of Student does
-    few = float(stdtrit(many - 1, 0.975)) / 1.96
-    return few * np.sqrt((many - 1) * np.var(values, axis=0))
 
 
 def _warnings(found: tuple[ParameterEstimate, ...], covariance: Array) -> tuple[str, ...]:

@@ -115,9 +115,7 @@ class _Fit:
             np.asfortranarray(np.concatenate(list(family.columns(s, own)), axis=1)) for s in short
         ]
         moving = np.any([np.ptp(c, axis=0) > 0.0 for c in self._quasi], axis=0)
-        penalty = family.smoothing(own, moving)
-        assert penalty is not None
-        self._penalty = penalty * own.input_scale**2
+        self._penalty = family.smoothing(own, moving) * own.input_scale**2
         plain = [filtered(c, s, r, self._bare) for c, s, r in self._each()]
         self._plain = np.concatenate(plain)
         self._creep = self._crept(short, None)

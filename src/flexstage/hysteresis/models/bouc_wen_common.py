@@ -211,14 +211,7 @@ def _first_beyond(u: Array, first: int, last: int, s: float, origin: float, v: f
 
 @compiled
 def simulate_runs(
-    u: Array,
-    u_last: float,
-    h: float,
-    gain: float,
-    A: float,
-    beta: float,
-    gamma: float,
-    out: Array,
+    u: Array, u_last: float, h: float, gain: float, A: float, beta: float, gamma: float, out: Array
 ) -> float:
     """Write the output of exponent 1 run by run, and return the last hysteretic displacement.
 

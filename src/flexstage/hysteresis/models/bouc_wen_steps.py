@@ -109,14 +109,7 @@ def simulate_many(u: Array, cubics: Array, laws: Array, tables: Array, out: Arra
 
 @compiled
 def inverse_samples(
-    y: Array,
-    u: float,
-    h: float,
-    limits: Array,
-    cubic: Array,
-    law: Array,
-    table: Array,
-    out: Array,
+    y: Array, u: float, h: float, limits: Array, cubic: Array, law: Array, table: Array, out: Array
 ) -> tuple[int, float, int]:
     """Write the input that gives each output.
 

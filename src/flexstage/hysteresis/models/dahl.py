@@ -9,17 +9,8 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import (
-    Array,
-    ModelProperty,
-    Response,
-    samples,
-)
-from flexstage.hysteresis.models.bouc_wen_common import (
-    BoucWenModel,
-    classical_law,
-    simulate_runs,
-)
+from flexstage.hysteresis.model import Array, ModelProperty, Response, samples
+from flexstage.hysteresis.models.bouc_wen_common import BoucWenModel, classical_law, simulate_runs
 from flexstage.hysteresis.models.decay import decayed
 from flexstage.hysteresis.models.power_law import power_table
 

@@ -8,12 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.model import (
-    Array,
-    ModelProperty,
-    Response,
-    samples,
-)
+from flexstage.hysteresis.model import Array, ModelProperty, Response, samples
 from flexstage.hysteresis.models.bouc_wen_common import BoucWenModel
 from flexstage.hysteresis.models.bouc_wen_steps import law_of
 from flexstage.hysteresis.models.power_law import power_table

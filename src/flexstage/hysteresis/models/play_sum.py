@@ -7,6 +7,8 @@ and Maxwell-slip models are all of this form, the last with input and output exc
 Plays with rising thresholds start to move one after the other, so that only the first few move in
 one step, and the rest of the sum is kept. It is kept as sums from the last play on: each is
 computed from the state alone, and no rounding piles up with the samples.
+
+A sum of one-sided dead zones is another form of one such function.
 """
 
 from dataclasses import dataclass

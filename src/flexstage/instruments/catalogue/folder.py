@@ -12,6 +12,9 @@ from flexstage.instruments.recording.folder import RunFolder
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.recovery import examine
 
+#: What an entry takes from the description of its run as it is.
+_SHARED = ("plan", "step", "kind", "axis", "operator", "note", "version", "seed")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entered:
@@ -70,7 +73,7 @@ def _entry(path: Path, folder: Path) -> RunEntry:
         )  # fmt: skip
     kept = examine(path)
     return _described(
-        kept.head.metadata, path, folder, "failed", kept.samples, kept.head.sample_rate_hz,
+        kept.head.run, path, folder, "failed", kept.samples, kept.head.sample_rate_hz,
         "; ".join(kept.notes),
     )  # fmt: skip
 
@@ -97,13 +100,7 @@ def _described(
             hash=about.stage_hash,
         ),
         started=about.start_time(),
-        plan=about.plan,
-        step=about.step,
-        kind=about.kind,
-        axis=about.axis,
-        operator=about.operator,
-        note=about.note,
-        version=about.version,
+        **{name: getattr(about, name) for name in _SHARED},
         instrument=about.texts().get("instrument", ""),
         simulated=about.instrument.simulated,
         folder=str(folder),
@@ -112,6 +109,5 @@ def _described(
         status=status,
         samples=samples,
         sample_rate_hz=rate,
-        seed=about.seed,
         lost=lost,
     )

@@ -7,7 +7,7 @@ held, whether it is a question that a client repeats while it waits.
 import math
 import threading
 import time
-from typing import Protocol
+from typing import ClassVar
 
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.twin.controller import VirtualController
@@ -34,38 +34,34 @@ class Clock:
         return ended.wait(seconds)
 
 
-class Pace(Protocol):
+class Pace:
     """Lets the simulated time of a device pass."""
 
-    @property
-    def lock(self) -> threading.RLock:
-        """Held while the device is used."""
-        ...
+    fast: ClassVar[bool]
+    """Whether simulated time passes only with commands, and as fast as it can be computed."""
 
-    @property
-    def fast(self) -> bool:
-        """Whether simulated time passes only with commands, and as fast as it can be computed."""
-        ...
+    def __init__(self, device: VirtualController) -> None:
+        self._device = device
+        #: Held while the device is used.
+        self.lock = threading.RLock()
 
     def start(self) -> None:
         """Begin; calling it again changes nothing."""
-        ...
 
-    def before_command(self, poll: bool) -> None:
+    def before_command(self, poll: bool = False) -> None:
         """Bring the device to the moment of a command; the lock is held.
 
         It is a `poll` where it asks about motion, waveforms or the recorder, as a client does again
         and again while it waits.
         """
-        ...
+        raise NotImplementedError
 
     def pass_time(self, seconds: float) -> None:
         """Let simulated time pass because a client wants to wait; only where it is fast."""
-        ...
+        raise NotImplementedError
 
     def close(self) -> None:
         """End; calling it again changes nothing."""
-        ...
 
 
 class Pacemaker(Pace):
@@ -81,6 +77,8 @@ class Pacemaker(Pace):
     that on a computer that is too slow a command to stop still acts at once.
     """
 
+    fast = False
+
     def __init__(
         self,
         device: VirtualController,
@@ -94,38 +92,20 @@ class Pacemaker(Pace):
                 "a pacemaker needs a positive tick and a time to catch up that is no shorter, got "
                 f"{tick!r} and {catch_up!r} s"
             )
-        self._device = device
+        super().__init__(device)
         self._clock = Clock() if clock is None else clock
         self._tick, self._catch_up = tick, catch_up
-        self._lock = threading.RLock()
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._last: float | None = None
         self._failure: BaseException | None = None
-        self._late = 0
-        self._lost = 0.0
-
-    @property
-    def lock(self) -> threading.RLock:
-        return self._lock
-
-    @property
-    def late(self) -> int:
-        """Looks at the clock that found more than two ticks to make up for."""
-        return self._late
-
-    @property
-    def lost(self) -> float:
-        """Real time that has been left out because the computer was too slow [s]."""
-        return self._lost
-
-    @property
-    def fast(self) -> bool:
-        """False: simulated time is real time."""
-        return False
+        #: Looks at the clock that found more than two ticks to make up for.
+        self.late = 0
+        #: Real time that has been left out because the computer was too slow [s].
+        self.lost = 0.0
 
     def start(self) -> None:
-        with self._lock:
+        with self.lock:
             if self._ended.is_set():
                 raise ModelError("a pacemaker that was closed cannot start again: make another one")
             if self._thread is None:
@@ -139,7 +119,7 @@ class Pacemaker(Pace):
             raise ControllerError(
                 f"the simulation of the stage has broken down ({self._failure}): start it again"
             ) from self._failure
-        with self._lock:
+        with self.lock:
             self._piece()
 
     def pass_time(self, seconds: float) -> None:
@@ -158,7 +138,7 @@ class Pacemaker(Pace):
         try:
             while not self._clock.wait(self._tick, self._ended):
                 while not self._ended.is_set():
-                    with self._lock:
+                    with self.lock:
                         more = self._piece()
                     if not more:
                         break
@@ -174,11 +154,11 @@ class Pacemaker(Pace):
             return False
         due = self._clock.now() - self._last
         if due > self._catch_up:
-            self._lost += due - self._catch_up
+            self.lost += due - self._catch_up
             self._last += due - self._catch_up
             due = self._catch_up
         if due > 2.0 * self._tick:
-            self._late += 1
+            self.late += 1
         step = min(due, _PIECE)
         if step <= 0.0:
             return False
@@ -199,28 +179,11 @@ class FastTime(Pace):
     With several clients the numbers depend on the order in which their commands come.
     """
 
-    def __init__(self, device: VirtualController) -> None:
-        self._device = device
-        self._lock = threading.RLock()
-
-    @property
-    def lock(self) -> threading.RLock:
-        return self._lock
-
-    @property
-    def fast(self) -> bool:
-        """True: simulated time does not wait for real time."""
-        return True
-
-    def start(self) -> None:
-        """Do nothing: time passes with commands."""
-
-    def close(self) -> None:
-        """Do nothing: there is no thread."""
+    fast = True
 
     def before_command(self, poll: bool = False) -> None:
         """Let the time of a command pass."""
-        with self._lock:
+        with self.lock:
             self._device.advance(_COMMAND)
             before = self._state()
             if not poll or not any(before[0]):
@@ -231,7 +194,7 @@ class FastTime(Pace):
                 passed += _LOOK
 
     def pass_time(self, seconds: float) -> None:
-        with self._lock:
+        with self.lock:
             self._device.advance(duration(seconds))
 
     def _state(self) -> tuple[tuple[bool, ...], tuple[bool, ...]]:

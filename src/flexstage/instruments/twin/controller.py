@@ -47,12 +47,7 @@ class VirtualController(ControllerMotion):
     (True, 20)
     """
 
-    def __init__(
-        self,
-        stage: VirtualStage,
-        *,
-        serial_number: str = "",
-    ) -> None:
+    def __init__(self, stage: VirtualStage, *, serial_number: str = "") -> None:
         super().__init__(stage)
         self._identity = Identity(
             vendor="flexstage",
@@ -156,8 +151,8 @@ class VirtualController(ControllerMotion):
             raise RefusedError(
                 Refusal.NOT_ABLE, "take the drives out before the stage is struck with a hammer"
             )
-        blow = self._stage.strike(state.description.stage_axis)
-        rate = self._rate / self._recorder.divider
+        blow = self.stage.strike(state.description.stage_axis)
+        rate = self.sample_rate_hz / self._recorder.divider
         force = resampled(blow.force, blow.sample_rate_hz, rate)
         response = resampled(blow.response, blow.sample_rate_hz, rate)
 
@@ -176,7 +171,7 @@ class VirtualController(ControllerMotion):
                 f"{', '.join(_KINDS)}",
             )
         if signal.kind == "channel":
-            numbers = {str(c.number) for c in self._stage.channels}
+            numbers = {str(c.number) for c in self.stage.channels}
             if signal.source not in numbers:
                 raise RefusedError(
                     Refusal.UNKNOWN,

@@ -1,7 +1,7 @@
 """The clockwork of a simulated controller: commands in, samples of stage and recorder out."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Literal
 
 import numpy as np
@@ -10,12 +10,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.instruments.protocol import Capability, Signal
 from flexstage.instruments.twin.axis_state import AxisState
-from flexstage.instruments.twin.device import (
-    AxisDescription,
-    ChannelDescription,
-    Refusal,
-    RefusedError,
-)
+from flexstage.instruments.twin.device import AxisDescription, Refusal, RefusedError
 from flexstage.instruments.twin.stage import StageSamples, VirtualStage
 from flexstage.instruments.twin.wave_tables import WaveTables
 from flexstage.stage import Stage
@@ -43,8 +38,9 @@ class ControllerCore:
     """Axes, tables and recorder of a simulated controller, and the time that passes for them."""
 
     def __init__(self, stage: VirtualStage) -> None:
-        self._stage = stage
-        self._rate = float(stage.sample_rate_hz)
+        #: The stage in time; its sensors in the order of their numbers; rate of the loop [Hz].
+        self.stage, self.channels = stage, stage.channels
+        self.sample_rate_hz = float(stage.sample_rate_hz)
         self._states: dict[str, AxisState] = {}
         for index, name in enumerate(stage.axes):
             near = _WINDOW if stage.kind == "piezo" else _smallest_step(stage.stage, name)
@@ -57,9 +53,12 @@ class ControllerCore:
                 window=near,
                 settle=_SETTLE,
             )
-            state = AxisState(description, index, self._rate)
+            state = AxisState(description, index, self.sample_rate_hz)
             self._states[description.name] = state
-        self._descriptions = {name: s.description for name, s in self._states.items()}
+        #: Its axes by identifier.
+        self.axes: Mapping[str, AxisDescription] = {
+            name: s.description for name, s in self._states.items()
+        }
         self._delivered = {
             name: stage.servo_settings(s.description.stage_axis)
             for name, s in self._states.items()
@@ -70,33 +69,13 @@ class ControllerCore:
         self._switch_on()
 
     @property
-    def stage(self) -> VirtualStage:
-        """The stage in time."""
-        return self._stage
-
-    @property
-    def axes(self) -> Mapping[str, AxisDescription]:
-        """Its axes by identifier."""
-        return self._descriptions
-
-    @property
-    def channels(self) -> Sequence[ChannelDescription]:
-        """Its sensors, in the order of their numbers."""
-        return self._stage.channels
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Rate of its loop [Hz]."""
-        return self._rate
-
-    @property
     def now(self) -> float:
         """Simulated time of the latest sample since it was switched on [s]; the first is at 0."""
-        return self._sample / self._rate
+        return self._sample / self.sample_rate_hz
 
     def advance(self, seconds: float) -> None:
         """Let simulated time [s] pass, rounded to whole samples; the rest is kept."""
-        self._owed += duration(seconds) * self._rate
+        self._owed += duration(seconds) * self.sample_rate_hz
         due = math.floor(self._owed + _ROUNDING)
         self._owed -= due
         while due > 0:
@@ -106,9 +85,9 @@ class ControllerCore:
 
     def reboot(self) -> None:
         """Switch off and on: control off, tables and settings as delivered, the stage relaxed."""
-        self._stage.reset()
+        self.stage.reset()
         for name, settings in self._delivered.items():
-            self._stage.set_servo_settings(self._states[name].description.stage_axis, settings)
+            self.stage.set_servo_settings(self._states[name].description.stage_axis, settings)
         self._switch_on()
 
     def _switch_on(self) -> None:
@@ -122,7 +101,7 @@ class ControllerCore:
         self._drives_out = False
         self._sample = -1
         self._owed = 0.0
-        self._readings = np.zeros(len(self._stage.channels))
+        self._readings = np.zeros(len(self.stage.channels))
         # the sample at time 0, so that there is a reading from the beginning
         self._step(1)
 
@@ -134,7 +113,7 @@ class ControllerCore:
         for state in self._states.values():
             state.fill(first, command[state.index], feedforward[state.index])
         control = [s.servo and not s.screw for s in self._states.values()]
-        block = self._stage.run(
+        block = self.stage.run(
             command, control, None if np.isnan(feedforward).all() else feedforward
         )
         self._sample += count
@@ -216,11 +195,12 @@ class DataRecorder:
 
     def clear(self) -> None:
         """Forget what was recorded and what was to be recorded."""
-        self._signals: dict[int, Signal] = {}
+        #: What each table is to record, and samples of the loop for one of a record.
+        self.signals: dict[int, Signal] = {}
         self._kept: dict[int, Signal] = {}
         self._data: dict[int, Array] = {}
         self._blow: dict[int, Array] = {}
-        self._divider = self._kept_divider = 1
+        self.divider = self._kept_divider = 1
         self._armed: Trigger | None = None
         self._by: Trigger | None = None
         self._first = 0
@@ -237,16 +217,6 @@ class DataRecorder:
         """Whether it runs."""
         return self._filled < self._length
 
-    @property
-    def divider(self) -> int:
-        """Samples of the loop for one of a record."""
-        return self._divider
-
-    @property
-    def signals(self) -> Mapping[int, Signal]:
-        """What each table is to record."""
-        return self._signals
-
     def known(self, table: int) -> int:
         """Return the number of a table, from 1; refuse one that there is not."""
         if not 1 <= table <= self.count:
@@ -257,9 +227,9 @@ class DataRecorder:
 
     def choose(self, table: int, signal: Signal | None) -> None:
         """Choose what a table records, from the next trigger on."""
-        self._signals.pop(self.known(table), None)
+        self.signals.pop(self.known(table), None)
         if signal is not None:
-            self._signals[table] = signal
+            self.signals[table] = signal
 
     def set_divider(self, divider: int) -> None:
         """Choose the rate, from the next trigger on."""
@@ -267,7 +237,7 @@ class DataRecorder:
             raise RefusedError(
                 Refusal.BAD_VALUE, f"a record takes every sample or fewer, got a rate of {divider}"
             )
-        self._divider = divider
+        self.divider = divider
 
     def arm(self, trigger: Trigger) -> None:
         """Wait for a trigger; a recording that runs is ended."""
@@ -285,7 +255,7 @@ class DataRecorder:
             return
         self._armed, self._by = None, what
         self._first, self._filled = sample, 0
-        self._kept, self._kept_divider = dict(self._signals), self._divider
+        self._kept, self._kept_divider = dict(self.signals), self.divider
         self._length = self.capacity if self._kept else 0
         self._data = {table: np.zeros(self._length) for table in self._kept}
         self._blow = {}

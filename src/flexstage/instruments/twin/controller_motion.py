@@ -160,19 +160,19 @@ class ControllerMotion(ControllerCore):
 
     def servo(self, axis: str) -> ServoSettings:
         """Return the settings of the position control."""
-        return self._stage.servo_settings(self._piezo(axis).description.stage_axis)
+        return self.stage.servo_settings(self._piezo(axis).description.stage_axis)
 
     def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
         """Change the settings of the position control, at once."""
         state = self._piezo(axis)
         try:
-            settings.sections(self._rate)
-            self._stage.set_servo_settings(state.description.stage_axis, settings)
+            settings.sections(self.sample_rate_hz)
+            self.stage.set_servo_settings(state.description.stage_axis, settings)
         except ModelError as error:
             raise RefusedError(Refusal.BAD_VALUE, str(error)) from error
 
     def _channel(self, number: int) -> int:
-        count = len(self._stage.channels)
+        count = len(self.stage.channels)
         if not 1 <= number <= count:
             raise RefusedError(
                 Refusal.UNKNOWN, f"there is no channel {number}: they are 1 to {count}"

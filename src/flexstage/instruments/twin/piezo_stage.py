@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +34,7 @@ from flexstage.instruments.twin.sensors import (
     sources,
 )
 from flexstage.instruments.twin.stack import ChargeDrive, relaxed_stacks, stack_arrays
-from flexstage.instruments.twin.stage import Blow, Hammer, MadeStage, StageSamples, commands
+from flexstage.instruments.twin.stage import Blow, Hammer, StageSamples, VirtualStage, commands
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, modes
 
@@ -111,7 +110,7 @@ def mode_arrays(
 _FILTERS = 8
 
 
-class PiezoStage(MadeStage):
+class PiezoStage(VirtualStage):
     """A piezo stage sample by sample, as `VirtualStage` says.
 
     Each command goes through a converter, which holds it (20 bit over the voltage range), and an
@@ -126,6 +125,8 @@ class PiezoStage(MadeStage):
     alone. The sensors across an axis read the motion along the other axis, from a place of their
     own; those out of the plane and of rotations see what their own axis does.
     """
+
+    kind = "piezo"
 
     def __init__(
         self,
@@ -145,17 +146,18 @@ class PiezoStage(MadeStage):
         notes: Sequence[str] = (),
     ) -> None:
         super().__init__(stage, {a.name: a.limits for a in axes}, sample_rate_hz, hammer, notes)
-        self._parts, self._system = tuple(axes), system
+        #: What drives and guides each axis; the model as made.
+        self.parts, self.system = tuple(axes), system
         self._creep, self._bandwidth = creep, bandwidth_hz
         self._bench, self._seed = sensors or SensorBench(), seed
         self._quiet, self._scatter = quiet, scatter
-        self._modes = mode_arrays(system, self._parts, sample_rate_hz)
+        self._modes = mode_arrays(system, self.parts, sample_rate_hz)
         self._stacks = stack_arrays(
-            [a.stack for a in self._parts], sample_rate_hz, creep=creep, charge=charge
+            [a.stack for a in self.parts], sample_rate_hz, creep=creep, charge=charge
         )
-        self._drives = drive_arrays(self._parts, sample_rate_hz, bandwidth_hz, quiet=quiet)
-        guides = {a.name: a.guide or GuideErrors(stroke=1.0, coefficients={}) for a in self._parts}
-        self._source, self._rows = sources(self.axes, guides, {a.name: a.low for a in self._parts})
+        self._drives = drive_arrays(self.parts, sample_rate_hz, bandwidth_hz, quiet=quiet)
+        guides = {a.name: a.guide or GuideErrors(stroke=1.0, coefficients={}) for a in self.parts}
+        self._source, self._rows = sources(self.axes, guides, {a.name: a.low for a in self.parts})
         self._bow = self._bows(guides)
         self._servo = ServoArrays(
             on=np.zeros(len(axes), dtype=np.bool_),
@@ -167,27 +169,13 @@ class PiezoStage(MadeStage):
         self._settings: dict[str, ServoSettings] = {}
         self.reset()
 
-    @property
-    def system(self) -> MechanicalSystem:
-        """Its model as made."""
-        return self._system
-
-    @property
-    def parts(self) -> tuple[PiezoAxis, ...]:
-        """What drives and guides each axis."""
-        return self._parts
-
-    @property
-    def kind(self) -> Literal["piezo", "screw"]:
-        return "piezo"
-
     def servo_settings(self, axis: str) -> ServoSettings:
         self._number(axis)
         return self._settings[axis]
 
     def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
         a = self._number(axis)
-        sections = settings.sections(self._rate)
+        sections = settings.sections(self.sample_rate_hz)
         if len(sections) > _FILTERS:
             raise ModelError(
                 f"the control of an axis has room for {_FILTERS} filters, got {len(sections)}"
@@ -196,13 +184,13 @@ class PiezoStage(MadeStage):
             self._state.filters[a] = 0.0
         self._servo.filters[a] = len(sections)
         self._servo.sections[a, : len(sections)] = sections
-        self._servo.gains[a] = settings.proportional, settings.integral / self._rate
+        self._servo.gains[a] = settings.proportional, settings.integral / self.sample_rate_hz
         self._settings[axis] = settings
 
     def run(
         self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
     ) -> StageSamples:
-        axes = len(self._parts)
+        axes = len(self.parts)
         wanted = commands(command, axes)
         n = wanted.shape[1]
         forward = np.full((axes, n), np.nan)
@@ -217,7 +205,7 @@ class PiezoStage(MadeStage):
         self._servo.begins[:] = self._servo.begins & on | on & ~self._servo.on
         self._servo.on[:] = on
         drift, noise = self._disturbances.take(self._count, n)
-        reading = np.empty((len(self._channels), n))
+        reading = np.empty((len(self.channels), n))
         position, voltage, asked = (np.empty((axes, n)) for _ in range(3))
         run_loop(
             self._drives, self._stacks, self._memory, self._modes, self._sensors, self._servo,
@@ -227,7 +215,7 @@ class PiezoStage(MadeStage):
             self._source, self._rows, position, drift, noise, self._disturbances.gain,
             self._disturbances.step, reading,
         )  # fmt: skip
-        time = (self._count + np.arange(n)) / self._rate
+        time = (self._count + np.arange(n)) / self.sample_rate_hz
         self._count += n
         return StageSamples(
             time=time, reading=reading, position=position, voltage=voltage, command=asked
@@ -239,10 +227,10 @@ class PiezoStage(MadeStage):
 
     def reset(self) -> None:
         """Relax the stage: time and all memory back to 0, settings as delivered."""
-        axes = len(self._parts)
+        axes = len(self.parts)
         self._count = 0
         self._disturbances = Disturbances(
-            kinds_of(self._channels), self._bench, self._rate, self._seed,
+            kinds_of(self.channels), self._bench, self.sample_rate_hz, self._seed,
             quiet=self._quiet, scatter=self._scatter,
         )  # fmt: skip
         self._sensors = SensorArrays(
@@ -259,7 +247,7 @@ class PiezoStage(MadeStage):
         self._state.axis[:, 5] = np.nan
         self._servo.on[:] = False
         self._servo.begins[:] = False
-        for part in self._parts:
+        for part in self.parts:
             self.set_servo_settings(part.name, part.settings)
         if self._hammer is not None:
             self._hammer.reset()
@@ -269,8 +257,8 @@ class PiezoStage(MadeStage):
     ) -> NDArray[np.complex128]:
         """Return the response from the voltage asked for to the position, for small signals."""
         return sampled_response(
-            self._modes, self._number(axis), self._number(read or axis), frequency_hz, self._rate,
-            slope=slope, bandwidth_hz=self._bandwidth, creep=self._creep,
+            self._modes, self._number(axis), self._number(read or axis), frequency_hz,
+            self.sample_rate_hz, slope=slope, bandwidth_hz=self._bandwidth, creep=self._creep,
         )  # fmt: skip
 
     def _number(self, axis: str) -> int:
@@ -283,7 +271,7 @@ class PiezoStage(MadeStage):
         names = self.axes
         bow = np.zeros((len(names), len(names), 6))
         static = self._modes.force @ self._modes.reader.T
-        for s, part in enumerate(self._parts):
+        for s, part in enumerate(self.parts):
             other = neighbour(names, part.name)
             if other is None or part.guide is None:
                 continue

@@ -15,7 +15,7 @@ from flexstage.instruments.twin.errors_gcs import GcsError
 _MICRO = 1e-6
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class RecordOption:
     """Something that the data recorder offers."""
 
@@ -31,18 +31,12 @@ class RecordOption:
 
 #: What can be recorded, by number. From 200 on it is the simulated controller's own.
 RECORD_OPTIONS = {
-    1: RecordOption(kind="target", text="Target Position of axis", source="axis", unit="m"),
-    2: RecordOption(kind="position", text="Current Position of axis", source="axis", unit="m"),
-    7: RecordOption(
-        kind="voltage", text="Control Voltage of output chan", source="output", unit="V"
-    ),
-    20: RecordOption(
-        kind="channel", text="Sensor mech.linear of input chan", source="channel", unit=""
-    ),
-    200: RecordOption(kind="force", text="Hammer Force [N] at axis", source="axis", unit="N"),
-    201: RecordOption(
-        kind="response", text="Response to Blow [m/s^2] of axis", source="axis", unit="m/s^2"
-    ),
+    1: RecordOption("target", "Target Position of axis", "axis", "m"),
+    2: RecordOption("position", "Current Position of axis", "axis", "m"),
+    7: RecordOption("voltage", "Control Voltage of output chan", "output", "V"),
+    20: RecordOption("channel", "Sensor mech.linear of input chan", "channel", ""),
+    200: RecordOption("force", "Hammer Force [N] at axis", "axis", "N"),
+    201: RecordOption("response", "Response to Blow [m/s^2] of axis", "axis", "m/s^2"),
 }
 _OPTION_OF = {option.kind: number for number, option in RECORD_OPTIONS.items()}
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from flexstage.instruments.twin.sensors import (
     readings_beside,
     sources,
 )
-from flexstage.instruments.twin.stage import Hammer, MadeStage, StageSamples, commands
+from flexstage.instruments.twin.stage import Hammer, StageSamples, VirtualStage, commands
 from flexstage.stage import Stage
 
 
@@ -48,7 +47,7 @@ class ScrewAxis:
         return 0.5 * self.backlash * self.ratio
 
 
-class ScrewStage(MadeStage):
+class ScrewStage(VirtualStage):
     """A screw-driven stage sample by sample, as `VirtualStage` says.
 
     A screw turns towards what is commanded, in whole steps and no faster than it may; the stage
@@ -60,6 +59,8 @@ class ScrewStage(MadeStage):
     Validity: at rest at every instant, since a screw is slow beside the modes of its stage; the
     backlash is the same everywhere, and the error of the thread is left out.
     """
+
+    kind = "screw"
 
     def __init__(
         self,
@@ -75,7 +76,8 @@ class ScrewStage(MadeStage):
         notes: Sequence[str] = (),
     ) -> None:
         super().__init__(stage, {a.name: a.limits for a in axes}, sample_rate_hz, hammer, notes)
-        self._parts = tuple(axes)
+        #: What drives and guides each axis.
+        self.parts = tuple(axes)
         self._draw = (sensors, seed, quiet, scatter)
         names = self.axes
         self._source, self._rows = sources(
@@ -96,15 +98,6 @@ class ScrewStage(MadeStage):
                 self._curves[names.index(other), s] = polynomial(part.guide, "across", part.low)
         self.reset()
 
-    @property
-    def parts(self) -> tuple[ScrewAxis, ...]:
-        """What drives and guides each axis."""
-        return self._parts
-
-    @property
-    def kind(self) -> Literal["piezo", "screw"]:
-        return "screw"
-
     def servo_settings(self, axis: str) -> ServoSettings:
         """Refuse: a screw has no position control."""
         raise ModelError(f"axis '{axis}' is driven by a screw: it has no position control")
@@ -118,17 +111,17 @@ class ScrewStage(MadeStage):
         self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
     ) -> StageSamples:
         del servo, feedforward
-        axes = len(self._parts)
+        axes = len(self.parts)
         wanted = commands(command, axes)
         n = wanted.shape[1]
         advance, own, position = (np.empty((axes, n)) for _ in range(3))
         _turn(self._screws, self._state, wanted, advance, own)
-        reading = np.empty((len(self._channels), n))
+        reading = np.empty((len(self.channels), n))
         drift, noise = self._disturbances.take(self._count, n)
         d = self._disturbances
         _read(self._curves, own, drift, noise, d.gain, d.step, position, reading)
         readings_beside(self._source, self._rows, position, drift, noise, d.gain, d.step, reading)
-        time = (self._count + np.arange(n)) / self._rate
+        time = (self._count + np.arange(n)) / self.sample_rate_hz
         self._count += n
         return StageSamples(
             time=time, reading=reading, position=position, voltage=np.zeros((axes, n)),
@@ -140,10 +133,10 @@ class ScrewStage(MadeStage):
         self._count = 0
         bench, seed, quiet, scatter = self._draw
         self._disturbances = Disturbances(
-            kinds_of(self._channels), bench, self._rate, seed, quiet=quiet, scatter=scatter
+            kinds_of(self.channels), bench, self.sample_rate_hz, seed, quiet=quiet, scatter=scatter
         )
         #: advance of each screw [m], and what the stage follows behind its backlash [m]
-        self._state = np.zeros((len(self._parts), 2))
+        self._state = np.zeros((len(self.parts), 2))
         if self._hammer is not None:
             self._hammer.reset()
 

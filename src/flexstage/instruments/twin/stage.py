@@ -1,8 +1,9 @@
 """What a simulated stage offers to the controller that is simulated around it; its hammer."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,83 +59,6 @@ class Blow:
     """Samples in a second [Hz]."""
 
 
-class VirtualStage(Protocol):
-    """A stage that is simulated sample by sample, its feedback inside."""
-
-    @property
-    def stage(self) -> Stage:
-        """The stage as drawn."""
-        ...
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names of its axes."""
-        ...
-
-    @property
-    def kind(self) -> Literal["piezo", "screw"]:
-        """What drives it."""
-        ...
-
-    @property
-    def channels(self) -> tuple[ChannelDescription, ...]:
-        """Its sensors: those of the axes first."""
-        ...
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Rate of its loop [Hz]."""
-        ...
-
-    @property
-    def limits(self) -> Mapping[str, AxisLimits]:
-        """What may be commanded, by axis."""
-        ...
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was drawn, set and left out, as sentences."""
-        ...
-
-    def servo_settings(self, axis: str) -> ServoSettings:
-        """Return the settings of an axis's position control.
-
-        `ModelError` where it has none.
-        """
-        ...
-
-    def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
-        """Change them; the filters keep their state where their number stays."""
-        ...
-
-    def run(
-        self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
-    ) -> StageSamples:
-        """Let samples of the loop pass.
-
-        A command is, where control is on, the position wanted [m], else the voltage of a stack [V];
-        of a screw always its advance [m]; shape (axes, n). Where control is switched on the voltage
-        does not jump. A feedforward is a voltage that is added under control [V], shape (axes, n),
-        NaN where there is none; where it begins and ends the integral takes over its value, so that
-        the voltage does not jump.
-
-        A run that is cut in two gives the same numbers. What is commanded at a sample is at the
-        amplifier one sample later; what is read at a sample is two samples later in the voltage.
-        """
-        ...
-
-    def strike(self, axis: str) -> Blow:
-        """Strike the platform along an axis with a hammer, the drives taken out for it.
-
-        The next blow differs from it.
-        """
-        ...
-
-    def reset(self) -> None:
-        """Relax the stage: time and all memory back to 0, the same noise once more."""
-        ...
-
-
 class Hammer:
     """A hammer with a force sensor, and an accelerometer on the platform."""
 
@@ -163,8 +87,23 @@ class Hammer:
         self._struck = 0
 
 
-class MadeStage(VirtualStage):
-    """What stages of either drive have: their drawing, sensors around them, and a hammer."""
+class VirtualStage(ABC):
+    """A stage that is simulated sample by sample, its feedback inside."""
+
+    stage: Stage
+    """The stage as drawn."""
+    kind: Literal["piezo", "screw"]
+    """What drives it."""
+    axes: tuple[str, ...]
+    """Names of its axes."""
+    limits: Mapping[str, AxisLimits]
+    """What may be commanded, by axis."""
+    channels: tuple[ChannelDescription, ...]
+    """Its sensors: those of the axes first."""
+    sample_rate_hz: float
+    """Rate of its loop [Hz]."""
+    notes: tuple[str, ...]
+    """What was drawn, set and left out, as sentences."""
 
     def __init__(
         self,
@@ -174,38 +113,50 @@ class MadeStage(VirtualStage):
         hammer: Hammer | None,
         notes: Sequence[str],
     ) -> None:
-        self._stage, self._limits, self._rate = stage, dict(limits), sample_rate_hz
-        self._hammer, self._notes = hammer, tuple(notes)
-        self._channels = beside_channels(self.axes)
+        self.stage, self.limits, self.sample_rate_hz = stage, limits, sample_rate_hz
+        self.axes, self.notes = tuple(limits), tuple(notes)
+        self.channels = beside_channels(self.axes)
+        self._hammer = hammer
 
-    @property
-    def stage(self) -> Stage:
-        return self._stage
+    @abstractmethod
+    def servo_settings(self, axis: str) -> ServoSettings:
+        """Return the settings of an axis's position control.
 
-    @property
-    def axes(self) -> tuple[str, ...]:
-        return tuple(self._limits)
+        `ModelError` where it has none.
+        """
 
-    @property
-    def channels(self) -> tuple[ChannelDescription, ...]:
-        return self._channels
+    @abstractmethod
+    def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
+        """Change them; the filters keep their state where their number stays."""
 
-    @property
-    def sample_rate_hz(self) -> float:
-        return self._rate
+    @abstractmethod
+    def run(
+        self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
+    ) -> StageSamples:
+        """Let samples of the loop pass.
 
-    @property
-    def limits(self) -> Mapping[str, AxisLimits]:
-        return self._limits
+        A command is, where control is on, the position wanted [m], else the voltage of a stack [V];
+        of a screw always its advance [m]; shape (axes, n). Where control is switched on the voltage
+        does not jump. A feedforward is a voltage that is added under control [V], shape (axes, n),
+        NaN where there is none; where it begins and ends the integral takes over its value, so that
+        the voltage does not jump.
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        return self._notes
+        A run that is cut in two gives the same numbers. What is commanded at a sample is at the
+        amplifier one sample later; what is read at a sample is two samples later in the voltage.
+        """
 
     def strike(self, axis: str) -> Blow:
+        """Strike the platform along an axis with a hammer, the drives taken out for it.
+
+        The next blow differs from it.
+        """
         if self._hammer is None:
-            raise ModelError(f"there is no hammer beside this model of {self._stage.name}")
+            raise ModelError(f"there is no hammer beside this model of {self.stage.name}")
         return self._hammer.strike(axis)
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Relax the stage: time and all memory back to 0, the same noise once more."""
 
 
 def commands(command: ArrayLike, axes: int) -> Array:

@@ -11,7 +11,7 @@ from flexstage.experiment.modal.result import ModalFit
 from flexstage.experiment.modal.ring_down import RingDown
 from flexstage.quantities import beside
 from flexstage.records import Record
-from flexstage.report.figures.measured_response import shown_lines
+from flexstage.report.figures.responses import shown_lines
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure, scale
 
 if TYPE_CHECKING:

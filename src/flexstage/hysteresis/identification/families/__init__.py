@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping
 
-from flexstage.hysteresis.identification.families.asymmetric_bouc_wen import (
-    AsymmetricBoucWenFamily,
-)
+from flexstage.hysteresis.identification.families.asymmetric_bouc_wen import AsymmetricBoucWenFamily
 from flexstage.hysteresis.identification.families.bouc_wen import BoucWenFamily
 from flexstage.hysteresis.identification.families.dahl import DahlFamily
 from flexstage.hysteresis.identification.families.duhem import DuhemFamily
@@ -16,9 +14,7 @@ from flexstage.hysteresis.identification.families.maxwell_slip import MaxwellSli
 from flexstage.hysteresis.identification.families.modified_prandtl_ishlinskii import (
     ModifiedPrandtlIshlinskiiFamily,
 )
-from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
-    PrandtlIshlinskiiFamily,
-)
+from flexstage.hysteresis.identification.families.prandtl_ishlinskii import PrandtlIshlinskiiFamily
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 
 #: Families by the name of their model, from few parameters to many.

@@ -19,12 +19,7 @@ from flexstage.hysteresis.identification.fit_rows import (
     rows_of,
 )
 from flexstage.hysteresis.identification.measurement import IdentificationData, Section
-from flexstage.hysteresis.identification.projection import (
-    Normal,
-    Solution,
-    normal_equations,
-    solve,
-)
+from flexstage.hysteresis.identification.projection import Normal, Solution, normal_equations, solve
 from flexstage.hysteresis.model import HysteresisModel
 
 #: Parts that the cycles are divided into, each held out once.

@@ -8,9 +8,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.identification.families.family import Data
-from flexstage.hysteresis.identification.families.modified_prandtl_ishlinskii import (
-    interior_kinks,
-)
+from flexstage.hysteresis.identification.families.modified_prandtl_ishlinskii import interior_kinks
 from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
     PLAYS,
     PrandtlIshlinskiiFamily,

@@ -37,9 +37,7 @@ class PrandtlIshlinskiiFamily(LinearFamily):
 
     def build(self, coefficients: Array, data: Data) -> PrandtlIshlinskii:
         return PrandtlIshlinskii(
-            gain=float(coefficients[0]),
-            thresholds=_thresholds(data),
-            weights=coefficients[1:],
+            gain=float(coefficients[0]), thresholds=_thresholds(data), weights=coefficients[1:]
         )
 
     def names(self) -> tuple[str, ...]:

@@ -62,7 +62,7 @@ class PreisachFamily(LinearFamily):
             f"slopes[{i},{j}]" for i in range(self._thresholds) for j in range(self._means)
         )
 
-    def smoothing(self, data: Data, moving: NDArray[np.bool_]) -> Array | None:
+    def smoothing(self, data: Data, moving: NDArray[np.bool_]) -> Array:
         # second differences along thresholds and along means; the first threshold, zero, is a gain
         # without memory and no neighbour of the others
         m, p = self._thresholds, self._means

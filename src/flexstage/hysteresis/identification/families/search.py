@@ -21,12 +21,7 @@ from flexstage.hysteresis.identification.families.family import (
     residual,
 )
 from flexstage.hysteresis.identification.measurement import Section
-from flexstage.hysteresis.identification.projection import (
-    Normal,
-    Solution,
-    solve,
-    square_left,
-)
+from flexstage.hysteresis.identification.projection import Normal, Solution, solve, square_left
 from flexstage.hysteresis.model import HysteresisModel
 
 #: Points of the coarse search that are followed to their minimum.

@@ -1,0 +1,44 @@
+#!/usr/bin/env python3
+"""Write the JSON Schemas that are shipped, each beside what it describes.
+
+python scripts/schemas.py
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import flexstage
+from flexstage.experiment.campaign.file import CAMPAIGN_FILE
+from flexstage.experiment.campaign.plan import Campaign
+from flexstage.experiment.uncertainty.budget_file import BUDGET_FILE, BudgetContent
+from flexstage.files.schema import file_schema
+from flexstage.plans.file import PLAN_FILE
+from flexstage.plans.plan import Plan
+from flexstage.stage.schema import SCHEMA_PATH, stage_schema
+
+PACKAGE = Path(flexstage.__file__).parent
+
+
+def schemas() -> dict[Path, dict[str, Any]]:
+    """Make the schema of each kind of file that people write, by its place."""
+    return {
+        SCHEMA_PATH: stage_schema(),
+        PACKAGE / "plans" / "plan.schema.json": file_schema(PLAN_FILE, Plan),
+        PACKAGE / "experiment" / "campaign" / "campaign.schema.json": file_schema(
+            CAMPAIGN_FILE, Campaign
+        ),
+        PACKAGE / "experiment" / "uncertainty" / "budget.schema.json": file_schema(
+            BUDGET_FILE, BudgetContent
+        ),
+    }
+
+
+def schema_text(schema: dict[str, Any]) -> str:
+    """Write a schema as the text of its file."""
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+if __name__ == "__main__":
+    for path, schema in schemas().items():
+        path.write_text(schema_text(schema), encoding="utf-8")

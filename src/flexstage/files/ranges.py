@@ -1,0 +1,100 @@
+"""What numbers and words of a description may be, said in the types of its fields."""
+
+import math
+import typing
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from flexstage.errors import FlexstageError
+from flexstage.files.format import field_types, optional_part
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Range:
+    """Numbers that a field may hold: ``Annotated[float, Range(low=0.0)]``; all are finite."""
+
+    low: float = -math.inf
+    """The lowest."""
+    high: float = math.inf
+    """The highest."""
+    above: bool = False
+    """Whether the lowest itself is left out."""
+    below: bool = False
+    """Whether the highest itself is left out."""
+    remark: str = ""
+    """What else a message says, such as what holds where the field is not given."""
+
+    def holds(self, value: float) -> bool:
+        """Say whether a number is in it."""
+        low = self.low < value if self.above else self.low <= value
+        high = value < self.high if self.below else value <= self.high
+        return low and high and math.isfinite(value)
+
+    def text(self, *, whole: bool) -> str:
+        """Say what it holds, in whole numbers or in any."""
+        if whole:
+            upper = f" to {self.high:.0f}" if math.isfinite(self.high) else ""
+            remark = f" ({self.remark})" if self.remark else ""
+            return f"a whole number from {self.low:.0f}{upper}{remark}"
+        if not math.isfinite(self.high):
+            return f"{'above' if self.above else 'not below'} {self.low:g}"
+        if self.above and self.below:
+            return f"between {self.low:g} and {self.high:g}"
+        if self.above:
+            return f"above {self.low:g}, up to {self.high:g}"
+        return f"from {self.low:g} {'to below' if self.below else 'to'} {self.high:g}"
+
+
+POSITIVE = Range(low=0.0, above=True)
+#: Finite, 0 or more.
+NOT_NEGATIVE = Range(low=0.0)
+#: A share of a whole, such as a confidence, that is neither none nor all of it.
+INNER_SHARE = Range(low=0.0, high=1.0, above=True, below=True)
+
+#: A share of a whole [1].
+Share = Annotated[float, Range(low=0.0, high=1.0)]
+#: How many, one at least.
+Count = Annotated[int, Range(low=1, high=1e6)]
+#: How many, or none.
+Whole = Annotated[int, Range(low=0, high=1e6)]
+#: Seed of random numbers.
+Seed = Annotated[int, Range(low=0)]
+
+
+def range_of(kind: Any) -> tuple[Range, bool] | None:
+    """Return the range of a type, with whether its numbers are whole; None where it has none."""
+    if typing.get_origin(kind) is not Annotated:
+        return None
+    bare, *extras = typing.get_args(kind)
+    found = next((e for e in extras if isinstance(e, Range)), None)
+    return None if found is None else (found, bare is int)
+
+
+def wanted(kind: Any, value: Any) -> str:
+    """Say what a value of a type must be that it is not; nothing where all is well."""
+    if (inner := optional_part(kind)) is not None:
+        return "" if value is None else wanted(inner, value)
+    if typing.get_origin(kind) is tuple:
+        part = typing.get_args(kind)[0]
+        return next((said for v in value if (said := wanted(part, v))), "")
+    if typing.get_origin(kind) is Literal:
+        words = typing.get_args(kind)
+        return "" if value in words else f"one of {', '.join(words)}"
+    if (found := range_of(kind)) is None:
+        return ""
+    range_, whole = found
+    numbers = value if isinstance(value, tuple) else (value,)
+    held = all(range_.holds(n) and (not whole or n == int(n)) for n in numbers)
+    return "" if held else range_.text(whole=whole)
+
+
+def require_ranges(thing: Any, error: type[FlexstageError], of: str) -> None:
+    """Refuse a description whose numbers and words are not what its types say; `of` says whose."""
+    for name, (_, kind) in field_types(type(thing)).items():
+        value = getattr(thing, name)
+        if said := wanted(kind, value):
+            raise error(f"{name} of {of} must be {said}, got {_show(value)}")
+
+
+def _show(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, (int, float)) else f"'{value}'"

@@ -1,0 +1,293 @@
+"""Frequency responses, magnitude and phase: Bode diagrams of models, and what was measured."""
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.arrays import Array, Complex
+from flexstage.errors import ModelError
+from flexstage.quantities import number
+from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
+from flexstage.stage import Stage
+from flexstage.system import Analysis, FrequencyResponse
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from flexstage.experiment.spectra.response import MeasuredResponse
+
+
+_PUBLISHED = {
+    "published-analytic": (CYCLE[1], (0, (5, 2)), "analytic"),
+    "published-fem": (CYCLE[2], (0, (2, 1.5)), "FEM"),
+    "published-measured": (CYCLE[3], (0, (6, 2, 1, 2)), "measured"),
+}
+# width and height of a label, in parts of the diagram
+_LABEL = (0.13, 0.07)
+_UNITS = {"m/N": ("µm/N", 1e6), "m/m": ("µm/µm", 1.0), "rad/N": ("µrad/N", 1e6)}
+
+
+def draw_bode(
+    analysis: Analysis,
+    axis: str,
+    *,
+    conditions: Collection[str] | None = None,
+    size: tuple[float, float] = (5.1, 5.0),
+) -> "Figure":
+    """Draw the response of an axis to its drive: a column for each condition of the drives.
+
+    Published natural frequencies are dashed lines where the drives are removed, which is what they
+    belong to. All conditions are drawn where None; `size` is that of a column [inch].
+    """
+    port = next((a for a in analysis.axes if a.axis == axis), None)
+    shown = [
+        r
+        for r in analysis.responses
+        if port is not None
+        and (r.drive, r.probe) == (port.drive, port.probe)
+        and (conditions is None or r.drives in conditions)
+    ]
+    if not shown:
+        raise ModelError(f"the analysis has no frequency response of an axis '{axis}'")
+    figure = new_figure(size[0] * len(shown), size[1])
+    grid = figure.subplots(2, len(shown), sharex="col", height_ratios=(1.7, 1.0), squeeze=False)
+    for column, response in enumerate(shown):
+        _column(grid[0, column], grid[1, column], analysis, response, axis)
+    return figure
+
+
+def _column(
+    upper: "Axes", lower: "Axes", analysis: Analysis, response: FrequencyResponse, axis: str
+) -> None:
+    from matplotlib.ticker import MultipleLocator
+
+    unit, factor = _UNITS.get(response.unit, (response.unit, 1.0))
+    f = response.frequency_hz
+    magnitude = factor * np.abs(response.value)
+    phase = np.degrees(np.unwrap(np.angle(response.value)))
+    phase -= 360.0 * np.round(phase[0] / 360.0)
+    for axes in (upper, lower):
+        dress(axes)
+        axes.set_xscale("log")
+        axes.set_xlim(f[0], f[-1])
+    upper.set_yscale("log")
+    upper.plot(f, magnitude, color=CYCLE[0], linewidth=1.4)
+    lower.plot(f, phase, color=CYCLE[0], linewidth=1.4)
+    span = float(np.ptp(phase))
+    if span < 1.0:
+        lower.set_ylim(phase.mean() - 95.0, phase.mean() + 95.0)
+    lower.yaxis.set_major_locator(MultipleLocator(90.0 if span < 400.0 else 180.0))
+    entitle(
+        upper,
+        f"{axis}, {analysis.system.model} model: {response.input_kind} of drive "
+        f"'{response.drive}', drives {response.drives}",
+    )
+    upper.set_ylabel(f"{response.probe} / {response.input_kind} [{unit}]", parse_math=False)
+    lower.set_ylabel("phase [°]")
+    lower.set_xlabel("frequency [Hz]")
+    top, bottom = magnitude.max(), magnitude.min()
+    # a rigid drive may leave nothing to see but its own length: show that as a level line
+    spare = max(10.0 / np.sqrt(top / bottom), 1.0)
+    top, bottom = top * spare, bottom / spare
+    upper.set_ylim(bottom / 1.6, top * (top / bottom) ** 0.16)
+    _resonances(upper, analysis, response, magnitude)
+    if response.drives == "removed":
+        _published(upper, lower, analysis.stage, axis)
+
+
+def _resonances(
+    axes: "Axes", analysis: Analysis, response: FrequencyResponse, magnitude: np.ndarray
+) -> None:
+    """Mark the natural frequencies at which the response has a peak."""
+    f = response.frequency_hz
+    peaks = np.flatnonzero((magnitude[1:-1] >= magnitude[:-2]) & (magnitude[1:-1] > magnitude[2:]))
+    placed: list[tuple[float, float]] = []
+    low, top = axes.get_ylim()
+    wide, high = np.log(f[-1] / f[0]), np.log(top / low)
+    found = analysis.modes[response.drives].frequency_hz
+    for at in sorted(peaks + 1, key=lambda i: -magnitude[i]):
+        nearest = float(found[np.argmin(np.abs(found - f[at]))])
+        near = np.abs(np.log(f / f[at])) < 0.1
+        if magnitude[at] < 1.02 * magnitude[near].min():
+            continue
+        where = (np.log(f[at]) / wide, np.log(magnitude[at]) / high)
+        apart = all(
+            abs(where[0] - x) > _LABEL[0] or abs(where[1] - y) > _LABEL[1] for x, y in placed
+        )
+        if abs(nearest / f[at] - 1.0) > 0.03:
+            continue
+        axes.plot(f[at], magnitude[at], "o", color=CYCLE[0], markersize=3.5)
+        if apart and len(placed) < 8:
+            placed.append(where)
+            axes.annotate(
+                f"{number(nearest)} Hz", (f[at], magnitude[at]), xytext=(0, 5),
+                textcoords="offset points", ha="center", fontsize=7.5, color=INK,
+                bbox={"facecolor": PAPER, "edgecolor": "none", "pad": 0.6, "alpha": 0.85},
+            )  # fmt: skip
+
+
+def _published(upper: "Axes", lower: "Axes", stage: Stage, axis: str) -> None:
+    rows = [
+        row
+        for row in stage.published
+        if row.quantity == "natural_frequency_hz" and row.axis == axis and row.origin in _PUBLISHED
+    ]
+    for row in rows:
+        colour, dashes, word = _PUBLISHED[row.origin]
+        label = f"published, {word}: {row.value:.10g} Hz"
+        for axes in (upper, lower):
+            axes.axvline(row.value, color=colour, linestyle=dashes, linewidth=0.9, label=label)
+    if rows:
+        upper.legend(loc="lower left", fontsize=7, frameon=False, labelcolor=MUTED)
+
+
+#: Lines that a curve is drawn with, about and at most.
+_POINTS = 3000
+#: Responses that are drawn in one figure, at most.
+_CURVES = 6
+# of a complex normal error, its real or imaginary part is within this share of sqrt(variance / 2)
+# with a probability of 95 %
+_BAND = 1.959964
+
+
+def draw_response(
+    response: "MeasuredResponse", *, fit: "MeasuredResponse | None" = None
+) -> "Figure":
+    """Draw magnitude, phase and coherence of a measured response.
+
+    The first six curves, with 95 % bands where the variance is known; `fit` is drawn as a line.
+    """
+    coherent = response.coherence is not None
+    figure = new_figure(8.6, 5.6 if coherent else 4.6)
+    rows = 3 if coherent else 2
+    panels = figure.subplots(rows, 1, sharex=True, height_ratios=(2.2, 1.3, 0.8)[:rows])
+    magnitude, phase = panels[0], panels[1]
+    for axes in panels:
+        dress(axes)
+    pairs = [(o, i) for o in range(len(response.outputs)) for i in range(len(response.inputs))]
+    for k, (o, i) in enumerate(pairs[:_CURVES]):
+        colour = CYCLE[k % len(CYCLE)]
+        label = f"{response.outputs[o]} / {response.inputs[i]}"
+        plot_magnitude(magnitude, response, o, i, colour=colour, label=label)
+        plot_phase(phase, response, o, i, colour=colour)
+        if fit is not None:
+            f, h = fit.frequency_hz, fit.response[:, o, i]
+            magnitude.plot(f, np.abs(h), color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
+            phase.plot(f, *_wrapped(h), color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
+    if response.coherence is not None:
+        for o in range(min(len(response.outputs), _CURVES)):
+            colour = CYCLE[o * len(response.inputs) % len(CYCLE)]
+            at = shown_lines(response.coherence[:, o])
+            panels[2].plot(
+                response.frequency_hz[at], response.coherence[at, o], color=colour, linewidth=0.8
+            )
+        panels[2].set_ylim(-0.03, 1.06)
+        panels[2].set_ylabel("coherence", color=INK)
+    magnitude.set_yscale("log")
+    magnitude.set_ylabel(f"magnitude{_unit(response)}", color=INK)
+    phase.set_ylabel("phase [deg]", color=INK)
+    phase.set_ylim(-190.0, 190.0)
+    phase.set_yticks((-180, -90, 0, 90, 180))
+    panels[-1].set_xlabel("frequency [Hz]", color=INK)
+    panels[-1].set_xlim(response.frequency_hz[0], response.frequency_hz[-1])
+    figure.align_ylabels(panels)
+    if len(pairs) > 1 or fit is not None:
+        _legend(magnitude, fit is not None)
+    entitle(magnitude, _title(response, pairs))
+    return figure
+
+
+def shown_lines(values: Array) -> NDArray[np.intp]:
+    """The lines that a curve of many is drawn with: the ends of its range, piece by piece.
+
+    Numbers that rise; all of them where there are few.
+    """
+    count = values.size
+    if count <= _POINTS:
+        return np.arange(count)
+    edges = np.linspace(0, count, _POINTS // 2 + 1).astype(np.intp)
+    kept = [0, count - 1]
+    for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        kept += [a + int(np.argmin(values[a:b])), a + int(np.argmax(values[a:b]))]
+    return np.unique(kept)
+
+
+def plot_magnitude(
+    axes: "Axes", response: "MeasuredResponse", output: int, given: int, *, colour: str, label: str
+) -> None:
+    """Plot the magnitude of one response, with its 95 % band."""
+    size = np.abs(response.response[:, output, given])
+    at = shown_lines(size)
+    f, size = response.frequency_hz[at], size[at]
+    if response.variance is not None:
+        half = _BAND * np.sqrt(0.5 * response.variance[at, output, given])
+        # a logarithm has no room for a band that reaches zero
+        low = np.maximum(size - half, 0.1 * size)
+        axes.fill_between(f, low, size + half, color=colour, alpha=0.25, linewidth=0.0)
+    axes.plot(f, size, color=colour, linewidth=0.9, label=label)
+
+
+def plot_phase(
+    axes: "Axes", response: "MeasuredResponse", output: int, given: int, *, colour: str
+) -> None:
+    """Plot the phase of one response, with its 95 % band."""
+    h = response.response[:, output, given]
+    at = shown_lines(np.angle(h))
+    f = response.frequency_hz[at]
+    angle = np.degrees(np.angle(h[at]))
+    if response.variance is not None:
+        half = _BAND * np.sqrt(0.5 * response.variance[at, output, given])
+        share = np.divide(half, np.abs(h[at]), out=np.ones(at.size), where=h[at] != 0.0)
+        turn = np.degrees(np.arcsin(np.minimum(share, 1.0)))
+        axes.fill_between(f, angle - turn, angle + turn, color=colour, alpha=0.25, linewidth=0.0)
+    axes.plot(f, *_wrapped(h[at]), color=colour, linewidth=0.9)
+
+
+def _wrapped(h: Complex) -> tuple[Array]:
+    """The angle in degrees, with a break where it jumps by a turn."""
+    angle = np.degrees(np.angle(h))
+    jumps = np.flatnonzero(np.abs(np.diff(angle)) > 180.0)
+    angle[jumps] = np.nan
+    return (angle,)
+
+
+def _unit(response: "MeasuredResponse") -> str:
+    units = {
+        f"{out}/{into}"
+        for out in response.output_units
+        for into in response.input_units
+        if out and into
+    }
+    return f" [{units.pop()}]" if len(units) == 1 else ""
+
+
+def _legend(axes: "Axes", fitted: bool) -> None:
+    from matplotlib.lines import Line2D
+
+    handles, labels = axes.get_legend_handles_labels()
+    if fitted:
+        handles.append(Line2D([], [], color=INK, linewidth=0.8, linestyle=(0, (4, 2))))
+        labels.append("model")
+    made = axes.legend(
+        handles, labels, loc="best", fontsize=7.5, frameon=False, labelcolor=INK, ncols=2
+    )
+    for text in made.get_texts():
+        text.set_parse_math(False)
+
+
+def _title(response: "MeasuredResponse", pairs: list[tuple[int, int]]) -> str:
+    words = []
+    if len(pairs) == 1:
+        words.append(f"{response.outputs[0]} / {response.inputs[0]}")
+    elif len(pairs) > _CURVES:
+        words.append(f"{_CURVES} of {len(pairs)} responses")
+    if response.estimator:
+        words.append(response.estimator)
+    if response.averages > 0.0:
+        words.append(f"{response.averages:.4g} average{'s' * (response.averages != 1.0)}")
+    if response.variance is not None:
+        words.append("band: 95 %")
+    return ", ".join(words)
