@@ -56,7 +56,7 @@ def check(found: dict[str, float]) -> None:
     assert found["learning, largest from the 3rd on [nm rms]"] < 8.5
 
 
-@pytest.mark.parametrize(("stages", "trials"), sizes(slow=(2, 8), evidence=(20, 50)))
+@pytest.mark.parametrize(("stages", "trials"), sizes(slow=(1, 8), evidence=(20, 50)))
 def test_control_reaches_its_figures(stages: int, trials: int) -> None:
     every = [control_evidence.figures(seed, trials=trials) for seed in range(stages)]
     for found in every:
