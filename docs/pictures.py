@@ -98,7 +98,7 @@ def card_stage() -> "Figure":
 def card_mode() -> "Figure":
     """The first mode of the piezo stage, by rigid bodies."""
     from flexstage.lumped import lumped_system
-    from flexstage.report.figures.mode_shapes import mode_motion
+    from flexstage.report.figures.body_motion import mode_motion
     from flexstage.system import modes
 
     stage = design("vgtu-piezo")

@@ -9,7 +9,7 @@ from flexstage.characteristic import Characteristic
 from flexstage.quantities import display, number
 from flexstage.report import compare
 from flexstage.report.comparison import difference_percent
-from flexstage.report.figures.static_shape import exaggeration
+from flexstage.report.figures.body_motion import exaggeration
 
 
 def row(quantity: str, axis: str, origin: str, value: float, unit: str) -> Characteristic:

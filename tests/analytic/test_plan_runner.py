@@ -1,6 +1,8 @@
 """Plans carried out on an instrument whose every reading has a closed form."""
 
 import json
+import math
+import re
 import shutil
 
 import numpy as np
@@ -10,9 +12,11 @@ from flexstage.errors import ControllerError, FlexstageError, NotConnectedError,
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.lock import stage_lock
 from flexstage.plans import Plan, run_plan
+from flexstage.plans.centre_step import centred_from
 from flexstage.plans.file import plan_from_text
 from flexstage.plans.results import MeasuredStep
 from flexstage.plans.state import read_state
+from flexstage.plans.verbs import Centre
 from flexstage.records import read_record
 from tests.simple_instrument import SimpleInstrument
 
@@ -352,33 +356,56 @@ def test_a_catalogue_that_fails_loses_nothing(tmp_path):
 
 def test_the_state_is_refused_where_it_is_none(tmp_path):
     (tmp_path / "run.json").write_text("[1, 2]")
-    with pytest.raises(PlanError, match="is not the state of a run"):
+    with pytest.raises(
+        PlanError, match=r"run\.json: a state of a run begins with 'run: 1', got a list"
+    ):
         run_plan(made(), bench(), tmp_path, resume=True)
     for text in ("{", "[" * 100_000, '{"run": 1, "note": ' + "9" * 5000 + "}"):
         (tmp_path / "run.json").write_text(text)
-        with pytest.raises(PlanError, match="cannot be read as the state"):
+        with pytest.raises(PlanError, match="is not the JSON of a state of a run"):
             run_plan(made(), bench(), tmp_path, resume=True)
 
 
+STEP = {"status": "complete", "fingerprint": "", "partial": []}
+
+
 @pytest.mark.parametrize(
-    "change",
+    ("key", "change"),
     [
-        {"instrument": "a text"},
-        {"steps": "a text"},
-        {"steps": {"motion": "a text"}},
-        {"steps": {"motion": {"status": "complete", "fingerprint": "", "partial": 3}}},
-        {"steps": {"motion": {"status": 3, "fingerprint": "", "partial": []}}},
-        {"steps": {"motion": {"status": "", "fingerprint": "", "partial": [], "files": "text"}}},
-        {"steps": {"motion": {"status": "", "fingerprint": "", "partial": [[1]]}}},
-        {"started": 7},
-        {"stage": ["x"]},
-        {"unknown": 1},
+        (", instrument", {"instrument": "a text"}),
+        (", steps", {"steps": "a text"}),
+        (", steps.motion", {"steps": {"motion": "a text"}}),
+        (", steps.motion.partial", {"steps": {"motion": {**STEP, "partial": 3}}}),
+        (", steps.motion.status", {"steps": {"motion": {**STEP, "status": 3}}}),
+        (", steps.motion.files", {"steps": {"motion": {**STEP, "files": "text"}}}),
+        (", steps.motion.partial[0]", {"steps": {"motion": {**STEP, "partial": [[1]]}}}),
+        (", started", {"started": 7}),
+        (", stage", {"stage": ["x"]}),
+        ("", {"unknown": 1}),
     ],
 )
-def test_a_state_with_a_field_of_another_kind_is_refused(tmp_path, change):
+def test_a_state_with_a_field_of_another_kind_is_refused(tmp_path, key, change):
     (tmp_path / "run.json").write_text(json.dumps({"run": 1, "steps": {}, **change}))
-    with pytest.raises(PlanError, match="is not the state of a run"):
+    with pytest.raises(PlanError, match=re.escape(f"run.json{key}: ")):
         run_plan(made(), bench(), tmp_path, resume=True)
+
+
+def test_a_result_of_centring_that_is_none_is_refused(tmp_path):
+    file = tmp_path / "fine.json"
+    good = {
+        "name": "fine", "axes": ["x", "y"], "target": 1e-7, "reached": True, "reason": "done",
+        "moves": [{
+            "kind": "start", "command": [0, 1e-6], "eccentricity": [0.0, 0.0], "length": 0.0,
+            "uncertainty": 1e-9, "predicted": None, "true_length": math.nan,
+        }],
+        "notes": [],
+    }  # fmt: skip
+    file.write_text(json.dumps(good))
+    assert centred_from(None, "fine", Centre(), file).moves[0].command == (0.0, 1e-6)
+    good["moves"][0]["command"] = [1e-6]
+    file.write_text(json.dumps(good))
+    with pytest.raises(PlanError, match=r"fine\.json, moves\[0\]\.command: expected .* 2 entries"):
+        centred_from(None, "fine", Centre(), file)
 
 
 def test_a_missing_sensor_of_the_instrument_is_refused_before_it_moves(tmp_path):

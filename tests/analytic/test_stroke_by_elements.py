@@ -11,9 +11,8 @@ from flexstage.elasticity import buckling
 from flexstage.errors import ModelError
 from flexstage.fem import MeshSettings, follow_stroke, plane_model
 from flexstage.fem.geometry import patches
-from flexstage.fem.guide_buckling import bar_buckling_load, two_notch_bars
 from flexstage.fem.ports import drive_vector
-from flexstage.fem.stroke import FiniteStroke, with_stroke
+from flexstage.fem.stroke import FiniteStroke, bar_buckling_load, two_notch_bars, with_stroke
 from flexstage.lumped import hinge_springs, stroke_path
 from flexstage.system import analyse
 
@@ -26,6 +25,7 @@ def model():
     return plane_model(STAGE, MESH)
 
 
+@pytest.mark.slow
 def test_a_parallelogram_sags_as_its_legs_turn(model) -> None:
     axis = analyse(STAGE, model.system).axes[0]
     path = follow_stroke(model, axis, steps=9)

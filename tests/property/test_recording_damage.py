@@ -64,7 +64,7 @@ def test_a_file_that_is_cut_anywhere_gives_every_whole_chunk(stream, share):
     whole = sum(1 for p in positions[1:-1] if p <= cut)
     assert found.samples == STARTS[whole]
     assert found.complete == found.ended == (cut == len(data))
-    assert found.head.metadata.operator == "Ona Š."
+    assert found.head.run.operator == "Ona Š."
     if found.samples >= 2:
         record, _ = recover(other)
         assert_true(record, range(STARTS[whole]))

@@ -85,7 +85,7 @@ def test_wherever_the_disk_is_full(tmp_path, room):
 def test_what_cannot_be_saved_is_written_elsewhere(tmp_path):
     opener, _ = small_disk(size_of_head(tmp_path) + 400)
     run = writer(tmp_path / "run.stream", opener=opener)
-    about = run.head.metadata
+    about = run.head.run
     assert len(append_all(run)) == 1
     run.append(55, truth(55, 5))
     (tmp_path / "other disk").mkdir()

@@ -69,7 +69,7 @@ def test_the_bytes_are_as_described(tmp_path):
 def test_a_closed_run_is_an_hdf5_file_that_reads_back_to_the_last_bit(tmp_path):
     path = tmp_path / "run.stream"
     run, _ = written(path, [1000, 1, 417], leave=False)
-    about = run.head.metadata
+    about = run.head.run
     target = run.close()
     assert target == tmp_path / "run.h5"
     assert [p.name for p in tmp_path.iterdir()] == ["run.h5"]
@@ -82,7 +82,7 @@ def test_a_closed_run_is_an_hdf5_file_that_reads_back_to_the_last_bit(tmp_path):
     assert record.attributes["simulated"] == "yes"
     assert record.attributes["ending"] == "complete"
     assert "lost" not in record.attributes
-    assert read_metadata(record.attributes) == about
+    assert read_metadata(record) == about
     summary = file_summary(target)
     assert (summary.metadata, summary.samples, summary.sample_rate_hz) == (about, 1418, RATE)
     assert (summary.complete, summary.lost) == (True, "")
@@ -106,8 +106,8 @@ def test_settings_of_any_length_and_any_letter_are_kept(tmp_path):
     about = metadata(settings={"table": "7" * 200_000, "odd\0name": "\ud83d"}, note="n" * 70_000)
     run, _ = written(tmp_path / "run.stream", [5], leave=False, metadata=about)
     record = read_record(run.close())
-    assert read_metadata(record.attributes) == run.head.metadata
-    assert read_metadata(record.attributes).settings == about.settings
+    assert read_metadata(record) == run.head.run
+    assert read_metadata(record).settings == about.settings
     assert len(record.attributes["note"]) == 1000
 
 
@@ -219,7 +219,7 @@ def test_an_error_in_the_block_leaves_a_stream_to_recover(tmp_path):
     record, recovery = recover(path)
     assert_true(record, range(30))
     assert (recovery.samples, recovery.ended, recovery.complete) == (30, False, False)
-    assert recovery.head.metadata.operator == "Ona Š."
+    assert recovery.head.run.operator == "Ona Š."
     assert record.attributes["ending"] == "recovered"
     with pytest.raises(RecordError, match="is closed"):
         run.append(30, truth(30, 1))
@@ -369,9 +369,18 @@ def test_a_run_says_only_what_can_be(words, said):
         metadata(**words)
 
 
-@pytest.mark.parametrize("plain", [None, 3, {}, {"stage": "s"}, {"stage": "s", "instrument": 4}])
-def test_a_description_that_is_none_is_refused(plain):
-    with pytest.raises(RecordError, match="cannot be understood"):
+@pytest.mark.parametrize(
+    ("plain", "said"),
+    [
+        (None, ": expected a mapping"),
+        (3, ": expected a mapping of names to values, got 3"),
+        ({}, ": 'stage' is missing"),
+        ({"stage": "s"}, ": 'instrument' is missing"),
+        ({"stage": "s", "instrument": 4}, ", instrument: expected a mapping"),
+    ],
+)
+def test_a_description_that_is_none_is_refused(plain, said):
+    with pytest.raises(RecordError, match=f"^what is said about a run{said}"):
         RunMetadata.from_plain(plain)
 
 
@@ -380,12 +389,12 @@ def test_one_description_serves_for_several_runs(tmp_path):
     assert (about.identifier, about.started) == ("", "")
     first, second = (writer(tmp_path / f"{k}.stream", metadata=about) for k in range(2))
     for run in (first, second):
-        begun = run.head.metadata
+        begun = run.head.run
         assert dataclasses.replace(begun, identifier="", started="") == about
         age = datetime.datetime.now(datetime.UTC) - begun.start_time()
         assert 0.0 <= age.total_seconds() < 60.0
         run.leave()
-    assert first.head.metadata.identifier != second.head.metadata.identifier
+    assert first.head.run.identifier != second.head.run.identifier
     given = metadata(identifier="0f" * 16, started="2031-05-17T12:30:00+03:00")
     assert given.begun() == given
     assert given.start_time().isoformat() == "2031-05-17T09:30:00+00:00"
@@ -409,7 +418,7 @@ def test_files_of_others_are_told_apart(tmp_path):
     with pytest.raises(RecordError, match="cannot be read: Is a directory"):
         examine(tmp_path)
     with pytest.raises(RecordError, match="does not say which run"):
-        read_metadata(read_record(text).attributes)
+        read_metadata(read_record(text))
     with pytest.raises(RecordError, match="is no whole HDF5 file of a run"):
         file_summary(text)
     with h5py.File(tmp_path / "b.h5", "w") as file:

@@ -267,9 +267,9 @@ def test_a_reference_of_uneven_times_is_made_even(capsys, tmp_path, model_file):
     [
         (b"", "the file is empty, expected a model file"),
         (b"\xff\xfe\x00\x01", "not UTF-8 text"),
-        (b"name: vgtu-piezo\n", "is no drive model"),
+        (b"name: vgtu-piezo\n", "begins with 'flexstage-drive-model: 1', which is missing"),
         (b"flexstage-drive-model: 3\n", "newer flexstage"),
-        (None, "`flexstage identify --out` writes one"),
+        (None, "give the path of a model file from `flexstage identify --out`"),
     ],
 )
 def test_files_that_are_no_models(capsys, tmp_path, reference_file, content, said):

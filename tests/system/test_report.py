@@ -19,11 +19,10 @@ from flexstage.material import material
 from flexstage.plans.results import IdentifiedStep
 from flexstage.quantities import display
 from flexstage.report import Study, report_html, results_json, run_study, study_results
+from flexstage.report.figures.body_motion import draw_static_shape, draw_stroke, mode_motion
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.hinges import draw_stress
-from flexstage.report.figures.mode_shapes import mode_motion
 from flexstage.report.figures.responses import draw_bode
-from flexstage.report.figures.static_shape import draw_static_shape, draw_stroke
 from flexstage.report.figures.style import FORMATS, encode, inline_svg
 from flexstage.report.figures.tracking import draw_drive_fit
 from flexstage.report.front_page import verdict
@@ -371,6 +370,7 @@ def test_figures_of_an_axis_that_does_not_exist_are_refused(study: Study) -> Non
         encode(draw_stage(study.stage), "gif")
 
 
+@pytest.mark.slow
 def test_names_of_a_stage_cannot_break_the_page() -> None:
     base = design("parallelogram")
     odd = "$x^{ <script>alert(1)</script> & \"'</svg>"

@@ -113,8 +113,7 @@ def _one_of(option: str, value: str, allowed: tuple[str, ...]) -> None:
 def _reduced(
     model: "SymbolicModel", stage: "Stage", how: str, axis: str | None
 ) -> "ReducedModel | None":
-    from flexstage.lumped.reduction import condense, reduce_by_symmetry
-    from flexstage.lumped.symmetry import find_mirror
+    from flexstage.lumped.reduction import condense, find_mirror, reduce_by_symmetry
     from flexstage.lumped.transfer import LARGEST_ORDER
 
     drive = stage.axis(axis).drive if axis is not None else None

@@ -219,8 +219,8 @@ def recover(
     rate = found.head.sample_rate_hz
     result: dict[str, Any] = {
         "stream": str(file),
-        "stage": found.head.metadata.stage,
-        "identifier": found.head.metadata.identifier,
+        "stage": found.head.run.stage,
+        "identifier": found.head.run.identifier,
         "samples": found.samples,
         "duration": found.samples / rate,
         "sample_rate_hz": rate,

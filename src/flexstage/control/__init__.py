@@ -18,7 +18,7 @@ if TYPE_CHECKING:
         compensate,
     )
     from flexstage.control.learning import learn
-    from flexstage.control.learning_results import Learning, LearningSettings, Trial
+    from flexstage.control.learning_axis import Learning, LearningSettings, Trial
     from flexstage.control.loop_plant import loop_margins
     from flexstage.control.tracking_run import evaluate_record
     from flexstage.control.trajectories.from_file import trajectory_of

@@ -27,8 +27,13 @@ learning takes what repeats.
 
 from collections.abc import Callable, Mapping
 
-from flexstage.control.learning_axis import AxisLearner, ResponseOf, mean_error
-from flexstage.control.learning_results import Learning, LearningSettings
+from flexstage.control.learning_axis import (
+    AxisLearner,
+    Learning,
+    LearningSettings,
+    ResponseOf,
+    mean_error,
+)
 from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.hysteresis import DriveModel
 from flexstage.instruments.limits import AxisLimits

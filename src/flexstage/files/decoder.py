@@ -25,12 +25,16 @@ from flexstage.files.nodes import (
     Node,
     Scalar,
     Sequence,
+    parse_json,
     parse_yaml,
     plain,
     read_text,
 )
 from flexstage.files.ranges import range_of, wanted
 from flexstage.units import DIMENSIONS, Dimension, parse
+
+#: What the entries of a list are called.
+_ENTRIES = {str: "texts", float: "numbers", int: "whole numbers"}
 
 
 @dataclass(slots=True)
@@ -49,13 +53,20 @@ class Decoder:
     """Smallest length, apart from 0 and from coordinates [m]."""
 
     def refuse(
-        self, node: Node, path: str, message: str, error: type[Exception] | None = None
+        self,
+        node: Node,
+        path: str,
+        message: str,
+        error: type[Exception] | None = None,
+        *,
+        ending: str | None = None,
     ) -> NoReturn:
-        """Raise the error of a place in the file."""
+        """Raise the error of a place in the file; `ending` instead of that of the format."""
         line = "" if node.line is None else f", line {node.line}"
         where = f", {path}" if path else ""
+        end = self.format.ending if ending is None else ending
         kind = self.format.error if error is None or self.format.only else error
-        raise kind(f"{self.source}{line}{where}: {message}")
+        raise kind(f"{self.source}{line}{where}: {message}{end}")
 
     def refuse_again(self, node: Node, path: str, error: FlexstageError) -> NoReturn:
         """Raise an error of what was built there, with the place in front of it."""
@@ -215,9 +226,10 @@ class Decoder:
                 self._named(parts[0], key, item, f"{path}.{key}")
                 for key, item in entries.items.items()
             )
+        what = _ENTRIES.get(parts[0], "entries")
         return tuple(
             self.decode(parts[0], item, f"{path}[{k}]")
-            for k, item in enumerate(self.items(node, path, None, "entries"))
+            for k, item in enumerate(self.items(node, path, None, what))
         )
 
     def _named(self, kind: Any, name: str, node: Node, path: str) -> Any:
@@ -238,10 +250,11 @@ class Decoder:
         return word
 
     def text(self, node: Node, path: str) -> str:
-        """Read a text; one that looks like a number is taken as it is written."""
-        if not isinstance(node, Scalar) or node.value is None:
+        """Read a text; one that looks like a number is taken as it is written, if not `exact`."""
+        given = node.value if isinstance(node, Scalar) else None
+        if given is None or (self.format.exact and not isinstance(given, str)):
             self.refuse(node, path, f"expected a text, got {show(node)}")
-        return node.text
+        return typing.cast("Scalar", node).text
 
     def _bool(self, node: Node, path: str) -> bool:
         if not isinstance(node, Scalar) or not isinstance(node.value, bool):
@@ -263,8 +276,9 @@ class Decoder:
 
     def _int(self, node: Node, path: str, what: str = "a whole number") -> int:
         value = node.value if isinstance(node, Scalar) else None
-        # 3.0 and 1e3 are whole numbers, however they are written
-        whole = isinstance(value, int) or (isinstance(value, float) and value.is_integer())
+        # 3.0 and 1e3 are whole numbers, however people write them
+        whole = isinstance(value, float) and value.is_integer() and not self.format.exact
+        whole = whole or isinstance(value, int)
         if isinstance(value, bool) or not whole:
             self.refuse(node, path, f"expected {what}, got {show(node)}")
         return int(typing.cast("float", value))
@@ -333,9 +347,9 @@ class Decoder:
                 node, key, f"expected a number, version {version} of the format, got {show(node)}"
             )
         if got != version:
-            self.refuse(
-                node, key, f"version {got:g} is not known: this flexstage reads version {version}"
-            )
+            told = f"version {self.number(node, key):g} is not known: this flexstage reads version"
+            ending = "; use a newer flexstage" if got > version else None
+            self.refuse(node, key, f"{told} {version}", ending=ending)
         rest = {k: v for k, v in root.items.items() if k != key}
         if self.format.length_unit and "length_unit" in rest:
             units = DIMENSIONS["length"].units
@@ -355,6 +369,13 @@ def read(text: str, source: str, format: Format) -> tuple[Decoder, Mapping]:
     return decoder, decoder.head(root)
 
 
+def read_json(kind: Any, text: str | bytes, source: str, format: Format) -> Any:
+    """Read a description of a type from the JSON that a program wrote."""
+    decoder = Decoder(source, format)
+    root = parse_json(text, source, format)
+    return decoder.decode(kind, decoder.head(root) if format.key else root, "")
+
+
 def show(node: Node) -> str:
     """Say what stands at a place."""
     if isinstance(node, Mapping):
@@ -363,7 +384,9 @@ def show(node: Node) -> str:
         return f"a list of {len(node.items)}"
     if node.value is None:
         return "nothing"
-    return repr(node.text if len(node.text) <= 60 else node.text[:57] + "...")
+    text = node.text if len(node.text) <= 60 else node.text[:57] + "..."
+    # in data of a program 7 is not '7'
+    return text if node.line is None and not isinstance(node.value, str) else repr(text)
 
 
 def _join(path: str, name: str) -> str:
@@ -373,7 +396,7 @@ def _join(path: str, name: str) -> str:
 def _hint(kind: Any) -> str:
     """Say how a value of a type is written."""
     if (inner := optional_part(kind)) is not None:
-        return _hint(inner)
+        return _hint(inner) or "null for none"
     if (quantity := dimension_of(kind)) is not None:
         dimension, count = quantity
         one = f'"10 {dimension.units[0]}"'

@@ -57,6 +57,15 @@ class Format:
     """Whether every number in it is finite."""
     later: bool = False
     """Whether keys that are not known are left out: a later version may have written them."""
+    exact: bool = False
+    """Whether programs alone write it: then 7 is no text, and 7.0 no whole number."""
+    mend: str = ""
+    """What is to be done about a file at fault; every message ends with it."""
+
+    @property
+    def ending(self) -> str:
+        """The end of every message."""
+        return f"; {self.mend}" if self.mend else ""
 
 
 @lru_cache(maxsize=256)

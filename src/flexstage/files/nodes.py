@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from flexstage.errors import FlexstageError
+from flexstage.files.format import Format
 
 #: Largest file that is read [bytes].
 MAX_BYTES = 1_000_000
@@ -146,32 +147,41 @@ def parse_yaml(
         raise error(f"{source}: this is not YAML: it holds half a character") from None
 
 
-def parse_json(text: str | bytes, source: str, kind: str, error: type[FlexstageError]) -> Node:
+def parse_json(text: str | bytes, source: str, format: Format) -> Node:
     """Parse the JSON that a program wrote; its nodes have no lines.
 
     Refused are repeated keys, as of two of a name one would be lost unseen.
     """
+
+    def refuse(place: str, message: str) -> NoReturn:
+        raise format.error(f"{source}{place}: {message}{format.ending}") from None
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
             keys = [key for key, _ in pairs]
             twice = next(key for key in keys if keys.count(key) > 1)
-            raise error(f"{source}: the key '{twice[:60]}' is given twice in the {kind}")
+            refuse("", f"the key '{twice[:60]}' is given twice in the {format.noun}")
         return found
 
+    not_json = f"this is not the JSON of a {format.noun}"
     try:
-        return node_of(json.loads(text, object_pairs_hook=once))
+        written = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+        return node_of(json.loads(written, object_pairs_hook=once))
+    except FlexstageError:
+        raise
     except json.JSONDecodeError as fault:
-        raise error(
-            f"{source}, line {fault.lineno}: this is not the JSON of a {kind}: {fault.msg}"
-        ) from None
-    except UnicodeDecodeError:
-        raise error(f"{source}: this is not the JSON of a {kind}: it is not UTF-8 text") from None
+        refuse(
+            f", line {fault.lineno}, column {fault.colno}",
+            f"{not_json}: {fault.msg.removesuffix(' at')}",
+        )
+    except UnicodeDecodeError as fault:
+        line = fault.object.count(b"\n", 0, fault.start) + 1
+        refuse(f", line {line}", f"{not_json}: it is not UTF-8 text")
     except RecursionError:
-        raise error(f"{source}: this is not the JSON of a {kind}: it is nested too deep") from None
+        refuse("", f"{not_json}: it is nested too deep")
     except ValueError:  # a number of thousands of digits
-        raise error(f"{source}: this is not the JSON of a {kind}: a number is too long") from None
+        refuse("", f"{not_json}: a number has too many digits")
 
 
 def node_of(data: Any) -> Node:

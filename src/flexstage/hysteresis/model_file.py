@@ -1,32 +1,28 @@
 """The file that holds an identified drive: readable text, checked when it is read."""
 
-import dataclasses
 import hashlib
-import inspect
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexstage.errors import FlexstageError, ModelError
-from flexstage.files.nodes import parse_yaml, plain, read_text
+from flexstage.arrays import Array
+from flexstage.choose import did_you_mean
+from flexstage.errors import ModelError
+from flexstage.files import nodes
+from flexstage.files.decoder import Decoder, read, read_file, show
+from flexstage.files.format import Form, Format
+from flexstage.files.nodes import Node, Scalar
 from flexstage.files.yaml_text import plain_dumper
-from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
+from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
-from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
+from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models import MODELS
-
-#: Version of the format. A reader takes this one and none that is newer.
-_VERSION = 1
-_KEY = "flexstage-drive-model"
-_ELEMENTS: Mapping[str, type[Any]] = {"creep": LogCreep, "modes": StageModes, "lag": Lag}
-#: What such a file is called in messages.
-_KIND = "model file, as `flexstage identify --out` writes one"
 
 _CHANGED = "the file was changed since it was written"
 
@@ -53,29 +49,61 @@ class ModelFile:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Input:
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Output:
+    unit: str = ""
+    offset: float = 0.0
+    sign: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Chain:
+    """The elements behind the hysteresis; each is named, so that none was lost unseen."""
+
+    creep: Creep | None
+    modes: StageModes | None
+    lag: Lag | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Content:
+    """What stands in the file after its version, in this order, and before its checksum."""
+
+    input: _Input
+    output: _Output
+    hysteresis: HysteresisModel
+    chain: _Chain
+    start: Start = "rested"
+    validity: ValidityRange | None = None
+    errors_percent_of_stroke: Mapping[str, float | None] | None = None
+    warnings: tuple[str, ...] | None = None
+    provenance: Mapping[str, Any] | None = None
+
+
 def model_text(file: ModelFile) -> str:
     """Return a drive model as YAML, which `read_model_text` reads back to the same numbers."""
     import yaml
 
     m = file.model
-    content: dict[str, Any] = {
-        _KEY: _VERSION,
-        "input": {"unit": m.input_unit},
-        "output": {"unit": m.output_unit, "offset": float(m.offset), "sign": float(m.sign)},
-        "hysteresis": {"model": m.hysteresis.kind, **_plain(m.hysteresis.parameters())},
-        "chain": {
-            name: _plain(_fields(element)) if element is not None else None
-            for name, element in (("creep", m.creep), ("modes", m.modes), ("lag", m.lag))
-        },
-        "start": m.start,
-        "validity": _plain(_fields(m.validity)) if m.validity is not None else None,
-        "errors_percent_of_stroke": _plain(dict(file.errors)),
-        "warnings": list(file.warnings),
-        "provenance": _plain(dict(file.provenance)),
-    }
-    content["checksum"] = _checksum(content)
+    content = _Content(
+        input=_Input(unit=m.input_unit),
+        output=_Output(unit=m.output_unit, offset=float(m.offset), sign=float(m.sign)),
+        hysteresis=m.hysteresis,
+        chain=_Chain(creep=m.creep, modes=m.modes, lag=m.lag),
+        start=m.start,
+        validity=m.validity,
+        errors_percent_of_stroke=file.errors,
+        warnings=file.warnings,
+        provenance=file.provenance,
+    )
+    data = {MODEL_FILE.key: MODEL_FILE.version, **_plain(content)}
     return yaml.dump(
-        content,
+        {**data, "checksum": _checksum(data)},
         Dumper=plain_dumper(),
         sort_keys=False,
         allow_unicode=True,
@@ -86,7 +114,7 @@ def model_text(file: ModelFile) -> str:
 
 def read_model_file(path: Path) -> ModelFile:
     """Read the file of a drive model; a ModelError where there is none, or it is no model."""
-    return read_model_text(read_text(path, _KIND, ModelError), f"'{path}'")
+    return _model_file(*read_file(path, MODEL_FILE))
 
 
 def read_model_text(text: str, source: str = "the model file") -> ModelFile:
@@ -95,172 +123,124 @@ def read_model_text(text: str, source: str = "the model file") -> ModelFile:
     A number that was changed by hand is allowed, and said in the warnings. A ModelError where it is
     no model file, of a newer version, or its numbers make no model.
     """
-    # a start may be infinitely long ago
-    content = plain(parse_yaml(text, source, "model file", ModelError, finite=False))
-    if not isinstance(content, dict) or _KEY not in content:
-        raise ModelError(
-            f"{source} is no drive model: expected a file that `flexstage identify --out` wrote, "
-            f"with the key '{_KEY}'"
-        )
-    version = content[_KEY]
-    if not isinstance(version, int) or isinstance(version, bool) or not 1 <= version <= _VERSION:
-        raise ModelError(
-            f"{source} has version {version!r} of the format, this flexstage reads up to "
-            f"{_VERSION}: use a newer flexstage"
-        )
-    try:
-        model = _drive_model(content)
-    except FlexstageError as error:
-        raise ModelError(f"{source}: {error}") from error
-    except (TypeError, ValueError, KeyError, OverflowError) as error:
-        raise ModelError(f"{source} holds no drive model: {error}") from error
-    warnings = _texts(content.get("warnings"), source)
-    stated = content.pop("checksum", None)
-    if stated != _checksum(content):
-        warnings = (*warnings, _CHANGED)
-    return ModelFile(
-        model=model,
-        provenance=_optional_mapping(content, "provenance", source),
-        errors=_optional_mapping(content, "errors_percent_of_stroke", source),
-        warnings=warnings,
-    )
+    return _model_file(*read(text, source, MODEL_FILE))
 
 
-def _texts(given: object, source: str) -> tuple[str, ...]:
-    if given is None:
-        return ()
-    if not isinstance(given, list) or not all(isinstance(w, str) for w in given):
-        raise ModelError(f"{source}: the section 'warnings' must be a list of texts")
-    return tuple(given)
-
-
-def _optional_mapping(content: Mapping[str, Any], key: str, source: str) -> Mapping[str, Any]:
-    given = content.get(key)
-    if given is not None and not isinstance(given, dict):
-        raise ModelError(f"{source}: the section '{key}' must hold names and values")
-    return given or {}
-
-
-def _drive_model(content: Mapping[str, Any]) -> DriveModel:
-    hysteresis = dict(_mapping(content, "hysteresis"))
-    kind = hysteresis.pop("model", None)
-    if not isinstance(kind, str) or kind not in MODELS:
-        raise ModelError(f"the hysteresis model {kind!r} is not known: one of {', '.join(MODELS)}")
-    chain = _mapping(content, "chain")
-    built: dict[str, Any] = {}
-    for name, element in _ELEMENTS.items():
-        given = chain.get(name)
-        spectrum = name == "creep" and isinstance(given, dict) and "times" in given
-        kind_of = CreepSpectrum if spectrum else element
-        built[name] = None if given is None else kind_of(**_arguments(kind_of, given, name))
-    out, given = _mapping(content, "output"), content.get("validity")
-    validity = None
-    if given is not None:
-        values = _arguments(ValidityRange, given, "validity")
-        validity = ValidityRange(
-            input_range=_pair(values["input_range"], "input_range"),
-            output_range=_pair(values["output_range"], "output_range"),
-            rate_range_hz=_pair(values["rate_range_hz"], "rate_range_hz"),
-            temperature=None
-            if values.get("temperature") is None
-            else _pair(values["temperature"], "temperature"),
-        )
-    made: HysteresisModel = MODELS[kind](**_arguments(MODELS[kind], hysteresis, "hysteresis"))
-    sign, offset = float(out.get("sign", 1.0)), float(out.get("offset", 0.0))
+def _model_file(decoder: Decoder, root: nodes.Mapping) -> ModelFile:
+    content: _Content = decoder.build(_Content, root, "", also=["checksum"])
+    sign, offset = content.output.sign, content.output.offset
     if sign not in (1.0, -1.0) or not math.isfinite(offset):
-        raise ModelError(f"the output needs a sign of 1 or -1 and a finite offset, got {out}")
-    start = content.get("start", "rested")
-    if start != "rested":
-        if not isinstance(start, (int, float)) or isinstance(start, bool) or not start >= 0.0:
-            raise ModelError(f"start must be rested, or seconds of motion, got {start!r}")
-        start = float(start)
-    return DriveModel(
-        hysteresis=made,
-        **built,
-        offset=offset,
-        sign=sign,
-        input_unit=_unit(_mapping(content, "input"), "input"),
-        output_unit=_unit(out, "output"),
-        validity=validity,
-        start=start,
+        sentence = f"expected a sign of 1 or -1 and a finite offset, got {sign:g} and {offset:g}"
+        decoder.refuse(root.items["output"], "output", sentence)
+    data = {MODEL_FILE.key: MODEL_FILE.version, **nodes.plain(root)}
+    changed = data.pop("checksum", None) != _checksum(data)
+    return ModelFile(
+        model=DriveModel(
+            hysteresis=content.hysteresis,
+            creep=content.chain.creep,
+            modes=content.chain.modes,
+            lag=content.chain.lag,
+            offset=offset,
+            sign=sign,
+            input_unit=content.input.unit,
+            output_unit=content.output.unit,
+            validity=content.validity,
+            start=content.start,
+        ),
+        provenance=content.provenance or {},
+        errors=content.errors_percent_of_stroke or {},
+        warnings=(*(content.warnings or ()), *([_CHANGED] if changed else [])),
     )
 
 
-def _unit(section: Mapping[str, Any], name: str) -> str:
-    given = section.get("unit", "")
-    if not isinstance(given, str):
-        raise ModelError(f"{name}.unit must be a text, got {given!r}")
-    return given
+def _read_hysteresis(decoder: Decoder, node: Node, path: str, _base: Any) -> HysteresisModel:
+    entry = decoder.mapping(node, path)
+    kind = decoder.member(MODELS, entry, path, "model")
+    return decoder.build(kind, entry, path, also=["model"])
 
 
-def _pair(value: Any, where: str) -> tuple[float, float]:
-    numbers = np.asarray(value, dtype=np.float64)
-    if numbers.shape != (2,) or not np.all(np.isfinite(numbers)) or numbers[0] > numbers[1]:
-        raise ModelError(f"validity.{where} must be two finite, rising numbers, got {value!r}")
-    return float(numbers[0]), float(numbers[1])
+def _read_creep(decoder: Decoder, node: Node, path: str, _base: Any) -> Creep:
+    entry = decoder.mapping(node, path)
+    kind = CreepSpectrum if {"times", "weights"} & entry.items.keys() else LogCreep
+    return decoder.build(kind, entry, path)
 
 
-def _mapping(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    given = content.get(key)
-    if not isinstance(given, dict):
-        raise ModelError(f"the section '{key}' is missing")
-    return given
-
-
-def _arguments(target: type[Any], given: object, where: str) -> dict[str, Any]:
-    """Return what a class is built with, after checking names and kinds."""
-    if not isinstance(given, dict):
-        raise ModelError(f"the section '{where}' must hold names and numbers, got {given!r}")
-    known = {f.name for f in dataclasses.fields(target)}
-    unknown = sorted(str(k) for k in given if k not in known)
-    if unknown:
-        raise ModelError(
-            f"'{where}' has no {', '.join(unknown)}: it has {', '.join(sorted(known))}"
-        )
-    needed = [
-        p.name
-        for p in inspect.signature(target).parameters.values()
-        if p.default is inspect.Parameter.empty and p.name not in given
-    ]
-    if needed:
-        raise ModelError(f"'{where}' lacks {', '.join(needed)}")
-    return {k: _value(v, f"{where}.{k}") for k, v in given.items()}
-
-
-def _value(value: Any, where: str) -> Any:
-    if value is None or isinstance(value, (bool, str)):
-        if value is not None:
-            raise ModelError(f"{where} must be a number, got {value!r}")
-        return None
-    if isinstance(value, (int, float)):
-        if abs(value) > 1e300:  # an integer of YAML can be longer than any number
-            raise ModelError(f"{where} is too large")
+def _read_start(decoder: Decoder, node: Node, path: str, _base: Any) -> Start:
+    value = node.value if isinstance(node, Scalar) else None
+    if value == "rested":
         return value
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not value >= 0.0:
+        hint = did_you_mean(value, ["rested"]) if isinstance(value, str) else ""
+        sentence = f"expected rested, or seconds of motion, got {show(node)}{hint}"
+        decoder.refuse(node, path, sentence)
+    return float(value)
+
+
+def _read_range(decoder: Decoder, node: Node, path: str, _base: Any) -> tuple[float, float]:
+    items = decoder.items(node, path, 2, "two finite, rising numbers")
+    low, high = (decoder.number(item, f"{path}[{k}]") for k, item in enumerate(items))
+    if not -math.inf < low <= high < math.inf:
+        sentence = f"expected two finite, rising numbers, got {low:g} and {high:g}"
+        decoder.refuse(node, path, sentence)
+    return low, high
+
+
+def _read_array(decoder: Decoder, node: Node, path: str, _base: Any) -> Array:
+    def rows(node: Node, path: str) -> Any:
+        if isinstance(node, Scalar):
+            return decoder.number(node, path)
+        items = decoder.items(node, path, None, "numbers")
+        return [rows(item, f"{path}[{k}]") for k, item in enumerate(items)]
+
+    decoder.items(node, path, None, "numbers")
+    numbers = rows(node, path)
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ModelError(f"{where} must be numbers in rows of one length") from error
-    return array
+        return np.array(numbers, dtype=np.float64)
+    except ValueError:
+        decoder.refuse(node, path, "expected numbers in rows of one length")
 
 
-def _fields(thing: Any) -> dict[str, Any]:
-    return {f.name: getattr(thing, f.name) for f in dataclasses.fields(thing)}
+def _read_sequence(decoder: Decoder, node: Node, path: str, _base: Any) -> tuple[float, ...]:
+    return decoder.decode(tuple[float, ...], node, path)
 
 
-def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: _plain_value(v) for k, v in values.items()}
+def _read_text(decoder: Decoder, node: Node, path: str, _base: Any) -> str:
+    text = decoder.text(node, path)
+    if text != nodes.plain(node):
+        decoder.refuse(node, path, f"expected a text, got {text}: write it in quotes")
+    return text
 
 
-def _plain_value(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, (tuple, list)):
-        return [_plain_value(v) for v in value]
+#: The kind of file that holds an identified drive. A start may be infinitely long ago.
+MODEL_FILE = Format(
+    noun="model file from `flexstage identify --out`",
+    key="flexstage-drive-model",
+    error=ModelError,
+    only=True,
+    finite=False,
+    forms={
+        HysteresisModel: Form(read=_read_hysteresis),
+        Creep: Form(read=_read_creep),
+        Start: Form(read=_read_start),
+        tuple[float, float]: Form(read=_read_range),
+        Sequence[float]: Form(read=_read_sequence),
+        Array: Form(read=_read_array),
+        str: Form(read=_read_text),
+    },
+)
+
+
+def _plain(value: Any) -> Any:
+    """Return descriptions and arrays as plain data."""
+    if isinstance(value, HysteresisModel):
+        return {"model": value.kind, **_plain(value.parameters())}
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, Mapping):
-        return _plain(value)
-    return value
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(v) for v in value]
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
 
 
 def _checksum(content: Mapping[str, Any]) -> str:

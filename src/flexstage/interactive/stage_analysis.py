@@ -143,10 +143,10 @@ def analyse(
 
 
 def _figure(run: ModelRun, kind: str, axis: str | None) -> "Figure":
+    from flexstage.report.figures.body_motion import draw_static_shape
     from flexstage.report.figures.fields import draw_fe_modes
     from flexstage.report.figures.hinges import draw_stress
     from flexstage.report.figures.responses import draw_bode
-    from flexstage.report.figures.static_shape import draw_static_shape
 
     analysis = run.analysis
     draw: dict[str, Callable[[str], Figure]] = {

@@ -1,12 +1,20 @@
-"""A command that is ready to run: its samples, and which of them count."""
+"""A command that is ready to run, and its run, recorded to disk beside what the sensors read."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
+from flexstage.choose import has_no
 from flexstage.errors import PlanError
+from flexstage.instruments.protocol import Capability, Instrument, Signal
+from flexstage.instruments.ramp import lead_to
+from flexstage.instruments.record_run import record_blow, run_moves, run_waveform
+from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.instruments.recording.writer import RunWriter
 from flexstage.instruments.waveform import Quantity, Waveform
 
 #: More samples do not fit into memory.
@@ -92,3 +100,166 @@ class CommandWaveform:
         k = np.clip(k, 0.0, n * self.cycles - 1.0)
         # from the last sample to the first of the next cycle the way is straight too
         return np.interp(k % n, np.arange(n + 1), np.append(values, values[0]))
+
+
+#: How long a blow is recorded [s], and what of it comes before the blow is the instrument's own.
+_BLOW_TIME = 0.8
+#: Runs without a generator of waveforms stop at no more places than this.
+_MOST_PLACES = 2000
+
+
+class _Numbered:
+    """Hands samples on with further columns that follow from their number."""
+
+    def __init__(
+        self, writer: RunWriter, more: Callable[[Array], Mapping[str, Array]], offset: int = 0
+    ) -> None:
+        self._writer, self._more, self.offset = writer, more, offset
+
+    def append(self, first: int, columns: Mapping[str, Array]) -> object:
+        size = len(next(iter(columns.values())))
+        number = np.arange(float(first), float(first + size))
+        return self._writer.append(first + self.offset, {**columns, **self._more(number)})
+
+
+def prepare_loops(instrument: Instrument, axes: Sequence[str], quantity: Quantity) -> None:
+    """Switch position control on for positions and off for voltages."""
+    for name in axes:
+        if name not in instrument.axes:
+            raise PlanError(has_no("the instrument", "axis", name, instrument.axes))
+        axis = instrument.axes[name]
+        wanted = Capability.CLOSED_LOOP if quantity == "position" else Capability.OPEN_LOOP
+        if wanted not in axis.capabilities:
+            raise PlanError(f"axis '{name}' of the instrument has no {wanted.value}")
+        if axis.closed_loop != (quantity == "position"):
+            axis.set_closed_loop(quantity == "position")
+
+
+def park(instrument: Instrument, busy: Sequence[str]) -> None:
+    """Lead all axes that are not used to their low end, so that every run finds them there."""
+    for name, axis in instrument.axes.items():
+        if name in busy:
+            continue
+        limits = axis.limits
+        if limits.voltage is not None and Capability.OPEN_LOOP in axis.capabilities:
+            prepare_loops(instrument, [name], "voltage")
+            lead_to(instrument, {name: limits.safe_voltage}, "voltage")
+        elif limits.position is not None and axis.closed_loop:
+            lead_to(instrument, {name: limits.position[0]}, "position")
+
+
+def record_command(
+    instrument: Instrument,
+    command: CommandWaveform,
+    signals: Sequence[Signal],
+    rate_hz: float,
+    stream: Path,
+    metadata: RunMetadata,
+    *,
+    feedforward: Waveform | None = None,
+) -> Path:
+    """Run a command and record it to disk.
+
+    Samples go to the stream while they come; the file beside it ends in ``.h5``. Where the run
+    fails, what was recorded until then is in the stream.
+    """
+    prepare_loops(instrument, command.axes, command.quantity)
+    park(instrument, command.axes)
+    if Capability.WAVE_GENERATOR not in instrument.capabilities:
+        return _by_moves(instrument, command, signals, rate_hz, stream, metadata)
+    rate = instrument.recorder.configure(signals, rate_hz, 2)
+    unit = "V" if command.quantity == "voltage" else "m"
+
+    def more(number: Array) -> dict[str, Array]:
+        time = number / rate
+        made = {_named("command", a, command): command.at(a, time) for a in command.axes}
+        for a in command.reference:
+            made[_named("reference", a, command)] = command.reference_at(a, time)
+        if command.corner is not None:
+            made["corner"] = command.corner_at(time)
+        return made
+
+    channels = [(s.name, s.unit) for s in signals]
+    channels += [
+        (n, "1" if n == "corner" else "m" if n.startswith("reference") else unit)
+        for n in more(np.zeros(2))
+    ]
+    with RunWriter(stream, channels, rate, metadata) as writer:
+        run_waveform(
+            instrument,
+            command.waveform,
+            signals,
+            rate_hz=rate_hz,
+            cycles=command.cycles,
+            feedforward=feedforward,
+            writer=_Numbered(writer, more),
+        )
+    return stream.with_suffix(".h5")
+
+
+def _named(what: str, axis: str, command: CommandWaveform) -> str:
+    return what if len(command.axes) == 1 else f"{what} {axis}"
+
+
+def _by_moves(
+    instrument: Instrument,
+    command: CommandWaveform,
+    signals: Sequence[Signal],
+    rate_hz: float,
+    stream: Path,
+    metadata: RunMetadata,
+) -> Path:
+    """Go to the places where the command rests, one by one."""
+    places, dwell = _places(command)
+    rate = instrument.recorder.configure(signals, rate_hz, 2)
+    channels = [*((s.name, s.unit) for s in signals), ("command", "m")]
+    with RunWriter(stream, channels, rate, metadata) as writer:
+        run_moves(
+            instrument, command.axes[0], places.tolist(), dwell, signals, rate_hz=rate_hz,
+            writer=writer,
+        )  # fmt: skip
+    return stream.with_suffix(".h5")
+
+
+def _places(command: CommandWaveform) -> tuple[Array, float]:
+    if command.quantity != "position" or len(command.axes) != 1:
+        raise PlanError(
+            "this instrument runs no waveforms, and only positions of one axis can be gone to "
+            "without: choose another step, or an instrument with a wave generator"
+        )
+    values = command.waveform.values[command.axes[0]][command.first :]
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(values) != 0.0) + 1, [values.size]))
+    rests = np.diff(starts)
+    if np.count_nonzero(rests > 3) >= 2:
+        kept = rests > 3
+        places, dwell = values[starts[:-1][kept]], float(np.median(rests[kept]))
+    else:
+        # a smooth motion: some places on each way
+        step = max(command.period // 40, 1) if command.period else max(values.size // 200, 1)
+        places, dwell = values[::step], float(step)
+    if places.size > _MOST_PLACES:
+        raise PlanError(
+            f"this instrument runs no waveforms, and {places.size} places would have to be gone to"
+        )
+    return places, dwell / command.waveform.sample_rate_hz
+
+
+def record_strikes(
+    instrument: Instrument,
+    strike: Strike,
+    signals: Sequence[Signal],
+    rate_hz: float,
+    stream: Path,
+    metadata: RunMetadata,
+) -> Path:
+    """Strike the stage some times, and record the blows one after the other."""
+    park(instrument, ())
+    rate = instrument.recorder.configure(signals, rate_hz, 2)
+    samples = round(_BLOW_TIME * rate)
+    channels = [(s.name, s.unit) for s in signals]
+    with RunWriter(stream, channels, rate, metadata) as writer:
+        for hit in range(strike.hits):
+            with progress.subtask(hit / strike.hits, (hit + 1) / strike.hits):
+                numbered = _Numbered(writer, lambda _: {}, offset=hit * samples)
+                record_blow(instrument, strike.axis, signals, rate_hz, samples, numbered)
+    return stream.with_suffix(".h5")

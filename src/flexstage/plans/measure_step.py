@@ -6,8 +6,7 @@ import numpy as np
 
 from flexstage.errors import PlanError
 from flexstage.instruments.protocol import Signal
-from flexstage.plans.command import CommandWaveform, Strike
-from flexstage.plans.recorded_command import record_command, record_strikes
+from flexstage.plans.command import CommandWaveform, Strike, record_command, record_strikes
 from flexstage.plans.results import MeasuredStep
 from flexstage.plans.run_context import RunContext
 from flexstage.plans.verbs import Measure

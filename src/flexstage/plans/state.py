@@ -6,28 +6,38 @@ What an earlier attempt at a step has left is kept under another name, never wri
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from flexstage.errors import PlanError, RecordError
+from flexstage.files.decoder import read_json
+from flexstage.files.format import Format
 from flexstage.files.write import write_whole
 
 _NAME = "run.json"
-_VERSION = 1
+
+#: The file that keeps the state of a run.
+STATE_FILE = Format(
+    noun="state of a run",
+    key="run",
+    error=PlanError,
+    exact=True,
+    mend="choose another folder, or remove the file to begin the run anew",
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepState:
     """How far one step has come."""
 
-    status: str
-    """``running``, ``complete``, ``interrupted`` or ``failed``."""
+    status: Literal["running", "complete", "interrupted", "failed"]
+    """How it is."""
     fingerprint: str
     """Hash of everything that the step depends on."""
     files: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of each of its files, by its name from the folder of the run."""
-    partial: tuple[str, ...] = ()
+    partial: tuple[str, ...]
     """Files of attempts that were interrupted."""
     started: str = ""
     """Date and time of its start, UTC."""
@@ -63,7 +73,7 @@ class RunState:
     """Date and time of the start, UTC."""
     finished: str = ""
     """Date and time of the end, UTC; empty until all is done."""
-    steps: Mapping[str, StepState] = field(default_factory=dict)
+    steps: Mapping[str, StepState]
     """Steps by name."""
 
     def with_step(self, name: str, step: StepState) -> "RunState":
@@ -79,51 +89,20 @@ def file_hash(path: Path) -> str:
 
 def write_state(folder: Path, state: RunState) -> None:
     """Write the state whole, or leave the one that is there."""
-    write_whole(folder / _NAME, json.dumps({"run": _VERSION, **asdict(state)}, indent=1) + "\n")
+    content = {STATE_FILE.key: STATE_FILE.version, **asdict(state)}
+    write_whole(folder / _NAME, json.dumps(content, indent=1) + "\n")
 
 
 def read_state(folder: Path) -> RunState | None:
     """Read the state of a run; None where the folder holds none."""
     path = folder / _NAME
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        return read_json(RunState, path.read_bytes(), str(path), STATE_FILE)
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, RecursionError) as error:
-        raise PlanError(
-            f"'{path}' cannot be read as the state of a run ({error}): choose another folder, or "
-            "remove it to begin anew"
-        ) from error
-    try:
-        if content.pop("run") != _VERSION:
-            raise ValueError("its version is not known")
-        steps = {
-            name: StepState(**{**step, "partial": tuple(step["partial"])})
-            for name, step in content.pop("steps").items()
-        }
-        state = RunState(steps=steps, **content)
-        for part in (state, *steps.values()):
-            _require_kinds(part)
-        return state
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise PlanError(
-            f"'{path}' is not the state of a run ({error}): choose another folder, or remove it to "
-            "begin anew"
-        ) from error
-
-
-def _require_kinds(state: StepState | RunState) -> None:
-    """Refuse a state with a field of another kind than it should be."""
-    for name, value in ((entry.name, getattr(state, entry.name)) for entry in fields(state)):
-        if name in ("files", "instrument", "steps"):
-            sound = isinstance(value, dict)
-        else:
-            sound = isinstance(value, tuple if name == "partial" else str)
-        if not sound:
-            raise TypeError(f"'{name}' is {json.dumps(value)[:60]}")
-    files = (*state.partial, *state.files.values()) if isinstance(state, StepState) else ()
-    if not all(isinstance(text, str) for text in files):
-        raise TypeError("a file is no text")
+    except OSError as error:
+        reason = error.strerror or error
+        raise PlanError(f"the file {path} cannot be read: {reason}{STATE_FILE.ending}") from None
 
 
 def clear_leftovers(folder: Path, name: str, before: tuple[str, ...]) -> tuple[str, ...]:

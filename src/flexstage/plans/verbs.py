@@ -14,7 +14,6 @@ _TESTS = ("motion", "positioning", "staircase", "hold", "response", "workspace")
 #: Ways in which a reference can be followed.
 WAYS: tuple[str, ...] = ("open loop", "inverse", "feedback", "both", "learning")
 
-
 _SIZE = Range(low=0.0, high=1e3, above=True)
 _Rate = Annotated[Frequency, Range(low=1e-3, high=1e7)]
 

@@ -22,9 +22,8 @@ from flexstage.instruments.recording.attributes import read_metadata
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
-from flexstage.plans.command import CommandWaveform
+from flexstage.plans.command import CommandWaveform, park, prepare_loops, record_command
 from flexstage.plans.compensate_step import ReferenceTrajectory, joined, reference_of
-from flexstage.plans.recorded_command import park, prepare_loops, record_command
 from flexstage.plans.reference import require_whole_cycles, settled_range
 from flexstage.plans.results import VerifiedStep
 from flexstage.plans.run_context import RunContext
@@ -347,7 +346,7 @@ def _run(way: str, record: Record, file: Path, action: Verify) -> FollowedRun:
     if way == _OPEN:
         # what a constant gain, and the best offset, would have given
         output = output - float(np.mean(output) - np.mean(reference))
-    settings = read_metadata(record.attributes).settings
+    settings = read_metadata(record).settings
     return FollowedRun(
         way=way,
         time=record.time[kept] - record.time[first],

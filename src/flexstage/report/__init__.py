@@ -6,6 +6,7 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.report.comparison import Comparison, compare
+    from flexstage.report.figures.body_motion import draw_static_shape, draw_stroke
     from flexstage.report.figures.budget import draw_budget
     from flexstage.report.figures.centring import draw_polar
     from flexstage.report.figures.convergence import draw_convergence
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from flexstage.report.figures.noise import draw_hold, draw_staircase
     from flexstage.report.figures.part import draw_part
     from flexstage.report.figures.responses import draw_bode, draw_response
-    from flexstage.report.figures.static_shape import draw_static_shape, draw_stroke
     from flexstage.report.figures.style import encode
     from flexstage.report.figures.tracking import (
         draw_compensation,

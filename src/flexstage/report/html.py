@@ -8,11 +8,15 @@ from flexstage.characteristic import Characteristics
 from flexstage.quantities import QUANTITIES
 from flexstage.report.bench import bench_section, centring_section
 from flexstage.report.figures.bench import draw_bench
+from flexstage.report.figures.body_motion import (
+    body_symbols,
+    draw_static_shape,
+    draw_stroke,
+    mode_cards,
+)
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.hinges import draw_stress
-from flexstage.report.figures.mode_shapes import body_symbols, mode_cards
 from flexstage.report.figures.responses import draw_bode
-from flexstage.report.figures.static_shape import draw_static_shape, draw_stroke
 from flexstage.report.findings import FINDINGS
 from flexstage.report.front_page import front_page, outer_size
 from flexstage.report.hysteresis import hysteresis_section

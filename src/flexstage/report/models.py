@@ -71,8 +71,7 @@ def _superelement(stage: Stage, options: ModelOptions) -> ModelRun:
 
 def _plane(stage: Stage, options: ModelOptions) -> ModelRun:
     from flexstage.fem import plane_model
-    from flexstage.fem.guide_buckling import bar_buckling_load, two_notch_bars
-    from flexstage.fem.stroke import with_stroke
+    from flexstage.fem.stroke import bar_buckling_load, two_notch_bars, with_stroke
 
     with progress.subtask(0.0, 0.4 if options.stroke else 1.0):
         run = _meshed(

@@ -73,7 +73,7 @@ def _entry(path: Path, folder: Path) -> RunEntry:
         )  # fmt: skip
     kept = examine(path)
     return _described(
-        kept.head.metadata, path, folder, "failed", kept.samples, kept.head.sample_rate_hz,
+        kept.head.run, path, folder, "failed", kept.samples, kept.head.sample_rate_hz,
         "; ".join(kept.notes),
     )  # fmt: skip
 

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from flexstage.errors import RecordError
+from flexstage.files.decoder import read_json
 from flexstage.instruments.recording.frames import StreamHead
-from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.instruments.recording.metadata import RUN_DESCRIPTION, RunMetadata
+from flexstage.records import Record
 
 #: What the whole description is called, in the file and among the attributes of the record.
 RUN = "run"
@@ -22,11 +24,11 @@ def run_attributes(head: StreamHead, complete: bool, lost: Sequence[str]) -> dic
 
     `lost` says in words what was lost, or came twice.
     """
-    lines = {k: _line(v) for k, v in head.metadata.texts().items()}
+    lines = {k: _line(v) for k, v in head.run.texts().items()}
     lines[_ENDING] = "complete" if complete else "recovered"
     if lost:
         lines[_LOST] = _line("; ".join(lost))
-    return {**lines, RUN: json.dumps(head.metadata.plain())}
+    return {**lines, RUN: json.dumps(head.run.plain())}
 
 
 def _line(text: str) -> str:
@@ -35,17 +37,19 @@ def _line(text: str) -> str:
     return line.encode("utf-8", "replace").decode("utf-8")
 
 
-def read_metadata(attributes: Any) -> RunMetadata:
-    """Return what is known of a run from the attributes of its record."""
-    try:
-        return RunMetadata.from_plain(json.loads(attributes[RUN]))
-    except (KeyError, ValueError, TypeError, RecursionError) as error:
-        if isinstance(error, RecordError):
-            raise
+def read_metadata(record: Record) -> RunMetadata:
+    """Return what is known of a run from its record."""
+    if RUN not in record.attributes:
         raise RecordError(
-            "the record does not say which run it is of: it was not written by a recording of "
-            "flexstage"
-        ) from error
+            f"the record '{record.source}' does not say which run it is of: it was not written by "
+            "a recording of flexstage"
+        )
+    return _described(record.attributes[RUN], record.source)
+
+
+def _described(text: str | bytes, source: str | Path) -> RunMetadata:
+    where = f"the description of the run in {source}"
+    return read_json(RunMetadata, text, where, RUN_DESCRIPTION)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +77,7 @@ def file_summary(path: str | Path) -> RunFile:
     try:
         with h5py.File(path, "r") as opened:
             file: Any = opened
-            metadata = RunMetadata.from_plain(json.loads(file[RUN][()]))
+            metadata = _described(file[RUN][()], path)
             sets = [file[key] for key in file if key not in (RUN, "time")]
             rate = file.attrs.get("sample_rate_hz", file.attrs.get("nominal_rate_hz"))
             return RunFile(

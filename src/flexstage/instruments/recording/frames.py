@@ -17,14 +17,16 @@ import math
 import struct
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError, UnitError
-from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.files.decoder import read_json
+from flexstage.instruments.recording.metadata import RUN_DESCRIPTION, RunMetadata
 from flexstage.records.columns import measured_unit
 
 #: First bytes of a stream; the first of them is no letter, so that it is taken for no text.
@@ -40,6 +42,7 @@ _BEFORE_CHECKSUM = struct.Struct("<4sIQII")
 _PREAMBLE = struct.Struct("<8sII")
 _CHECKSUM = struct.Struct("<I")
 _VERSION = 1
+_HEAD_TEXT = replace(RUN_DESCRIPTION, noun="head of a stream")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +94,7 @@ class StreamHead:
     """Name and SI unit of each channel."""
     sample_rate_hz: float
     """Samples in a second [Hz]."""
-    metadata: RunMetadata
+    run: RunMetadata
     """What is known of the run."""
 
     def __post_init__(self) -> None:
@@ -106,8 +109,11 @@ class StreamHead:
         return 8 * len(self.channels)
 
     @classmethod
-    def read(cls, data: bytes) -> "tuple[StreamHead, int, int] | None":
-        """Return a head, its checksum and its size [bytes], or None where there is no whole one."""
+    def read(cls, data: bytes, path: Path) -> "tuple[StreamHead, int, int] | None":
+        """Return a head, its checksum and its size [bytes], or None where there is no whole one.
+
+        `path` is the file, for messages.
+        """
         if len(data) < _PREAMBLE.size or not data.startswith(HEAD):
             return None
         _, version, length = _PREAMBLE.unpack_from(data)
@@ -120,28 +126,18 @@ class StreamHead:
             return None
         if version != _VERSION:
             raise RecordError(
-                f"the stream is of version {version}, and this flexstage reads version {_VERSION}: "
-                "read it with the version that wrote it, or a later one"
+                f"the stream '{path}' is of version {version}, and this flexstage reads version "
+                f"{_VERSION}: read it with the version that wrote it, or a later one"
             )
-        return cls._decoded(covered[_PREAMBLE.size :]), checksum, size
-
-    @classmethod
-    def _decoded(cls, text: bytes) -> "StreamHead":
-        try:
-            plain = json.loads(text)
-            channels = tuple((str(name), str(unit)) for name, unit in plain["channels"])
-            rate = float(plain["sample_rate_hz"])
-            run = plain["run"]
-        except (ValueError, TypeError, KeyError, RecursionError) as error:
-            raise RecordError(f"the head of the stream describes no stream ({error!r})") from error
-        return cls(channels=channels, sample_rate_hz=rate, metadata=RunMetadata.from_plain(run))
+        text, source = covered[_PREAMBLE.size :], f"the head of the stream {path}"
+        return read_json(cls, text, source, _HEAD_TEXT), checksum, size
 
     def plain(self) -> dict[str, Any]:
         """Return everything as plain data for JSON."""
         return {
             "channels": [list(c) for c in self.channels],
             "sample_rate_hz": float(self.sample_rate_hz),
-            "run": self.metadata.plain(),
+            "run": self.run.plain(),
         }
 
 

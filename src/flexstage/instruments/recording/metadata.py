@@ -8,7 +8,19 @@ from typing import Any
 
 import flexstage
 from flexstage.errors import RecordError
+from flexstage.files.decoder import Decoder
+from flexstage.files.format import Format
+from flexstage.files.nodes import node_of
 from flexstage.instruments.protocol import Identity
+
+#: What is known of a run, as its files say it.
+RUN_DESCRIPTION = Format(
+    noun="description of a run",
+    error=RecordError,
+    later=True,
+    exact=True,
+    mend="give the file of a run as flexstage wrote it",
+)
 
 
 def utc_now() -> str:
@@ -117,17 +129,8 @@ class RunMetadata:
     @classmethod
     def from_plain(cls, plain: Any) -> "RunMetadata":
         """Return what `plain` wrote; names that this version does not know are left out."""
-        try:
-            known = {f.name for f in fields(cls)}
-            words = {k: v for k, v in plain.items() if k in known}
-            names = {f.name for f in fields(Identity)}
-            told = {k: v for k, v in words["instrument"].items() if k in names}
-            return cls(**{**words, "instrument": Identity(**told)})
-        except (AttributeError, KeyError, TypeError) as error:
-            raise RecordError(
-                f"what a file says about its run cannot be understood ({error!r}): was it written "
-                "by flexstage?"
-            ) from error
+        decoder = Decoder("what is said about a run", RUN_DESCRIPTION)
+        return decoder.decode(cls, node_of(plain), "")
 
     def texts(self) -> dict[str, str]:
         """Return what a reader of the file looks for first, as lines of text; no empty ones."""

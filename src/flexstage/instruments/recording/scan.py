@@ -91,11 +91,11 @@ def _head(file: BinaryIO, path: Path) -> tuple[StreamHead, int, int]:
     data = file.read(2 * LARGEST_HEAD + 64)
     at = 0
     while at >= 0:
-        read = StreamHead.read(data[at:])
+        read = StreamHead.read(data[at:], path)
         if read is not None:
             head, salt, size = read
             # the copy of the head, where it is whole too
-            both = StreamHead.read(data[at + size :]) is not None
+            both = StreamHead.read(data[at + size :], path) is not None
             return head, salt, at + (2 * size if both else size)
         at = data.find(HEAD, at + 1)
     if not data.startswith(HEAD[:1]) and HEAD[1:] not in data:

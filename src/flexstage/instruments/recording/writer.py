@@ -14,12 +14,7 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.instruments.recording.files import StreamFile
-from flexstage.instruments.recording.frames import (
-    END,
-    LARGEST_PAYLOAD,
-    SAMPLES,
-    StreamHead,
-)
+from flexstage.instruments.recording.frames import END, LARGEST_PAYLOAD, SAMPLES, StreamHead
 from flexstage.instruments.recording.metadata import RunMetadata
 
 #: How the name of a stream ends.
@@ -91,7 +86,7 @@ class RunWriter:
         self.head = StreamHead(
             channels=tuple((n, u) for n, u in channels),
             sample_rate_hz=sample_rate_hz,
-            metadata=metadata.begun(),
+            run=metadata.begun(),
         )
         self._names = [name for name, _ in self.head.channels]
         self._sync_after, self._clock = sync, clock
@@ -219,7 +214,7 @@ class RunWriter:
 
         Return its writer, to be continued or closed: another run, whose note names this one.
         """
-        about = self.head.metadata
+        about = self.head.run
         note = f"{about.note} (continues run {about.identifier})".strip()
         other = RunWriter(
             path,

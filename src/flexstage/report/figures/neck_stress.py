@@ -10,9 +10,9 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.quantities import number
+from flexstage.report.figures.body_motion import exaggeration
 from flexstage.report.figures.fields import Bands, add_bar, fill, frame, place, trace, window
 from flexstage.report.figures.shapes import Placer
-from flexstage.report.figures.static_shape import exaggeration
 from flexstage.report.figures.style import INK, MUTED, PAPER, dress, entitle, new_figure
 from flexstage.stage import Hinge
 from flexstage.system import Analysis
