@@ -21,9 +21,20 @@ from flexstage.export.fmu.fmu_file import fmu_files
 from flexstage.hysteresis import CreepSpectrum, LogCreep, Sensor
 from flexstage.lumped import lumped_system
 
-__all__ = ["VERSIONS", "Run", "Stepper", "fmu_folder", "model", "needs_compiler", "read_model"]
+__all__ = [
+    "STEPPED",
+    "VERSIONS",
+    "Run",
+    "Stepper",
+    "fmu_folder",
+    "model",
+    "needs_compiler",
+    "read_model",
+]
 
 VERSIONS = ("2.0", "3.0")
+#: Both steppers are the same C: of what the steps give, the older version is left to `make slow`.
+STEPPED = (pytest.param("2.0", marks=pytest.mark.slow), "3.0")
 needs_compiler = pytest.mark.skipif(
     shutil.which("cc") is None and shutil.which("gcc") is None, reason="no C compiler is installed"
 )

@@ -108,7 +108,7 @@ def full() -> DynamicModel:
 
 def test_full_piezo_stage_gives_the_same_bits(full: DynamicModel, tmp_path: Path) -> None:
     # amplifier with slew and ends of its range, hysteresis with reversals, creep, sensors
-    u = wandering(700, [RANGE, (-30.0, 150.0)], seed=5)
+    u = wandering(300, [RANGE, (-30.0, 150.0)], seed=5)
     expected, memory = stepped(full, u)
     made = CStage(tmp_path, full)
     np.testing.assert_array_equal(made.run(u), expected)
@@ -149,7 +149,7 @@ def test_hysteresis_in_pieces_gives_the_same_bits(kind: str, other: str, tmp_pat
     assert np.ptp(expected, axis=0).min() > 1e-6
 
 
-@pytest.mark.parametrize("mode_count", [1, 7])
+@pytest.mark.parametrize("mode_count", [1, pytest.param(7, marks=pytest.mark.slow)])
 def test_fewer_modes_and_coarse_steps_give_the_same_bits(mode_count: int, tmp_path: Path) -> None:
     # at 3 ms modes turn by many radians and lags by more than their time constant
     creep = LogCreep(rate_per_decade=0.02, shortest=0.0017, longest=3.0, per_decade=1)
@@ -163,7 +163,7 @@ def test_linear_drives_give_the_same_bits(name: str, tmp_path: Path) -> None:
     stage = design(name)
     model = dynamic_model(stage, lumped_system(stage), step=0.9e-4)
     ranges = [(-1e-4, 1.3e-4)] * len(model.drives)
-    u = wandering(1000, ranges, seed=6)
+    u = wandering(400, ranges, seed=6)
     np.testing.assert_array_equal(CStage(tmp_path, model).run(u), stepped(model, u)[0])
 
 

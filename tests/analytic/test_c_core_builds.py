@@ -151,7 +151,7 @@ def test_single_precision_follows_within_its_rounding(tmp_path: Path) -> None:
         stage, lumped_system(stage), mode_count=17, bandwidth_hz=1700.0,
         creep=LogCreep(rate_per_decade=0.017, longest=10.0),
     )  # fmt: skip
-    u = wandering(700, [(0.0, 120.0)] * 2, seed=15)
+    u = wandering(400, [(0.0, 120.0)] * 2, seed=15)
     expected = stepped(model, u)[0]
     made = CStage(tmp_path, model, (*EXACT, "-DFS_SINGLE"))
     found = made.run(u)

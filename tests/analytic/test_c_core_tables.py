@@ -201,7 +201,7 @@ def test_tuned_parameters_give_the_model_built_with_them(creep: Creep, tmp_path:
         made.put(name, value)
     assert made.prepare() is None
     made.settle(0.0, 0.0)
-    u = wandering(300, [(0.0, 120.0)] * 2, seed=9)
+    u = wandering(150, [(0.0, 120.0)] * 2, seed=9)
     expected = stepped(tuned(model, given), u)[0]
     assert np.abs(expected - stepped(model, u)[0]).max() > 1e-6
     # rounding of tables, through some hundred steps of modes that ring

@@ -217,7 +217,7 @@ static void sanitized{number}(void)
 """
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("precision", ["double", pytest.param("single", marks=pytest.mark.slow)])
 def test_sanitizers_find_nothing(precision: str, tmp_path: Path) -> None:
     """One program of all kinds, as each of them by itself costs as much as ten."""
     names = ["bouc-wen n=1", "bouc-wen n=3.7", "asymmetric-bouc-wen n=1.7",

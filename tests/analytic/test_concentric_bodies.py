@@ -54,6 +54,7 @@ def four_arms() -> Stage:
     return stage_from_text(FRAME + "\n".join(rows))
 
 
+@pytest.mark.slow
 def test_a_platform_in_the_middle_of_its_frame_is_meshed_in_space():
     """Every face of the plate finds the one above it: half the plate is filled with prisms."""
     stage = four_arms()

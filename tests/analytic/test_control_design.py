@@ -247,6 +247,7 @@ def test_the_delay_of_the_loop_is_that_of_the_drive_and_of_the_reading() -> None
     assert tuned.plant.delay == made.delay
 
 
+@pytest.mark.slow
 def test_a_mode_that_the_model_does_not_know_is_given_or_told() -> None:
     blind = tune(drive(modes=None), sample_rate_hz=10e3)
     assert "has no mode" in blind.notes[0]

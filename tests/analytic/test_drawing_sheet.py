@@ -176,6 +176,7 @@ def test_the_plate_is_drawn_with_its_arcs_the_right_way_round(name: str) -> None
     assert abs(total) == pytest.approx(area, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_stage_of_unlike_notches_gets_a_larger_sheet() -> None:
     root = drawn(unlike())
     assert "32 ×" not in " ".join(words(root))

@@ -523,7 +523,7 @@ def _identified(u, y, skip):
     return best.x, solved(best.x)[1]
 
 
-@pytest.mark.parametrize("other", ["one rate", "two rates"])
+@pytest.mark.parametrize("other", ["one rate", pytest.param("two rates", marks=pytest.mark.slow)])
 def test_it_identifies_better_than_sines_of_the_same_time(other):
     """Held-out error of a model of another class than the plant, fitted to either record."""
     rates = (0.4, 4.1)

@@ -197,6 +197,7 @@ def test_two_rates_tell_delay_and_creep():
     assert found.rms_percent < 1.3 * found.noise_percent
 
 
+@pytest.mark.slow
 def test_two_rates_tell_a_resonance():
     mode = StageModes(frequency_hz=(87.0,), damping_ratio=(0.02,), share=(1.0,))
     slow = chained(0.9, 0.01, 1500, 3, mode)

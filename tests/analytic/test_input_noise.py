@@ -85,6 +85,7 @@ def test_what_the_output_follows_is_motion():
     assert noise == 0.0
 
 
+@pytest.mark.slow
 def test_noise_of_the_input_does_not_move_the_delay():
     """Half a sample averages two samples of noise: 7.5 ms or 12.5 ms would be preferred."""
     u = drive()

@@ -72,6 +72,7 @@ def test_plain_text_says_the_equation_of_motion(small: tuple[SheetSection, ...])
     assert "{" not in text
 
 
+@pytest.mark.slow
 def test_study_stage_is_not_megabytes() -> None:
     model = symbolic_model(design("vgtu-piezo"))
     small = condense(model)

@@ -176,6 +176,7 @@ def test_damping_takes_energy_at_the_modal_rate() -> None:
     assert np.abs(got - wanted).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_drive_force_moves_to_the_static_state() -> None:
     model = nonlinear(parallelogram())
     push = 3.0

@@ -170,7 +170,7 @@ def direct(
         ("rayleigh", "force", 2.3e7),
         ("rayleigh", "free displacement", 2.3e7),
         ("rayleigh", "free displacement", None),
-        ("none", "free displacement", 2.3e7),
+        pytest.param("none", "free displacement", 2.3e7, marks=pytest.mark.slow),
     ],
 )
 def test_transfer_function_is_the_response(

@@ -213,6 +213,7 @@ def test_close_modes_are_separated():
         assert_modes(fit, modes, 1e-3, 6e-2)
 
 
+@pytest.mark.slow
 def test_close_modes_in_many_responses():
     rng = stream(2)
     residues = rng.standard_normal((3, 12)) - 30j * rng.standard_normal((3, 12))
@@ -279,6 +280,7 @@ def test_correlated_noise_has_no_mode():
         assert fit_modes(measured(LINES, noise, deviation=0.3)).modes == ()
 
 
+@pytest.mark.slow
 def test_noise_in_proportion_is_found():
     """Few lines of a peak show it, and the fit follows half of their noise."""
     lines = LINES[LINES < 160.0]
@@ -333,7 +335,7 @@ def test_weights_matter():
     h = response_of(lines, MODES[:1], RESIDUES[:1])
     sd = np.where(np.arange(lines.size) % 2 == 0, 1.0, 0.01)[:, None] * 0.05 * np.abs(h).max()
     errors = []
-    for number in range(12):
+    for number in range(6):
         noisy = h + sd * complex_noise(stream(41, number), *h.shape)
         response = measured(lines, noisy, deviation=sd[:, :, None])
         weighted = fit_modes(response, count=1).modes[0].frequency_hz
@@ -343,6 +345,7 @@ def test_weights_matter():
     assert 0.5 < np.std(errors) < 1.6
 
 
+@pytest.mark.slow
 def test_fitted_band_holds_the_truth():
     inside, errors = [], []
     lines = LINES[::2]
@@ -418,7 +421,7 @@ def assert_covering(hits, repeats, full=400):
     assert low <= np.mean(hits) <= high
 
 
-@pytest.mark.parametrize("repeats", sizes(slow=150, evidence=400))
+@pytest.mark.parametrize("repeats", sizes(slow=60, evidence=400))
 @pytest.mark.parametrize(
     "kind", ["given", "none", "two noises", "few averages", "shared lines", "shared outputs"]
 )
@@ -437,7 +440,7 @@ def test_coverage(kind, repeats):
     assert_covering(shapes, 2 * repeats, full=800)
 
 
-@pytest.mark.parametrize("repeats", sizes(slow=60, evidence=400))
+@pytest.mark.parametrize("repeats", sizes(slow=30, evidence=400))
 def test_coverage_of_delay_and_lag(repeats):
     tau, lag = 130e-6, 420e-6
     real = np.array([1.0, -0.7, 0.9]) / np.array([2j * pole(*m).imag for m in MODES]) * 1e4

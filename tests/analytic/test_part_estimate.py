@@ -32,9 +32,10 @@ def tube() -> Part:
 @pytest.mark.parametrize(
     ("part", "mesh", "most"),
     [
-        (block(), PartMesh(order=2, size=3e-3), 1.4),
+        pytest.param(block(), PartMesh(order=2, size=3e-3), 1.4, marks=pytest.mark.slow),
         (notched(), PartMesh(order=3, size=2.5e-3), 1.4),
-        (tube(), PartMesh(order=2), 1.8),  # a shell has the fewest elements for its surface
+        # a shell has the fewest elements for its surface
+        pytest.param(tube(), PartMesh(order=2), 1.8, marks=pytest.mark.slow),
     ],
 )
 def test_a_mesh_is_about_what_was_expected(part: Part, mesh: PartMesh, most: float) -> None:

@@ -1,6 +1,7 @@
 """Plans carried out on an instrument whose every reading has a closed form."""
 
 import json
+import math
 import re
 import shutil
 
@@ -11,9 +12,11 @@ from flexstage.errors import ControllerError, FlexstageError, NotConnectedError,
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.lock import stage_lock
 from flexstage.plans import Plan, run_plan
+from flexstage.plans.centre_step import centred_from
 from flexstage.plans.file import plan_from_text
 from flexstage.plans.results import MeasuredStep
 from flexstage.plans.state import read_state
+from flexstage.plans.verbs import Centre
 from flexstage.records import read_record
 from tests.simple_instrument import SimpleInstrument
 
@@ -385,6 +388,24 @@ def test_a_state_with_a_field_of_another_kind_is_refused(tmp_path, key, change):
     (tmp_path / "run.json").write_text(json.dumps({"run": 1, "steps": {}, **change}))
     with pytest.raises(PlanError, match=re.escape(f"run.json{key}: ")):
         run_plan(made(), bench(), tmp_path, resume=True)
+
+
+def test_a_result_of_centring_that_is_none_is_refused(tmp_path):
+    file = tmp_path / "fine.json"
+    good = {
+        "name": "fine", "axes": ["x", "y"], "target": 1e-7, "reached": True, "reason": "done",
+        "moves": [{
+            "kind": "start", "command": [0, 1e-6], "eccentricity": [0.0, 0.0], "length": 0.0,
+            "uncertainty": 1e-9, "predicted": None, "true_length": math.nan,
+        }],
+        "notes": [],
+    }  # fmt: skip
+    file.write_text(json.dumps(good))
+    assert centred_from(None, "fine", Centre(), file).moves[0].command == (0.0, 1e-6)
+    good["moves"][0]["command"] = [1e-6]
+    file.write_text(json.dumps(good))
+    with pytest.raises(PlanError, match=r"fine\.json, moves\[0\]\.command: expected .* 2 entries"):
+        centred_from(None, "fine", Centre(), file)
 
 
 def test_a_missing_sensor_of_the_instrument_is_refused_before_it_moves(tmp_path):

@@ -70,6 +70,7 @@ def test_a_small_multisine_finds_the_mode_with_the_drives_in_place(tmp_path):
     assert got.uncertainty < 0.01
 
 
+@pytest.mark.slow
 def test_the_inverse_and_control_leave_little_of_the_loop(tmp_path):
     found = carried_out(
         "  - {name: sines, excite: {kind: multisine, axis: x, band: [500 Hz, 1400 Hz],"

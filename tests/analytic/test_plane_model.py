@@ -47,6 +47,7 @@ def test_statics_are_those_of_the_mesh(model: StageModel) -> None:
     assert shape @ half.continuum.mass_times(shape) == pytest.approx(1.0, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_drive_in_place_needs_no_more_modes() -> None:
     stage = design("vgtu-piezo")
     few, many = (
@@ -163,6 +164,7 @@ def test_two_drives_on_one_edge_are_refused() -> None:
         plane_model(replace(STAGE, drives=(drive, replace(drive, name="again"))), MESH)
 
 
+@pytest.mark.slow
 def test_in_space_a_stage_lies_between_plane_stress_and_plane_strain() -> None:
     mesh = MeshSettings(order=3, neck_size=1.5)
     space = solid_model(STAGE, mesh, modes=(3, 3))

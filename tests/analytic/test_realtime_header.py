@@ -215,7 +215,7 @@ def test_the_bound_grows_as_damping_falls_and_with_the_step() -> None:
     ("language", "precision"),
     [
         ("c99", "double"),
-        ("c++17", "single"),
+        pytest.param("c++17", "single", marks=pytest.mark.slow),
         pytest.param("c99", "single", marks=pytest.mark.slow),
         pytest.param("c11", "double", marks=pytest.mark.slow),
         pytest.param("c++11", "single", marks=pytest.mark.slow),
@@ -246,6 +246,7 @@ def test_it_compiles_without_a_warning(
     assert "largest deviation" in done.stderr
 
 
+@pytest.mark.slow
 def test_two_stages_stand_in_one_program(tmp_path: Path) -> None:
     models = {"one": _model("vgtu-piezo"), "two": _model("vgtu-mechanical")}
     files: dict[str, bytes] = {}
@@ -262,6 +263,7 @@ def test_two_stages_stand_in_one_program(tmp_path: Path) -> None:
         assert not re.search(r"\b(fs|FS)_", files[header].decode())
 
 
+@pytest.mark.slow
 def test_the_self_test_finds_a_changed_number_and_a_step_that_fails(tmp_path: Path) -> None:
     model = _model("vgtu-piezo", mode_count=5)
     made: dict[str, bytes] = {}

@@ -95,6 +95,7 @@ def test_a_delay_short_of_the_longest_is_found() -> None:
     assert found.frequency_hz == pytest.approx(412.7, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_chain_holds_what_was_found() -> None:
     mode = StageModes(frequency_hz=(412.7,), damping_ratio=(0.0131,))
     made = record(multisine=True, mode=mode, duration=25.0)
@@ -135,6 +136,7 @@ def test_jumps_show_it_as_well() -> None:
     assert found.rms_percent < 0.08
 
 
+@pytest.mark.slow
 def test_what_is_held_out_does_not_show_a_resonance() -> None:
     mode = StageModes(frequency_hz=(412.7,), damping_ratio=(0.0131,))
     made = record(multisine=True, mode=mode)

@@ -25,6 +25,7 @@ def model():
     return plane_model(STAGE, MESH)
 
 
+@pytest.mark.slow
 def test_a_parallelogram_sags_as_its_legs_turn(model) -> None:
     axis = analyse(STAGE, model.system).axes[0]
     path = follow_stroke(model, axis, steps=9)

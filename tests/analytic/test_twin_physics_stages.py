@@ -135,6 +135,7 @@ def test_a_stage_is_what_is_asked_of_a_virtual_stage() -> None:
         assert any("drawn, not measured" in note for note in typed.notes)
 
 
+@pytest.mark.slow
 def test_seeds_scatter_strokes_and_frequencies_by_some_percent() -> None:
     spans, frequencies = [], []
     for seed in range(8):

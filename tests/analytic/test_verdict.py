@@ -127,6 +127,7 @@ def test_spikes_are_taken_out_and_nothing_else(size, length):
     assert np.array_equal(np.delete(mended, at), np.delete(CLEAN, at))
 
 
+@pytest.mark.slow
 def test_four_spikes_change_neither_stroke_nor_delay_nor_creep():
     u = drive(4000)
     y = stack(u, late=0.012)

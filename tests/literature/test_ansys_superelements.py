@@ -173,6 +173,7 @@ def report(what: str, ours: np.ndarray, ansys: np.ndarray) -> None:
     LOG.info("%s\n  ours  %s\n  ansys %s\n  %%     %s", what, ours, ansys, difference.round(2))
 
 
+@pytest.mark.slow
 def test_id16_roughly_and_quickly():
     # Order 2 on this mesh is 13 % too stiff in bending and 30 % in torsion, but 3 % axially. At any
     # order a rigid interface is stiffer in every motion.

@@ -20,7 +20,9 @@ def _ccx() -> None:
     calculix.needed()
 
 
-@pytest.mark.parametrize(("kind", "strain"), [("CPS8", ""), ("CPE8", ".*")])
+@pytest.mark.parametrize(
+    ("kind", "strain"), [("CPS8", ""), pytest.param("CPE8", ".*", marks=pytest.mark.slow)]
+)
 def test_circular_hinge_in_the_plane(kind: str, strain: str) -> None:
     theirs = piece.by_calculix(piece.quadrilaterals(16, 4, 16), kind, modes=2)
     ours = piece.by_flexstage(5, neck_size=0.8, size=4e-3, grading=0.5, strain=strain, modes=2)

@@ -90,7 +90,7 @@ def test_cycles_that_were_held_out(model: str) -> None:
     ("model", "fitted"),
     [
         *((model, 0) for model in ALLOWED),
-        ("preisach", 1),
+        pytest.param("preisach", 1, marks=pytest.mark.slow),
         pytest.param("modified-prandtl-ishlinskii", 1, marks=pytest.mark.slow),
         pytest.param("bouc-wen", 1, marks=pytest.mark.slow),
     ],

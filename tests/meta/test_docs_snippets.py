@@ -23,6 +23,15 @@ FENCE = re.compile(
     r"(?P<code>.*?)^(?P=indent)(?P=ticks) *$",
     re.MULTILINE | re.DOTALL,
 )
+#: Pages that compute for seconds; the snippets of the others run by default.
+LONG = {
+    f"docs/{name}.md"
+    for name in (
+        "explanation/identification", "how-to/compensate", "how-to/control", "how-to/equations",
+        "how-to/finite-elements", "how-to/frequency-response", "how-to/identify",
+        "how-to/update-model", "how-to/write-a-plan", "tutorials/piezo-hysteresis",
+    )
+}  # fmt: skip
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
@@ -74,11 +83,22 @@ def session(block: Block, names: dict[str, Any], name: str) -> None:
     assert result.failed == 0, "".join(said)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def name_of(page: Path) -> str:
+    """Path of a page in the project."""
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=name, marks=[pytest.mark.slow] if name in LONG else [])
+        for page, name in ((page, name_of(page)) for page in PAGES)
+    ],
+)
 def test_snippets_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
-    run(page.read_text("utf-8"), str(page.relative_to(ROOT)))
+    run(page.read_text("utf-8"), name_of(page))
 
 
 def test_the_runner_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,9 @@ SMALL = {
 }
 
 
-@pytest.mark.parametrize("name", SMALL)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "growth" else n for n in SMALL]
+)
 def test_a_case_runs(name: str) -> None:
     work: Iterator[Row] = SMALL[name]()
     rows = list(work)

@@ -28,7 +28,9 @@ def pendulum() -> Mechanism:
     )
 
 
-@pytest.mark.parametrize("stages", [1, 2, 3])
+@pytest.mark.parametrize(
+    "stages", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow)]
+)
 def test_order_is_twice_the_stages(stages: int) -> None:
     model = nonlinear(pendulum())
     start = np.array([0.002, -0.001, 0.3])
@@ -78,6 +80,7 @@ def momenta(source: Mechanism, step: float) -> tuple[np.ndarray, np.ndarray]:
     return linear, spin + (x * v[..., 1] - y * v[..., 0]) @ mass
 
 
+@pytest.mark.slow
 def test_what_is_free_keeps_its_momenta() -> None:
     source = chain(4, held=False)
     linear, coarse = momenta(source, 1e-4)

@@ -240,6 +240,7 @@ def test_identification_without_noise_is_exact(mass: float | None) -> None:
     assert found.warnings == ()
 
 
+@pytest.mark.slow
 def test_free_exponent_is_found() -> None:
     truth = varied(exponent=1.35, beta_gamma=870.0 * 55.0**-0.35, beta_delta=-420.0 * 55.0**-0.35)
     force, displacement = record(truth, 800, 22)
@@ -258,6 +259,7 @@ def test_equation_error_at_another_exponent() -> None:
 
 
 # 12 records with noise: the errors in units of their standard errors have a variance of one.
+@pytest.mark.slow
 def test_standard_errors_are_those_of_repeated_records() -> None:
     force, displacement = record(MODEL, 700, 23)
     rng, scores = np.random.default_rng(9), []

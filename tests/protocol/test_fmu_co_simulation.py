@@ -11,7 +11,7 @@ from flexstage.export import dynamic_model
 from flexstage.export.model import DynamicModel
 from flexstage.hysteresis import BoucWen, LogCreep, Sensor
 from flexstage.lumped import lumped_system
-from tests.fmu_parts import VERSIONS, Run, Stepper, fmu_folder, model, needs_compiler
+from tests.fmu_parts import STEPPED, Run, Stepper, fmu_folder, model, needs_compiler
 from tests.tiers import sizes
 
 pytestmark = needs_compiler
@@ -53,7 +53,7 @@ def _reference(made: DynamicModel, u: dict[str, np.ndarray], first: dict[str, fl
     return made.simulate(u, made.settled(first))[0]
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 @pytest.mark.parametrize("name", ["piezo", "bare", "screws", "parallelogram", "humming"])
 def test_readings_are_those_of_the_model(name: str, version: str, here: Path) -> None:
     made = model(name)
@@ -93,12 +93,12 @@ def test_twenty_random_inputs_with_a_reset_between_them(here: Path) -> None:
 
 
 @pytest.mark.parametrize("count", sizes(slow=100, evidence=1000))
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_many_random_inputs(version: str, here: Path, count: int) -> None:
     _many(count, here, version)
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_a_second_of_the_full_stage(version: str, here: Path) -> None:
     made = model("piezo")
     u = _commands(made, 10_000, seed=11)
@@ -142,7 +142,7 @@ def test_a_rate_holds_for_one_step(here: Path) -> None:
     assert np.allclose(found, wanted[[0, 2]], rtol=1e-12, atol=0.0)
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_a_step_of_seven_is_seven_steps_on_one_line(version: str, here: Path) -> None:
     made = model("piezo")
     u = _commands(made, 40, seed=7)
@@ -161,7 +161,7 @@ def test_a_step_of_seven_is_seven_steps_on_one_line(version: str, here: Path) ->
     _agree(found, wanted, 1e-10)
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 @pytest.mark.parametrize("name", ["piezo", "bare"])
 def test_a_command_jumps_and_holds_where_nothing_else_is_said(
     name: str, version: str, here: Path
@@ -193,7 +193,7 @@ def test_a_command_jumps_and_holds_where_nothing_else_is_said(
     _agree(found, {p: np.array(v) for p, v in wanted.items()}, _SAME)
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_a_bad_step_is_refused_and_nothing_has_moved(version: str, here: Path) -> None:
     made = model("piezo")
     first = {"x.command": 40.0, "y.command": 20.0}
@@ -222,7 +222,7 @@ def test_an_importer_that_adds_up_its_steps_may_drift_by_rounding(here: Path) ->
     run.free()
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_tuned_parameters_give_the_model_that_is_built_with_them(version: str, here: Path) -> None:
     made = model("piezo")
     x, y = made.drives
@@ -275,7 +275,7 @@ def test_tuned_parameters_give_the_model_that_is_built_with_them(version: str, h
     assert np.all(np.isfinite(tuned["x"]))
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_ten_instances_do_not_know_of_one_another(version: str, here: Path) -> None:
     made = model("piezo")
     folder = fmu_folder(here, "piezo", version)
@@ -294,7 +294,7 @@ def test_ten_instances_do_not_know_of_one_another(version: str, here: Path) -> N
         _agree({p: np.array(y) for p, y in out.items()}, wanted, _SAME)
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_calls_out_of_order_and_bad_values_are_refused_with_a_message(
     version: str, here: Path
 ) -> None:
@@ -326,7 +326,7 @@ def test_calls_out_of_order_and_bad_values_are_refused_with_a_message(
     run.free()
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_a_library_of_another_description_is_not_started(version: str, here: Path) -> None:
     folder = fmu_folder(here, "bare", version)
     with pytest.raises(Exception, match=r"[Ff]ailed to instantiate"):

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from flexstage.export.model import DynamicModel
-from tests.fmu_parts import VERSIONS, Run, fmu_folder, model, needs_compiler
+from tests.fmu_parts import STEPPED, Run, fmu_folder, model, needs_compiler
 
 pytestmark = needs_compiler
 _REST = {"x": 20.0, "y": 30.0}
@@ -98,13 +98,13 @@ def _exact(name: str, version: str, here: Path, within: float) -> None:
 
 
 # the solver is asked for eleven digits a step; its many steps lose some of them
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 @pytest.mark.parametrize("name", ["bare", "relaxing"])
 def test_stacks_with_hysteresis_follow_straight_lines(name: str, version: str, here: Path) -> None:
     _exact(name, version, here, 1e-8)
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_imposed_displacements_need_no_rate_of_the_command(version: str, here: Path) -> None:
     # the corners of the command are blows to the modes through the damping: exact in both
     _exact("screws", version, here, 1e-8)
@@ -145,7 +145,7 @@ def _stairs(version: str, here: Path, tolerance: float) -> tuple[np.ndarray, np.
     return found, np.array([wanted[p][99::100] for p in ("x", "y")])
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_the_full_stage_answers_jumps_under_cvode(version: str, here: Path) -> None:
     # amplifier that slews and follows, reversal in it, hysteresis, creep, 60 modes, lag of the
     # sensor. Measured 3e-7 to 7e-7 of the stroke: the solver at 1e-6, and the reference, which
@@ -155,7 +155,7 @@ def test_the_full_stage_answers_jumps_under_cvode(version: str, here: Path) -> N
     assert np.all(np.ptp(wanted, axis=1) > 1e-5)
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_the_voltage_stays_within_the_range_and_leaves_it_again(version: str, here: Path) -> None:
     # the range ends at 120 V; the command goes to 180 V and comes back
     rows = [(0.0, 20.0, 30.0), (0.001, 20.0, 30.0), (0.001, 180.0, -40.0), (0.006, 180.0, -40.0),
@@ -190,7 +190,7 @@ def test_the_voltage_stays_within_the_range_and_leaves_it_again(version: str, he
     assert abs(x[-1] - 100.0) < 1e-2
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 @pytest.mark.parametrize("name", ["piezo", "screws"])
 def test_nothing_depends_on_what_it_is_not_said_to_depend_on(
     name: str, version: str, here: Path
@@ -234,7 +234,7 @@ def test_nothing_depends_on_what_it_is_not_said_to_depend_on(
     assert seen > 4 * made.omega.size
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_mains_and_steps_of_a_sensor_are_those_of_the_samples(version: str, here: Path) -> None:
     made = model("humming")
     drive, probe = made.drives[0].name, made.probes[0].name

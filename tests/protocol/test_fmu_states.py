@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from tests.fmu_parts import VERSIONS, Run, Stepper, fmu_folder, model, needs_compiler
+from tests.fmu_parts import STEPPED, Run, Stepper, fmu_folder, model, needs_compiler
 
 pytestmark = needs_compiler
 
@@ -25,7 +25,7 @@ def _wave(n: int, seed: int) -> dict[str, np.ndarray]:
 _FIRST = {"x.command": 33.0, "y.command": 71.0}
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_a_restored_state_goes_on_with_the_same_bits(version: str, here: Path) -> None:
     made = model("piezo")
     run = Run(fmu_folder(here, "piezo", version)).start(_FIRST)
@@ -47,7 +47,7 @@ def test_a_restored_state_goes_on_with_the_same_bits(version: str, here: Path) -
     run.free()
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_a_serialised_state_goes_on_in_another_instance(version: str, here: Path) -> None:
     made = model("piezo")
     folder = fmu_folder(here, "piezo", version)
@@ -71,7 +71,7 @@ def test_a_serialised_state_goes_on_in_another_instance(version: str, here: Path
     other.free()
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_states_that_do_not_belong_are_refused(version: str, here: Path) -> None:
     run = Run(fmu_folder(here, "piezo", version)).start(_FIRST)
     state = run.fmu.getFMUState()
@@ -100,7 +100,7 @@ def test_states_that_do_not_belong_are_refused(version: str, here: Path) -> None
         each.free()
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", STEPPED)
 def test_looking_at_states_of_the_solver_does_not_change_the_steps(
     version: str, here: Path
 ) -> None:

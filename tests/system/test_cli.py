@@ -151,6 +151,7 @@ def test_every_model_of_a_stage_side_by_side(
     assert list(results["models"]["plane"]["strokes"]) == ["x"]
 
 
+@pytest.mark.slow
 def test_analyse_refines_to_an_accuracy(capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--model", "plane", "--accuracy", "0.05%", "--json", "--quiet")
     assert run("analyse", "parallelogram", *words) == 0

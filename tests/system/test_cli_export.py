@@ -69,6 +69,7 @@ def test_several_formats_get_a_folder_each(tmp_path: Path, capsys) -> None:
     assert "parallelogram.step" in capsys.readouterr().out.replace("\n", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", ["vgtu-mechanical", "parallelogram"])
 def test_a_screw_stage_is_handed_on_too(stage: str, tmp_path: Path) -> None:
     words = ["--to", "mat,c,fmu,simulink,diagram", "--source-only", "--out", str(tmp_path)]

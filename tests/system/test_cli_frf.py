@@ -229,6 +229,7 @@ def test_ring_down(capsys, folder, tmp_path):
     assert found(capsys, path, "--ring-down", "--output", "1,2")["modes"] == result["modes"]
 
 
+@pytest.mark.slow
 def test_delay_and_lag_of_a_sensor(capsys, folder):
     rng = np.random.default_rng(35)
     delay, lag = 3.1e-3, 0.29e-3
@@ -451,14 +452,24 @@ def test_a_figure_that_cannot_be_written_leaves_no_response(capsys, struck, tmp_
     assert list(tmp_path.iterdir()) == [blocked]
 
 
+@pytest.fixture(scope="module")
+def estimated():
+    """What a record of random motion gave, to be found again in each file of its response."""
+    return {}
+
+
 @pytest.mark.parametrize("suffix", ["csv", "npz", "h5", "mat"])
-def test_a_response_that_was_written_gives_the_same_modes(capsys, shaken, tmp_path, suffix):
+def test_a_response_that_was_written_gives_the_same_modes(
+    capsys, shaken, estimated, tmp_path, suffix
+):
     out = tmp_path / f"response.{suffix}"
     band = ("--band", "80:350", "--modes", "2")
-    first = found(
-        capsys, shaken, "--input", "force", "--output", "a,b", "--resolution", "0.5 Hz", *band,
-        "--out", out,
-    )  # fmt: skip
+    words = (shaken, "--input", "force", "--output", "a,b", "--resolution", "0.5 Hz")
+    first = estimated or found(capsys, *words, *band, "--out", out)
+    if estimated:
+        # the modes are those of the first file: only the response is written anew
+        found(capsys, *words, "--band", "80:350", "--modes", "0", "--out", out)
+    estimated.update(first)
     again = found(capsys, out, *band)
     assert again["outputs"] == ["a", "b"]
     for one, other in zip(first["modes"], again["modes"], strict=True):

@@ -167,6 +167,7 @@ def test_names_and_units_of_columns(capsys, tmp_path, table):
     assert result["stroke"]["value"] == pytest.approx(1e-9 * plain["stroke"]["value"], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_two_rates_tell_the_delay(capsys, tmp_path):
     delay = 0.0047
     for name, rate_hz, sample_rate in (("slow", 0.7, 100.0), ("fast", 9.1, 1700.0)):
@@ -417,6 +418,7 @@ def test_a_path_that_cannot_be_written_is_status_1(capsys, tmp_path, text_file):
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_the_temperature_is_kept_in_the_model(capsys, text_file, tmp_path):
     out = tmp_path / "m.yaml"
     base = (text_file, *COLUMNS, "--model", "dahl", "--out", out)

@@ -116,13 +116,16 @@ def test_a_drawing_says_where_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     assert Path("p.svg").read_bytes().startswith(b"<?xml")
 
 
+@pytest.mark.parametrize(
+    ("form", "begins"),
+    [("svg", "<svg"), pytest.param("latex", "\\documentclass", marks=pytest.mark.slow)],
+)
 def test_equations_in_a_file_are_printed_as_an_object_beside_it(
-    capsys: pytest.CaptureFixture[str],
+    capsys: pytest.CaptureFixture[str], form: str, begins: str
 ) -> None:
-    for form, begins in (("latex", "\\documentclass"), ("svg", "<svg")):
-        words = ("equations", "parallelogram", "--format", form, "--out", "file", "--json")
-        with pytest.raises(SystemExit) as end:
-            main(words)
-        assert not end.value.code
-        assert json.loads(capsys.readouterr().out)["files"] == ["file"]
-        assert begins in Path("file").read_text(encoding="utf-8")[:200]
+    words = ("equations", "parallelogram", "--format", form, "--out", "file", "--json")
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert not end.value.code
+    assert json.loads(capsys.readouterr().out)["files"] == ["file"]
+    assert begins in Path("file").read_text(encoding="utf-8")[:200]

@@ -154,6 +154,7 @@ def test_several_models_are_printed_each_by_its_name(
     assert len(found["files"]) == 6
 
 
+@pytest.mark.slow
 def test_all_leaves_out_what_is_impossible(capsys: pytest.CaptureFixture[str]) -> None:
     words = ("analyse", "parallelogram", "--model", "all", "--stroke", "--json")
     found = printed(capsys, *words)

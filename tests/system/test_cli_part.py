@@ -109,6 +109,7 @@ def test_a_file_without_a_solid(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "solid" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshed_here")
 def test_own_material_and_both_kinds_of_interfaces(
     bar: str, capsys: pytest.CaptureFixture[str]
@@ -130,6 +131,7 @@ def test_own_material_and_both_kinds_of_interfaces(
     assert 0.3 < ratio < 3.0  # some dozen elements
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshed_here")
 def test_the_point_of_the_stiffness(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--hold", "x-min", "--move", "x-max", "--size", "8", "--order", "2", "--modes", "0")

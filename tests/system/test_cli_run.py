@@ -188,7 +188,8 @@ def test_the_folder_of_a_run_is_named_by_time_and_stage(capsys, plan, tmp_path, 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("by", ["SIGINT", pytest.param("SIGTERM", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("by", ["SIGINT", "SIGTERM"])
 def test_an_interrupted_run_says_how_it_is_taken_up_and_can_be(capsys, plan, tmp_path, by):
     more = (
         "  - {name: rest, excite: {kind: hold, axis: x, duration: 1 s}}\n"

@@ -50,6 +50,7 @@ def run(capsys, folder, *words):
     return said.out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_modes_with_the_drives_in_place_are_told_apart(capsys, done):
     said = run(capsys, done)

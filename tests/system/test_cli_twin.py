@@ -121,6 +121,7 @@ def test_a_conversation_with_a_process(start):
     assert twin.end(signal.SIGTERM) == (0, "", "")
 
 
+@pytest.mark.slow
 @POSIX
 def test_control_is_held_and_an_interrupt_ends_it_well_in_real_time(start):
     twin = start("vgtu-mechanical", "--port", "0", "--host", "0.0.0.0", "--hold-control")

@@ -175,6 +175,7 @@ def test_identified_and_followed_through_the_commands_of_a_controller() -> None:
         assert got.random_rms < 10e-9
 
 
+@pytest.mark.slow
 def test_feedforward_of_a_quick_identification() -> None:
     """Two rates, a thousand samples a second, no resonance: what takes seconds to identify."""
     stage = virtual_stage(design("vgtu-piezo"), seed=4)

@@ -32,7 +32,9 @@ def covered(name: str, stages: int, measurements: int) -> dict[tuple[str, str], 
     return found
 
 
-@pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("vgtu-piezo", marks=pytest.mark.slow), "vgtu-mechanical"]
+)
 def test_figures_of_a_few_measurements(name: str) -> None:
     # the first of those below
     found = covered(name, 1, 2)
@@ -42,7 +44,7 @@ def test_figures_of_a_few_measurements(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])
-@pytest.mark.parametrize(("stages", "measurements"), sizes(slow=(6, 25), evidence=(20, 50)))
+@pytest.mark.parametrize(("stages", "measurements"), sizes(slow=(3, 25), evidence=(20, 50)))
 def test_intervals_hold_the_truth_in_95_of_100_cases(
     name: str, stages: int, measurements: int
 ) -> None:

@@ -59,6 +59,7 @@ def test_notch_comparison(capsys: pytest.CaptureFixture[str]) -> None:
     assert rows["circular"][1] == pytest.approx(3.890, abs=0.001)
 
 
+@pytest.mark.slow
 def test_the_notebook_shows_what_it_prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}

@@ -304,6 +304,7 @@ def test_convergence_draws_the_changes_of_each_mesh(
 # ------------------------------------------------------------------ the report
 
 
+@pytest.mark.slow
 def test_sections_of_meshes_are_there_where_a_mesh_is(
     plane: StageModel, plane_analysis: Analysis
 ) -> None:

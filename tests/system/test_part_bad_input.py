@@ -138,13 +138,18 @@ def test_the_suffix_does_not_matter(tmp_path: Path) -> None:
     assert len(read_step(other).faces) == 7
 
 
-@pytest.mark.usefixtures("meshed_here")
-def test_faces_by_name_by_point_and_by_axis(tmp_path: Path) -> None:
+@pytest.fixture
+def clamped(tmp_path: Path) -> Part:
+    """The plate with a name for one of its faces, read from a file."""
     shape = plate()
     for face in shape.faces:
         if face.center.x > 17.9:
             face.name = "clamp"
-    part = read_step(step(shape, tmp_path / "part.step"))
+    return read_step(step(shape, tmp_path / "part.step"))
+
+
+def test_faces_by_name_by_point_and_by_axis(clamped: Part) -> None:
+    part = clamped
     assert part.select("x", "max") == ("clamp",)
     (bottom,) = part.select("z", "min")
     assert part.face_at((12e-3, 1e-3, 0.4e-3)) == bottom
@@ -155,19 +160,24 @@ def test_faces_by_name_by_point_and_by_axis(tmp_path: Path) -> None:
     assert by_name[hole].area == pytest.approx(math.pi * 2.3e-3 * 3e-3, rel=1e-6)
     assert by_name[bottom].kind == "plane"
     assert by_name[bottom].normal == pytest.approx((0.0, 0.0, -1.0))
-    mesh = part.mesh(PartMesh(order=3, curvature=2.0))
-    assert set(mesh.GetBoundaries()) == set(by_name)
-    body = Continuum(mesh, STEEL, order=1, held="clamp")
-    # all areas, to the mesh's curved sides
-    for face in part.faces:
-        found = body.measure(boundary=part.boundary(face.name))
-        assert found == pytest.approx(face.area, rel=1e-3)
     with pytest.raises(StageError, match="as near to face"):
         part.face_at((18e-3, 9e-3, 2e-3))
     with pytest.raises(StageError, match="has no face 'clmp'"):
         part.boundary("clmp")
     with pytest.raises(StageError, match="an axis x, y or z"):
         part.select("w", "max")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("meshed_here")
+def test_faces_of_a_mesh_are_those_of_the_part(clamped: Part) -> None:
+    mesh = clamped.mesh(PartMesh(order=3, curvature=2.0))
+    assert set(mesh.GetBoundaries()) == {face.name for face in clamped.faces}
+    body = Continuum(mesh, STEEL, order=1, held="clamp")
+    # all areas, to the mesh's curved sides
+    for face in clamped.faces:
+        found = body.measure(boundary=clamped.boundary(face.name))
+        assert found == pytest.approx(face.area, rel=1e-3)
 
 
 def test_a_face_that_looks_inwards_is_no_end() -> None:
@@ -213,6 +223,7 @@ def test_a_mesher_without_end_is_given_up() -> None:
     assert one_sentence(str(caught.value))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshed_here")
 def test_thin_places_get_small_elements() -> None:
     # two holes with a wall of 0.2 mm between them; elsewhere 3 mm and more
@@ -237,6 +248,7 @@ def test_thin_places_get_small_elements() -> None:
     assert size_at_wall(coarse) > 0.75
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshed_here")
 def test_elements_that_curving_folds_are_straightened() -> None:
     import ngsolve as ng

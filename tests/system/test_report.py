@@ -370,6 +370,7 @@ def test_figures_of_an_axis_that_does_not_exist_are_refused(study: Study) -> Non
         encode(draw_stage(study.stage), "gif")
 
 
+@pytest.mark.slow
 def test_names_of_a_stage_cannot_break_the_page() -> None:
     base = design("parallelogram")
     odd = "$x^{ <script>alert(1)</script> & \"'</svg>"

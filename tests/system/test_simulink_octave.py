@@ -112,6 +112,7 @@ def test_every_block_has_room_of_its_own(built: Built) -> None:
                 assert apart, (a, b)
 
 
+@pytest.mark.slow
 def test_every_group_is_a_subsystem_that_says_what_it_is(built: Built) -> None:
     root = f"{built.name}/structure"
     for group in built.diagram.groups:

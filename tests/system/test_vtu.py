@@ -136,6 +136,7 @@ def test_stress_has_its_components_in_their_places(plane: tuple[StageModel, Anal
         )
 
 
+@pytest.mark.slow
 def test_cells_of_three_dimensions_fill_the_whole_plate(
     solid: tuple[StageModel, Analysis],
 ) -> None:

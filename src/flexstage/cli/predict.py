@@ -1,5 +1,6 @@
 """`flexstage predict`: an identified model on a record that it was not made from."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -214,16 +215,7 @@ def prediction_result(found: "Prediction") -> dict[str, Any]:
             }
             for rate, many, predicted, free in found.rates
         ],
-        "cycles": [
-            {
-                "time": c.time,
-                "rate_hz": c.rate_hz,
-                "swing": c.swing,
-                "as_predicted_rms_percent": c.as_predicted_rms_percent,
-                "free_constant_rms_percent": c.free_constant_rms_percent,
-            }
-            for c in found.cycles
-        ],
+        "cycles": [asdict(cycle) for cycle in found.cycles],
         "notes": list(found.notes),
     }
 

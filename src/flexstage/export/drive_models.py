@@ -8,14 +8,7 @@ from scipy.optimize import brentq
 
 from flexstage.errors import ModelError
 from flexstage.export.model import ModelDrive
-from flexstage.hysteresis import (
-    Amplifier,
-    BoucWen,
-    Creep,
-    DriveModel,
-    HysteresisModel,
-    loop_width,
-)
+from flexstage.hysteresis import Amplifier, BoucWen, Creep, DriveModel, HysteresisModel, loop_width
 from flexstage.hysteresis.model import Array
 from flexstage.stage import Drive, PiezoStack, Stage
 from flexstage.system import MechanicalSystem
@@ -154,10 +147,7 @@ def amplifier_of(
 
 
 def bare_drive(
-    drive: Drive,
-    model: HysteresisModel | None,
-    amplifier: Amplifier | None,
-    creep: Creep | None,
+    drive: Drive, model: HysteresisModel | None, amplifier: Amplifier | None, creep: Creep | None
 ) -> ModelDrive:
     """Return a drive up to its free displacement; the weights of what it moves come later."""
     gain, unit, allowed = 1.0, "m" if drive.spring != 0.0 else "N", None

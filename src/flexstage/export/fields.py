@@ -13,13 +13,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.export.body_cells import BodyCells, body_cells
 from flexstage.export.file_names import file_names
-from flexstage.fem.vtk_format import (
-    PackedCells,
-    Values,
-    collection_file,
-    grid_file,
-    packed_cells,
-)
+from flexstage.fem.vtk_format import PackedCells, Values, collection_file, grid_file, packed_cells
 from flexstage.stage import Stage
 from flexstage.system import Analysis, DriveCondition
 

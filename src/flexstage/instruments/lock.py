@@ -13,6 +13,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from flexstage.errors import ModelError, NotConnectedError
+from flexstage.files.decoder import read_json
+from flexstage.files.format import Format
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +29,9 @@ class Holder:
     """Since when, UTC."""
     program: str
     """What was started."""
+
+
+_NOTE = Format(noun="note of who holds a stage", error=ModelError, later=True, exact=True)
 
 
 def state_directory() -> Path:
@@ -109,16 +114,9 @@ def _write(note: Path) -> None:
 
 
 def _read(note: Path) -> Holder | None:
-    try:
-        found = json.loads(note.read_text(encoding="utf-8"))
-        return Holder(
-            pid=int(found["pid"]),
-            host=str(found["host"]),
-            since=str(found["since"]),
-            program=str(found["program"]),
-        )
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
+    with suppress(OSError, ModelError):
+        return read_json(Holder, note.read_bytes(), str(note), _NOTE)
+    return None
 
 
 def _taken(serial_number: str, note: Path) -> str:

@@ -196,10 +196,7 @@ def _climb(
 
 
 def _travel(
-    instrument: Instrument,
-    begins: Mapping[str, float],
-    ends: Mapping[str, float],
-    time: float,
+    instrument: Instrument, begins: Mapping[str, float], ends: Mapping[str, float], time: float
 ) -> None:
     for name, end in ends.items():
         axis = instrument.axes[name]

@@ -17,6 +17,8 @@ from flexstage.centring.rotary_table import CentreReading, table_reading
 from flexstage.centring.virtual_table import VirtualTable
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
+from flexstage.files.decoder import read_json
+from flexstage.files.format import Format
 from flexstage.files.write import write_whole
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.instruments.ramp import lead_to
@@ -35,6 +37,13 @@ _OPEN, _CLOSED = 0.05, 1e-4
 #: Smallest move of an axis with a piezo stack [m].
 _RESOLUTION = 5e-9
 _ORDERS = range(1, 25)
+_RESULT = Format(
+    noun="result of centring",
+    error=PlanError,
+    finite=False,
+    exact=True,
+    mend="remove the file, and the step is repeated when the run is continued with --resume",
+)
 _NOTES = ("table and heads are simulated; the scale is where the stage's sensors say that it is",)
 
 
@@ -230,15 +239,5 @@ def centre_scale(context: RunContext, name: str, action: Centre) -> Path:
 def centred_from(context: RunContext, name: str, action: Centre, file: Path) -> CentredStep:
     """Return the result of a step from its file."""
     del context, action
-    try:
-        read = json.loads(file.read_text(encoding="utf-8"))
-        moves = tuple(
-            CentredMove(
-                **{**m, "command": tuple(m["command"]), "eccentricity": tuple(m["eccentricity"])}
-            )
-            for m in read.pop("moves")
-        )
-        own = {**read, "axes": tuple(read["axes"]), "notes": tuple(read["notes"])}
-        return CentredStep(**{**own, "moves": moves})
-    except (ValueError, KeyError, TypeError) as error:
-        raise PlanError(f"'{file}' is no result of step '{name}': {error}") from error
+    source = f"the result of step '{name}' in {file}"
+    return read_json(CentredStep, file.read_bytes(), source, _RESULT)

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -40,20 +41,13 @@ def results_text(result: PlanResult) -> str:
 
 def plain_results(result: PlanResult) -> dict[str, Any]:
     """Return the figures of a plan as plain data."""
-    made = provenance(result.plan, dict(result.settings))
-    identity = result.instrument
+    made = asdict(provenance(result.plan, dict(result.settings)))
     return {
         "plan": result.title or result.plan.title,
         "stage": result.stage.name,
         "serial_number": result.serial_number,
         "origin": result.origin,
-        "instrument": {
-            "vendor": identity.vendor,
-            "model": identity.model,
-            "serial_number": identity.serial_number,
-            "firmware": identity.firmware,
-            "simulated": identity.simulated,
-        },
+        "instrument": asdict(result.instrument),
         "operator": result.operator,
         "note": result.note,
         "started": result.started,
@@ -64,13 +58,7 @@ def plain_results(result: PlanResult) -> dict[str, Any]:
         "further_figures": [_figure(f, result) for f in result.further_figures],
         "steps": [_step(s, result) for s in result.steps],
         "notes": list(result.notes),
-        "provenance": {
-            "version": made.version,
-            "input_hash": made.input_hash,
-            "settings": dict(made.settings),
-            "python": made.python,
-            "machine": made.machine,
-        },
+        "provenance": {k: v for k, v in made.items() if k != "created"},
     }
 
 
@@ -169,8 +157,6 @@ def _verified(step: VerifiedStep, result: PlanResult) -> dict[str, Any]:
 
 
 def _centred(step: CentredStep) -> dict[str, Any]:
-    from dataclasses import asdict
-
     return {k: _plain(v) for k, v in asdict(step).items() if k not in ("name", "axes")}
 
 

@@ -10,7 +10,7 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import flexstage
@@ -209,8 +209,6 @@ def _begun(context: RunContext, *, resume: bool) -> RunState:
             "folder"
         )
     identity = context.instrument.identity
-    told = {f: getattr(identity, f) for f in ("vendor", "model", "serial_number", "firmware")}
-    told["simulated"] = identity.simulated
     if before is not None and before.instrument.get("simulated") != identity.simulated:
         kinds = ("a real instrument", "a simulated one")
         raise PlanError(
@@ -229,7 +227,7 @@ def _begun(context: RunContext, *, resume: bool) -> RunState:
         stage=context.stage.name,
         stage_hash=content_hash(context.stage),
         serial_number=context.serial_number,
-        instrument=told,
+        instrument=asdict(identity),
         operator=context.operator,
         note=context.note,
         version=flexstage.__version__,

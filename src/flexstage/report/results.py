@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from flexstage.characteristic import Characteristic
@@ -32,7 +33,6 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
     With the motion of the probes under one unit of each load on the whole stage [m]; the frequency
     responses, which are long, where asked for.
     """
-    origin = analysis.provenance
     readings = load_readings(analysis.system) if _is_held(analysis) else {}
     out: dict[str, Any] = {
         "model": analysis.system.model,
@@ -54,14 +54,7 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
             if load.name in readings
         },
         "validity": list(analysis.validity),
-        "provenance": {
-            "version": origin.version,
-            "input_hash": origin.input_hash,
-            "created": origin.created,
-            "settings": dict(origin.settings),
-            "python": origin.python,
-            "machine": origin.machine,
-        },
+        "provenance": asdict(analysis.provenance),
     }
     if responses:
         out["responses"] = [

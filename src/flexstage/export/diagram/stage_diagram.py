@@ -141,9 +141,7 @@ def _axis(
     )
 
 
-def _hinge_choice(
-    model: DynamicModel | None,
-) -> tuple[str, Literal["stress", "strain", "auto"]]:
+def _hinge_choice(model: DynamicModel | None) -> tuple[str, Literal["stress", "strain", "auto"]]:
     """How the hinges were found, where the model is a lumped one too."""
     if model is None or model.system.model != "lumped":
         return "wedge", "auto"

@@ -79,10 +79,7 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
 
 
 def diagram_files(
-    stage: Stage,
-    *,
-    model: DynamicModel | None = None,
-    damping: RayleighDamping | None = None,
+    stage: Stage, *, model: DynamicModel | None = None, damping: RayleighDamping | None = None
 ) -> dict[str, bytes]:
     """Draw a stage and each of its axes.
 

@@ -159,9 +159,7 @@ def _notes(stage: Stage) -> list[str]:
     return [line for text in lines for line in wrapped(text, _COLUMN - _GAP)]
 
 
-def _hinge_layout(
-    blocks: _Blocks,
-) -> tuple[tuple[tuple[str, float], ...], list[list[str]], int]:
+def _hinge_layout(blocks: _Blocks) -> tuple[tuple[tuple[str, float], ...], list[list[str]], int]:
     """Return columns, rows and number of blocks of the table of hinges."""
     if all(fits(row[1], _HINGES[1][1]) for row in blocks.hinges):
         return _HINGES, blocks.hinges, 2

@@ -24,7 +24,7 @@ from flexstage.hysteresis import (
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.bouc_wen_common import classical_law
 from flexstage.hysteresis.models.bouc_wen_steps import law_of
-from flexstage.hysteresis.models.play_model import Sum, terms
+from flexstage.hysteresis.models.play_model import Sum
 from flexstage.hysteresis.models.power_law import power_table
 
 # Parameters by name, and what is said of each.
@@ -214,29 +214,17 @@ def _plays(
     }
 
 
-def _prandtl(m: PrandtlIshlinskii) -> tuple[tuple[str, ...], _Numbers]:
-    return _plays(terms(m.gain, m.thresholds, np.empty(0), m.weights[:, None]))
+def _sum(m: PrandtlIshlinskii | Preisach) -> tuple[tuple[str, ...], _Numbers]:
+    return _plays(m.play_terms())
 
 
 def _modified(m: ModifiedPrandtlIshlinskii) -> tuple[tuple[str, ...], _Numbers]:
     line = m.line()
-    total = terms(m.gain, m.thresholds, np.empty(0), m.weights[:, None])
-    return _plays(total, line.knots, line.slopes, line.offsets())
-
-
-def _preisach(m: Preisach) -> tuple[tuple[str, ...], _Numbers]:
-    return _plays(terms(m.gain, m.thresholds, m.knots[1:-1], m.slopes))
+    return _plays(m.play_terms(), line.knots, line.slopes, line.offsets())
 
 
 def _slip(m: GeneralisedMaxwellSlip) -> tuple[tuple[str, ...], _Numbers]:
-    # a stop is its input less a play; the bent spring is a function of a play without a gap
-    spring = m.spring()
-    slopes = np.vstack(
-        (spring.slopes, np.repeat(-m.element_stiffness[:, None], spring.slopes.size, axis=1))
-    )
-    thresholds = np.append(0.0, m.thresholds)
-    gain = float(np.sum(m.element_stiffness))
-    gain, thresholds, knots, slopes, offsets = terms(gain, thresholds, spring.knots, slopes)
+    gain, thresholds, knots, slopes, offsets = m.play_terms()
     return ("maxwell_slip",), {
         "gain": (gain, "slope of all elements together [V/m]"),
         "thresholds": (thresholds, "displacement from which each element slides [m]"),
@@ -252,8 +240,8 @@ _WRITERS: dict[type[HysteresisModel], Callable[[Any], tuple[tuple[str, ...], _Nu
     GeneralisedBoucWen: _generalised,
     Dahl: _dahl,
     Duhem: _duhem,
-    PrandtlIshlinskii: _prandtl,
+    PrandtlIshlinskii: _sum,
     ModifiedPrandtlIshlinskii: _modified,
-    Preisach: _preisach,
+    Preisach: _sum,
     GeneralisedMaxwellSlip: _slip,
 }

@@ -24,7 +24,7 @@ from flexstage.hysteresis.models.duhem import TERMS, Duhem
 from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
 from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.models.play_model import Sum, terms
+from flexstage.hysteresis.models.play_model import Sum
 from flexstage.hysteresis.models.power_law import power_table
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 from flexstage.hysteresis.models.preisach import Preisach
@@ -55,7 +55,7 @@ def prandtl_ishlinskii_code(model: PrandtlIshlinskii) -> HysteresisCode:
     Thresholds cannot, since the memory belongs to them.
     """
     return code_of(
-        model, _numbers(_plays(model)), _play_parameters(model), model.thresholds.size + 1
+        model, _numbers(model.play_terms()), _play_parameters(model), model.thresholds.size + 1
     )
 
 
@@ -64,7 +64,7 @@ def modified_prandtl_ishlinskii_code(model: ModifiedPrandtlIshlinskii) -> Hyster
     line = model.line()
     count = line.knots.size
     numbers = np.concatenate(
-        [_numbers(_plays(model)), [count], line.knots, line.slopes, line.offsets()]
+        [_numbers(model.play_terms()), [count], line.knots, line.slopes, line.offsets()]
     )
     tunable = [
         *_play_parameters(model),
@@ -77,12 +77,7 @@ def modified_prandtl_ishlinskii_code(model: ModifiedPrandtlIshlinskii) -> Hyster
 
 def maxwell_slip_code(model: GeneralisedMaxwellSlip) -> HysteresisCode:
     """Return the code of Maxwell-slip, all fixed: the state must fit to every parameter."""
-    spring = model.spring()
-    slopes = np.empty((model.thresholds.size + 1, spring.slopes.size))
-    slopes[0] = spring.slopes
-    slopes[1:] = -model.element_stiffness[:, None]
-    thresholds = np.append(0.0, model.thresholds)
-    total = terms(float(np.sum(model.element_stiffness)), thresholds, spring.knots, slopes)
+    total = model.play_terms()
     tunable = [
         tunable_of(model, "stiffness", None, "stiffness of the spring that never slides"),
         *_elements(model, "thresholds", "displacement from which an element slides"),
@@ -98,8 +93,7 @@ def preisach_code(model: Preisach) -> HysteresisCode:
 
     A table is derived from knots and slopes.
     """
-    # The outermost slopes go on, so only the knots between them matter.
-    total = terms(model.gain, model.thresholds, model.knots[1:-1], model.slopes)
+    total = model.play_terms()
     slopes = [
         tunable_of(model, f"slopes[{i},{j}]", None, "density of the memory")
         for i, j in np.ndindex(*model.slopes.shape)
@@ -123,10 +117,6 @@ def _numbers(total: Sum) -> Array:
 def _largest(total: Sum) -> int:
     """Return the largest number of pieces: each play may start, and pass each knot."""
     return total[1].size * (total[2].size + 1) + 1
-
-
-def _plays(model: PrandtlIshlinskii | ModifiedPrandtlIshlinskii) -> Sum:
-    return terms(model.gain, model.thresholds, np.empty(0), model.weights[:, None])
 
 
 def _play_parameters(

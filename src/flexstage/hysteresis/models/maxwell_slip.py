@@ -91,6 +91,23 @@ class GeneralisedMaxwellSlip(HysteresisModel):
                 f"{least:g} V/m: raise the stiffness, or weaken dead zones with negative weights"
             )
 
+    def play_terms(self) -> Sum:
+        """Return the voltage as a sum of functions of plays of the displacement.
+
+        A stop is its input less a play; the bent spring is a function of a play without a gap.
+
+        Returns
+        -------
+        tuple
+            Gain, thresholds, knots, slopes and offsets, as of `PrandtlIshlinskii.play_terms`.
+        """
+        line = self.spring()
+        slopes = np.empty((self.thresholds.size + 1, line.slopes.size))
+        slopes[0] = line.slopes
+        slopes[1:] = -self.element_stiffness[:, None]
+        thresholds = np.append(0.0, self.thresholds)
+        return terms(float(np.sum(self.element_stiffness)), thresholds, line.knots, slopes)
+
     def spring(self) -> PiecewiseLinear:
         """Return the voltage of the spring that never slides, straight and bent part together.
 
@@ -107,19 +124,19 @@ class GeneralisedMaxwellSlip(HysteresisModel):
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
         given = samples(u, "input")
         plays = _inner(self._state(state))
-        y, _ = play_sum.invert(given, *self._sum(), plays)
+        y, _ = play_sum.invert(given, *self.play_terms(), plays)
         return Response(values=y, state=_outer(given[-1], plays))
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
         wanted = samples(y, "output")
         plays = _inner(self._state(state))
-        u = play_sum.simulate(wanted, *self._sum(), plays)
+        u = play_sum.simulate(wanted, *self.play_terms(), plays)
         return Response(values=u, state=_outer(u[-1], plays))
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
         given = sampled(u)
         first = self.simulate(given[:1], state)
-        found = segments_of(given, self._sum(), _inner(first.state), backward=True)
+        found = segments_of(given, self.play_terms(), _inner(first.state), backward=True)
         return Segments(
             start=found.start,
             constant=found.constant,
@@ -155,21 +172,9 @@ class GeneralisedMaxwellSlip(HysteresisModel):
             ),
         )
 
-    def _sum(self) -> Sum:
-        """Return the voltage as a sum of functions of plays of the displacement.
-
-        A stop is its input less a play; the bent spring is a function of a play without a gap.
-        """
-        line = self.spring()
-        slopes = np.empty((self.thresholds.size + 1, line.slopes.size))
-        slopes[0] = line.slopes
-        slopes[1:] = -self.element_stiffness[:, None]
-        thresholds = np.append(0.0, self.thresholds)
-        return terms(float(np.sum(self.element_stiffness)), thresholds, line.knots, slopes)
-
     def _least_slope(self) -> float:
         """Return the least slope of the voltage over the displacement."""
-        gain, thresholds, _, slopes, _ = self._sum()
+        gain, thresholds, _, slopes, _ = self.play_terms()
         return least_slope(gain, thresholds, slopes)
 
     def _state(self, state: ArrayLike | None) -> Array:
@@ -177,8 +182,8 @@ class GeneralisedMaxwellSlip(HysteresisModel):
         if state is None:
             return given
         play_state(given[1:], self.thresholds)
-        u = play_sum.simulate(given[1:2], *self._sum(), _inner(given))[0]
-        steepest = self._sum()[0] + float(np.max(np.abs(self.spring().slopes)))
+        u = play_sum.simulate(given[1:2], *self.play_terms(), _inner(given))[0]
+        steepest = self.play_terms()[0] + float(np.max(np.abs(self.spring().slopes)))
         # rounding is that of the ways that led here, not only of where they ended: at no voltage
         # the state may be small, and the thresholds are not
         reach = max(float(np.max(np.abs(given[1:]))), float(self.thresholds[-1]))

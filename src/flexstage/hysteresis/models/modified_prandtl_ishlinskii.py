@@ -15,6 +15,7 @@ from flexstage.hysteresis.model import (
     samples,
 )
 from flexstage.hysteresis.models.play import fixed, rising
+from flexstage.hysteresis.models.play_model import Sum
 from flexstage.hysteresis.models.play_sum import PiecewiseLinear, dead_zone_line
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
@@ -84,6 +85,16 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
             The superposition of the dead zones [m] of [m].
         """
         return dead_zone_line(1.0, self.dead_zones, self.dead_zone_weights)
+
+    def play_terms(self) -> Sum:
+        """Return H as a sum of functions of plays, as `PrandtlIshlinskii.play_terms` does.
+
+        Returns
+        -------
+        tuple
+            Gain, thresholds, knots, slopes and offsets.
+        """
+        return self._plays().play_terms()
 
     def initial_state(self) -> Array:
         return self._plays().initial_state()

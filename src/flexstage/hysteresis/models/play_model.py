@@ -30,15 +30,22 @@ class PlayModel(HysteresisModel):
     __slots__ = ()
 
     @abstractmethod
-    def _sum(self) -> Sum:
-        """Return gain, thresholds (m,), inner knots (c,), slopes and offsets (m, c + 1)."""
+    def play_terms(self) -> Sum:
+        """Return the output as a sum of functions of plays, as kernels and code take it.
+
+        Returns
+        -------
+        tuple
+            Gain of the input itself, thresholds (m,), inner knots (c,) of the functions, their
+            slopes and their offsets (m, c + 1).
+        """
 
     def initial_state(self) -> Array:
-        return np.zeros(self._sum()[1].size + 1)
+        return np.zeros(self.play_terms()[1].size + 1)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
         after = self._state(state)
-        y = play_sum.simulate(samples(u, "input"), *self._sum(), after)
+        y = play_sum.simulate(samples(u, "input"), *self.play_terms(), after)
         return Response(values=y, state=after)
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
@@ -64,19 +71,19 @@ class PlayModel(HysteresisModel):
                 f"this {self.kind} model has no inverse, since its slope can be "
                 f"{self._least_slope():g}: identify it with weights that are not negative"
             )
-        u, missed = play_sum.invert(wanted, *self._sum(), after)
+        u, missed = play_sum.invert(wanted, *self.play_terms(), after)
         return Response(values=u, state=after), missed
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
         given = sampled(u)
         first = self.simulate(given[:1], state)
-        return segments_of(given, self._sum(), first.state, backward=False)
+        return segments_of(given, self.play_terms(), first.state, backward=False)
 
     def properties(self) -> tuple[ModelProperty, ...]:
         # The energy of a closed cycle, integral u dy, is that of the plays, sum of r_i integral
         # f_i'(p_i) |dp_i| (Brokate and Sprekels 1996, section 2.4), so slopes that are not negative
         # make it so. The inverse is unique if the slope is positive everywhere.
-        gain, thresholds, _, slopes, _ = self._sum()
+        gain, thresholds, _, slopes, _ = self.play_terms()
         steepest = abs(gain) + float(np.sum(np.max(np.abs(slopes), axis=1)))
         lossy = slopes[thresholds > 0.0]
         lowest = float(np.min(lossy)) if lossy.size else 0.0
@@ -103,12 +110,12 @@ class PlayModel(HysteresisModel):
 
     def _least_slope(self) -> float:
         """Return a lower bound of the slope, whatever the memory."""
-        gain, thresholds, _, slopes, _ = self._sum()
+        gain, thresholds, _, slopes, _ = self.play_terms()
         return least_slope(gain, thresholds, slopes)
 
     def _state(self, state: ArrayLike | None) -> Array:
         given = super()._state(state)
-        return given if state is None else play_state(given, self._sum()[1])
+        return given if state is None else play_state(given, self.play_terms()[1])
 
 
 def terms(gain: float, thresholds: Array, knots: Array, slopes: Array) -> Sum:

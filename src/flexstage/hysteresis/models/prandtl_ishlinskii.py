@@ -85,5 +85,5 @@ class PrandtlIshlinskii(PlayModel):
         thresholds = np.cumsum(slopes[:-1] * steps)
         return 1.0 / self.gain, thresholds, np.diff(1.0 / slopes)
 
-    def _sum(self) -> Sum:
+    def play_terms(self) -> Sum:
         return terms(self.gain, self.thresholds, np.empty(0), self.weights[:, None])

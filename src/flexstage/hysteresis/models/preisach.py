@@ -75,7 +75,7 @@ class Preisach(PlayModel):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "gain", float(self.gain))
 
-    def _sum(self) -> Sum:
+    def play_terms(self) -> Sum:
         # The outermost slopes go on, so only the knots between them matter.
         return terms(self.gain, self.thresholds, self.knots[1:-1], self.slopes)
 

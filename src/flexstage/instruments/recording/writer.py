@@ -14,12 +14,7 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.instruments.recording.files import StreamFile
-from flexstage.instruments.recording.frames import (
-    END,
-    LARGEST_PAYLOAD,
-    SAMPLES,
-    StreamHead,
-)
+from flexstage.instruments.recording.frames import END, LARGEST_PAYLOAD, SAMPLES, StreamHead
 from flexstage.instruments.recording.metadata import RunMetadata
 
 #: How the name of a stream ends.

@@ -47,12 +47,7 @@ class VirtualController(ControllerMotion):
     (True, 20)
     """
 
-    def __init__(
-        self,
-        stage: VirtualStage,
-        *,
-        serial_number: str = "",
-    ) -> None:
+    def __init__(self, stage: VirtualStage, *, serial_number: str = "") -> None:
         super().__init__(stage)
         self._identity = Identity(
             vendor="flexstage",

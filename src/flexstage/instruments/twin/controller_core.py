@@ -10,11 +10,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.instruments.protocol import Capability, Signal
 from flexstage.instruments.twin.axis_state import AxisState
-from flexstage.instruments.twin.device import (
-    AxisDescription,
-    Refusal,
-    RefusedError,
-)
+from flexstage.instruments.twin.device import AxisDescription, Refusal, RefusedError
 from flexstage.instruments.twin.stage import StageSamples, VirtualStage
 from flexstage.instruments.twin.wave_tables import WaveTables
 from flexstage.stage import Stage
