@@ -4,11 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from flexstage.characteristic import Characteristic, Characteristics, MeasuredCharacteristic
+from flexstage.characteristic import (
+    Characteristic,
+    Characteristics,
+    MeasuredCharacteristic,
+    one_of_each,
+)
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.plan import Campaign, Test
-from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 
 
@@ -59,12 +63,7 @@ class Characterisation:
     @property
     def figures(self) -> tuple[MeasuredCharacteristic, ...]:
         """One figure for each quantity and axis: that of the first test that gives it."""
-        first: dict[tuple[str, str], MeasuredCharacteristic] = {}
-        for result in self.results:
-            for figure in result.figures:
-                first.setdefault((figure.quantity, figure.axis), figure)
-        order = {quantity: i for i, quantity in enumerate(QUANTITIES)}
-        return tuple(sorted(first.values(), key=lambda f: (order[f.quantity], f.axis)))
+        return one_of_each(figure for result in self.results for figure in result.figures)
 
     @property
     def characteristics(self) -> Characteristics:
