@@ -10,6 +10,7 @@ circles.
 
 import ast
 import io
+import re
 import sys
 import tokenize
 from collections import Counter, defaultdict
@@ -18,8 +19,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 PACKAGE = "flexstage"
-#: A loader of text to descriptions, and what its modules are called.
-CODECS = ("decoder", "model_file", "from_text", "budget_file", "metadata", "file")
+#: What parses the text of a file that people or programs write, in place of the one codec.
+PARSERS = re.compile(r"\byaml\.(parse|compose|load|safe_load)\(|\bjson\.loads?\(|\btomllib\.")
 
 
 @dataclass(slots=True)
@@ -178,8 +179,8 @@ def main(source: Path) -> None:
     say(f"circles of imports: {len(groups)}")
     for group in groups:
         say(f"  {', '.join(group)}")
-    readers = [m.name for m in modules if m.name.rpartition(".")[2] in CODECS]
-    say(f"modules that read a file into descriptions: {len(readers)}: {', '.join(readers)}")
+    parsers = [m.name for m in modules if PARSERS.search(m.path.read_text("utf-8"))]
+    say(f"modules that parse YAML or JSON: {len(parsers)}: {', '.join(parsers)}")
 
 
 def say(line: str) -> None:

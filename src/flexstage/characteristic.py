@@ -275,6 +275,20 @@ class Characteristics(tuple[Characteristic, ...]):
         return {name: [getattr(row, name) for row in self] for name in names}
 
 
+def in_order(figures: Iterable[MeasuredCharacteristic]) -> tuple[MeasuredCharacteristic, ...]:
+    """Return figures by quantity, in the order of tables, then by axis."""
+    order = {quantity: i for i, quantity in enumerate(QUANTITIES)}
+    return tuple(sorted(figures, key=lambda f: (order[f.quantity], f.axis)))
+
+
+def one_of_each(figures: Iterable[MeasuredCharacteristic]) -> tuple[MeasuredCharacteristic, ...]:
+    """Return the first figure of each quantity and axis, in the order of tables."""
+    first: dict[tuple[str, str], MeasuredCharacteristic] = {}
+    for figure in figures:
+        first.setdefault((figure.quantity, figure.axis), figure)
+    return in_order(first.values())
+
+
 def measured_value(published: Iterable[Characteristic], quantity: str, axis: str) -> float | None:
     """Return what was measured of an axis by those who published it; None where nothing was."""
     wanted = (quantity, axis, "published-measured")

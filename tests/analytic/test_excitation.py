@@ -13,9 +13,8 @@ from scipy.signal import lfilter
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.excitations.design import Excitation, excitation
-from flexstage.hysteresis.excitations.excitation import memory_coverage
+from flexstage.hysteresis.excitations.excitation import SHAPES, Movement, memory_coverage, multisine
 from flexstage.hysteresis.excitations.segments import ExcitationDesign, fitted, shortest
-from flexstage.hysteresis.excitations.shapes import SHAPES, Movement, multisine
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.preisach import preisach_columns

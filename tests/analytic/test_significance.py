@@ -7,7 +7,7 @@ from scipy import stats
 
 from flexstage.characteristic import Characteristic
 from flexstage.errors import ModelError
-from flexstage.experiment.significance import difference
+from flexstage.experiment.campaign.results import difference
 
 
 def row(value: float, **more: object) -> Characteristic:

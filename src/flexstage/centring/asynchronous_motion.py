@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
+from flexstage.centring.geometry import require_radius
 from flexstage.centring.harmonics import fit_many
 from flexstage.centring.turns import find_turns
 from flexstage.errors import ModelError, RecordError
@@ -101,8 +102,7 @@ def axis_motion(
         raise RecordError(
             f"the errors must have a column for each of {alpha.size} heads, got shape {y.shape}"
         )
-    if not 0.0 < radius < math.inf:
-        raise ModelError(f"the radius of a scale must be positive and finite, got {radius!r} m")
+    require_radius(radius)
     design = np.column_stack((np.sin(alpha) / radius, -np.cos(alpha) / radius, np.ones(alpha.size)))
     design = design if reference else design[:, :2]
     needed = design.shape[1]

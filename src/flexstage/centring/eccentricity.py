@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.centring.first_order import Combined, Eccentricity, centre_from, combined
-from flexstage.centring.geometry import SCALE_KINDS, ScaleKind, beyond_first_order
+from flexstage.centring.geometry import ScaleKind, beyond_first_order, require_kind, require_radius
 from flexstage.centring.harmonic_fit import HarmonicFit
 from flexstage.centring.harmonics import fit_harmonics, fit_many
 from flexstage.centring.turns import find_turns
@@ -122,8 +122,7 @@ def eccentricity(
     """
     heads = [readings] if isinstance(readings, HeadReadings) else list(readings)
     _require(heads, radius)
-    if kind not in SCALE_KINDS:
-        raise ModelError(f"a scale is one of {', '.join(SCALE_KINDS)}, got '{kind}'")
+    require_kind(kind)
     given = (graduation_uncertainty, radius_uncertainty, head_angle_uncertainty)
     if not all(0.0 <= u < math.inf for u in given):
         raise ModelError(f"uncertainties must be 0 or more and finite, got {given}")
@@ -184,8 +183,7 @@ def eccentricity_from_harmonics(
     >>> print(f"{1e6 * e.y.value:.3f} um")
     2.000 um
     """
-    if not 0.0 < radius < math.inf:
-        raise ModelError(f"the radius of a scale must be positive and finite, got {radius!r} m")
+    require_radius(radius)
     given = (graduation_uncertainty, radius_uncertainty, 0.0)
     return centre_from(combined([fit], np.array([head_angle]), None), [fit], radius, given)
 
@@ -193,8 +191,7 @@ def eccentricity_from_harmonics(
 def _require(heads: Sequence[HeadReadings], radius: float) -> None:
     if not heads:
         raise RecordError("an eccentricity needs the readings of one head or more, got none")
-    if not 0.0 < radius < math.inf:
-        raise ModelError(f"the radius of a scale must be positive and finite, got {radius!r} m")
+    require_radius(radius)
     for i, head in enumerate(heads):
         if head.angle.shape != head.error.shape or head.angle.ndim != 1:
             raise RecordError(

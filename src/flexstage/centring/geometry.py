@@ -110,7 +110,7 @@ def exact_error(
     >>> print(f"{error[0] / ARCSEC:.4f} arcsec")
     206.2647 arcsec
     """
-    _require_kind(kind)
+    require_kind(kind)
     theta = np.asarray(angle, dtype=np.float64)
     beta = theta + np.asarray(head_angle, dtype=np.float64)
     motion = in_turning_frame(axis_motion, theta)
@@ -278,14 +278,20 @@ def _as_complex(vector: ArrayLike, what: str) -> Complex:
     return parts[..., 0] + 1j * parts[..., 1]
 
 
-def _require_kind(kind: str) -> None:
+def require_kind(kind: str) -> None:
+    """Refuse a kind of scale that there is not."""
     if kind not in SCALE_KINDS:
         raise ModelError(f"a scale is one of {', '.join(SCALE_KINDS)}, got '{kind}'")
 
 
-def _require_inside(centre: Complex, radius: float) -> None:
+def require_radius(radius: float) -> None:
+    """Refuse a radius of a scale [m] that none has."""
     if not 0.0 < radius < np.inf:
         raise ModelError(f"the radius of a scale must be positive and finite, got {radius!r} m")
+
+
+def _require_inside(centre: Complex, radius: float) -> None:
+    require_radius(radius)
     furthest = float(np.abs(centre).max()) if centre.size else 0.0
     if furthest >= radius:
         raise ModelError(

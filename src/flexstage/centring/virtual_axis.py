@@ -12,8 +12,6 @@ from flexstage.stage import PiezoStack, Screw, Stage
 if TYPE_CHECKING:
     from flexstage.hysteresis import HysteresisModel
 
-#: Width of a loop over its stroke where nobody has measured one.
-_USUAL_WIDTH = 0.125
 #: Steps of a converter over the stroke.
 _CONVERTER = 2**16
 #: Range of voltage where the stage does not say: the hysteresis does not depend on it.
@@ -105,10 +103,10 @@ def open_loop_axis(stage: Stage, axis: str, quantum: float | None, backlash: flo
         )
     if backlash:
         raise ModelError("a piezo stack has hysteresis and no backlash: leave the backlash out")
-    from flexstage.hysteresis import virtual_stack
+    from flexstage.hysteresis.virtual_stack import USUAL_LOOP_WIDTH, virtual_stack
 
     measured = measured_value(stage.published, "hysteresis_loop_width", axis)
-    share = _USUAL_WIDTH if measured is None else measured / stroke
+    share = USUAL_LOOP_WIDTH if measured is None else measured / stroke
     voltage = _VOLTAGE if drive.voltage_range is None else drive.voltage_range
     return VirtualAxis(
         axis,

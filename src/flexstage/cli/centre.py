@@ -20,7 +20,7 @@ from flexstage.cli.centre_heads import (
 )
 from flexstage.cli.centre_report import change, joined, print_setting, report
 from flexstage.cli.centre_trial import positions_of, print_trial, trial
-from flexstage.cli.options import JsonOption, option, with_groups
+from flexstage.cli.options import JsonOption, option, quantity, with_groups
 from flexstage.cli.output import (
     console,
     figure_option,
@@ -175,12 +175,11 @@ def centre(
     The harmonics of the error over the turn are fitted; that of order 1 gives the eccentricity.
     """
     from flexstage.centring.setting import fit_setting
-    from flexstage.units import parse
 
     _require(figure, sign, head_direction, kind, angle, turns)
     names = _columns(error, reading, angle, sign)
     size_of_scale = radius_of(radius, diameter)
-    mounted = parse(mount_angle, "angle", bare_unit="deg")
+    mounted = quantity(mount_angle, "angle", bare_unit="deg")
     if kind == MAGNET and size_of_scale is not None:
         raise ModelError(
             "a magnet on the axis has no radius that its error could be turned into micrometres "

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from flexstage.cli.options import positive_length
+from flexstage.cli.options import positive_length, quantity
 from flexstage.errors import ModelError, RecordError
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ MAGNET = "magnet"
 
 def head_angles(text: str | None, files: int, columns: int) -> list[float]:
     """Return where the head of each column of each file stands [rad]."""
-    from flexstage.units import parse
-
     total = files * columns
     if text is None:
         if columns > 1:
@@ -32,7 +30,7 @@ def head_angles(text: str | None, files: int, columns: int) -> list[float]:
                 f'"{",".join(f"{360 * i / columns:g}" for i in range(columns))}"'
             )
         return [0.0] * total
-    given = [parse(word.strip(), "angle", bare_unit="deg") for word in text.split(",")]
+    given = [quantity(word.strip(), "angle", bare_unit="deg") for word in text.split(",")]
     if len(given) == total:
         return given
     if len(given) == columns:

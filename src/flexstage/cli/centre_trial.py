@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from flexstage.cli.centre_heads import MAGNET
+from flexstage.cli.options import quantity
 from flexstage.cli.output import console, make_table, print_notes
 from flexstage.errors import RecordError
 
@@ -18,8 +19,6 @@ _UNITS = {"in proportion": "µm", "as the square": "µm²"}
 
 def positions_of(text: str, settings: int) -> list[tuple[float, float]]:
     """Return the positions x, y of the stage [m] that --stage-at gives, one for each setting."""
-    from flexstage.units import parse
-
     pairs = [pair.split(",") for pair in text.split(";") if pair.strip()]
     if any(len(pair) != 2 for pair in pairs):
         raise RecordError(
@@ -30,7 +29,7 @@ def positions_of(text: str, settings: int) -> list[tuple[float, float]]:
             f"--stage-at needs a position for each setting, and three settings at least: got "
             f"{len(pairs)} positions and {settings} settings"
         )
-    x, y = ([parse(p[k].strip(), "length", bare_unit="um") for p in pairs] for k in (0, 1))
+    x, y = ([quantity(p[k].strip(), "length", bare_unit="um") for p in pairs] for k in (0, 1))
     return list(zip(x, y, strict=True))
 
 

@@ -13,6 +13,7 @@ from flexstage.cli.options import (
     QuietOption,
     model_names,
     option,
+    quantity,
     relative,
 )
 from flexstage.cli.output import console, folder_option, print_json, progress_bar
@@ -316,18 +317,17 @@ def _single(
 ) -> "Campaign":
     from flexstage.experiment.campaign.plan import Campaign, FileReading, Test
     from flexstage.sensor import SensorSpecification
-    from flexstage.units import parse
 
     if not files:
         raise ModelError(
             "no file is given: give measured files or a test description (.yaml), or "
             "--virtual-seed with --stage"
         )
-    rate = None if sample_rate is None else parse(sample_rate, "frequency", bare_unit="Hz")
+    rate = None if sample_rate is None else quantity(sample_rate, "frequency", bare_unit="Hz")
     sensor = SensorSpecification(
         name="sensor",
         calibration=0.0 if calibration is None else relative(calibration),
-        alignment=0.0 if alignment is None else parse(alignment, "angle"),
+        alignment=0.0 if alignment is None else quantity(alignment, "angle"),
     )
     test = Test(
         name=kind,
@@ -341,7 +341,7 @@ def _single(
         transverse="sensor",
         angle="sensor",
         confidence=confidence,
-        commands=tuple(parse(text, "length") for text in commands),
+        commands=tuple(quantity(text, "length") for text in commands),
         cycle=cycle,
         deviations=deviations,
     )

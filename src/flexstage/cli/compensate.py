@@ -5,7 +5,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import CurrentOption, JsonOption, SlewOption, option, with_groups
+from flexstage.cli.options import (
+    CurrentOption,
+    JsonOption,
+    SlewOption,
+    option,
+    quantity,
+    voltage_range,
+    with_groups,
+)
 from flexstage.cli.output import console, file_option, print_json, print_notes, write_file
 from flexstage.cli.predict import moved_for
 from flexstage.cli.reading import (
@@ -112,7 +120,7 @@ def compensate(
     )
     word = start.strip().lower()
     named = word in ("conditioned", "rest")
-    bounds = _limits(voltage)
+    bounds = None if voltage is None else voltage_range(voltage)
     made = feedforward(
         drive,
         values + (_lowest(drive) if relative else 0.0),
@@ -123,7 +131,7 @@ def compensate(
         start=None if named else moved_for(start, "conditioned, rest"),
         band_hz=None
         if reference_bandwidth is None
-        else _number(reference_bandwidth, "frequency", "Hz"),
+        else quantity(reference_bandwidth, "frequency", bare_unit="Hz"),
     )
     if out is not None:
         write_file(out, _bytes(made, drive, kind))
@@ -140,32 +148,16 @@ def compensate(
     _print(result)
 
 
-def _number(text: str, dimension: str, bare_unit: str | None) -> float:
-    from flexstage.units import parse
-
-    return parse(text, dimension, bare_unit=bare_unit)
-
-
-def _limits(text: str | None) -> tuple[float, float] | None:
-    if text is None:
-        return None
-    words = text.split(":")
-    if len(words) != 2:
-        raise ModelError(f"--voltage must be a range such as \"0:120\", got '{text}'")
-    low, high = (_number(word, "voltage", "V") for word in words)
-    return low, high
-
-
 def _largest_rate(slew: str | None, current: str | None, capacitance: str | None) -> float | None:
     """Rate that the amplifier can follow: its own, and its current over the capacitance."""
-    rates = [] if slew is None else [_number(slew, "slew rate", "V/s")]
+    rates = [] if slew is None else [quantity(slew, "slew rate", bare_unit="V/s")]
     if current is not None:
         if capacitance is None:
             raise ModelError("--current needs --capacitance: a current charges the stack")
-        farads = _number(capacitance, "capacitance", None)
+        farads = quantity(capacitance, "capacitance")
         if not farads > 0.0:
             raise ModelError(f"--capacitance must be positive, got '{capacitance}'")
-        rates.append(_number(current, "current", None) / farads)
+        rates.append(quantity(current, "current") / farads)
     elif capacitance is not None:
         raise ModelError("--capacitance needs --current: both together limit the slope")
     return min(rates) if rates else None

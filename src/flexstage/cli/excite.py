@@ -13,6 +13,8 @@ from flexstage.cli.options import (
     SlewOption,
     designs_like,
     option,
+    quantity,
+    voltage_range,
 )
 from flexstage.cli.output import (
     console,
@@ -155,15 +157,13 @@ def excite(
 
 
 def _number(text: str | None, dimension: str, bare_unit: str | None) -> float | None:
-    from flexstage.units import parse
-
-    return None if text is None else parse(text, dimension, bare_unit=bare_unit)
+    return None if text is None else quantity(text, dimension, bare_unit=bare_unit)
 
 
 def _rates(text: str | None) -> list[float] | None:
     if text is None:
         return None
-    return [_number(word, "frequency", "Hz") or 0.0 for word in text.split(",")]
+    return [quantity(word, "frequency", bare_unit="Hz") for word in text.split(",")]
 
 
 def _voltage_range(text: str | None, plant: _Plant) -> tuple[float, float]:
@@ -173,10 +173,7 @@ def _voltage_range(text: str | None, plant: _Plant) -> tuple[float, float]:
         if allowed is None:
             raise ModelError('--voltage is needed, such as "0:120": no stack gives a range')
         return allowed
-    words = text.split(":")
-    if len(words) != 2:
-        raise ModelError(f"--voltage must be a range such as \"0:120\", got '{text}'")
-    low, high = (_number(word, "voltage", "V") or 0.0 for word in words)
+    low, high = voltage_range(text)
     if allowed is not None and not allowed[0] <= low < high <= allowed[1]:
         raise ModelError(
             f"--voltage must be within {allowed[0]:g} V to {allowed[1]:g} V, which the stack of "

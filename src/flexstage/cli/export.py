@@ -16,6 +16,7 @@ from flexstage.cli.options import (
     StageArgument,
     option,
     positive_length,
+    quantity,
     relative,
 )
 from flexstage.cli.output import (
@@ -188,9 +189,7 @@ def _shown(paths: list[Path]) -> str:
 
 
 def _number(option: str, text: str, dimension: str, unit: str) -> float:
-    from flexstage.units import parse
-
-    value = parse(text, dimension, bare_unit=unit)
+    value = quantity(text, dimension, bare_unit=unit)
     if not value > 0.0:
         raise ModelError(f"{option} must be above zero, got '{text[:40]}'")
     return value

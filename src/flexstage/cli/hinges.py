@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.choose import did_you_mean
-from flexstage.cli.options import JsonOption, PlaneOption, option, positive_length
+from flexstage.cli.options import JsonOption, PlaneOption, option, positive_length, quantity
 from flexstage.cli.output import console, make_table, print_json
 from flexstage.errors import HingeError
 
@@ -87,7 +87,6 @@ _OPTIONS = {
 def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: bool) -> "Profile":
     """Make the profile, and name every size that is missing or does not belong to it."""
     from flexstage.hinges.registry import profile_class
-    from flexstage.units import parse
 
     cls = profile_class(kind)
     fields = [f.name for f in dataclasses.fields(cls) if f.name in _OPTIONS]
@@ -108,7 +107,7 @@ def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: b
             values[name] = float(str(text))
         else:
             size = (
-                parse(str(text), "angle")
+                quantity(str(text), "angle")
                 if which == "half-angle"
                 else positive_length(str(text), f"--{which}")
             )

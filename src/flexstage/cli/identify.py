@@ -16,6 +16,7 @@ from flexstage.cli.options import (
     QuietOption,
     option,
     positive_frequency,
+    quantity,
     relative,
     with_groups,
 )
@@ -203,10 +204,9 @@ def _chain(delay: str | None, creep: str | None) -> Any:
     if delay is None and creep is None:
         return None
     from flexstage.hysteresis.identification.fit_rows import ChainValues
-    from flexstage.units import parse
 
     known = 0.0 if creep is None or creep.strip().rstrip("%") == "0" else relative(creep)
-    seconds = 0.0 if delay is None else parse(delay, "time")
+    seconds = 0.0 if delay is None else quantity(delay, "time")
     return ChainValues(delay=seconds, creep_per_decade=known)
 
 
@@ -219,12 +219,10 @@ def _mode(resonance: str | None, damping: float) -> tuple[float, float] | None:
 def _temperature(text: str | None) -> tuple[float, float] | None:
     if text is None:
         return None
-    from flexstage.units import parse
-
     words = text.split(":")
     if len(words) > 2:
         raise ModelError(f"--temperature must be one, or a range such as 294.5:296, got '{text}'")
-    numbers = [parse(word, "temperature", bare_unit="K") for word in words]
+    numbers = [quantity(word, "temperature", bare_unit="K") for word in words]
     return numbers[0], numbers[-1]
 
 

@@ -114,6 +114,13 @@ def model_names(text: str) -> list[str]:
     return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
+def quantity(text: str, dimension: str, *, bare_unit: str | None = None) -> float:
+    """Return a quantity that an option gives, in SI; a bare number is in `bare_unit`."""
+    from flexstage.units import parse
+
+    return parse(text, dimension, bare_unit=bare_unit)
+
+
 def positive_length(text: str, name: str, bare_unit: str | None = None) -> float:
     """Return the length that an option gives [m], within what a stage may have.
 
@@ -125,14 +132,22 @@ def positive_length(text: str, name: str, bare_unit: str | None = None) -> float
     0.02
     """
     from flexstage.stage.outline import LARGEST, SMALLEST
-    from flexstage.units import parse
 
-    value = parse(text, "length", bare_unit=bare_unit)
+    value = quantity(text, "length", bare_unit=bare_unit)
     if not SMALLEST <= value <= LARGEST:
         raise ModelError(
             f"{name} must be positive, between {SMALLEST:g} and {LARGEST:g} m, got '{text}'"
         )
     return value
+
+
+def voltage_range(text: str) -> tuple[float, float]:
+    """Return the two ends of a range of voltages that an option gives [V]."""
+    words = text.split(":")
+    if len(words) != 2:
+        raise ModelError(f"--voltage must be a range such as \"0:120\", got '{text}'")
+    low, high = (quantity(word, "voltage", bare_unit="V") for word in words)
+    return low, high
 
 
 def relative(text: str) -> float:
@@ -163,9 +178,7 @@ def positive_frequency(text: str, option: str) -> float:
     >>> positive_frequency("0.8 kHz", "--resonance")
     800.0
     """
-    from flexstage.units import parse
-
-    value = parse(text, "frequency", bare_unit="Hz")
+    value = quantity(text, "frequency", bare_unit="Hz")
     if not value > 0.0:
         raise ModelError(f"{option} must be a positive frequency, got '{text}'")
     return value

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption, option
+from flexstage.cli.options import JsonOption, QuietOption, option, quantity
 from flexstage.cli.output import (
     console,
     figure_option,
@@ -124,7 +124,11 @@ def part(
         )
     found = None
     if order:
-        mesh = PartMesh(order=order, size=None if size is None else _size(size), thin=thin)
+        mesh = PartMesh(
+            order=order,
+            size=None if size is None else quantity(size, "length", bare_unit="mm"),
+            thin=thin,
+        )
         kinds = INTERFACES if interfaces == "both" else (interfaces,)
         with progress_bar("part", quiet=quiet):
             found = analyse_part(
@@ -157,21 +161,13 @@ def part(
         screen.print(f"picture: {figure}", markup=False)
 
 
-def _size(text: str) -> float:
-    from flexstage.units import parse
-
-    return parse(text, "length", bare_unit="mm")
-
-
 def _point(text: str) -> tuple[float, ...]:
-    from flexstage.units import parse
-
     words = text.split(",")
     if len(words) != 3:
         raise typer.BadParameter(
             f"--at is three lengths X,Y,Z, such as 0,0,7.5 in millimetres, got '{text}'"
         )
-    return tuple(parse(word, "length", bare_unit="mm") for word in words)
+    return tuple(quantity(word, "length", bare_unit="mm") for word in words)
 
 
 def _millimetres(read: "Part", point: Sequence[float]) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from flexstage.cli.options import quantity
 from flexstage.errors import StageError, UnitError
 
 if TYPE_CHECKING:
@@ -58,7 +59,6 @@ def _solid(part: "Part", word: str) -> str:
 
 def _material(text: str) -> "Material":
     from flexstage.material import Material, material
-    from flexstage.units import parse
 
     if "=" not in text:
         return material(text.strip())
@@ -73,7 +73,7 @@ def _material(text: str) -> "Material":
         dimension, unit = _FIGURES[key.casefold()]
         try:
             figures[key.casefold()] = (
-                parse(value, dimension, bare_unit=unit) if dimension else float(value)
+                quantity(value, dimension, bare_unit=unit) if dimension else float(value)
             )
         except UnitError as error:
             raise UnitError(f"{key} of the material '{text.strip()}': {error}") from error

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
-from flexstage.cli.options import InputUnitOption, JsonOption, OutputUnitOption, option, with_groups
+from flexstage.cli.options import (
+    InputUnitOption,
+    JsonOption,
+    OutputUnitOption,
+    option,
+    quantity,
+    with_groups,
+)
 from flexstage.cli.output import (
     console,
     figure_option,
@@ -159,11 +166,9 @@ def moved_for(text: str, words: str) -> float:
     """
     import math
 
-    from flexstage.units import parse
-
     word = text.strip().lower()
     try:
-        seconds = math.inf if word == "inf" else parse(text, "time", bare_unit="s")
+        seconds = math.inf if word == "inf" else quantity(text, "time", bare_unit="s")
     except UnitError:
         seconds = math.nan
     if not seconds >= 0.0:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from flexstage.cli.options import option
+from flexstage.cli.options import option, quantity
 from flexstage.errors import ModelError, RecordError
 
 if TYPE_CHECKING:
@@ -233,14 +233,12 @@ def file_rates(text: str | None, option: str, files: int) -> "Sequence[float | N
 
     That of --resample may be median, which is None as well.
     """
-    from flexstage.units import parse
-
     if text is None:
         return [None] * files
     given = [
         None
         if option == "--resample" and word.strip() == "median"
-        else parse(word, "frequency", bare_unit="Hz")
+        else quantity(word, "frequency", bare_unit="Hz")
         for word in text.split(",")
     ]
     if len(given) not in (1, files):

@@ -262,6 +262,7 @@ def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
 
 
 def _print(result: "PlanResult") -> None:
+    from flexstage.characteristic import in_order
     from flexstage.plans import VerifiedStep
     from flexstage.plans.results import CentredStep, IdentifiedStep
 
@@ -276,11 +277,7 @@ def _print(result: "PlanResult") -> None:
         "<step",
         "published",
     )
-    order = {f.quantity: i for i, f in enumerate(result.figures)}
-    shown = sorted(
-        (*result.figures, *result.further_figures), key=lambda f: (order[f.quantity], f.axis)
-    )
-    for figure in shown:
+    for figure in in_order((*result.figures, *result.further_figures)):
         table.add_row(*_figure(result, figure))
     if result.figures:
         screen.print(table)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
-from flexstage.cli.options import JsonOption, StageArgument, option
+from flexstage.cli.options import JsonOption, StageArgument, option, quantity
 from flexstage.errors import NotConnectedError, UnitError
 
 if TYPE_CHECKING:
@@ -134,9 +134,7 @@ def _check(option: str, value: str, allowed: tuple[str, ...]) -> None:
 
 
 def _rate(text: str) -> float:
-    from flexstage.units import parse
-
-    rate = parse(text, "frequency", bare_unit="Hz")
+    rate = quantity(text, "frequency", bare_unit="Hz")
     if not 1e3 <= rate <= 50e3:
         raise UnitError(f"--servo-rate must be 1 kHz to 50 kHz, got '{text}'")
     return rate

@@ -7,7 +7,6 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.export.drive_models import (
-    USUAL_LOOP_WIDTH,
     Hysteresis,
     amplifier_of,
     bare_drive,
@@ -18,6 +17,7 @@ from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis import Creep, DriveModel, HysteresisModel, Sensor
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.stage_plant import refuse_stroke
+from flexstage.hysteresis.virtual_stack import USUAL_LOOP_WIDTH
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import MechanicalSystem, Modes, modes
 from flexstage.system.mechanical import DrivePort

@@ -10,12 +10,9 @@ from flexstage.errors import ModelError
 from flexstage.export.model import ModelDrive
 from flexstage.hysteresis import Amplifier, BoucWen, Creep, DriveModel, HysteresisModel, loop_width
 from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.virtual_stack import USUAL_LOOP_WIDTH
 from flexstage.stage import Drive, PiezoStack, Stage
 from flexstage.system import MechanicalSystem
-
-#: Width of the loop of a usual multilayer stack over its stroke [1]: data sheets of stacks under
-#: voltage control state 10 to 15 %.
-USUAL_LOOP_WIDTH = 0.125
 
 #: What a stack does, by drive or axis; or a word for all of them.
 Hysteresis = Mapping[str, HysteresisModel | DriveModel] | Literal["usual", "none"]

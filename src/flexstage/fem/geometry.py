@@ -273,13 +273,6 @@ def _require_held(stage: Stage) -> None:
         )
 
 
-def _local(hinge: Hinge, p: Point) -> Point:
-    """Map a point to the axes of a hinge."""
-    c, s = math.cos(hinge.direction), math.sin(hinge.direction)
-    x, y = p[0] - hinge.at[0], p[1] - hinge.at[1]
-    return c * x + s * y, c * y - s * x
-
-
 def _ends(edge: TopoDS_Shape) -> tuple[Point, Point]:
     a, b = edge.start, edge.end
     return (a.x / METRE, a.y / METRE), (b.x / METRE, b.y / METRE)
@@ -287,7 +280,7 @@ def _ends(edge: TopoDS_Shape) -> tuple[Point, Point]:
 
 def _along(hinge: Hinge, edge: TopoDS_Shape) -> tuple[float, float]:
     a, b = _ends(edge)
-    return _local(hinge, a)[0], _local(hinge, b)[0]
+    return hinge.from_plane(a)[0], hinge.from_plane(b)[0]
 
 
 def _beside(hinge: Hinge, edge: TopoDS_Shape) -> bool:
@@ -295,11 +288,11 @@ def _beside(hinge: Hinge, edge: TopoDS_Shape) -> bool:
     half, height = hinge.profile.length / 2.0, hinge.profile.root_height
     cut = STRAINED * half
     for p in (*_ends(edge), _middle(edge)):
-        along, across = _local(hinge, p)
+        along, across = hinge.from_plane(p)
         if not cut - _NEAR < abs(along) < half + _NEAR or abs(across) > height:
             return False
     first, last = _along(hinge, edge)
-    middle = abs(_local(hinge, _middle(edge))[0])
+    middle = abs(hinge.from_plane(_middle(edge))[0])
     # the cut lies across, and so does an edge of the body beside the root
     return not abs(first - last) < _NEAR or cut + _NEAR < middle < half - _NEAR
 

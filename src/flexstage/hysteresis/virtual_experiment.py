@@ -18,19 +18,19 @@ from flexstage.hysteresis.loops import Tracking, loop_width, tracking
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.plant import Plant
 from flexstage.hysteresis.stage_plant import stage_plant
-from flexstage.hysteresis.virtual_stack import virtual_stack
+from flexstage.hysteresis.virtual_stack import (
+    USUAL_BANDWIDTH_HZ,
+    USUAL_CREEP,
+    USUAL_LOOP_WIDTH,
+    virtual_stack,
+)
 from flexstage.records import Channel, Record
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import MechanicalSystem, modes
 
-#: What the virtual bench is like: sampling [Hz], noise of the sensor [m], creep per decade [1],
-#: bandwidth of the amplifier [Hz]. Usual figures of a capacitive sensor and a multilayer stack.
+#: What the virtual bench is like: sampling [Hz], noise of its sensor [m] as of a capacitive one.
 _SAMPLE_RATE_HZ = 1000.0
 _NOISE = 5e-9
-_CREEP = 0.012
-_BANDWIDTH_HZ = 2000.0
-#: Width of a loop over its stroke where nobody has measured one.
-_USUAL_WIDTH = 0.125
 #: Rate of the loops that are compared [Hz], and how many of them; the first ones are left out.
 _RATE_HZ = 1.0
 _CYCLES, _FIRST = 6, 3
@@ -212,7 +212,7 @@ def _bench(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> _Ben
     lowest = float(modes(system, drives="in place", count=1).frequency_hz[0])
     stroke = measured_value(stage.published, "output_displacement", axis)
     width = measured_value(stage.published, "hysteresis_loop_width", axis)
-    share = _USUAL_WIDTH if stroke is None or width is None else width / stroke
+    share = USUAL_LOOP_WIDTH if stroke is None or width is None else width / stroke
     free, own = drive.free_stroke, share
 
     def wired(free: float, own: float) -> _Bench:
@@ -220,8 +220,8 @@ def _bench(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> _Ben
             stage,
             system,
             {drive.name: virtual_stack(limits, free, own)},
-            creep=LogCreep(rate_per_decade=_CREEP),
-            bandwidth_hz=_BANDWIDTH_HZ,
+            creep=LogCreep(rate_per_decade=USUAL_CREEP),
+            bandwidth_hz=USUAL_BANDWIDTH_HZ,
             sensors={port.probe: Sensor(noise_rms=_NOISE, seed=seed)},
         )
         return _Bench(

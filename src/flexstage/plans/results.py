@@ -5,7 +5,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from flexstage.characteristic import Characteristic, Characteristics, MeasuredCharacteristic
+from flexstage.characteristic import (
+    Characteristic,
+    Characteristics,
+    MeasuredCharacteristic,
+    in_order,
+    one_of_each,
+)
 from flexstage.errors import PlanError
 from flexstage.instruments.protocol import Identity
 from flexstage.plans.excite import Blows
@@ -20,7 +26,6 @@ from flexstage.plans.step_results import (
     VerifiedStep,
 )
 from flexstage.plans.verbs import Measure
-from flexstage.quantities import QUANTITIES
 from flexstage.stage import Stage
 
 #: Figures that depend on whether the drives hold the stage.
@@ -78,11 +83,7 @@ class PlanResult:
     @property
     def figures(self) -> tuple[MeasuredCharacteristic, ...]:
         """One figure for each quantity and axis: that of the first step that gives it."""
-        first: dict[tuple[str, str], MeasuredCharacteristic] = {}
-        for figure in self.all_figures:
-            first.setdefault((figure.quantity, figure.axis), figure)
-        order = {quantity: i for i, quantity in enumerate(QUANTITIES)}
-        return tuple(sorted(first.values(), key=lambda f: (order[f.quantity], f.axis)))
+        return one_of_each(self.all_figures)
 
     @property
     def all_figures(self) -> tuple[MeasuredCharacteristic, ...]:
@@ -107,8 +108,7 @@ class PlanResult:
                     for f in step.figures
                     if id(f) not in own and (f.quantity, f.axis, f.test) not in known
                 ]
-        order = {quantity: i for i, quantity in enumerate(QUANTITIES)}
-        return tuple(sorted(found, key=lambda f: (order[f.quantity], f.axis)))
+        return in_order(found)
 
     def drives_in_place(self, figure: MeasuredCharacteristic) -> bool:
         """Say whether a natural frequency or damping is that of the stage with its drives in place.

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +85,12 @@ class Tree:
     """Its texts, by path. ``units/u`` is the unit of ``u``, ``names/u`` its heading."""
     file_size: int
     """Size of the file [bytes]."""
+
+
+def unreadable(path: Path, kind: str, error: Exception, hint: str = "") -> RecordError:
+    """Return the refusal of a file on which its library failed, with the first line of why."""
+    reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
+    return RecordError(f"'{path}' cannot be read as {kind} file ({reason}){hint}")
 
 
 def chosen_columns(tree: Tree, dataset: str | None) -> FileColumns:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumns
-from flexstage.records.datasets import StoredArray, Tree, chosen_columns
+from flexstage.records.datasets import StoredArray, Tree, chosen_columns, unreadable
 
 _DEEPEST = 12
 _MOST = 20_000
@@ -37,10 +37,7 @@ def read_hdf5(path: Path, dataset: str | None = None) -> FileColumns:
     except RecordError:
         raise
     except Exception as error:  # a damaged file makes nearly any error there
-        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
-        raise RecordError(
-            f"'{path}' cannot be read as an HDF5 file ({reason}): is it whole?"
-        ) from error
+        raise unreadable(path, "an HDF5", error, ": is it whole?") from error
 
 
 def _attribute_names(file: Any) -> set[str]:

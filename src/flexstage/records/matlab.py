@@ -21,6 +21,7 @@ from flexstage.records.datasets import (
     chosen_columns,
     most_unpacked,
     require_unpacked,
+    unreadable,
 )
 from flexstage.records.hdf5 import read_hdf5
 
@@ -54,9 +55,7 @@ def read_matlab(path: Path, dataset: str | None = None) -> FileColumns:
     except RecordError as error:
         raise RecordError(f"'{path}': {error}") from error
     except Exception as error:  # a damaged file makes nearly any error there
-        raise RecordError(
-            f"'{path}' cannot be read as a MATLAB file ({_first_line(error)}): save it again"
-        ) from error
+        raise unreadable(path, "a MATLAB", error, ": save it again") from error
     walk = _Walk()
     for name, value in variables.items():
         if not name.startswith("__"):
@@ -73,11 +72,6 @@ def read_matlab(path: Path, dataset: str | None = None) -> FileColumns:
             "columns as plain arrays"
         )
     return chosen_columns(tree, dataset)
-
-
-def _first_line(error: Exception) -> str:
-    text = str(error).strip().splitlines()
-    return (text[0] if text else type(error).__name__)[:120]
 
 
 class _Walk:

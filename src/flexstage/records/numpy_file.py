@@ -8,7 +8,13 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumns
-from flexstage.records.datasets import StoredArray, Tree, chosen_columns, require_unpacked
+from flexstage.records.datasets import (
+    StoredArray,
+    Tree,
+    chosen_columns,
+    require_unpacked,
+    unreadable,
+)
 
 
 def read_numpy(path: Path, dataset: str | None = None) -> FileColumns:
@@ -29,8 +35,7 @@ def read_numpy(path: Path, dataset: str | None = None) -> FileColumns:
                 f"'{path}' is pickled, which is not loaded, as that would run what it says: save "
                 "plain arrays of numbers"
             ) from error
-        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
-        raise RecordError(f"'{path}' cannot be read as a NumPy file ({reason})") from error
+        raise unreadable(path, "a NumPy", error) from error
 
 
 def _arrays(path: Path) -> dict[str, NDArray]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumns
-from flexstage.records.datasets import StoredArray, Tree, chosen_columns
+from flexstage.records.datasets import StoredArray, Tree, chosen_columns, unreadable
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 
@@ -36,8 +36,7 @@ def read_tdms(path: Path, dataset: str | None = None) -> FileColumns:
     except RecordError:
         raise
     except Exception as error:  # a damaged file makes nearly any error there
-        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
-        raise RecordError(f"'{path}' cannot be read as a TDMS file ({reason})") from error
+        raise unreadable(path, "a TDMS", error) from error
 
 
 @contextlib.contextmanager

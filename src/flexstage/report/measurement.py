@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from flexstage.characteristic import Characteristic, Characteristics, MeasuredCharacteristic
 from flexstage.estimate import Estimate
+from flexstage.experiment.campaign.results import Difference, difference
 from flexstage.experiment.motion.positioning import Positioning
-from flexstage.experiment.significance import Difference, difference
 from flexstage.quantities import display, prefixed
 
 if TYPE_CHECKING:

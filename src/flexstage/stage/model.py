@@ -94,6 +94,23 @@ class Hinge:
         c, s = math.cos(self.direction), math.sin(self.direction)
         return (self.at[0] + c * along - s * across, self.at[1] + s * along + c * across)
 
+    def from_plane(self, point: tuple[float, float]) -> tuple[float, float]:
+        """Map a point of the plane of the stage to the hinge's own axes.
+
+        Parameters
+        ----------
+        point : tuple of float
+            The point (x, y) [m].
+
+        Returns
+        -------
+        tuple of float
+            What `to_plane` takes for it.
+        """
+        c, s = math.cos(self.direction), math.sin(self.direction)
+        x, y = point[0] - self.at[0], point[1] - self.at[1]
+        return c * x + s * y, c * y - s * x
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Probe:

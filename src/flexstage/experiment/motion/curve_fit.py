@@ -262,9 +262,7 @@ def _drift_line(level: Array, at: Array) -> tuple[float, float]:
 
 def _levels(basis: CurveBasis, coefficients: Array) -> Array:
     """Return the mean of both runs over the stroke, of each cycle."""
-    x = np.linspace(basis.low, basis.high, 401)
-    if basis.knots is not None:
-        x = np.union1d(x, basis.knots)
+    x = basis.grid()
     return coefficients.mean(axis=1) @ (position_weights(x) @ basis.columns(x))
 
 

@@ -55,6 +55,11 @@ class CurveBasis:
         found[0] = 1.0
         return found
 
+    def grid(self, count: int = 401) -> Array:
+        """Return so many even positions over the range, and the knots."""
+        even = np.linspace(self.low, self.high, count)
+        return even if self.knots is None else np.union1d(even, self.knots)
+
     def columns(self, position: ArrayLike) -> Array:
         """Return the functions at positions.
 
@@ -149,8 +154,7 @@ class MotionCurve:
         numpy.ndarray
             Positions, rising.
         """
-        even = np.linspace(self.basis.low, self.basis.high, count)
-        return even if self.basis.knots is None else np.union1d(even, self.basis.knots)
+        return self.basis.grid(count)
 
     def rows(self, position: ArrayLike, direction: Direction) -> Array:
         """Return what coefficients count by in the values at positions.

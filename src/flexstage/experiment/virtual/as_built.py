@@ -23,7 +23,7 @@ from flexstage.experiment.virtual.imperfections import (
 )
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.virtual_stack import virtual_stack
+from flexstage.hysteresis.virtual_stack import USUAL_LOOP_WIDTH, virtual_stack
 from flexstage.lumped import hinge_springs
 from flexstage.lumped.assemble import hinge_matrix, layout_of
 from flexstage.stage import PiezoStack, Stage
@@ -32,8 +32,6 @@ from flexstage.system.analysis import axis_mode
 
 #: Straightness over the stroke where nobody has measured one [1].
 _USUAL_STRAIGHTNESS = 2e-3
-#: Width of a piezo stack's loop over its stroke where nobody has measured one [1].
-_USUAL_WIDTH = 0.125
 #: Spread of the position from cycle to cycle, and what differs by direction, both over the stroke
 #: [1].
 _REPEATABILITY = 1.5e-4
@@ -227,7 +225,7 @@ def _axis(
     if isinstance(drive, PiezoStack) and drive.voltage_range is not None:
         commands, unit = drive.voltage_range, "V"
         width = known.get("hysteresis_loop_width")
-        share = _USUAL_WIDTH if width is None else width / stroke
+        share = USUAL_LOOP_WIDTH if width is None else width / stroke
         hysteresis = virtual_stack(commands, stroke, share, plays=_PLAYS)
     step = drive.smallest_displacement
     axis = AsBuiltAxis(

@@ -204,13 +204,6 @@ def _is_neck(neck: NeckLine, start: Pair, end: Pair) -> bool:
     return any(math.dist(a, start) < _SAME and math.dist(b, end) < _SAME for a, b in ends)
 
 
-def _local(hinge: Hinge, p: Pair) -> Pair:
-    """Map a point to the axes of a hinge."""
-    c, s = math.cos(hinge.direction), math.sin(hinge.direction)
-    x, y = p[0] - hinge.at[0], p[1] - hinge.at[1]
-    return c * x + s * y, c * y - s * x
-
-
 def _on_notch(hinge: Hinge, start: Pair, end: Pair) -> bool:
     """Tell whether a segment is of the surface of a notch.
 
@@ -218,7 +211,7 @@ def _on_notch(hinge: Hinge, start: Pair, end: Pair) -> bool:
     """
     profile = hinge.profile
     half = 0.5 * profile.length
-    (x0, y0), (x1, y1) = _local(hinge, start), _local(hinge, end)
+    (x0, y0), (x1, y1) = hinge.from_plane(start), hinge.from_plane(end)
     top = 0.5 * profile.neck_thickness + profile.depth + _SAME
     bottom = -0.5 * profile.neck_thickness - (0.0 if profile.one_sided else profile.depth) - _SAME
     inside = all(abs(x) <= half + _SAME and bottom <= y <= top for x, y in ((x0, y0), (x1, y1)))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain.element import ChainElement, Complex, checked_state, positive_step
+from flexstage.hysteresis.chain.element import ChainElement, Complex, positive_step
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, samples
@@ -131,7 +131,7 @@ class Amplifier(ChainElement):
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
         command = samples(x, "command of the amplifier")
         h = positive_step(dt)
-        now = self._start(command[0], h, state)
+        now = self._started(command[0], h, state, "an amplifier")
         y = np.empty_like(command)
         low, high = self._range()
         amplify(
@@ -173,7 +173,7 @@ class Amplifier(ChainElement):
         """
         wanted = samples(y, "output of the amplifier")
         h = positive_step(dt)
-        now = self._start(wanted[0] / self.gain, h, state)
+        now = self._started(wanted[0] / self.gain, h, state, "an amplifier")
         before = wanted[0] if state is None else now[1]
         self._refuse_range(wanted)
         self._refuse_rate(np.diff(wanted, prepend=before) / h)
@@ -218,9 +218,6 @@ class Amplifier(ChainElement):
 
     def _range(self) -> tuple[float, float]:
         return (-math.inf, math.inf) if self.voltage_range is None else self.voltage_range
-
-    def _start(self, first: float, dt: float, state: ArrayLike | None) -> Array:
-        return self.settled(first, dt) if state is None else checked_state(state, 2, "an amplifier")
 
     def _refuse_range(self, y: Array) -> None:
         low, high = self._range()

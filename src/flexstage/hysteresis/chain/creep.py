@@ -14,7 +14,6 @@ from flexstage.hysteresis.chain.element import (
     SHORTEST,
     ChainElement,
     Complex,
-    checked_state,
     positive_step,
 )
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
@@ -137,8 +136,7 @@ class Creep(ChainElement):
 
     def _start(self, first: float, dt: float, state: ArrayLike | None) -> tuple[Array, ...]:
         ratio = positive_step(dt) / self.time_constants
-        size = 1 + ratio.size
-        now = self.settled(first, dt) if state is None else checked_state(state, size, "creep")
+        now = self._started(first, dt, state, "creep")
         return now, decay_share(ratio), ramp_share(ratio)
 
 

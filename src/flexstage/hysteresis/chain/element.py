@@ -49,6 +49,11 @@ class ChainElement(ABC):
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
         """Return the output for a sequence of inputs."""
 
+    def _started(self, first: float, dt: float, state: ArrayLike | None, what: str) -> Array:
+        """Return a private copy of a state after checking its size, or the settled one."""
+        rest = self.settled(first, dt)
+        return rest if state is None else checked_state(state, rest.size, what)
+
     @abstractmethod
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
         """Return the ratio of output to input for a steady sine."""

@@ -14,7 +14,6 @@ from flexstage.hysteresis.chain.element import (
     ORDERS,
     ChainElement,
     Complex,
-    checked_state,
     positive_step,
     terms_needed,
 )
@@ -212,7 +211,7 @@ class Lag(ChainElement):
 
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
         given = samples(x, "input of a lag")
-        now = self._start(given[0], dt, state)
+        now = self._started(given[0], dt, state, "a lag")
         whole = now.size - 2
         within = 1.0 - (self.delay / dt - whole)
         ratio = self._ratio(dt)
@@ -261,7 +260,7 @@ class Lag(ChainElement):
                 "which knows the whole output"
             )
         wanted = samples(y, "output of a lag")
-        now = self._start(wanted[0], dt, state)
+        now = self._started(wanted[0], dt, state, "a lag")
         x = np.empty_like(wanted)
         ratio = self._ratio(dt)
         _undo_lag(wanted, now, float(decay_share(ratio)), float(ramp_share(ratio)), x)
@@ -317,12 +316,6 @@ class Lag(ChainElement):
 
     def _ratio(self, dt: float) -> float:
         return dt / self.time_constant if self.time_constant > 0.0 else math.inf
-
-    def _start(self, first: float, dt: float, state: ArrayLike | None) -> Array:
-        step = positive_step(dt)
-        if state is None:
-            return self.settled(first, step)
-        return checked_state(state, 2 + self._whole(step), "a lag")
 
 
 @compiled

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain.element import ChainElement, Complex, checked_state, positive_step
+from flexstage.hysteresis.chain.element import ChainElement, Complex, positive_step
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.model import Array, Response, samples
 
@@ -88,7 +88,7 @@ class Sensor(ChainElement):
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
         given = samples(x, "input of a sensor")
         h = positive_step(dt)
-        now = self._start(given[0], h, state)
+        now = self._started(given[0], h, state, "a sensor")
         lagged = self._lag().simulate(given, h, now[:2])
         count = int(now[2])
         y = self.gain * lagged.values + self.offset
@@ -120,7 +120,7 @@ class Sensor(ChainElement):
             The inputs, and the state at the last sample.
         """
         lagged = (samples(y, "reading of a sensor") - self.offset) / self.gain
-        now = self._start(lagged[0], positive_step(dt), state)
+        now = self._started(lagged[0], positive_step(dt), state, "a sensor")
         found = self._lag().inverse(lagged, dt, now[:2])
         return Response(values=found.values, state=np.append(found.state, now[2] + lagged.size))
 
@@ -142,6 +142,3 @@ class Sensor(ChainElement):
         ]
         offset = first - blocks[0] * _BLOCK
         return np.concatenate(drawn)[offset : offset + count]
-
-    def _start(self, first: float, dt: float, state: ArrayLike | None) -> Array:
-        return self.settled(first, dt) if state is None else checked_state(state, 3, "a sensor")

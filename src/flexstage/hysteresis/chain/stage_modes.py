@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain.element import ChainElement, Complex, checked_state, positive_step
+from flexstage.hysteresis.chain.element import ChainElement, Complex, positive_step
 from flexstage.hysteresis.chain.modal import (
     UnitStep,
     modes_along_lines,
@@ -202,10 +202,7 @@ class StageModes(ChainElement):
     ) -> tuple[UnitStep, float, Array, Array]:
         step = unit_step(self.omega * positive_step(dt), np.array(self.damping_ratio))
         k = len(self.frequency_hz)
-        if state is None:
-            now = self.settled(first, dt)
-        else:
-            now = checked_state(state, 1 + 2 * k, "the stage")
+        now = self._started(first, dt, state, "the stage")
         return step, float(now[0]), now[1 : 1 + k].copy(), now[1 + k :] * dt
 
 

@@ -7,7 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.excitations.excitation import Excitation, ExcitationPart, memory_coverage
+from flexstage.hysteresis.excitations.excitation import (
+    SHAPES,
+    Excitation,
+    ExcitationPart,
+    Movement,
+    memory_coverage,
+    multisine,
+)
 from flexstage.hysteresis.excitations.segments import (
     NEAREST_RATES,
     ExcitationDesign,
@@ -20,7 +27,6 @@ from flexstage.hysteresis.excitations.segments import (
     shortest,
     usable_rates,
 )
-from flexstage.hysteresis.excitations.shapes import SHAPES, Movement, multisine
 from flexstage.hysteresis.model import Array
 
 #: No loop repeats more often than this part of the lowest natural frequency.

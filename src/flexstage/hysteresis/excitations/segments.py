@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.excitations.shapes import Movement
+from flexstage.hysteresis.excitations.excitation import Movement
 
 #: Rate of the fastest loops where nobody asks for one [Hz], and how many times slower others are.
 _USUAL_RATE = 5.0

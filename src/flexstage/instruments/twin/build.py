@@ -16,7 +16,12 @@ from flexstage.experiment.virtual.imperfections import (
 )
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.loops import loop_width
-from flexstage.hysteresis.virtual_stack import virtual_stack
+from flexstage.hysteresis.virtual_stack import (
+    USUAL_BANDWIDTH_HZ,
+    USUAL_CREEP,
+    USUAL_LOOP_WIDTH,
+    virtual_stack,
+)
 from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.twin.default_servo import delivered_settings
 from flexstage.instruments.twin.piezo_stage import PiezoAxis, PiezoStage
@@ -28,12 +33,9 @@ from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.analysis import axis_mode
 
-#: What amplifier and stack are like: bandwidth [Hz], largest current [A], creep per decade [1].
-_BANDWIDTH_HZ = 2000.0
+#: Largest current of the amplifier [A].
 _CURRENT = 0.3
-_CREEP = 0.012
-#: Width of a loop over its stroke where nobody has measured one, and the widths there can be.
-_USUAL_WIDTH = 0.125
+#: Widths that a loop can have over its stroke [1].
 _WIDTHS = (0.03, 0.25)
 #: So many plays that their kinks drown in any noise.
 _PLAYS = 192
@@ -184,12 +186,12 @@ def _piezos(
     built: AsBuilt, seed: int, rate: float, *, charge: bool, quiet: bool, scatter: bool
 ) -> PiezoStage:
     rng = _draws(seed)
-    creep = LogCreep(rate_per_decade=_CREEP)
+    creep = LogCreep(rate_per_decade=USUAL_CREEP)
     aims, parts = [], []
     for state in built.axes:
         off = rng.standard_normal(2).tolist() if scatter else (0.0, 0.0)
         width = _published_width(built.stage, state.name)
-        share = _USUAL_WIDTH if width is None else width / state.stroke
+        share = USUAL_LOOP_WIDTH if width is None else width / state.stroke
         share *= 1.0 + _WIDTH_SPREAD * off[0]
         aims.append(
             (state.stroke * (1.0 + _STROKE_SPREAD * off[1]), float(np.clip(share, *_WIDTHS)))
@@ -213,7 +215,7 @@ def _piezos(
         guide = replace(built.axis(part.name).guide, stroke=stroke)
         limits = replace(part.limits, position=(low + free, low + stroke - free))
         final.append(replace(part, limits=limits, guide=guide, low=low))
-    final = delivered_settings(built.system, final, rate, _BANDWIDTH_HZ, creep)
+    final = delivered_settings(built.system, final, rate, USUAL_BANDWIDTH_HZ, creep)
     return PiezoStage(
         stage=built.stage,
         system=built.system,
@@ -221,7 +223,7 @@ def _piezos(
         sample_rate_hz=rate,
         seed=seed,
         creep=creep,
-        bandwidth_hz=_BANDWIDTH_HZ,
+        bandwidth_hz=USUAL_BANDWIDTH_HZ,
         charge=ChargeDrive(voltage_range=_range(final[0])) if charge else None,
         quiet=quiet,
         scatter=scatter,
@@ -245,7 +247,7 @@ def _axis_of(built: AsBuilt, name: str) -> PiezoAxis:
         limits = limits.within(AxisLimits(slew=rate))
     return PiezoAxis(
         name=name, drive=axis.drive, probe=axis.probe, limits=limits, largest_rate=rate,
-        stack=virtual_stack(limits.voltage or (0.0, 1.0), 1.0, _USUAL_WIDTH, plays=8),
+        stack=virtual_stack(limits.voltage or (0.0, 1.0), 1.0, USUAL_LOOP_WIDTH, plays=8),
     )  # fmt: skip
 
 
@@ -260,7 +262,7 @@ def _conditioned(
     rate = 1000.0
     stage = PiezoStage(
         stage=built.stage, system=built.system, axes=parts, sample_rate_hz=rate, creep=creep,
-        bandwidth_hz=_BANDWIDTH_HZ, quiet=True, scatter=False,
+        bandwidth_hz=USUAL_BANDWIDTH_HZ, quiet=True, scatter=False,
     )  # fmt: skip
     n = int(rate)
     swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(_CYCLES * n) / n)

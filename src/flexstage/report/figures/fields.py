@@ -157,8 +157,6 @@ def place(figure: "Figure", left: float, top: float, width: float, height: float
     """Add axes at a place that is measured from the upper left corner [inch].
 
     Pictures keep their proportions and stand in rows, which an automatic layout does not settle.
-
-    Pictures keep their proportions and stand in rows, which an automatic layout does not settle.
     """
     wide, high = figure.get_size_inches()
     return figure.add_axes((left / wide, 1.0 - (top + height) / high, width / wide, height / high))
