@@ -104,7 +104,7 @@ SUBPACKAGES = [
     "records", "hinges", "stage", "designs", "system", "lumped",
     "fem", "hysteresis",
     "experiment", "centring", "instruments",
-    "control", "plans", "explore", "export", "report", "interactive", "web",
+    "control", "plans", "explore", "export", "studies", "report", "interactive", "web",
 ]  # fmt: skip
 
 

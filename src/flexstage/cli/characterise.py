@@ -170,9 +170,9 @@ def characterise(
     from flexstage.experiment.campaign.file import read_campaign
     from flexstage.experiment.campaign.plan import Columns
     from flexstage.files.write import write_files
-    from flexstage.report import compare_measurement
-    from flexstage.report.measurement import measurement_results
     from flexstage.report.measurement_html import measurement_text
+    from flexstage.studies import compare_measurement
+    from flexstage.studies.measurement import measurement_results
 
     files = records or []
     written: dict[str, bytes] = {}
