@@ -83,7 +83,7 @@ def study(
         found = None
         if measured is not None:
             from flexstage.experiment.campaign.evaluate import characterise
-            from flexstage.experiment.campaign.file import read_campaign
+            from flexstage.experiment.campaign.plan import read_campaign
 
             found = characterise(read_campaign(measured), measured.parent)
         result = run_study(
