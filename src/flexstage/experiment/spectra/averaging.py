@@ -227,7 +227,7 @@ def welch_spectra(
     w = window_values(window, length)
     fs = signals.sample_rate_hz
     counts = [(n - length) // hop + 1 for n in signals.sizes]
-    sums = SumOfSpectra(length // 2 + 1, signals.inputs, signals.outputs, sum(counts) * length)
+    sums = SumOfSpectra(length // 2 + 1, signals.inputs, signals.outputs)
     extremes = []
     for row in signals.channels:
         ends = [Extremes() for _ in row]

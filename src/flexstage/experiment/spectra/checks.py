@@ -10,11 +10,9 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.records import Record, saturation, step_uncertainty
-from flexstage.records.sampling import require_complete, require_uniform
+from flexstage.records.sampling import extreme_steps, require_complete, require_uniform
 
 Excitation = Literal["auto", "random", "periodic", "hammer", "step", "sweep"]
-#: Samples from which on compiled loops are worth the time that the compiler takes to load.
-COMPILED = 4_000_000
 # channels are looked through in pieces of so many samples, which stay in the cache
 _PIECE = 65_536
 # rates of records that are averaged agree to this share
@@ -83,10 +81,7 @@ class Extremes:
     def see(self, values: Array, start: int, stop: int) -> None:
         """Look at a piece of the channel."""
         piece = values[start:stop]
-        self.note(float(np.min(piece)), float(np.max(piece)), start, stop)
-
-    def note(self, low: float, high: float, start: int, stop: int) -> None:
-        """Take note of the least and the greatest sample of a piece."""
+        low, high = float(np.min(piece)), float(np.max(piece))
         if not (np.isfinite(low) and np.isfinite(high)):
             self.low = self.high = np.nan
         if low <= self.low:
@@ -193,14 +188,7 @@ def _require_even(record: Record, source: str) -> None:
             f"{source} is a record over {record.over}, not over time: a frequency response is "
             "estimated from samples in time; one over frequency is taken by response_from_record"
         )
-    t = record.time
-    if t.size < COMPILED:
-        steps = np.diff(t)
-        low, high = float(steps.min()), float(steps.max())
-    else:
-        from flexstage.experiment.spectra.kernels import extreme_steps
-
-        low, high = extreme_steps(t)
+    low, high = extreme_steps(record.time)
     # the criterion of Record.uniform, of which the error then tells more
     if high - low > 1e-3 / record.sample_rate_hz:
         require_uniform(record)

@@ -172,7 +172,7 @@ def spectral_density(
     length = segment_length((x.size,), sample_rate_hz, segment, resolution_hz)
     hop = hop_of(length, window, overlap)
     w = window_values(window, length)
-    sums = SumOfSpectra(length // 2 + 1, 1, 0, x.size)
+    sums = SumOfSpectra(length // 2 + 1, 1, 0)
     count = add_segments(sums, (x,), w, hop, detrend=detrend)
     if not np.isfinite(sums.power).all():
         raise RecordError("a spectral density needs finite samples: correct those that are NaN")

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
-from flexstage.experiment.spectra.checks import COMPILED, Extremes
+from flexstage.experiment.spectra.checks import Extremes
 
 # samples that are transformed at a time: with their transforms they fit a second-level cache
 _BLOCK = 131_072
@@ -51,18 +52,22 @@ def channel_pairs(inputs: int, outputs: int) -> NDArray[np.int64]:
 class SumOfSpectra:
     """Sums of squares and products of transforms, added to segment by segment.
 
-    Inputs come first among the channels. From some millions of samples in all, the sums are
-    compiled.
+    Inputs come first among the channels.
     """
 
-    def __init__(self, lines: int, inputs: int, outputs: int, samples: int = 0) -> None:
+    def __init__(self, lines: int, inputs: int, outputs: int) -> None:
         self.inputs, self.outputs = inputs, outputs
         self.pairs = channel_pairs(inputs, outputs)
-        self.power = np.zeros((inputs + outputs, lines))
-        self.real = np.zeros((len(self.pairs), lines))
-        self.imaginary = np.zeros((len(self.pairs), lines))
+        self.products = np.zeros((len(self.pairs), lines), dtype=np.complex128)
         self.segments = 0
-        self.compiled = samples >= COMPILED
+        # of real and imaginary parts by turns, which are added up when all is summed
+        self._squares = np.zeros((inputs + outputs, 2 * lines))
+
+    @property
+    def power(self) -> Array:
+        """Sums of abs(X)^2, shape (channels, lines)."""
+        with np.errstate(over="ignore"):
+            return self._squares[:, ::2] + self._squares[:, 1::2]
 
     def add(self, transforms: Complex) -> None:
         """Add the transforms of some segments.
@@ -70,36 +75,34 @@ class SumOfSpectra:
         They are contiguous along the lines, shape (channels, segments, lines).
         """
         self.segments += transforms.shape[1]
-        parts = transforms.view(np.float64)
-        if self.compiled:
-            from flexstage.experiment.spectra.kernels import add_products
-
-            add_products(parts, self.pairs, self.power, self.real, self.imaginary)
-            return
-        for c, z in enumerate(parts):
-            self.power[c] += np.einsum("sk,sk->k", z, z).reshape(-1, 2).sum(axis=1)
-        for p, (y, x) in enumerate(self.pairs):
-            product = np.einsum("sk,sk->k", transforms[y], np.conj(transforms[x]))
-            self.real[p] += product.real
-            self.imaginary[p] += product.imag
+        # what is not finite shows in the sums, and is then named
+        with np.errstate(invalid="ignore", over="ignore"):
+            for c, z in enumerate(transforms.view(np.float64)):
+                self._squares[c] += np.einsum("sk,sk->k", z, z)
+            product = np.empty_like(transforms[0])
+            for p, (y, x) in enumerate(self.pairs):
+                np.conjugate(transforms[x], out=product)
+                product *= transforms[y]
+                self.products[p] += product.sum(axis=0)
 
     def matrices(self) -> tuple[Complex, Complex, Array]:
         """Return the sums of X X^H, Y X^H and abs(Y)^2.
 
         Shapes (k, inputs, inputs), (k, outputs, inputs) and (k, outputs).
         """
-        lines = self.power.shape[1]
+        power = self.power
+        lines = power.shape[1]
         xx = np.zeros((lines, self.inputs, self.inputs), dtype=np.complex128)
         yx = np.zeros((lines, self.outputs, self.inputs), dtype=np.complex128)
         for i in range(self.inputs):
-            xx[:, i, i] = self.power[i]
+            xx[:, i, i] = power[i]
         for p, (y, x) in enumerate(self.pairs):
-            value = self.real[p] + 1j * self.imaginary[p]
+            value = self.products[p]
             if y < self.inputs:
                 xx[:, y, x], xx[:, x, y] = value, np.conj(value)
             else:
                 yx[:, y - self.inputs, x] = value
-        return xx, yx, np.ascontiguousarray(self.power[self.inputs :].T)
+        return xx, yx, np.ascontiguousarray(power[self.inputs :].T)
 
 
 def add_segments(
@@ -125,50 +128,26 @@ def add_segments(
     of_window = np.fft.rfft(window)
     seen = np.abs(of_window) > _ROUNDING * np.abs(of_window).max()
     of_window = of_window[: int(np.flatnonzero(seen)[-1]) + 1]
-    buffer, means = np.empty((rows, length)), np.empty(rows)
+    buffer = np.empty((rows, length))
     transforms = np.empty((len(channels), rows, length // 2 + 1), dtype=np.complex128)
-    # what is not finite shows in the sums, and is then named
     with np.errstate(invalid="ignore", over="ignore"):
         for first in range(0, count, rows):
             size = min(rows, count - first)
+            start, stop = first * hop, (first + size - 1) * hop + length
             # the last, smaller block gets arrays of its own, as rows must follow one another
             work = transforms if size == rows else np.empty_like(transforms[:, :size])
             for c, values in enumerate(channels):
-                part = _Part(start=first * hop, stop=(first + size - 1) * hop + length, hop=hop)
-                ends = _window(values, part, window, buffer[:size], means[:size], sums.compiled)
+                # all that reads the samples, while they are in the cache
+                if extremes is not None:
+                    extremes[c].see(values, start, stop)
+                segments = sliding_window_view(values[start:stop], length)[::hop]
+                means = segments.mean(axis=1, keepdims=True)
+                np.multiply(segments, window, out=buffer[:size])
                 np.fft.rfft(buffer[:size], axis=-1, out=work[c])
                 if detrend:
-                    work[c, :, : of_window.size] -= means[:size, None] * of_window
-                if extremes is not None:
-                    extremes[c].note(*ends, part.start, part.stop)
+                    work[c, :, : of_window.size] -= means * of_window
             sums.add(work)
     return count
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Part:
-    """Segments of a channel: first sample, the one behind the last, and from one to the next."""
-
-    start: int
-    stop: int
-    hop: int
-
-
-def _window(
-    values: Array, part: _Part, window: Array, out: Array, means: Array, compiled: bool
-) -> tuple[float, float]:
-    """Put windowed segments and their means where they belong; least and greatest sample."""
-    if compiled:
-        from flexstage.experiment.spectra.kernels import windowed
-
-        ends = np.empty(2)
-        windowed(values, part.start, part.hop, window, out, means, ends)
-        return float(ends[0]), float(ends[1])
-    piece = values[part.start : part.stop]
-    segments = np.lib.stride_tricks.sliding_window_view(piece, window.size)[:: part.hop]
-    np.multiply(segments, window, out=out)
-    means[:] = segments.mean(axis=1)
-    return float(piece.min()), float(piece.max())
 
 
 def require_estimator(estimator: str, inputs: int, noise_ratio: float | None) -> None:
