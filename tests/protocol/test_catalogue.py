@@ -411,6 +411,7 @@ def test_threads_that_open_a_new_catalogue_at_once_and_write(address):
     check_many(address, 4, 6)
 
 
+@pytest.mark.slow
 def test_processes_that_write_at_once(address):
     context = multiprocessing.get_context("spawn")
     workers = [context.Process(target=enter_many, args=(address, w, 5, [])) for w in range(2)]
