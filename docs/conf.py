@@ -104,7 +104,7 @@ SUBPACKAGES = [
     "records", "hinges", "stage", "designs", "system", "lumped",
     "fem", "hysteresis",
     "experiment", "centring", "instruments",
-    "control", "plans", "explore", "export", "report", "interactive", "web",
+    "control", "plans", "explore", "export", "studies", "report", "interactive", "web",
 ]  # fmt: skip
 
 
@@ -130,10 +130,11 @@ def write_reference() -> None:
             module += "\n   :imported-members:"
         page = f"# flexstage.{name}\n\n```{{eval-rst}}\n{module}\n```\n"
         (folder / f"{name}.md").write_text(page, encoding="utf-8")
+    from flexstage.cli import app
     from flexstage.cli.command import command_line_page
 
     page = folder.parent / "command-line.md"
-    page.write_text(command_line_page(), encoding="utf-8")
+    page.write_text(command_line_page(app), encoding="utf-8")
     listing = "# API reference\n\n```{toctree}\n:maxdepth: 1\n\n" + "\n".join(names)
     (folder / "index.md").write_text(listing + "\n```\n", encoding="utf-8")
 

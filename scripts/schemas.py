@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import flexstage
-from flexstage.experiment.campaign.file import CAMPAIGN_FILE
-from flexstage.experiment.campaign.plan import Campaign
+from flexstage.experiment.campaign.plan import CAMPAIGN_FILE, Campaign
 from flexstage.experiment.uncertainty.budget_file import BUDGET_FILE, BudgetContent
 from flexstage.files.schema import file_schema
 from flexstage.plans.file import PLAN_FILE
 from flexstage.plans.plan import Plan
-from flexstage.stage.schema import SCHEMA_PATH, stage_schema
+from flexstage.stage.format import SCHEMA_PATH, stage_schema
 
 PACKAGE = Path(flexstage.__file__).parent
 

@@ -6,7 +6,8 @@ Tests change nothing in them.
 import functools
 
 from flexstage.designs import design
-from flexstage.report import Study, report_html, run_study
+from flexstage.report import report_html
+from flexstage.studies import Study, run_study
 
 
 @functools.cache

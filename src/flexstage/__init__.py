@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from flexstage import records as records
     from flexstage import report as report
     from flexstage import stage as stage
+    from flexstage import studies as studies
     from flexstage import system as system
     from flexstage import units as units
     from flexstage.designs.registry import design

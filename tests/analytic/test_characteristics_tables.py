@@ -18,7 +18,7 @@ from flexstage.export.tables.files import table_files
 from flexstage.export.tables.latex import escaped
 from flexstage.lumped import lumped_system
 from flexstage.quantities import QUANTITIES, Quantity, beside, display
-from flexstage.report import compare
+from flexstage.studies import compare
 from flexstage.system import analyse
 
 openpyxl = pytest.importorskip("openpyxl")

@@ -7,9 +7,9 @@ import pytest
 
 from flexstage.characteristic import Characteristic
 from flexstage.quantities import display, number
-from flexstage.report import compare
-from flexstage.report.comparison import difference_percent
 from flexstage.report.figures.body_motion import exaggeration
+from flexstage.studies import compare
+from flexstage.studies.comparison import difference_percent
 
 
 def row(quantity: str, axis: str, origin: str, value: float, unit: str) -> Characteristic:

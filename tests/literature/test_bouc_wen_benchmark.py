@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 from scipy.signal import firwin, resample
 
-from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.oscillator.identification import (
+from benchmarks.oscillator.identification import (
     OscillatorIdentification,
     identify_oscillator,
 )
-from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator
+from benchmarks.oscillator.oscillator import BoucWenOscillator
+from flexstage.hysteresis.compiled import compiled
 from tests.tiers import sizes
 
 DATA = Path(__file__).parents[3] / "shared" / "data" / "bouc-wen-benchmark"

@@ -15,7 +15,7 @@ import pytest
 import typer
 
 import flexstage
-from flexstage.field_texts import field_texts
+from flexstage.files.schema import field_texts
 
 SECTION = re.compile(
     r"^(?P<title>[A-Z][A-Za-z ]+)\n-{3,}[ ]*\n(?P<body>(?:(?!.+\n-{3,}).*\n?)*)", re.M

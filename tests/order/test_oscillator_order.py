@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexstage.hysteresis.oscillator.oscillator import (
+from benchmarks.oscillator.oscillator import (
     BoucWenOscillator,
     input_pieces,
     parameter_row,
 )
-from flexstage.hysteresis.oscillator.steps import _first_zero, advance
+from benchmarks.oscillator.steps import _first_zero, advance
 
 RATE = 800.0
 N = 260

@@ -8,7 +8,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import FlexstageError, StageError, UnitError
-from flexstage.experiment.campaign.file import campaign_text, read_campaign
 from flexstage.experiment.campaign.plan import (
     EXCITATIONS,
     KINDS,
@@ -16,6 +15,8 @@ from flexstage.experiment.campaign.plan import (
     Columns,
     FileReading,
     Test,
+    campaign_text,
+    read_campaign,
 )
 from flexstage.sensor import SensorSpecification
 from tests.strategies import names, texts

@@ -11,10 +11,10 @@ from scipy.integrate import simpson
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
+from benchmarks.oscillator.identification import identify_oscillator
+from benchmarks.oscillator.oscillator import BoucWenOscillator, input_pieces
+from benchmarks.oscillator.start import EquationError, force_of_motion
 from flexstage.errors import ConvergenceError, ModelError
-from flexstage.hysteresis.oscillator.identification import identify_oscillator
-from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator, input_pieces
-from flexstage.hysteresis.oscillator.start import EquationError, force_of_motion
 
 RATE = 730.0
 MODEL = BoucWenOscillator(

@@ -95,7 +95,7 @@ def test_a_stack_without_range_is_refused_before_the_mechanics(
     def computed(*_: object, **__: object) -> None:
         raise AssertionError("the mechanics were computed")
 
-    monkeypatch.setattr("flexstage.report.run_model", computed)
+    monkeypatch.setattr("flexstage.studies.run_model", computed)
     monkeypatch.setattr("flexstage.lumped.lumped_system", computed)
     status, said = refused(capsys, "export", str(without_range), "--to", form)
     assert status == 2

@@ -2,12 +2,13 @@
 
 import re
 
+from flexstage.cli import app
 from flexstage.cli.command import FORMER_OPTIONS, command_line_page
 from tests.system.test_cli_json import commands
 
 
 def test_every_command_and_option_is_there() -> None:
-    page = command_line_page()
+    page = command_line_page(app)
     for name, command in commands().items():
         head = f"### flexstage {name}\n"
         assert page.count(head) == 1
@@ -29,7 +30,7 @@ def test_every_command_and_option_is_there() -> None:
 
 def test_every_row_has_the_columns_of_its_table() -> None:
     width = 0
-    for line in command_line_page().splitlines():
+    for line in command_line_page(app).splitlines():
         if not line.startswith("|"):
             continue
         bars = line.replace("\\|", "").count("|")

@@ -17,12 +17,13 @@ from flexstage.fem.accuracy import RefinementStep
 from flexstage.fem.geometry import MOUNTING
 from flexstage.fem.sampling import Sampler
 from flexstage.quantities import number
-from flexstage.report import ModelRun, Study, report_html
+from flexstage.report import report_html
 from flexstage.report.figures.convergence import changes, draw_convergence
 from flexstage.report.figures.fields import draw_fe_modes, out_of_plane
 from flexstage.report.figures.neck_stress import draw_neck_stress, worst_necks
 from flexstage.report.figures.style import encode
 from flexstage.report.html import SECTIONS
+from flexstage.studies import ModelRun, Study
 from flexstage.system import Analysis
 from tests import meshed_stages
 from tests.undrawn import without_figures

@@ -15,16 +15,11 @@ from flexstage.experiment.virtual.as_built import as_built
 from flexstage.experiment.virtual.bench import Laboratory
 from flexstage.experiment.virtual.campaign import virtual_campaign
 from flexstage.quantities import display
-from flexstage.report import (
-    compare_measurement,
-    report_html,
-    results_json,
-    run_study,
-    study_results,
-)
+from flexstage.report import report_html
 from flexstage.report.html import SECTIONS
-from flexstage.report.measurement import measurement_results
 from flexstage.report.measurement_html import measurement_text
+from flexstage.studies import compare_measurement, results_json, run_study, study_results
+from flexstage.studies.measurement import measurement_results
 from tests.system.test_report import Page
 
 #: A shorter campaign than the usual one: what is read of it matters here, not how sharply.
@@ -199,7 +194,7 @@ def test_words_of_files_cannot_break_the_page(result):
 
 def test_a_model_that_cannot_be_made_is_left_out(monkeypatch, result):
     from flexstage.errors import ModelError
-    from flexstage.report import models
+    from flexstage.studies import models
 
     def fail(stage, wanted):
         raise ModelError("no such notch")
@@ -400,7 +395,7 @@ def test_a_range_is_compared_with_the_size_of_what_a_model_gives(result):
     from dataclasses import replace as changed
 
     from flexstage.characteristic import Characteristic, Characteristics
-    from flexstage.report.measurement import compare_with_references
+    from flexstage.studies.measurement import compare_with_references
 
     row = next(r for r in result.rows if r.figure.quantity == "parasitic_rotation")
     value = row.figure.estimate.value

@@ -18,7 +18,7 @@ from flexstage.hinges import Leaf
 from flexstage.material import material
 from flexstage.plans.results import IdentifiedStep
 from flexstage.quantities import display
-from flexstage.report import Study, report_html, results_json, run_study, study_results
+from flexstage.report import report_html
 from flexstage.report.figures.body_motion import draw_static_shape, draw_stroke, mode_motion
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.hinges import draw_stress
@@ -28,6 +28,7 @@ from flexstage.report.figures.tracking import draw_drive_fit
 from flexstage.report.front_page import verdict
 from flexstage.report.html import CHAPTERS, SECTIONS
 from flexstage.stage.mass import mass_properties
+from flexstage.studies import Study, results_json, run_study, study_results
 from flexstage.system import modes
 from flexstage.system.analysis import pulsating_limit
 from tests.studies import page_of, study_of

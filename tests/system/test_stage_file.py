@@ -20,7 +20,7 @@ from flexstage.errors import FlexstageError
 from flexstage.stage import Stage
 from flexstage.stage.checks import check
 from flexstage.stage.file import read_stage, stage_from_text, stage_to_text
-from flexstage.stage.schema import SCHEMA_PATH, stage_schema
+from flexstage.stage.format import SCHEMA_PATH, stage_schema
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples" / "parallelogram.yaml"

@@ -12,7 +12,8 @@ from flexstage.hysteresis import MODELS
 from flexstage.hysteresis.virtual_experiment import AxisExperiment, virtual_experiment
 from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.lumped import lumped_system
-from flexstage.report import report_html, run_study, study_results
+from flexstage.report import report_html
+from flexstage.studies import run_study, study_results
 
 # Published for the stage: loop widths, and the largest error of its Bouc-Wen model [m].
 PUBLISHED = {"x": (63.12e-6, 7.91e-6, 1.05e-6), "y": (60.90e-6, 7.55e-6, 0.83e-6)}

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from flexstage.quantities import Quantity
-    from flexstage.report import ModelRun
+    from flexstage.studies import ModelRun
     from flexstage.system import Analysis
 
 
@@ -94,8 +94,8 @@ def analyse(
     """
     from flexstage import progress
     from flexstage.designs import find_stage
-    from flexstage.report import run_model
-    from flexstage.report.models import ModelOptions
+    from flexstage.studies import run_model
+    from flexstage.studies.models import ModelOptions
 
     described = find_stage(stage)
     options = ModelOptions(
@@ -153,7 +153,7 @@ def _written(
 ) -> list[Path]:
     """Write what was asked for: of several models each into a folder of its name."""
     from flexstage.files.write import write_files
-    from flexstage.report import results_json
+    from flexstage.studies import results_json
 
     files: list[Path] = []
     for name, run in runs.items():
@@ -183,7 +183,7 @@ def _print(screen: "Console", run: "ModelRun") -> None:
 
 
 def _results(run: "ModelRun") -> dict[str, Any]:
-    from flexstage.report.results import analysis_results, run_results
+    from flexstage.studies.results import analysis_results, run_results
 
     return analysis_results(run.analysis, responses=True) | run_results(run)
 
@@ -257,7 +257,7 @@ def _stress(screen: "Console", analysis: "Analysis") -> None:
 
 def _loads(screen: "Console", analysis: "Analysis") -> None:
     from flexstage.quantities import number
-    from flexstage.report.results import analysis_results
+    from flexstage.studies.results import analysis_results
 
     found = {k: v["readings"] for k, v in analysis_results(analysis)["loads"].items()}
     if not found or not any(found.values()):

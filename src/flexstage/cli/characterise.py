@@ -167,12 +167,11 @@ def characterise(
     """
     from flexstage.designs import find_stage
     from flexstage.experiment.campaign.evaluate import characterise as run
-    from flexstage.experiment.campaign.file import read_campaign
-    from flexstage.experiment.campaign.plan import Columns
+    from flexstage.experiment.campaign.plan import Columns, read_campaign
     from flexstage.files.write import write_files
-    from flexstage.report import compare_measurement
-    from flexstage.report.measurement import measurement_results
     from flexstage.report.measurement_html import measurement_text
+    from flexstage.studies import compare_measurement
+    from flexstage.studies.measurement import measurement_results
 
     files = records or []
     written: dict[str, bytes] = {}
@@ -279,7 +278,7 @@ def _beside(stage: str, folder: Path) -> str:
 def _virtual(stage: str, seed: int) -> "tuple[Characterisation, dict[str, bytes]]":
     from flexstage.designs import DESIGNS, find_stage
     from flexstage.experiment.campaign.evaluate import evaluate
-    from flexstage.experiment.campaign.file import campaign_text
+    from flexstage.experiment.campaign.plan import campaign_text
     from flexstage.experiment.virtual.as_built import as_built
     from flexstage.experiment.virtual.campaign import virtual_campaign
     from flexstage.records.write import record_bytes

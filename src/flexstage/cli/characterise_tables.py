@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from flexstage.experiment.campaign.results import TestResult
-    from flexstage.report import MeasurementComparison
+    from flexstage.studies import MeasurementComparison
 
 
 def print_measurement(screen: "Console", result: "MeasurementComparison", saved: list[str]) -> None:
@@ -43,7 +43,7 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
 
 
 def _print_positioning(screen: "Console", result: "TestResult") -> None:
-    from flexstage.report.measurement import positioning_tables
+    from flexstage.studies.measurement import positioning_tables
 
     tables = positioning_tables(result.details["positioning"])
     first, second, *others = tables.axis_heads

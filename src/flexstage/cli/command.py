@@ -149,10 +149,8 @@ ten seconds, on standard error. `--quiet` (`-q`) prints none.
 """
 
 
-def command_line_page() -> str:
+def command_line_page(app: typer.Typer) -> str:
     """Return the reference as Markdown: commands in the order of the help, and former options."""
-    from flexstage.cli import app
-
     root: Any = typer.main.get_command(app)
     parts = [_HEAD]
     sections: dict[str, list[Any]] = {}

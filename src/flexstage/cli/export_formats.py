@@ -12,8 +12,8 @@ from flexstage.errors import ModelError, StageError
 if TYPE_CHECKING:
     from flexstage.export import DynamicModel
     from flexstage.hysteresis import DriveModel, LogCreep, Sensor
-    from flexstage.report.models import ModelRun
     from flexstage.stage import Stage
+    from flexstage.studies.models import ModelRun
     from flexstage.system import MechanicalSystem
 
 
@@ -60,8 +60,8 @@ class ExportRequest:
     @cached_property
     def run(self) -> "ModelRun":
         """The analysis by the chosen model, and its mesh."""
-        from flexstage.report import run_model
-        from flexstage.report.models import ModelOptions
+        from flexstage.studies import run_model
+        from flexstage.studies.models import ModelOptions
 
         return run_model(self.stage, self.model, ModelOptions(plane=self.plane))  # type: ignore[arg-type]
 

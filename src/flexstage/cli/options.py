@@ -108,7 +108,7 @@ def model_names(text: str) -> list[str]:
     ['plane', 'lumped']
     """
     if text.strip() == "all":
-        from flexstage.report import MODELS
+        from flexstage.studies import MODELS
 
         return list(MODELS)
     return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))

@@ -27,7 +27,7 @@ from flexstage.cli.output import (
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from flexstage.report import Comparison
+    from flexstage.studies import Comparison
 
 _LABELS = 38  # characters of a row's quantity and axis
 _COLUMN = 12  # and of a value, with the space beside it
@@ -69,9 +69,9 @@ def study(
     """
     from flexstage.designs import find_stage
     from flexstage.files.write import require_writable, write_files
-    from flexstage.report import results_json, run_study, study_results
     from flexstage.report.html import report_pages
-    from flexstage.report.results import characteristic_row
+    from flexstage.studies import results_json, run_study, study_results
+    from flexstage.studies.results import characteristic_row
 
     described = find_stage(stage)
     names = model_names(models)
@@ -83,7 +83,7 @@ def study(
         found = None
         if measured is not None:
             from flexstage.experiment.campaign.evaluate import characterise
-            from flexstage.experiment.campaign.file import read_campaign
+            from flexstage.experiment.campaign.plan import read_campaign
 
             found = characterise(read_campaign(measured), measured.parent)
         result = run_study(

@@ -6,8 +6,7 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.experiment.campaign.evaluate import characterise
-    from flexstage.experiment.campaign.file import read_campaign
-    from flexstage.experiment.campaign.plan import Campaign, Columns, Test
+    from flexstage.experiment.campaign.plan import Campaign, Columns, Test, read_campaign
     from flexstage.experiment.campaign.results import Characterisation
     from flexstage.experiment.modal.fit import fit_modes
     from flexstage.experiment.modal.result import ModalFit, modal_assurance

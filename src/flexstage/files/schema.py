@@ -1,13 +1,14 @@
 """The JSON Schema of a kind of file, from the classes; editors complete and check with it."""
 
+import ast
 import collections.abc
 import inspect
 import math
+import textwrap
 import typing
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
 
-from flexstage.field_texts import field_texts
 from flexstage.files.format import (
     Format,
     by_name,
@@ -181,3 +182,28 @@ def _bounds(kind: Any) -> dict[str, Any]:
     if math.isfinite(range_.high):
         bounds["exclusiveMaximum" if range_.below else "maximum"] = range_.high
     return bounds
+
+
+def field_texts(cls: type) -> dict[str, str]:
+    """Return the text below each field of a class, its own before those that it inherits."""
+    texts: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        if "__annotations__" in vars(base):
+            texts |= _own_texts(base)
+    return texts
+
+
+def _own_texts(cls: type) -> dict[str, str]:
+    definition = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
+    assert isinstance(definition, ast.ClassDef)
+    texts = {}
+    for field, text in zip(definition.body, definition.body[1:], strict=False):
+        if (
+            isinstance(field, ast.AnnAssign)
+            and isinstance(field.target, ast.Name)
+            and isinstance(text, ast.Expr)
+            and isinstance(text.value, ast.Constant)
+            and isinstance(text.value.value, str)
+        ):
+            texts[field.target.id] = " ".join(text.value.value.split())
+    return texts

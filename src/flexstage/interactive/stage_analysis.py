@@ -10,8 +10,8 @@ from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
 from flexstage.interactive.show import data_frame, headline, html_table, stage_of
 from flexstage.quantities import display
-from flexstage.report.models import ModelOptions, ModelRun, Plane, run_model
 from flexstage.stage import Stage
+from flexstage.studies.models import ModelOptions, ModelRun, Plane, run_model
 from flexstage.system import Analysis, MechanicalSystem
 
 if TYPE_CHECKING:

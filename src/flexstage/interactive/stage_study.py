@@ -11,14 +11,14 @@ from flexstage.errors import ModelError
 from flexstage.interactive.show import data_frame, headline, html_table, stage_of
 from flexstage.interactive.stage_analysis import StageAnalysis
 from flexstage.quantities import display
-from flexstage.report.models import Plane
 from flexstage.stage import Stage
+from flexstage.studies.models import Plane
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-    from flexstage.report.study import Study
+    from flexstage.studies.study import Study
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -61,7 +61,8 @@ class StageStudy:
     def write(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write the report and the figures behind it: ``report.html`` and ``results.json``."""
         from flexstage.files.write import write_files
-        from flexstage.report import report_html, results_json, study_results
+        from flexstage.report import report_html
+        from flexstage.studies import results_json, study_results
 
         results = results_json(study_results(self.study))
         page = report_html(self.study).encode()
@@ -128,7 +129,7 @@ def study(
     >>> found.characteristics.value("natural_frequency_hz", "x", "published-analytic")
     339.0
     """
-    from flexstage.report import run_study
+    from flexstage.studies import run_study
 
     if isinstance(models, str):
         models = [models]

@@ -1,11 +1,10 @@
-"""Tables, figures and the report of a study."""
+"""Tables, figures and reports: what was found is shown here, and nothing is run."""
 
 from typing import TYPE_CHECKING
 
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.report.comparison import Comparison, compare
     from flexstage.report.figures.body_motion import draw_static_shape, draw_stroke
     from flexstage.report.figures.budget import draw_budget
     from flexstage.report.figures.centring import draw_polar
@@ -29,26 +28,10 @@ if TYPE_CHECKING:
     from flexstage.report.figures.part import draw_part
     from flexstage.report.figures.responses import draw_bode, draw_response
     from flexstage.report.figures.style import encode
-    from flexstage.report.figures.tracking import (
-        draw_compensation,
-        draw_drive_fit,
-        draw_following,
-    )
+    from flexstage.report.figures.tracking import draw_compensation, draw_drive_fit, draw_following
     from flexstage.report.html import report_html
-    from flexstage.report.measurement import MeasurementComparison, compare_measurement
-    from flexstage.report.models import MODELS, ModelRun, analyse_model, run_model
-    from flexstage.report.results import results_json, study_results
-    from flexstage.report.study import Study, run_study
 
 __all__ = [
-    "MODELS",
-    "Comparison",
-    "MeasurementComparison",
-    "ModelRun",
-    "Study",
-    "analyse_model",
-    "compare",
-    "compare_measurement",
     "draw_bode",
     "draw_budget",
     "draw_compensation",
@@ -77,10 +60,6 @@ __all__ = [
     "draw_workspace",
     "encode",
     "report_html",
-    "results_json",
-    "run_model",
-    "run_study",
-    "study_results",
 ]
 
 import_on_use(__name__)

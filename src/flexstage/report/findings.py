@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 from flexstage.quantities import display, number
 from flexstage.report.front_page import best_model, listed, model_name
-from flexstage.report.measurement import MeasurementComparison
 from flexstage.report.tables import percent
+from flexstage.studies.measurement import MeasurementComparison
 
 if TYPE_CHECKING:
-    from flexstage.report.study import Study
+    from flexstage.studies.study import Study
 
 
 def _theory(study: "Study") -> str:

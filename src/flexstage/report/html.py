@@ -6,7 +6,6 @@ from html import escape
 
 from flexstage.characteristic import Characteristics
 from flexstage.quantities import QUANTITIES
-from flexstage.report.bench import bench_section, centring_section
 from flexstage.report.figures.bench import draw_bench
 from flexstage.report.figures.body_motion import (
     body_symbols,
@@ -20,7 +19,6 @@ from flexstage.report.figures.responses import draw_bode
 from flexstage.report.findings import FINDINGS
 from flexstage.report.front_page import front_page, outer_size
 from flexstage.report.hysteresis import hysteresis_section
-from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.measurement_html import measurement_section, measurement_text
 from flexstage.report.model_sections import (
     convergence_section,
@@ -30,13 +28,15 @@ from flexstage.report.model_sections import (
     neck_stress_section,
 )
 from flexstage.report.page import bullets, definitions, drawn, folded, page_html, row_of
-from flexstage.report.study import Study
 from flexstage.report.tables import (
     characteristics_table,
     differences_table,
     hinge_table,
     published_table,
 )
+from flexstage.report.virtual_stage import bench_section, centring_section
+from flexstage.studies.measurement import MeasurementComparison, compare_with_references
+from flexstage.studies.study import Study
 
 _DYNAMICS = ("natural_frequency_hz", "out_of_plane_frequency_hz", "damping_ratio")
 _STRESS = ("max_stress", "safety_factor", "fatigue_safety")

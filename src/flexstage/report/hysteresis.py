@@ -1,56 +1,24 @@
-"""The section of the report on hysteresis: the study's experiment on the virtual stage."""
+"""The section on hysteresis: the experiment of a study on the virtual stage."""
 
 from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from flexstage import progress
 from flexstage.characteristic import measured_value
-from flexstage.errors import FlexstageError
 from flexstage.quantities import number
 from flexstage.report.figures.tracking import draw_compensation
 from flexstage.report.page import captioned, cells, drawn, row_of, table_html
-from flexstage.stage import PiezoStack, Stage
-from flexstage.system import MechanicalSystem
+from flexstage.stage import Stage
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.virtual_experiment import AxisExperiment
-    from flexstage.report.study import Study
+    from flexstage.studies.study import Study
 
 _UM = 1e6
 _CAPTION = (
     "Simulated stage. Left: loop over the full range of the voltage and the identified Bouc-Wen "
     "model, below their difference. Middle: output over the reference. Right: error over time."
 )
-
-
-def run_experiments(
-    stage: Stage, system: MechanicalSystem
-) -> "tuple[dict[str, AxisExperiment], dict[str, str]]":
-    """Identify and compensate each axis of a stage that is driven by a piezo stack.
-
-    Returns the experiment by axis, and why it could not be made, by axis; both are empty where no
-    axis has a stack.
-    """
-    from flexstage.hysteresis.virtual_experiment import virtual_experiment
-
-    stacks = {a.name: stage.drive(a.drive) for a in stage.axes}
-    stacks = {name: d for name, d in stacks.items() if isinstance(d, PiezoStack)}
-    driven = [name for name, stack in stacks.items() if stack.voltage_range is not None]
-    made: dict[str, AxisExperiment] = {}
-    left_out = {
-        name: f"drive '{stack.name}' has no voltage range: add it to the drive in the stage file, "
-        "as in 'voltage_range: [0 V, 120 V]'"
-        for name, stack in stacks.items()
-        if stack.voltage_range is None
-    }
-    for i, axis in enumerate(driven):
-        with progress.subtask(i / len(driven), (i + 1) / len(driven)):
-            try:
-                made[axis] = virtual_experiment(stage, system, axis)
-            except FlexstageError as error:  # as of a stage that is not held: the rest stands
-                left_out[axis] = str(error)
-    return made, left_out
 
 
 def hysteresis_section(study: "Study") -> str:
@@ -126,38 +94,3 @@ def _row(title: str, width: float, reduction: float | None, errors: Any) -> str:
         "" if errors is None else number(1e3 * _UM * errors.largest, 3),
     ]
     return f"<tr><th>{title}</th>{cells(values)}</tr>"
-
-
-def experiment_results(experiments: "Mapping[str, AxisExperiment]") -> dict[str, Any]:
-    """Return the figures of the experiments as plain data, by axis.
-
-    Stroke, widths, errors [m], reductions [%], and how good each model is [%].
-    """
-    return {
-        axis: {
-            "kind": "virtual experiment",
-            "stroke": made.stroke,
-            "loop_width": made.width,
-            "model_deviation": made.deviation,
-            "open_loop": _errors(made.open_loop),
-            "runs": [
-                {
-                    "model": run.identification.kind,
-                    "rms_percent": run.identification.rms_percent,
-                    "heldout_rms_percent": run.identification.heldout_rms_percent,
-                    "reduction_percent": run.reduction_percent,
-                    **_errors(run.tracking),
-                }
-                for run in made.runs
-            ],
-        }
-        for axis, made in experiments.items()
-    }
-
-
-def _errors(tracked: Any) -> dict[str, float]:
-    return {
-        "loop_width": tracked.loop_width,
-        "tracking_rms": tracked.rms,
-        "tracking_max": tracked.largest,
-    }

@@ -7,20 +7,16 @@ from typing import Any
 import flexstage
 from flexstage.experiment.campaign.results import TestResult
 from flexstage.quantities import beside, display, number
-from flexstage.report.figures.modal_fit import (
-    draw_modal_fit,
-    draw_stabilisation,
-    strongest_output,
-)
+from flexstage.report.figures.modal_fit import draw_modal_fit, draw_stabilisation, strongest_output
 from flexstage.report.figures.motion_error import (
     draw_motion_error,
     draw_positioning,
     draw_workspace,
 )
 from flexstage.report.figures.noise import draw_hold, draw_staircase
-from flexstage.report.measurement import MeasuredRow, MeasurementComparison, positioning_tables
 from flexstage.report.page import bullets, cells, definitions, drawn, page_html, row_of, table_html
 from flexstage.report.tables import LABEL_HEADS, column_title
+from flexstage.studies.measurement import MeasuredRow, MeasurementComparison, positioning_tables
 
 _MOTIONS = {
     "across": "motion across, in the plane",

@@ -14,8 +14,8 @@ from flexstage.report.page import drawn, figure, row_of
 from flexstage.stage import PiezoStack
 
 if TYPE_CHECKING:
-    from flexstage.report.models import ModelRun
-    from flexstage.report.study import Study
+    from flexstage.studies.models import ModelRun
+    from flexstage.studies.study import Study
 
 
 def equations_section(study: "Study") -> str:

@@ -18,10 +18,10 @@ from flexstage.plans.results import (
 from flexstage.plans.step_results import FollowedRun
 from flexstage.quantities import beside, display, number
 from flexstage.report.figures.tracking import draw_drive_fit, draw_following
-from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.measurement_html import measurement_section
 from flexstage.report.page import bullets, cells, definitions, drawn, page_html, row_of, table_html
 from flexstage.report.tables import LABEL_HEADS
+from flexstage.studies.measurement import MeasurementComparison, compare_with_references
 
 if TYPE_CHECKING:
     from flexstage.stage import Stage

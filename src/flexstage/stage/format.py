@@ -1,6 +1,7 @@
-"""The kind of file that holds a stage, and how outlines are written in it."""
+"""The kind of file that holds a stage, how outlines are written in it, and its JSON Schema."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 from flexstage.errors import FlexstageError, StageError
@@ -9,12 +10,18 @@ from flexstage.files.encoder import Encoder, same
 from flexstage.files.format import Form, Format
 from flexstage.files.forms import FORMS
 from flexstage.files.nodes import Mapping, Node
+from flexstage.files.schema import file_schema
 from flexstage.files.yaml_text import Number
 from flexstage.hinges import Profile
 from flexstage.hinges.registry import PROFILES
 from flexstage.stage.drive import DRIVES, Drive
+from flexstage.stage.model import Stage
 from flexstage.stage.outline import Circle, Loop
 from flexstage.units import DIMENSIONS
+
+#: The schema that is shipped with the package.
+SCHEMA_PATH = Path(__file__).with_name("stage.schema.json")
+
 
 # More than a drawn curve needs; checks of clearance take tens of seconds beyond it.
 _MOST_POINTS = 10_000
@@ -130,3 +137,27 @@ STAGE_FILE = Format(
         Loop | Circle: Form(read=_read_outline),
     },
 )
+
+
+def stage_schema() -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of stage files."""
+    schema = file_schema(STAGE_FILE, Stage)
+    head, needed = [STAGE_FILE.key, "length_unit"], schema["required"]
+    properties = schema["properties"]
+    design = {
+        "type": "object",
+        "description": "A parametric design by name, with its parameters.",
+        "properties": {"name": {"type": "string"}},
+        "required": ["name"],
+    }
+    rest = {key: value for key, value in properties.items() if key not in head}
+    only = [*head, "design"]
+    return {
+        **{key: value for key, value in schema.items() if key != "$defs"},
+        "properties": {**{key: properties[key] for key in head}, "design": design, **rest},
+        "required": [STAGE_FILE.key],
+        "if": {"required": ["design"]},
+        "then": {"propertyNames": {"enum": sorted(only)}},
+        "else": {"required": [key for key in needed if key not in head]},
+        "$defs": schema["$defs"],
+    }

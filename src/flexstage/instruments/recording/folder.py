@@ -33,6 +33,7 @@ class RunFolder:
 
         Examples
         --------
+        >>> import tempfile
         >>> when = datetime(2031, 5, 17, 9, 30, 5, tzinfo=UTC)
         >>> with tempfile.TemporaryDirectory() as root:
         ...     RunFolder.create(root, "vgtu-piezo", "Loop width", when=when).path.name

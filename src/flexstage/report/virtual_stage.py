@@ -1,26 +1,26 @@
-"""Experiments on the virtual stage that a study shows: it is measured, and centres a scale."""
+"""The sections on the virtual stage: its measurement, and the scale that it centres."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from flexstage.arrays import Array
-from flexstage.characteristic import Characteristics, measured_value
-from flexstage.errors import FlexstageError
+from flexstage.characteristic import measured_value
 from flexstage.quantities import beside, display
 from flexstage.report.figures.centring import draw_polar
 from flexstage.report.figures.modal_fit import draw_resonance
-from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.page import captioned, cells, drawn, row_of, table_html
+from flexstage.studies.measurement import MeasurementComparison
+from flexstage.studies.virtual_experiments import (
+    ECCENTRICITY,
+    HEAD_NOISE,
+    HEADS,
+    LINE_ERRORS,
+    SCALE_RADIUS,
+    CentringTrial,
+)
 
 if TYPE_CHECKING:
-    from flexstage.centring.harmonic_fit import HarmonicFit
-    from flexstage.centring.procedure import Centring
     from flexstage.estimate import Estimate
-    from flexstage.stage import Stage
 
 #: Quantities of the simulated measurement that the report of a study shows.
 _MAIN = (
@@ -33,92 +33,6 @@ _MAIN = (
     "drift",
     "hysteresis_loop_width",
 )
-
-#: The scale that is centred: where it is read [m], how far it is off at first [m], and its heads.
-_RADIUS, _OFF = 50e-3, 50e-6
-_HEADS = (0.0, 1.6, 3.1, 4.8)
-#: Noise of a head, and errors of the lines of the scale [arcsec].
-_NOISE, _LINES = 1.0, 2.0
-#: Direction that the scale is off in, in the axes of the stage: one that both can push [rad].
-_DIRECTION = 0.8
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CentringTrial:
-    """A scale that was centred on the virtual table."""
-
-    done: "Centring"
-    """The procedure, step by step."""
-    left: float
-    """Eccentricity that is truly left [m]."""
-    fits: "tuple[HarmonicFit, HarmonicFit]"
-    """Readings of the first head before and after."""
-    angles: tuple[Array, Array]
-    """Angles of their samples [rad]."""
-
-
-def run_measurement(stage: "Stage", *, seed: int) -> MeasurementComparison | str:
-    """Measure a virtual stage; a text says why that could not be done.
-
-    It is made from published values and random errors, so that its figures are compared with none.
-    The seed is that of the virtual stage and of its measurement.
-    """
-    from flexstage.experiment.campaign.evaluate import evaluate
-    from flexstage.experiment.virtual.as_built import as_built
-    from flexstage.experiment.virtual.campaign import virtual_campaign
-
-    try:
-        made = virtual_campaign(as_built(stage, seed=seed), seed=seed)
-        found = evaluate(made.campaign, lambda test: [made.records[n] for n in test.records])
-    except FlexstageError as error:
-        return str(error)
-    return compare_with_references(found, stage, Characteristics())
-
-
-def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
-    """Centre a scale with the virtual stage on a virtual table; a text says why it failed.
-
-    The seed is that of noise and of the lines of the scale.
-    """
-    from flexstage.centring import ARCSEC, fit_harmonics
-    from flexstage.centring.positioner import VirtualPositioner
-    from flexstage.centring.procedure import centre
-    from flexstage.centring.rotary_table import VirtualBench
-    from flexstage.centring.virtual_table import VirtualTable, scale_errors
-
-    try:
-        positioner = VirtualPositioner(
-            stage, start=(-1.0, -1.0), mounting_angle=0.7, mirrored=True, seed=seed
-        )
-        towards = positioner.matrix @ np.array((np.cos(_DIRECTION), np.sin(_DIRECTION)))
-        mount = -_OFF * towards / np.hypot(*towards) - positioner.true_position
-        table = VirtualTable(
-            radius=_RADIUS,
-            heads=_HEADS,
-            eccentricity=(float(mount[0]), float(mount[1])),
-            noise=_NOISE * ARCSEC,
-            scale=scale_errors(range(2, 20), _LINES * ARCSEC, seed=seed),
-            seed=seed,
-        )
-        bench = VirtualBench(table, positioner)
-
-        def turn(index: int) -> tuple[Array, Any]:
-            x, y = positioner.true_position
-            record = table.moved(float(x), float(y)).record(index=index)
-            angle, error = (channel.values for channel in record.channels[:2])
-            return angle, fit_harmonics(angle, error, orders=12)
-
-        before = turn(1000)
-        done = centre(bench, positioner)
-        after = turn(1001)
-    except FlexstageError as error:
-        return str(error)
-    return CentringTrial(
-        done=done,
-        left=float(np.hypot(*bench.true_eccentricity)),
-        fits=(before[1], after[1]),
-        angles=(before[0], after[0]),
-    )
 
 
 def bench_section(found: MeasurementComparison | str | None, file: str) -> str:
@@ -215,35 +129,12 @@ def centring_section(found: CentringTrial | str | None) -> str:
     shown = drawn(plot, "polar", "scale before and after", words)
     target = "met" if done.reached else "not met"
     return (
-        f"<p>A scale of {2e3 * _RADIUS:g} mm diameter, {_OFF * 1e6:g} µm off the axis of a "
-        f"virtual table, read by {len(_HEADS)} heads with {_NOISE:g} arcsec of noise; its own "
-        f"lines are off by {_LINES:g} arcsec (rms). The stage turns with the table, mounted at an "
+        f"<p>A scale of {2e3 * SCALE_RADIUS:g} mm diameter, {ECCENTRICITY * 1e6:g} µm off the "
+        f"axis of a virtual table, read by {len(HEADS)} heads with {HEAD_NOISE:g} arcsec of noise; "
+        f"its own lines are off by {LINE_ERRORS:g} arcsec (rms). The stage turns with the table, "
+        "mounted at an "
         "unknown angle and mirrored, which trial moves find out. Each command is approached from "
         "the low end of both axes. "
         f"True residual eccentricity: {found.left * 1e9:.2g} nm (target {target}: "
         f"{escape(done.reason)}).</p>{table}{row_of([shown])}"
     )
-
-
-def centring_results(found: CentringTrial | str | None) -> dict[str, Any]:
-    """Return what is left of the eccentricity [m] and every step as plain data; or why not."""
-    if found is None:
-        return {}
-    if isinstance(found, str):
-        return {"left_out": found}
-    return {
-        "kind": "virtual experiment",
-        "left": found.left,
-        "reached": found.done.reached,
-        "reason": found.done.reason,
-        "steps": [
-            {
-                "kind": step.kind,
-                "command": list(step.command),
-                "eccentricity": step.reading.length.value,
-                "interval": list(step.reading.length.interval()),
-                "predicted": None if step.predicted is None else step.predicted.value,
-            }
-            for step in found.done.steps
-        ],
-    }

@@ -6,12 +6,16 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from flexstage.characteristic import Characteristic
-from flexstage.report.models import ModelRun
+from flexstage.studies.models import ModelRun
 from flexstage.system import Analysis, load_readings
 
 if TYPE_CHECKING:
-    from flexstage.report.measurement import MeasurementComparison
-    from flexstage.report.study import Study
+    from collections.abc import Mapping
+
+    from flexstage.hysteresis.virtual_experiment import AxisExperiment
+    from flexstage.studies.measurement import MeasurementComparison
+    from flexstage.studies.study import Study
+    from flexstage.studies.virtual_experiments import CentringTrial
 
 
 def characteristic_row(row: Characteristic) -> dict[str, Any]:
@@ -122,9 +126,6 @@ def study_results(study: "Study") -> dict[str, Any]:
 
     The tidy table of characteristics, and each model's modes, stress, validity, provenance.
     """
-    from flexstage.report.bench import centring_results
-    from flexstage.report.hysteresis import experiment_results
-
     stage = study.stage
     return {
         "stage": {"name": stage.name, "title": stage.title, "notes": list(stage.notes)},
@@ -142,11 +143,70 @@ def study_results(study: "Study") -> dict[str, Any]:
 
 
 def _virtual(found: "MeasurementComparison | str | None") -> dict[str, Any]:
-    from flexstage.report.measurement import measurement_results
+    from flexstage.studies.measurement import measurement_results
 
     if found is None:
         return {}
     return {"left_out": found} if isinstance(found, str) else measurement_results(found)
+
+
+def centring_results(found: "CentringTrial | str | None") -> dict[str, Any]:
+    """Return what is left of the eccentricity [m] and every step as plain data; or why not."""
+    if found is None:
+        return {}
+    if isinstance(found, str):
+        return {"left_out": found}
+    return {
+        "kind": "virtual experiment",
+        "left": found.left,
+        "reached": found.done.reached,
+        "reason": found.done.reason,
+        "steps": [
+            {
+                "kind": step.kind,
+                "command": list(step.command),
+                "eccentricity": step.reading.length.value,
+                "interval": list(step.reading.length.interval()),
+                "predicted": None if step.predicted is None else step.predicted.value,
+            }
+            for step in found.done.steps
+        ],
+    }
+
+
+def experiment_results(experiments: "Mapping[str, AxisExperiment]") -> dict[str, Any]:
+    """Return the figures of the experiments as plain data, by axis.
+
+    Stroke, widths, errors [m], reductions [%], and how good each model is [%].
+    """
+    return {
+        axis: {
+            "kind": "virtual experiment",
+            "stroke": made.stroke,
+            "loop_width": made.width,
+            "model_deviation": made.deviation,
+            "open_loop": _errors(made.open_loop),
+            "runs": [
+                {
+                    "model": run.identification.kind,
+                    "rms_percent": run.identification.rms_percent,
+                    "heldout_rms_percent": run.identification.heldout_rms_percent,
+                    "reduction_percent": run.reduction_percent,
+                    **_errors(run.tracking),
+                }
+                for run in made.runs
+            ],
+        }
+        for axis, made in experiments.items()
+    }
+
+
+def _errors(tracked: Any) -> dict[str, float]:
+    return {
+        "loop_width": tracked.loop_width,
+        "tracking_rms": tracked.rms,
+        "tracking_max": tracked.largest,
+    }
 
 
 def results_json(results: dict[str, Any]) -> bytes:

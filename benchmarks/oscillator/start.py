@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
+from benchmarks.oscillator.oscillator import BoucWenOscillator
 from flexstage.errors import ConvergenceError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator
 
 #: Where the search begins, in parts of 1 / (twice the standard deviation of the displacement).
 GAMMAS = (0.3, 1.0, 3.0, 9.0)

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.errors import ConvergenceError, ModelError
-from flexstage.hysteresis.model import Array, samples
-from flexstage.hysteresis.oscillator.oscillator import (
+from benchmarks.oscillator.oscillator import (
     BoucWenOscillator,
     Interpolation,
     parameter_row,
     prepared_input,
 )
-from flexstage.hysteresis.oscillator.start import EquationError
-from flexstage.hysteresis.oscillator.steps import advance_each
+from benchmarks.oscillator.start import EquationError
+from benchmarks.oscillator.steps import advance_each
+from flexstage.errors import ConvergenceError, ModelError
+from flexstage.hysteresis.model import Array, samples
 
 #: Series within the search: 1e-11 of the motion, 1e5 times less than the differences that the
 #: derivatives are taken from, and far below any sensor.

@@ -71,7 +71,7 @@ def compare_measurement(
     reason.
     """
     from flexstage.errors import ConvergenceError, ModelError, StageError
-    from flexstage.report.models import analyse_model, known_model
+    from flexstage.studies.models import analyse_model, known_model
 
     if stage is None:
         return compare_with_references(found, None, Characteristics())

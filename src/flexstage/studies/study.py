@@ -12,18 +12,18 @@ from flexstage.errors import ConvergenceError, ModelError, StageError
 from flexstage.lumped import mechanism, stroke_path
 from flexstage.lumped.large_displacement import StrokePath
 from flexstage.quantities import QUANTITIES
-from flexstage.report.comparison import Comparison, compare
-from flexstage.report.hysteresis import run_experiments
-from flexstage.report.models import MODELS, ModelOptions, ModelRun, Plane, known_model, run_model
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
+from flexstage.studies.comparison import Comparison, compare
+from flexstage.studies.models import MODELS, ModelOptions, ModelRun, Plane, known_model, run_model
+from flexstage.studies.virtual_experiments import run_experiments
 from flexstage.system import Analysis
 
 if TYPE_CHECKING:
     from flexstage.experiment.campaign.results import Characterisation
     from flexstage.hysteresis.virtual_experiment import AxisExperiment
-    from flexstage.report.bench import CentringTrial
-    from flexstage.report.measurement import MeasurementComparison
+    from flexstage.studies.measurement import MeasurementComparison
+    from flexstage.studies.virtual_experiments import CentringTrial
 
 #: What a study asks of a model beyond its usual mesh.
 _ASKED: Mapping[str, ModelOptions] = {"plane": ModelOptions(accuracy=1e-3, stroke=True)}
@@ -194,7 +194,7 @@ def run_study(
         measured=measured,
     )
     if virtual:
-        from flexstage.report.bench import run_centring, run_measurement
+        from flexstage.studies.virtual_experiments import run_centring, run_measurement
 
         with progress.subtask(1.0 - _EXPERIMENT, 1.0 - 0.5 * _EXPERIMENT):
             made = replace(

@@ -1,0 +1,29 @@
+"""The models of a stage set side by side, with experiments on the virtual stage."""
+
+from typing import TYPE_CHECKING
+
+from flexstage.lazy import import_on_use
+
+if TYPE_CHECKING:
+    from flexstage.studies.comparison import Comparison, compare
+    from flexstage.studies.measurement import MeasurementComparison, compare_measurement
+    from flexstage.studies.models import MODELS, ModelRun, analyse_model, run_model
+    from flexstage.studies.results import results_json, study_results
+    from flexstage.studies.study import Study, run_study
+
+__all__ = [
+    "MODELS",
+    "Comparison",
+    "MeasurementComparison",
+    "ModelRun",
+    "Study",
+    "analyse_model",
+    "compare",
+    "compare_measurement",
+    "results_json",
+    "run_model",
+    "run_study",
+    "study_results",
+]
+
+import_on_use(__name__)
