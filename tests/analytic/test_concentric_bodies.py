@@ -66,6 +66,7 @@ def test_a_platform_in_the_middle_of_its_frame_is_meshed_in_space():
     assert ng.Integrate(1.0, made) == pytest.approx(half, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_plate_without_prisms_is_tried_at_other_sizes_and_refused_with_a_way_out(monkeypatch):
     sizes = []
 

@@ -110,6 +110,7 @@ def test_the_chain_holds_what_was_found() -> None:
     assert found.rms_percent < 0.08
 
 
+@pytest.mark.slow
 def test_jumps_show_it_as_well() -> None:
     rate, mode = 5000.0, StageModes(frequency_hz=(287.0,), damping_ratio=(0.014,))
     t = np.arange(int(6.0 * rate)) / rate

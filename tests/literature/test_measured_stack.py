@@ -134,7 +134,11 @@ def test_the_loop_of_the_inverse_is_narrow() -> None:
     assert _rms(error[bounds[0] : bounds[-1]]) < 0.16e-6
 
 
-@pytest.mark.parametrize("model", [*ALLOWED, "maxwell-slip"])
+@pytest.mark.parametrize(
+    "model",
+    ["preisach", "maxwell-slip", "modified-prandtl-ishlinskii",
+     pytest.param("bouc-wen", marks=pytest.mark.slow)],
+)  # fmt: skip
 def test_the_inverse_has_the_right_mean(model: str) -> None:
     """Positions are absolute: an error of the mean is one, and less than all other errors."""
     found = _identified(model, _first_half())

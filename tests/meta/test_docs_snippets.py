@@ -27,9 +27,10 @@ FENCE = re.compile(
 LONG = {
     f"docs/{name}.md"
     for name in (
-        "explanation/identification", "how-to/compensate", "how-to/control", "how-to/equations",
-        "how-to/finite-elements", "how-to/frequency-response", "how-to/identify",
-        "how-to/update-model", "how-to/write-a-plan", "tutorials/piezo-hysteresis",
+        "explanation/identification", "how-to/compensate", "how-to/control",
+        "how-to/drive-a-controller", "how-to/equations", "how-to/finite-elements",
+        "how-to/frequency-response", "how-to/identify", "how-to/update-model",
+        "how-to/write-a-plan", "tutorials/piezo-hysteresis",
     )
 }  # fmt: skip
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE

@@ -11,7 +11,6 @@ import sqlalchemy as sa
 from flexstage.errors import NotConnectedError, RecordError
 from flexstage.instruments.catalogue.address import catalogue_engine, default_catalogue
 from flexstage.instruments.catalogue.catalogue import Catalogue
-from flexstage.instruments.catalogue.database import LATEST, STEPS, migrate, schema_version
 from flexstage.instruments.catalogue.entries import (
     CalibrationEntry,
     ModelEntry,
@@ -19,7 +18,7 @@ from flexstage.instruments.catalogue.entries import (
     StageEntry,
 )
 from flexstage.instruments.catalogue.folder import enter_folder, folder_entries
-from flexstage.instruments.catalogue.tables import Base
+from flexstage.instruments.catalogue.tables import VERSION, Base
 from flexstage.instruments.recording.archive import archived
 from flexstage.instruments.recording.folder import RunFolder
 from tests.postgresql import database, postgresql_server  # noqa: F401
@@ -251,13 +250,12 @@ def test_entries_that_cannot_be_are_refused(make, said):
 # ------------------------------------------------------------------------------ schema
 
 
-def test_the_steps_lead_to_the_tables_of_the_program(address):
+def test_an_empty_database_gets_the_tables_of_the_program(address):
     with Catalogue.open(address):
         pass
     engine = catalogue_engine(address)
     found = sa.inspect(engine)
-    wanted = {t.name for t in Base.metadata.tables.values()} | {"schema_version"}
-    assert set(found.get_table_names()) == wanted
+    assert set(found.get_table_names()) == set(Base.metadata.tables)
     for table in Base.metadata.tables.values():
         columns = {c["name"]: c for c in found.get_columns(table.name)}
         assert set(columns) == {c.name for c in table.columns}
@@ -283,76 +281,52 @@ def test_the_steps_lead_to_the_tables_of_the_program(address):
     engine.dispose()
 
 
-def at_version(address, version):
-    """Make a database as an earlier version of the program left it."""
-    engine = catalogue_engine(address)
-    link = engine.connect().execution_options(flexstage_writes=True)
-    with link as connection, connection.begin():
-        migrate(connection, STEPS[:version])
-    return engine
-
-
-def test_a_database_of_version_1_is_led_on_with_what_it_holds(address):
-    engine = at_version(address, 1)
-    with engine.connect() as connection, connection.begin():
-        connection.execute(
-            sa.text(
-                "INSERT INTO stages (id, name, serial_number, design, hash) "
-                "VALUES (5, 'old', '1', '', '')"
-            )
-        )
-        connection.execute(
-            sa.text(
-                "INSERT INTO runs (id, identifier, stage_id, started, plan, step, kind, axis, "
-                "operator, note, version, instrument, simulated, folder, file, sha256, status, "
-                "samples, sample_rate_hz, seed) VALUES (9, :name, 5, '2030-01-02 03:04:05.000000', "
-                "'', '', 'hold', '', '', '', '', '', :no, '', '', '', 'complete', 12, 100.0, NULL)"
-            ),
-            {"name": "f" * 32, "no": False},
-        )
-    engine.dispose()
-    with Catalogue.open(address) as opened:
-        [entry] = opened.runs()
-        assert (entry.identifier, entry.lost, entry.samples) == ("f" * 32, "", 12)
-        assert entry.seed is None
-        assert opened.enter_run(run(1)) is True
-    engine = catalogue_engine(address)
+def contents(engine):
+    """Return every table of a database with all its rows."""
+    found = sa.MetaData()
     with engine.connect() as connection:
-        assert schema_version(connection) == LATEST == 2
+        found.reflect(connection)
+        return {t.name: connection.execute(sa.select(t)).all() for t in found.tables.values()}
+
+
+@pytest.mark.parametrize("version", [VERSION - 1, VERSION + 1, None])
+@pytest.mark.parametrize("make", [True, False])
+def test_a_database_of_another_version_is_refused_and_left_alone(address, version, make):
+    with Catalogue.open(address) as opened:
+        opened.enter_run(run(1))
+        where = opened.address
+    engine = catalogue_engine(address)
+    with engine.connect() as connection, connection.begin():
+        connection.execute(sa.text("DELETE FROM schema_version"))
+        if version is not None:
+            table = Base.metadata.tables["schema_version"]
+            connection.execute(table.insert().values(version=version))
+    before = contents(engine)
+    with pytest.raises(RecordError) as caught:
+        Catalogue.open(address, make=make)
+    assert str(caught.value) == (
+        f"the catalogue {where} is of version {version}, and this flexstage reads and writes "
+        f"version {VERSION} only: use the flexstage that made it, or enter the runs anew, by "
+        "'flexstage runs add FOLDER --catalogue URL' with an empty database or a new file"
+    )
+    assert contents(engine) == before
     engine.dispose()
 
 
-def test_a_step_that_fails_changes_nothing(address, monkeypatch):
-    at_version(address, 1).dispose()
-
-    def broken(connection):
-        connection.execute(sa.text("ALTER TABLE runs ADD COLUMN half TEXT"))
+def test_tables_that_cannot_all_be_made_are_not_made_at_all(address, monkeypatch):
+    def broken(connection, **_):
+        connection.execute(sa.text("CREATE TABLE stages (id INTEGER)"))
         connection.execute(sa.text("SELECT * FROM nowhere"))
 
+    with monkeypatch.context() as patched:
+        patched.setattr(Base.metadata, "create_all", broken)
+        with pytest.raises((RecordError, NotConnectedError), match="nowhere"):
+            Catalogue.open(address)
     engine = catalogue_engine(address)
-    link = engine.connect().execution_options(flexstage_writes=True)
-    with link as connection, pytest.raises(sa.exc.DBAPIError), connection.begin():
-        migrate(connection, [*STEPS, broken])
-    with engine.connect() as connection:
-        assert schema_version(connection) == 1
-        names = {c["name"] for c in sa.inspect(connection).get_columns("runs")}
-        assert not names & {"half", "lost"}
+    assert sa.inspect(engine).get_table_names() == []
     engine.dispose()
     with Catalogue.open(address) as opened:
         assert opened.runs() == []
-
-
-def test_a_later_version_is_told_and_left_alone(address):
-    with Catalogue.open(address) as opened:
-        opened.enter_run(run(1))
-    engine = catalogue_engine(address)
-    with engine.connect() as connection, connection.begin():
-        connection.execute(sa.text("UPDATE schema_version SET version = 7"))
-    engine.dispose()
-    with pytest.raises(
-        RecordError, match=r"version 7, made by a later flexstage.* update flexstage"
-    ):
-        Catalogue.open(address)
 
 
 def test_a_database_of_another_program_is_left_alone(address):
@@ -411,6 +385,7 @@ def test_threads_that_open_a_new_catalogue_at_once_and_write(address):
     check_many(address, 4, 6)
 
 
+@pytest.mark.slow
 def test_processes_that_write_at_once(address):
     context = multiprocessing.get_context("spawn")
     workers = [context.Process(target=enter_many, args=(address, w, 5, [])) for w in range(2)]

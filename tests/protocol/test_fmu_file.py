@@ -23,8 +23,6 @@ from flexstage.export.fmu.fmu_file import fmu_files
 from tests.c_compiler import STRICT, compile_program, compiler
 from tests.fmu_parts import VERSIONS, Run, Stepper, fmu_folder, model, needs_compiler
 
-_NAMES = ["piezo", "bare", "screws", "parallelogram"]
-
 
 def _source_only(name: str, version: str) -> bytes:
     made = fmu_files(model(name), version=version, binary=False)  # type: ignore[arg-type]
@@ -32,7 +30,9 @@ def _source_only(name: str, version: str) -> bytes:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("name", _NAMES)
+@pytest.mark.parametrize(
+    "name", ["piezo", "bare", pytest.param("screws", marks=pytest.mark.slow), "parallelogram"]
+)
 def test_fmpy_finds_nothing_wrong(name: str, version: str, tmp_path: Path) -> None:
     path = tmp_path / "stage.fmu"
     path.write_bytes(_source_only(name, version))

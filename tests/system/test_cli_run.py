@@ -75,6 +75,7 @@ def test_a_plan_on_the_twin_gives_the_published_figures(capsys, plan, tmp_path):
     assert {c.name for c in record.channels} == {"x", "x.across", "voltage", "command"}
 
 
+@pytest.mark.slow
 def test_tables_say_what_was_found_and_that_it_is_simulated(capsys, plan, tmp_path):
     status, said, err = run(capsys, plan, "--instrument", TWIN, "--out", tmp_path / "run")
     assert (status, err) == (0, "")

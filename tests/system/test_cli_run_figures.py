@@ -82,6 +82,7 @@ def test_modes_with_the_drives_in_place_are_told_apart(capsys, done):
     assert f">{int(other['value'])}." in row[0]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_run_that_is_taken_up_again_tells_the_same_notes_and_units(capsys, done):
     result = json.loads(run(capsys, done, "--resume", "--json"))

@@ -33,6 +33,7 @@ def test_latex_goes_to_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Path
     assert "static condensation" in text
 
 
+@pytest.mark.slow
 def test_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = run(capsys, "vgtu-mechanical", "--json", "--reduce", "condense")
     assert status == 0

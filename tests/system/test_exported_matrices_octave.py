@@ -225,7 +225,7 @@ def test_every_way_of_an_amplifier(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["vgtu-piezo", pytest.param("vgtu-mechanical", marks=pytest.mark.slow)]
+    "name", [pytest.param(n, marks=pytest.mark.slow) for n in ("vgtu-piezo", "vgtu-mechanical")]
 )
 def test_the_script_runs_and_its_bode_diagram_is_the_response(name: str, tmp_path: Path) -> None:
     from flexstage.system import frequency_response

@@ -24,6 +24,7 @@ def converged() -> float:
     return analyse(STAGE, best.system).characteristics.value(QUANTITY, "x")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("accuracy", [3e-3, 2e-4])
 def test_the_error_is_within_the_estimate_and_the_estimate_within_what_was_asked(
     accuracy: float,

@@ -126,6 +126,7 @@ var press = text => Array.from(document.querySelectorAll("button")).find(
 """
 
 
+@pytest.mark.slow
 def test_the_report_opens_and_its_modes_move(browser: Browser, tmp_path: Path) -> None:
     file = tmp_path / "report.html"
     file.write_text(page_of("vgtu-piezo"), encoding="utf-8")

@@ -70,8 +70,9 @@ def saturation(values: ArrayLike) -> Saturation:
     """Say whether a column is cut off at its least or greatest value.
 
     A smooth peak spends at most (1 + sqrt 2) times as long in its highest step of a converter as
-    in the one below. A column counts as cut off where it rests at an end for three samples in a row
-    or more, and has over four times as many samples there as at the next value.
+    in the one below, and no longer than in the three below. A column counts as cut off where it
+    rests at an end for three samples in a row or more, and has over four times as many samples
+    there as at the next value and, in steps, over twice as many as at the next three.
 
     Parameters
     ----------
@@ -102,11 +103,13 @@ def saturation(values: ArrayLike) -> Saturation:
     x = _finite(values, 3)
     levels, counts = np.unique(x, return_counts=True)
     ends = []
-    for level, count, near in ((0, counts[0], counts[1:2]), (-1, counts[-1], counts[-2:-1])):
+    for level, inwards in ((0, counts), (-1, counts[::-1])):
+        count, after = int(inwards[0]), inwards[1:4]
         longest = _longest_run(x == levels[level])
-        ends.append(
-            (int(count), longest, bool(near.size and longest >= 3 and count > 4 * int(near[0])))
-        )
+        # of few samples in a step, those of one step alone are too few to go by
+        rests = after.size > 0 and count > 4 * after[0]
+        rests = rests and (after.max() == 1 or count > 2 * after.sum())
+        ends.append((count, longest, bool(longest >= 3 and rests)))
     return Saturation(
         low=float(levels[0]),
         high=float(levels[-1]),

@@ -8,6 +8,7 @@ from sqlalchemy import (
     JSON,
     BigInteger,
     DateTime,
+    Double,
     ForeignKey,
     Index,
     Select,
@@ -26,6 +27,9 @@ from flexstage.instruments.catalogue.entries import (
     RunEntry,
     StageEntry,
 )
+
+#: Which tables these are. Whoever changes them counts on: a catalogue of another number is refused.
+VERSION = 2
 
 
 class UtcTime(TypeDecorator[datetime]):
@@ -65,13 +69,22 @@ def clean(text: str) -> str:
 
 
 class Base(DeclarativeBase):
-    """The tables of this version."""
+    """The tables of a catalogue, on SQLite and PostgreSQL alike."""
 
     type_annotation_map: ClassVar[dict[Any, Any]] = {
         str: CleanText,
+        float: Double,
         datetime: UtcTime,
         dict[str, float]: JSON,
     }
+
+
+class VersionRow(Base):
+    """Which tables these are: one row."""
+
+    __tablename__ = "schema_version"
+
+    version: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
 
 
 class StageRow(Base):
@@ -113,7 +126,7 @@ class RunRow(Base):
     samples: Mapped[int] = mapped_column(BigInteger)
     sample_rate_hz: Mapped[float]
     seed: Mapped[str | None]
-    lost: Mapped[str] = mapped_column(server_default="")
+    lost: Mapped[str]
     stage: Mapped[StageRow] = relationship(lazy="joined", innerjoin=True)
 
 
