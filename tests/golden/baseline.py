@@ -287,7 +287,11 @@ def times(log: Path) -> None:
 
 def main(words: list[str]) -> int:
     """Run the names asked for; 0 where all are the same."""
-    act, *rest = words
+    act, *rest = words or ["--help"]
+    wrong = set() if act == "times" else set(rest) - set(work())
+    if act not in ("freeze", "check", "times") or wrong:
+        sys.stderr.write(f"{__doc__}\nnames: {', '.join(work())}\n")
+        return 2
     if act == "times":
         times(Path(rest[0]))
         return 0
