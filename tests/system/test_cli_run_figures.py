@@ -6,6 +6,7 @@ import re
 import pytest
 
 from flexstage.cli import main
+from flexstage.plans.state import RunState, write_state
 
 TWIN = "twin://?seed=7&model=lumped"
 PLAN = """\
@@ -97,9 +98,12 @@ def test_a_run_that_is_taken_up_again_tells_the_same_notes_and_units(capsys, don
 
 
 def test_a_folder_of_another_stage_is_refused(capsys, done):
+    place = done / "other"
+    place.mkdir()
+    begun = RunState(stage="vgtu-piezo", instrument={"simulated": True}, steps={})
+    write_state(place, begun)
     words = ["run", str(done / "modes.yaml"), "--stage", "vgtu-mechanical", "--instrument", TWIN,
-             "--steps", "blow", "--out", str(done / "run"), "--catalogue", "none",
-             "--resume"]  # fmt: skip
+             "--steps", "blow", "--out", str(place), "--catalogue", "none", "--resume"]  # fmt: skip
     with pytest.raises(SystemExit) as ended:
         main(words)
     said = capsys.readouterr().err

@@ -1,6 +1,6 @@
 """Frequency responses from measured records."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
 
@@ -31,11 +31,14 @@ from flexstage.experiment.spectra.response import MeasuredResponse
 from flexstage.experiment.spectra.sums import Estimator, Spectra, require_estimator, transfer
 from flexstage.experiment.spectra.transient import hammer_spectra, step_spectra
 from flexstage.records import Record
+from flexstage.records.sampling import extreme_steps
 
 # pulses take up less of the time than this, above a tenth of their height
 _RARE = 0.02
 # samples in which a period is looked for
 _LOOK = 1_048_576
+#: Samples that are looked at together, which stay in the cache.
+_PIECE = 65_536
 # parts of a sweep have less of their spectra in common than this
 _COMMON = 0.3
 _PARTS = 16
@@ -338,12 +341,16 @@ def recognised(values: Array, *, step_allowed: bool = True) -> Excitation:
     """
     x = values[:_LOOK]
     if step_allowed:
-        away = values - np.median(x)
+        middle = float(np.median(x))
+        largest = max(float(values.max()) - middle, middle - float(values.min()))
         # a step soon after the start is rare as well, but does not come back
-        back = max(abs(away[0]), abs(away[-1])) <= 0.1 * np.abs(away).max()
-        if back and _rare(away):
+        back = max(abs(values[0] - middle), abs(values[-1] - middle)) <= 0.1 * largest
+        starts = range(0, values.size, _PIECE)
+        if back and _rare((values[i : i + _PIECE] - middle for i in starts), values.size, largest):
             return "hammer"
-        if _rare(np.diff(values)):
+        low, high = extreme_steps(values)
+        steps = (np.diff(values[i : i + _PIECE + 1]) for i in starts)
+        if _rare(steps, values.size - 1, max(-low, high)):
             return "step"
     try:
         period = find_period(x)
@@ -358,10 +365,14 @@ def recognised(values: Array, *, step_allowed: bool = True) -> Excitation:
     return "sweep" if _moves(values) else "random"
 
 
-def _rare(values: Array) -> bool:
-    size = np.abs(values)
-    top = float(size.max())
-    return top > 0.0 and int(np.count_nonzero(size > 0.1 * top)) < max(_RARE * size.size, 2)
+def _rare(pieces: Iterable[Array], size: int, largest: float) -> bool:
+    """Whether few of so many numbers are more than a tenth of the largest."""
+    most, count = max(_RARE * size, 2), 0
+    for piece in pieces:
+        count += int(np.count_nonzero(np.abs(piece) > 0.1 * largest))
+        if count >= most:
+            return False
+    return largest > 0.0
 
 
 def _moves(values: Array) -> bool:
