@@ -1,11 +1,15 @@
 """What a plan file may say, and what is said of one that is wrong."""
 
+from dataclasses import replace
+from typing import Any
+
 import pytest
 
 from flexstage.errors import PlanError
 from flexstage.plans import dry_run, find_plan, plan_stage, read_plan, ready_plans
 from flexstage.plans.excite import EqualCycles, Multisine
 from flexstage.plans.file import plan_from_text
+from flexstage.plans.plan import SensorEntry
 from flexstage.plans.verbs import Identify, Measure, Verify
 
 HEAD = """\
@@ -44,6 +48,17 @@ def test_a_sensor_is_an_instrument_of_a_campaign_without_its_channel():
     assert own.instrument.name == "x"
     assert own.instrument.calibration == own.calibration == 0.0005
     assert not hasattr(own.instrument, "channel")
+
+
+def test_whole_numbers_may_be_given_as_floats():
+    floats: dict[str, Any] = {"periods": 4.0, "seed": 3.0}
+    sines = Multisine(axis="x", band=(2.0, 9.0), amplitude=0.5, **floats)
+    # a sine is repeated, and a channel is asked for, by a number that counts
+    assert repr(sines) == repr(replace(sines, periods=4, seed=3))
+    own: dict[str, Any] = {"channel": 2.0}
+    assert str(SensorEntry(name="x", **own).channel) == "2"
+    options: dict[str, Any] = {"modes": 3.0}
+    assert repr(Measure(of="m", test="response", **options).modes) == "3"
 
 
 def test_steps_that_are_wanted_bring_those_that_they_use():

@@ -89,11 +89,17 @@ def wanted(kind: Any, value: Any) -> str:
 
 
 def require_ranges(thing: Any, error: type[FlexstageError], of: str) -> None:
-    """Refuse a description whose numbers and words are not what its types say; `of` says whose."""
+    """Refuse a description whose numbers and words are not what its types say; `of` says whose.
+
+    A whole number that was given as 3.0 becomes 3.
+    """
     for name, (_, kind) in field_types(type(thing)).items():
         value = getattr(thing, name)
         if said := wanted(kind, value):
             raise error(f"{name} of {of} must be {said}, got {_show(value)}")
+        found = range_of(optional_part(kind) or kind)
+        if found is not None and found[1] and isinstance(value, float):
+            object.__setattr__(thing, name, int(value))
 
 
 def _show(value: Any) -> str:
