@@ -141,8 +141,10 @@ class Decoder:
         `also` are read elsewhere.
         """
         values: dict[str, Any] = dict(given or {})
-        described = {k: v for k, v in field_types(kind).items() if k not in values}
-        self.check_keys(node, path, [*also, *described])
+        types = field_types(kind)
+        described = {k: v for k, v in types.items() if k not in values}
+        read_here = [k for k in types if k in described or k in also]
+        self.check_keys(node, path, [*(k for k in also if k not in types), *read_here])
         for name, (field, annotation) in described.items():
             held = getattr(base, name) if isinstance(base, kind) else None
             if name in node.items:
