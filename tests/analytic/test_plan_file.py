@@ -73,7 +73,7 @@ def test_steps_that_are_wanted_bring_those_that_they_use():
     [
         ("stage: vgtu-piezo\n", 1, "begins with 'plan: 1'"),
         ("plan: 2\nstage: vgtu-piezo\nsteps: []\n", 1, "version 2 is not known"),
-        ("plan: 1\nsteps: []\n", 1, "'stage' is missing"),
+        ("plan: 1\nnotes: []\n", 1, "'stage' is missing"),
         ("plan: 1\nstage: s\nsteps: []\n", 3, "list of steps"),
         ("plan: 1\nstage: s\nstep: []\n", 3, "did you mean 'steps'?"),
         (HEAD + "  - {excite: {kind: hold, axis: x}}\n", 7, "'name' is missing"),

@@ -126,6 +126,17 @@ def test_round_trip(campaign: Campaign, folder: Path) -> None:
     assert repr(again) == repr(campaign)
 
 
+def test_what_only_equals_the_usual_is_written(folder: Path) -> None:
+    # -0.0 is the usual offset to a comparison, and another number
+    probe = SensorSpecification(name="probe", abbe_offset=-0.0, drift=0.0)
+    test = Test(name="t", kind="hold", axis="x", records=("a",), along="probe")
+    campaign = Campaign(instruments=(probe,), tests=(test,))
+    text = campaign_text(campaign)
+    assert "abbe_offset" in text
+    assert "drift" not in text
+    assert repr(read(text, folder)) == repr(campaign)
+
+
 def test_quantities_keep_their_units(folder: Path) -> None:
     text = """
 campaign: 1

@@ -43,7 +43,7 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
 
 
 def _print_positioning(screen: "Console", result: "TestResult") -> None:
-    from flexstage.studies.measurement import positioning_tables
+    from flexstage.report.positioning import positioning_tables
 
     tables = positioning_tables(result.details["positioning"])
     first, second, *others = tables.axis_heads

@@ -3,54 +3,51 @@
 import math
 from dataclasses import dataclass, field
 
-from flexstage.designs.nested_xy_parameters import require_positive
 from flexstage.errors import StageError
+from flexstage.files.ranges import Size, require_ranges
 from flexstage.hinges import RightCircular
 from flexstage.material import CATALOGUE, Material
 from flexstage.stage import Axis, Body, Circle, Hinge, Loop, Probe, Stage
 from flexstage.stage.drive import AnyActuator, ScrewActuator, placed
-from flexstage.units import Length
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParallelogramParameters:
     """The dimensions of a parallelogram guide."""
 
-    leg_spacing: Length = 40e-3
+    leg_spacing: Size = 40e-3
     """Distance between the two legs [m]."""
-    leg_bar_length: Length = 26e-3
+    leg_bar_length: Size = 26e-3
     """Length of the bar between the two notches of a leg [m]."""
-    notch_radius: Length = 2e-3
+    notch_radius: Size = 2e-3
     """Radius of the notches [m]."""
-    neck_thickness: Length = 0.5e-3
+    neck_thickness: Size = 0.5e-3
     """Neck thickness of the notches [m]."""
-    platform_overhang: Length = 4e-3
+    platform_overhang: Size = 4e-3
     """How far the platform reaches beyond the legs, on both sides [m]."""
-    platform_height: Length = 12e-3
+    platform_height: Size = 12e-3
     """Height of the platform across its motion [m]."""
-    base_height: Length = 15e-3
+    base_height: Size = 15e-3
     """Height of the base under the legs [m]."""
-    column_width: Length = 12e-3
+    column_width: Size = 12e-3
     """Width of the column of the base that holds the drive [m]."""
-    actuator_length: Length = 2e-3
+    actuator_length: Size = 2e-3
     """Distance between column and platform [m]."""
-    mounting_hole_diameter: Length = 5.5e-3
+    mounting_hole_diameter: Size = 5.5e-3
     """Diameter of the two holes by which the base is bolted down [m]."""
     actuator: AnyActuator = field(
         default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=200e-6)
     )
     """What drives the guide."""
-    force_patch_half_width: Length = 2e-3
+    force_patch_half_width: Size = 2e-3
     """Half of the width over which the drive spreads its force [m]."""
-    thickness: Length = 8e-3
+    thickness: Size = 8e-3
     """Thickness of the plate [m]."""
     material: Material = field(default_factory=lambda: CATALOGUE["Al 7075-T6"])
     """What it is cut from."""
 
     def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            if name not in {"actuator", "material"}:
-                require_positive(name, getattr(self, name))
+        require_ranges(self, StageError, "a parallelogram")
         leg_width = 2.0 * self.notch_radius + self.neck_thickness
         if not self.leg_spacing > leg_width:
             raise StageError(

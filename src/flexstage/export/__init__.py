@@ -3,9 +3,9 @@
 `dynamic_model` puts a stage together with its amplifiers, hysteresis, creep and sensors; what
 simulates it elsewhere is made from that `DynamicModel`: `fmu_files`, `realtime_files`,
 `simulink_files`, `matlab_files`, `control_system`. What is made of the stage itself: `step_files`,
-`dxf_files`, `drawing_svg`; of its equations: `stage_diagram`, `diagram_files`; of an analysis:
-`field_files`, `universal_files`, `table_files`. Functions that end in ``_files`` return the content
-of each file by its name, and write nothing.
+`dxf_files`; of its equations: `stage_diagram`, `diagram_files`; of an analysis: `field_files`,
+`universal_files`, `table_files`. Functions that end in ``_files`` return the content of each file
+by its name, and write nothing.
 """
 
 from typing import TYPE_CHECKING

@@ -47,10 +47,6 @@ class Decoder:
     """The kind of file."""
     length_unit: str | None = None
     """The unit of lengths that are bare numbers."""
-    largest: float = math.inf
-    """Largest length [m]."""
-    smallest: float = 0.0
-    """Smallest length, apart from 0 and from coordinates [m]."""
 
     def refuse(
         self,
@@ -145,8 +141,10 @@ class Decoder:
         `also` are read elsewhere.
         """
         values: dict[str, Any] = dict(given or {})
-        described = {k: v for k, v in field_types(kind).items() if k not in values}
-        self.check_keys(node, path, [*also, *described])
+        types = field_types(kind)
+        described = {k: v for k, v in types.items() if k not in values}
+        read_here = [k for k in types if k in described or k in also]
+        self.check_keys(node, path, [*(k for k in also if k not in types), *read_here])
         for name, (field, annotation) in described.items():
             held = getattr(base, name) if isinstance(base, kind) else None
             if name in node.items:
@@ -307,19 +305,13 @@ class Decoder:
     ) -> float:
         """Read a quantity of what is described, whose lengths have their bounds."""
         value = self.quantity(dimension, node, path)
-        if dimension.name == "length" and abs(value) > self.largest:
-            self.refuse(
-                node,
-                path,
-                f"{show(node)} is longer than {self.largest:g} m, the most that a stage may be",
-            )
-        small = not coordinate and 0.0 < abs(value) < self.smallest
-        if dimension.name == "length" and small:
-            self.refuse(
-                node,
-                path,
-                f"{show(node)} is shorter than {self.smallest:g} m, no length of a stage",
-            )
+        noun, longest, shortest = self.format.noun, self.format.longest, self.format.shortest
+        if dimension.name == "length" and abs(value) > longest:
+            said = f"{show(node)} is longer than {longest:g} m, the most in a {noun}"
+            self.refuse(node, path, said)
+        if dimension.name == "length" and not coordinate and 0.0 < abs(value) < shortest:
+            said = f"{show(node)} is shorter than {shortest:g} m, the least in a {noun}"
+            self.refuse(node, path, said)
         return value
 
     def _quantities(self, dimension: Dimension, count: int, node: Node, path: str) -> Any:

@@ -5,6 +5,7 @@ value is written, its default says whether it can be left out. Nothing about a f
 twice, so a file cannot drift from the classes.
 """
 
+import math
 import types
 import typing
 from collections.abc import Callable, Mapping
@@ -12,7 +13,7 @@ from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from functools import lru_cache
 from typing import Annotated, Any
 
-from flexstage.errors import FlexstageError, StageError
+from flexstage.errors import FlexstageError
 from flexstage.units import DIMENSIONS, Dimension
 
 #: Name of the dimension that an SI unit belongs to.
@@ -43,7 +44,7 @@ class Format:
     """How one begins that has no such key."""
     version: int = 1
     """Version of the format; no other is read."""
-    error: type[FlexstageError] = StageError
+    error: type[FlexstageError]
     """What is raised where the file is at fault."""
     only: bool = False
     """Whether no other error is raised, whatever refuses a value."""
@@ -53,6 +54,10 @@ class Format:
     """How values are written, by their type."""
     length_unit: bool = False
     """Whether it may say once the unit of lengths that are bare numbers."""
+    longest: float = math.inf
+    """Longest length of what it describes [m]."""
+    shortest: float = 0.0
+    """Shortest length of it, apart from 0 and from coordinates [m]."""
     finite: bool = True
     """Whether every number in it is finite."""
     later: bool = False

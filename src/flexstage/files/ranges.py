@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from flexstage.errors import FlexstageError
 from flexstage.files.format import field_types, optional_part
+from flexstage.units import Length
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +38,8 @@ class Range:
             remark = f" ({self.remark})" if self.remark else ""
             return f"a whole number from {self.low:.0f}{upper}{remark}"
         if not math.isfinite(self.high):
+            if not math.isfinite(self.low):
+                return "finite"
             return f"{'above' if self.above else 'not below'} {self.low:g}"
         if self.above and self.below:
             return f"between {self.low:g} and {self.high:g}"
@@ -45,12 +48,15 @@ class Range:
         return f"from {self.low:g} {'to below' if self.below else 'to'} {self.high:g}"
 
 
+#: Finite, above 0.
 POSITIVE = Range(low=0.0, above=True)
 #: Finite, 0 or more.
 NOT_NEGATIVE = Range(low=0.0)
 #: A share of a whole, such as a confidence, that is neither none nor all of it.
 INNER_SHARE = Range(low=0.0, high=1.0, above=True, below=True)
 
+#: A length of a part [m].
+Size = Annotated[Length, POSITIVE]
 #: A share of a whole [1].
 Share = Annotated[float, Range(low=0.0, high=1.0)]
 #: How many, one at least.
@@ -103,4 +109,6 @@ def require_ranges(thing: Any, error: type[FlexstageError], of: str) -> None:
 
 
 def _show(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, (int, float)) else f"'{value}'"
+    if isinstance(value, str):
+        return f"'{value}'"
+    return f"{value:g}" if isinstance(value, (int, float)) else repr(value)

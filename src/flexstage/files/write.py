@@ -59,8 +59,6 @@ def write_files(directory: Path, contents: Mapping[str, bytes]) -> list[Path]:
         _make(directory, made)
         for name, content in contents.items():
             target = directory / name
-            if target.is_dir():
-                raise IsADirectoryError(f"'{target}' is a directory")
             _make(target.parent, made)
             try:
                 draft = _begin(target)
@@ -114,6 +112,10 @@ def sync_folder(folder: Path) -> None:
 
 
 def _begin(target: Path) -> Path:
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "it is a directory", str(target))
+    if target.exists() and not target.is_file():  # /dev/null would become a file
+        raise OSError(errno.EINVAL, "it is no regular file, which could be replaced", str(target))
     handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
     os.close(handle)
     return Path(name)

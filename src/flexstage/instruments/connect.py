@@ -1,7 +1,7 @@
 """From an address to an instrument: a controller, an acquisition card, a simulation."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 from urllib.parse import SplitResult, parse_qsl, urlsplit
 
 from flexstage.errors import ModelError
@@ -11,7 +11,6 @@ from flexstage.stage import Stage
 if TYPE_CHECKING:
     from flexstage.instruments.gcs.controller import PiController
     from flexstage.instruments.gcs.profile import TransferLimits
-    from flexstage.instruments.twin.stage import VirtualStage
 
 _FORMS = (
     "gcs://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, twin://?seed=3&model=lumped, or ni://Dev1"
@@ -188,10 +187,8 @@ def _simulated(
         quiet=_flag(options, "quiet", False, address),
         scatter=_flag(options, "scatter", True, address),
     )
-    device = VirtualController(
-        cast("VirtualStage", made),
-        serial_number=options.get("serial_number") or f"twin-{seed}",
-    )
+    serial_number = options.get("serial_number") or f"twin-{seed}"
+    device = VirtualController(made, serial_number=serial_number)
     pace = FastTime(device) if fast else Pacemaker(device)
     pace.start()
     conversation = Loopback(Interpreter(device, pace), ends_time=True)

@@ -112,18 +112,16 @@ def plan_from_text(text: str, *, source: str = "plan") -> Plan:
 
 
 def _plan(decoder: Decoder, root: Mapping) -> Plan:
-    sensors = root.items.get("sensors")
-    known = () if sensors is None else decoder.decode(tuple[SensorEntry, ...], sensors, "sensors")
+    kinds = {"sensors": tuple[SensorEntry, ...], "steps": tuple[Step, ...]}
     listed = root.items.get("steps")
-    if "stage" in root.items and listed is not None:
-        if not isinstance(listed, Sequence) or not listed.items:
-            sentence = "expected a list of steps, each with a name and a verb"
-            decoder.refuse(listed, "steps", sentence)
+    if listed is not None and (not isinstance(listed, Sequence) or not listed.items):
+        decoder.refuse(listed, "steps", "expected a list of steps, each with a name and a verb")
+    parts = {k: decoder.decode(kinds[k], root.items[k], k) for k in kinds if k in root.items}
+    if isinstance(listed, Sequence):
         # what is wrong between steps is told at the step
-        steps = decoder.decode(tuple[Step, ...], listed, "steps")
-        for k, message in problems(steps, known):
+        for k, message in problems(parts["steps"], parts.get("sensors", ())):
             decoder.refuse(listed.items[k], f"steps[{k}]", message)
-    return decoder.build(Plan, root, "")
+    return decoder.build(Plan, root, "", parts, also=parts)
 
 
 def _read_step(decoder: Decoder, node: Node, path: str, _base: Any) -> Step:

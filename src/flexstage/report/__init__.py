@@ -1,4 +1,4 @@
-"""Tables, figures and reports: what was found is shown here, and nothing is run."""
+"""Tables, figures and reports of what was found."""
 
 from typing import TYPE_CHECKING
 

@@ -15,8 +15,9 @@ from flexstage.report.figures.motion_error import (
 )
 from flexstage.report.figures.noise import draw_hold, draw_staircase
 from flexstage.report.page import bullets, cells, definitions, drawn, page_html, row_of, table_html
+from flexstage.report.positioning import positioning_tables
 from flexstage.report.tables import LABEL_HEADS, column_title
-from flexstage.studies.measurement import MeasuredRow, MeasurementComparison, positioning_tables
+from flexstage.studies.measurement import MeasuredRow, MeasurementComparison
 
 _MOTIONS = {
     "across": "motion across, in the plane",

@@ -4,8 +4,9 @@ from dataclasses import dataclass, fields
 from typing import Annotated, Any, ClassVar
 
 from flexstage.errors import StageError
+from flexstage.files.ranges import POSITIVE, Size, require_ranges
 from flexstage.stage.outline import Point
-from flexstage.units import DIMENSIONS, Length, Stiffness
+from flexstage.units import DIMENSIONS, Stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,15 +37,15 @@ class ScrewActuator(Actuator):
 
     kind: ClassVar[str] = "screw"
 
-    pitch: Length
+    pitch: Size
     """Advance in one turn [m]."""
-    smallest_step: Length
+    smallest_step: Size
     """Smallest displacement that can be set [m]."""
-    travel: Length
+    travel: Size
     """Displacement that is used [m]."""
-    stiffness: Stiffness | None = None
+    stiffness: Annotated[Stiffness, POSITIVE] | None = None
     """Axial stiffness of screw and nut [N/m]; rigid where not given."""
-    largest_speed: Annotated[float, DIMENSIONS["speed"]] | None = None
+    largest_speed: Annotated[float, DIMENSIONS["speed"], POSITIVE] | None = None
     """Largest speed at which it may be turned, as its advance [m/s]."""
 
     @property
@@ -66,17 +67,17 @@ class StackActuator(Actuator):
 
     kind: ClassVar[str] = "piezo"
 
-    free_stroke: Length
+    free_stroke: Size
     """Free displacement over the voltage range [m]."""
-    stiffness: Stiffness
+    stiffness: Annotated[Stiffness, POSITIVE]
     """Axial stiffness of the stack [N/m]."""
-    blocking_force: Annotated[float, DIMENSIONS["force"]] | None = None
+    blocking_force: Annotated[float, DIMENSIONS["force"], POSITIVE] | None = None
     """Force at the full voltage and no displacement [N]."""
-    capacitance: Annotated[float, DIMENSIONS["capacitance"]] | None = None
+    capacitance: Annotated[float, DIMENSIONS["capacitance"], POSITIVE] | None = None
     """Electrical capacitance [F]."""
     voltage_range: Annotated[tuple[float, float], DIMENSIONS["voltage"]] | None = None
     """Lowest and highest allowed voltage [V]."""
-    largest_slew: Annotated[float, DIMENSIONS["slew rate"]] | None = None
+    largest_slew: Annotated[float, DIMENSIONS["slew rate"], POSITIVE] | None = None
     """Largest rate at which its voltage may change [V/s]."""
 
     @property
@@ -94,7 +95,7 @@ class VoiceCoil(Actuator):
 
     kind: ClassVar[str] = "force"
 
-    largest_force: Annotated[float, DIMENSIONS["force"]]
+    largest_force: Annotated[float, DIMENSIONS["force"], POSITIVE]
     """Largest force [N]."""
 
     @property
@@ -129,19 +130,11 @@ class Drive(Actuator):
     """The points on the pushed and on the reacting body [m]."""
     direction: Annotated[float, DIMENSIONS["angle"]]
     """Direction in which it pushes, from the x axis to the left [rad]."""
-    patch_half_width: Length = 3e-3
+    patch_half_width: Size = 3e-3
     """Half of the width over which the force is spread [m]."""
 
     def __post_init__(self) -> None:
-        place = [f.name for f in fields(Drive) if f.name != "patch_half_width"]
-        for name in (f.name for f in fields(self) if f.name not in place):
-            value = getattr(self, name)
-            if name == "voltage_range" or value is None:
-                continue
-            if not 0.0 < value < float("inf"):
-                raise StageError(
-                    f"drive '{self.name}': {name} must be positive and finite, got {value!r}"
-                )
+        require_ranges(self, StageError, f"drive '{self.name}'")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

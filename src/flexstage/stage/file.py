@@ -18,7 +18,6 @@ from flexstage.files.nodes import Mapping as MappingNode
 from flexstage.files.write import write_whole
 from flexstage.stage.format import STAGE_FILE
 from flexstage.stage.model import Stage
-from flexstage.stage.outline import LARGEST, SMALLEST
 from flexstage.units import DIMENSIONS
 
 #: Builds a stage from the name of a design and its parameters.
@@ -93,7 +92,6 @@ def stage_from_text(
     (0.03, 0.02)
     """
     decoder, root = read(text, source, STAGE_FILE)
-    decoder.largest, decoder.smallest = LARGEST, SMALLEST
     if "design" in root.items:
         decoder.check_keys(root, "", _HEAD)
         return _from_design(decoder, root.items["design"], designs)
@@ -180,9 +178,6 @@ def _placed(error: FlexstageError, decoder: Decoder, root: MappingNode) -> Flexs
             return type(error)(
                 f"{decoder.source}, line {group.key_lines[found[2]]}, {path}: {text}"
             )
-    if text.startswith("the thickness") and "thickness" in root.key_lines:
-        line = root.key_lines["thickness"]
-        return type(error)(f"{decoder.source}, line {line}, thickness: {text}")
     return error
 
 

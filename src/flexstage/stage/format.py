@@ -16,7 +16,7 @@ from flexstage.hinges import Profile
 from flexstage.hinges.registry import PROFILES
 from flexstage.stage.drive import DRIVES, Drive
 from flexstage.stage.model import Stage
-from flexstage.stage.outline import Circle, Loop
+from flexstage.stage.outline import LARGEST, SMALLEST, Circle, Loop
 from flexstage.units import DIMENSIONS
 
 #: The schema that is shipped with the package.
@@ -127,6 +127,8 @@ STAGE_FILE = Format(
     key="flexstage",
     error=StageError,
     length_unit=True,
+    longest=LARGEST,
+    shortest=SMALLEST,
     families={
         Drive: DRIVES,
         Profile: PROFILES,

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, TypeVar
 from flexstage.characteristic import Characteristic
 from flexstage.choose import did_you_mean
 from flexstage.errors import StageError
-from flexstage.files.ranges import NOT_NEGATIVE, require_ranges
+from flexstage.files.ranges import NOT_NEGATIVE, Size, require_ranges
 from flexstage.hinges import Profile
 from flexstage.material import Material
 from flexstage.short_repr import short_repr
@@ -173,7 +173,7 @@ class Stage:
     """Its name."""
     title: str = ""
     """One line that says what it is."""
-    thickness: Length
+    thickness: Size
     """Thickness of the plate [m]."""
     material: Material
     """What it is cut from."""
@@ -204,8 +204,7 @@ class Stage:
         return None if draw is None else draw(self)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.thickness < math.inf:
-            raise StageError(f"the thickness must be positive and finite, got {self.thickness!r} m")
+        require_ranges(self, StageError, "a stage")
         if not self.bodies:
             raise StageError("a stage needs at least one body, got none")
         bodies = _unique("body", self.bodies)

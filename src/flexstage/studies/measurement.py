@@ -1,6 +1,5 @@
 """What was measured of a stage, beside models and publications; positioning as ISO 230-2 has it."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
@@ -9,7 +8,7 @@ from flexstage.characteristic import Characteristic, Characteristics, MeasuredCh
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.results import Difference, difference
 from flexstage.experiment.motion.positioning import Positioning
-from flexstage.quantities import display, prefixed
+from flexstage.quantities import display
 
 if TYPE_CHECKING:
     from flexstage.experiment.campaign.results import Characterisation, TestResult
@@ -198,74 +197,6 @@ def _finite(value: float) -> float | None:
     return None if value == float("inf") else value
 
 
-#: Figures of an axis: symbol, name, field of both directions; upward and downward have suffixes.
-_AXIS: tuple[tuple[str, str, str], ...] = (
-    ("A", "accuracy", "accuracy"),
-    ("R", "repeatability", "repeatability"),
-    ("E", "systematic deviation", "systematic"),
-    ("M", "mean bidirectional deviation", "mean_deviation"),
-    ("B", "reversal value", "reversal"),
-    ("B̄", "mean reversal value", "mean_reversal"),
-)
-#: Digits of A that are shown, which is one more than machines are tested to.
-_DIGITS = 5
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PositioningTables:
-    """The two tables of a test: figures of the axis, and values at the targets."""
-
-    unit: str
-    """Unit of all figures but the targets."""
-    axis_heads: tuple[str, ...]
-    """Headings of the columns of `axis`."""
-    axis: tuple[tuple[str, ...], ...]
-    """A row of cells for each figure of the axis."""
-    target_heads: tuple[str, ...]
-    """Headings of the columns of `targets`."""
-    targets: tuple[tuple[str, ...], ...]
-    """A row of cells for each target."""
-
-
-def positioning_tables(found: Positioning) -> PositioningTables:
-    """Write the figures of an axis and of its targets, in unit and decimals of the accuracy."""
-    accuracy = abs(found.accuracy.value)
-    factor, prefix = prefixed(accuracy)
-    shown = factor * accuracy
-    digits = _DIGITS - 1 - math.floor(math.log10(shown)) if shown > 0.0 else 0
-    decimals = min(max(digits, 0), _DIGITS - 1)  # of exact positions what is left is rounding
-
-    def text(value: float) -> str:
-        return f"{factor * value:.{decimals}f}".replace("-", "−")
-
-    def given(name: str) -> tuple[str, ...]:
-        estimate = getattr(found, name, None)
-        return ("", "") if estimate is None else (text(estimate.value), _short(estimate, factor))
-
-    across, of_target = prefixed(float(abs(found.target).max()))
-    columns = (
-        found.mean_upward, found.mean_downward, found.mean_bidirectional, found.reversal_at_targets,
-        found.spread_upward, found.spread_downward, 4.0 * found.spread_upward,
-        4.0 * found.spread_downward, found.repeatability_at_targets,
-    )  # fmt: skip
-    pm = "± (95 %)"
-    return PositioningTables(
-        unit=f"{prefix}m",
-        axis_heads=("", "ISO 230-2", "upward", pm, "downward", pm, "both", pm),
-        axis=tuple(
-            (symbol, label, *given(f"{name}_upward"), *given(f"{name}_downward"), *given(name))
-            for symbol, label, name in _AXIS
-        ),
-        target_heads=(
-            f"target [{of_target}m]", "x̄ ↑", "x̄ ↓", "x̄", "B", "s ↑", "s ↓", "R ↑", "R ↓", "R",
-        ),
-        targets=tuple(
-            (f"{across * at:.7g}".replace("-", "−"), *(text(float(v[i])) for v in columns))
-            for i, at in enumerate(found.target)
-        ),
-    )  # fmt: skip
-
-
 def positioning_data(found: Positioning) -> dict[str, Any]:
     """Return everything that a test of positioning gave as plain data, in SI units."""
     figures = {
@@ -298,7 +229,3 @@ def positioning_data(found: Positioning) -> dict[str, Any]:
         },
         "targets": {name: values.tolist() for name, values in at_targets.items()},
     }
-
-
-def _short(estimate: Estimate, factor: float) -> str:
-    return f"{float(f'{factor * estimate.expanded:.2g}'):g}"

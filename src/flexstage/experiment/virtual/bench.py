@@ -60,7 +60,7 @@ class Laboratory:
     Notes
     -----
     Validity: the usual values are those of capacitive sensors and an autocollimator in a quiet
-    room, and no one's own.
+    room, and no one's own. Of what a sensor picks up of the mains, these records hold nothing.
     """
 
     position: SimulatedSensor = field(

@@ -1,4 +1,4 @@
-"""The play (backlash) and the stop: the memory of every model that is piecewise linear."""
+"""The play (backlash): the memory of every model that is piecewise linear."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -6,15 +6,12 @@ import select
 import socket
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
-from flexstage.errors import ModelError, NotConnectedError
+from flexstage.errors import ControllerError, ModelError, NotConnectedError
 
 if TYPE_CHECKING:
     import serial
-from typing import cast, runtime_checkable
-
-from flexstage.errors import ControllerError
 
 
 class NoAnswerError(ControllerError, TimeoutError):

@@ -11,8 +11,6 @@ from flexstage.errors import RecordError
 from flexstage.files.write import sync_folder
 from flexstage.instruments.recording.writer import STREAM_SUFFIX
 
-_STATE = "run.json"
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunFolder:
@@ -65,21 +63,6 @@ class RunFolder:
         if not Path(path).is_dir():
             raise RecordError(f"there is no folder '{path}': give the folder of a run")
         return cls(path=Path(path))
-
-    @property
-    def state_file(self) -> Path:
-        """The file of its state."""
-        return self.path / _STATE
-
-    @property
-    def models(self) -> Path:
-        """Where models are."""
-        return self.path / "models"
-
-    @property
-    def report(self) -> Path:
-        """Where figures and pages are."""
-        return self.path / "report"
 
     def stream(self, name: str) -> Path:
         """Return where the stream of a measurement is written; its HDF5 file will be beside it."""
