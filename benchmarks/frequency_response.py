@@ -19,9 +19,9 @@ import scipy.signal
 from benchmarks.cases import Row
 from benchmarks.timing import Timed, in_turns
 from flexstage.arrays import Array
-from flexstage.experiment.modal.fit import fit_modes
-from flexstage.experiment.modal.result import ModalFit
-from flexstage.experiment.spectra.estimate import ResponseEstimate, estimate_response
+from flexstage.measure.modal.fit import fit_modes
+from flexstage.measure.modal.result import ModalFit
+from flexstage.measure.spectra.estimate import ResponseEstimate, estimate_response
 from flexstage.records import Channel, Record
 
 __all__ = ["growth", "lengths", "long_record", "response"]

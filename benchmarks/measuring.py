@@ -20,17 +20,17 @@ from benchmarks.cases import Row
 from benchmarks.timing import in_turns
 from flexstage.arrays import Array, Complex
 from flexstage.designs import design
-from flexstage.experiment.campaign.evaluate import evaluate
-from flexstage.experiment.campaign.plan import Test
-from flexstage.experiment.campaign.results import Characterisation
-from flexstage.experiment.modal.fit import fit_modes
-from flexstage.experiment.modal.stabilisation import stable_poles
-from flexstage.experiment.spectra.response import MeasuredResponse
-from flexstage.experiment.uncertainty.influence import Influence
-from flexstage.experiment.uncertainty.monte_carlo import monte_carlo
-from flexstage.experiment.uncertainty.propagate import propagate
-from flexstage.experiment.virtual.as_built import as_built
-from flexstage.experiment.virtual.campaign import VirtualCampaign, virtual_campaign
+from flexstage.experiments.campaign.evaluate import evaluate
+from flexstage.experiments.campaign.plan import Test
+from flexstage.experiments.campaign.results import Characterisation
+from flexstage.experiments.virtual_campaign import VirtualCampaign, virtual_campaign
+from flexstage.measure.modal.fit import fit_modes
+from flexstage.measure.modal.stabilisation import stable_poles
+from flexstage.measure.spectra.response import MeasuredResponse
+from flexstage.measure.uncertainty.influence import Influence
+from flexstage.measure.uncertainty.monte_carlo import monte_carlo
+from flexstage.measure.uncertainty.propagate import propagate
+from flexstage.virtual.as_built import as_built
 
 __all__ = ["budget", "campaigns", "characterise", "modal"]
 

@@ -103,8 +103,8 @@ SUBPACKAGES = [
     "provenance",
     "records", "hinges", "stage", "designs", "system", "lumped",
     "fem", "hysteresis",
-    "experiment", "centring", "instruments",
-    "control", "plans", "explore", "export", "studies", "report", "interactive", "web",
+    "measure", "centring", "virtual", "instruments",
+    "control", "experiments", "explore", "export", "studies", "report", "interactive", "web",
 ]  # fmt: skip
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from flexstage.plans.results import VerifiedStep
+    from flexstage.experiments.results import VerifiedStep
 
 IMAGES = Path(__file__).parent / "images"
 _MM = 1e3
@@ -263,9 +263,9 @@ def piezo_stage() -> "Figure":
 @cache
 def _followed() -> "dict[str, VerifiedStep]":
     """How the twin followed references in the plan of the study, by step."""
+    from flexstage.experiments import find_plan, plan_stage, read_plan, run_plan
+    from flexstage.experiments.results import VerifiedStep
     from flexstage.instruments.connect import connect
-    from flexstage.plans import find_plan, plan_stage, read_plan, run_plan
-    from flexstage.plans.results import VerifiedStep
 
     plan = read_plan(find_plan("vgtu-piezo"))
     stage = plan_stage(plan)

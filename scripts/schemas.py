@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import flexstage
-from flexstage.experiment.campaign.plan import CAMPAIGN_FILE, Campaign
-from flexstage.experiment.uncertainty.budget_file import BUDGET_FILE, BudgetContent
+from flexstage.experiments.campaign.plan import CAMPAIGN_FILE, Campaign
+from flexstage.experiments.file import PLAN_FILE
+from flexstage.experiments.plan import Plan
 from flexstage.files.schema import file_schema
-from flexstage.plans.file import PLAN_FILE
-from flexstage.plans.plan import Plan
+from flexstage.measure.uncertainty.budget_file import BUDGET_FILE, BudgetContent
 from flexstage.stage.format import SCHEMA_PATH, stage_schema
 
 PACKAGE = Path(flexstage.__file__).parent
@@ -23,11 +23,11 @@ def schemas() -> dict[Path, dict[str, Any]]:
     """Make the schema of each kind of file that people write, by its place."""
     return {
         SCHEMA_PATH: stage_schema(),
-        PACKAGE / "plans" / "plan.schema.json": file_schema(PLAN_FILE, Plan),
-        PACKAGE / "experiment" / "campaign" / "campaign.schema.json": file_schema(
+        PACKAGE / "experiments" / "plan.schema.json": file_schema(PLAN_FILE, Plan),
+        PACKAGE / "experiments" / "campaign" / "campaign.schema.json": file_schema(
             CAMPAIGN_FILE, Campaign
         ),
-        PACKAGE / "experiment" / "uncertainty" / "budget.schema.json": file_schema(
+        PACKAGE / "measure" / "uncertainty" / "budget.schema.json": file_schema(
             BUDGET_FILE, BudgetContent
         ),
     }

@@ -19,7 +19,7 @@ from flexstage.stage import Stage
 def set_once() -> Iterator[None]:
     """Search once for the necks and the stacks of the same stage."""
     # functions on the face of a room may have the names of its modules
-    as_built = importlib.import_module("flexstage.experiment.virtual.as_built")
+    as_built = importlib.import_module("flexstage.virtual.as_built")
     build = importlib.import_module("flexstage.instruments.twin.build")
     virtual_stack = build.virtual_stack
     tune = as_built._tuned

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from flexstage import centring as centring
     from flexstage import control as control
     from flexstage import designs as designs
-    from flexstage import experiment as experiment
+    from flexstage import experiments as experiments
     from flexstage import export as export
     from flexstage import fem as fem
     from flexstage import hinges as hinges
@@ -22,13 +22,14 @@ if TYPE_CHECKING:
     from flexstage import instruments as instruments
     from flexstage import lumped as lumped
     from flexstage import material as material
-    from flexstage import plans as plans
+    from flexstage import measure as measure
     from flexstage import records as records
     from flexstage import report as report
     from flexstage import stage as stage
     from flexstage import studies as studies
     from flexstage import system as system
     from flexstage import units as units
+    from flexstage import virtual as virtual
     from flexstage.designs.registry import design
     from flexstage.interactive.hinge_result import hinge
     from flexstage.interactive.show import draw, read

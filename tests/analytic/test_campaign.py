@@ -10,8 +10,8 @@ from scipy.special import ndtri
 
 from flexstage.errors import FlexstageError, ModelError, RecordError
 from flexstage.estimate import Estimate
-from flexstage.experiment.campaign.evaluate import EVALUATIONS, characterise, evaluate
-from flexstage.experiment.campaign.plan import (
+from flexstage.experiments.campaign.evaluate import EVALUATIONS, characterise, evaluate
+from flexstage.experiments.campaign.plan import (
     KINDS,
     Campaign,
     Columns,

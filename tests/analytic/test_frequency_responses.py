@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
-from flexstage.experiment.spectra.averaging import (
+from flexstage.measure.spectra.averaging import (
     WINDOWS,
     effective_averages,
     integral_averages,
     window_values,
 )
-from flexstage.experiment.spectra.checks import HitOptions, PeriodOptions
-from flexstage.experiment.spectra.density import spectral_density
-from flexstage.experiment.spectra.estimate import estimate_response, recognised
-from flexstage.experiment.spectra.repeated import find_period
-from flexstage.experiment.spectra.response import response_from_record
+from flexstage.measure.spectra.checks import HitOptions, PeriodOptions
+from flexstage.measure.spectra.density import spectral_density
+from flexstage.measure.spectra.estimate import estimate_response, recognised
+from flexstage.measure.spectra.repeated import find_period
+from flexstage.measure.spectra.response import response_from_record
 from flexstage.records import Channel, Record
 from flexstage.records.sampling import extreme_steps
 from flexstage.report.figures.responses import draw_response
@@ -516,7 +516,7 @@ def test_two_inputs_two_outputs(estimator: str) -> None:
 
 def test_hv_of_many_inputs_is_that_of_one() -> None:
     """The eigenvalue form, with an input beside that nothing follows, is the closed one."""
-    from flexstage.experiment.spectra.sums import _smallest, transfer
+    from flexstage.measure.spectra.sums import _smallest, transfer
 
     u, y = random_pair(2, 20_000)
     spectra = estimate_response(record(u, y / y.std()), "u", "y", excitation="random").spectra

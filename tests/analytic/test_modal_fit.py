@@ -8,13 +8,13 @@ import pytest
 
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Estimate
-from flexstage.experiment.modal.basis import ModalBasis
-from flexstage.experiment.modal.fit import fit_modes
-from flexstage.experiment.modal.result import modal_assurance, shape_from_residues
-from flexstage.experiment.modal.ring_down import ring_down
-from flexstage.experiment.modal.stabilisation import stable_poles
-from flexstage.experiment.modal.variable_projection import ResponseBlock, eliminate, remaining
-from flexstage.experiment.spectra.response import MeasuredResponse
+from flexstage.measure.modal.basis import ModalBasis
+from flexstage.measure.modal.fit import fit_modes
+from flexstage.measure.modal.result import modal_assurance, shape_from_residues
+from flexstage.measure.modal.ring_down import ring_down
+from flexstage.measure.modal.stabilisation import stable_poles
+from flexstage.measure.modal.variable_projection import ResponseBlock, eliminate, remaining
+from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.records import Channel, Record
 from flexstage.report.figures.modal_fit import draw_modal_fit, draw_stabilisation
 from flexstage.report.figures.style import encode
@@ -709,7 +709,7 @@ def test_noise_through_a_window_with_few_lines_to_a_peak(samples: int, segment: 
     """A Hann window mixes lines: at three in the half-power width peaks look like two modes."""
     from scipy.signal import lfilter
 
-    from flexstage.experiment.spectra.estimate import estimate_response
+    from flexstage.measure.spectra.estimate import estimate_response
     from flexstage.records import Channel, Record
 
     rate, truth = 8192.0, ((337.0, 0.0087, 1.0), (527.0, 0.0075, 0.6))
@@ -744,7 +744,7 @@ def test_noise_through_a_window_with_few_lines_to_a_peak(samples: int, segment: 
 
 def test_variances_of_few_averages_stay_as_sharp_as_the_peak() -> None:
     """Noise of the input goes with the response: a mean over neighbours would carry it away."""
-    from flexstage.experiment.modal.prepare import deviations
+    from flexstage.measure.modal.prepare import deviations
 
     f = np.arange(200.0, 500.0, 1.25)
     h = 1.0 / (337.0**2 - f**2 + 2j * 0.009 * 337.0 * f)

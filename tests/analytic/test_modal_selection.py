@@ -8,11 +8,11 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.experiment.modal.fit import fit_modes
-from flexstage.experiment.modal.result import ModalFit
-from flexstage.experiment.modal.scatter import line_scatter, local_poles
-from flexstage.experiment.spectra.response import MeasuredResponse
 from flexstage.lumped import lumped_system
+from flexstage.measure.modal.fit import fit_modes
+from flexstage.measure.modal.result import ModalFit
+from flexstage.measure.modal.scatter import line_scatter, local_poles
+from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.system import ModalDamping, modes
 from tests.tiers import sizes
 

@@ -9,13 +9,6 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ConvergenceError, HingeError, ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.updating.parameters import (
-    UpdateParameter,
-    stage_with,
-    with_neck_thickness,
-)
-from flexstage.experiment.updating.problem import UPDATABLE, predict
-from flexstage.experiment.updating.update import update_stage
 from flexstage.hinges import (
     CornerFilleted,
     Elliptical,
@@ -27,6 +20,13 @@ from flexstage.hinges import (
     VFillet,
 )
 from flexstage.lumped import lumped_system
+from flexstage.measure.updating.parameters import (
+    UpdateParameter,
+    stage_with,
+    with_neck_thickness,
+)
+from flexstage.measure.updating.problem import UPDATABLE, predict
+from flexstage.measure.updating.update import update_stage
 from flexstage.stage import check
 from flexstage.system import ModalDamping, analyse
 from tests.tiers import limits, sizes

@@ -9,14 +9,14 @@ from scipy.signal import lfilter
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.motion.approaches import staircase_dwells
-from flexstage.experiment.motion.coupling import cross_coupling, squareness
-from flexstage.experiment.motion.curve_extremes import curve_loop_width, curve_range, zone_contacts
-from flexstage.experiment.motion.curve_fit import fit_motion_curve
-from flexstage.experiment.motion.cycles import motion_cycles, spread_estimate
-from flexstage.experiment.motion.motion_curve import CurveBasis, MotionCurve
-from flexstage.experiment.motion.stroke import linearity, stroke
-from flexstage.experiment.motion.workspace import (
+from flexstage.measure.motion.approaches import staircase_dwells
+from flexstage.measure.motion.coupling import cross_coupling, squareness
+from flexstage.measure.motion.curve_extremes import curve_loop_width, curve_range, zone_contacts
+from flexstage.measure.motion.curve_fit import fit_motion_curve
+from flexstage.measure.motion.cycles import motion_cycles, spread_estimate
+from flexstage.measure.motion.motion_curve import CurveBasis, MotionCurve
+from flexstage.measure.motion.stroke import linearity, stroke
+from flexstage.measure.motion.workspace import (
     workspace,
     workspace_from_grid,
     workspace_from_path,

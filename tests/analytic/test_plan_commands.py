@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from flexstage.errors import PlanError
-from flexstage.plans.axis_limits import AxisSetting
-from flexstage.plans.command import CommandWaveform, Strike
-from flexstage.plans.design import design_command, whole_part
-from flexstage.plans.excite import (
+from flexstage.experiments.axis_limits import AxisSetting
+from flexstage.experiments.command import CommandWaveform, Strike
+from flexstage.experiments.design import design_command, whole_part
+from flexstage.experiments.excite import (
     BidirectionalTargets,
     Blows,
     Chirp,
@@ -119,7 +119,7 @@ def test_steps_rest_on_their_levels_and_keep_to_the_rate():
 
 
 def test_targets_are_gone_to_from_both_sides_again_and_again():
-    from flexstage.experiment.motion.approaches import staircase_dwells
+    from flexstage.measure.motion.approaches import staircase_dwells
 
     found = made(
         BidirectionalTargets(axis="x", targets=6, rounds=3, dwell=0.2, low=0.1, high=0.9), SCREW

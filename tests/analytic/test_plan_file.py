@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 
 from flexstage.errors import PlanError
-from flexstage.plans import dry_run, find_plan, plan_stage, read_plan, ready_plans
-from flexstage.plans.excite import EqualCycles, Multisine
-from flexstage.plans.file import plan_from_text
-from flexstage.plans.plan import SensorEntry
-from flexstage.plans.verbs import Identify, Measure, Verify
+from flexstage.experiments import dry_run, find_plan, plan_stage, read_plan, ready_plans
+from flexstage.experiments.excite import EqualCycles, Multisine
+from flexstage.experiments.file import plan_from_text
+from flexstage.experiments.plan import SensorEntry
+from flexstage.experiments.verbs import Identify, Measure, Verify
 
 HEAD = """\
 plan: 1

@@ -4,8 +4,8 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import PlanError
-from flexstage.plans import dry_run
-from flexstage.plans.file import plan_from_text
+from flexstage.experiments import dry_run
+from flexstage.experiments.file import plan_from_text
 
 HEAD = """\
 plan: 1

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from flexstage.errors import ControllerError, FlexstageError, NotConnectedError, PlanError
+from flexstage.experiments import Plan, run_plan
+from flexstage.experiments.centre_step import centred_from
+from flexstage.experiments.file import plan_from_text
+from flexstage.experiments.results import MeasuredStep
+from flexstage.experiments.state import read_state
+from flexstage.experiments.verbs import Centre
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.lock import stage_lock
-from flexstage.plans import Plan, run_plan
-from flexstage.plans.centre_step import centred_from
-from flexstage.plans.file import plan_from_text
-from flexstage.plans.results import MeasuredStep
-from flexstage.plans.state import read_state
-from flexstage.plans.verbs import Centre
 from flexstage.records import read_record
 from tests.simple_instrument import SimpleInstrument
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.io import savemat
 
 from flexstage.errors import RecordError
-from flexstage.experiment.spectra.response import response_from_record
+from flexstage.measure.spectra.response import response_from_record
 from flexstage.records import Record, read_record, responses_in_columns
 
 F = np.array([110.0, 127.5, 140.0, 163.0, 181.5])

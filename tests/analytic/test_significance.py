@@ -7,7 +7,7 @@ from scipy import stats
 
 from flexstage.characteristic import Characteristic
 from flexstage.errors import ModelError
-from flexstage.experiment.campaign.results import difference
+from flexstage.experiments.campaign.results import difference
 
 
 def row(value: float, **more: object) -> Characteristic:

@@ -7,13 +7,13 @@ import pytest
 
 from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError, RecordError
-from flexstage.experiment.motion.narrowest_zone import minimum_zone_cylinder, narrowest_strip
-from flexstage.experiment.motion.straightness import (
+from flexstage.measure.motion.narrowest_zone import minimum_zone_cylinder, narrowest_strip
+from flexstage.measure.motion.straightness import (
     end_point_straightness,
     least_squares_straightness,
     minimum_zone,
 )
-from flexstage.experiment.motion.straightness_noise import less_noise
+from flexstage.measure.motion.straightness_noise import less_noise
 from tests.tiers import limits, sizes
 
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from flexstage.errors import ConvergenceError, ModelError, RecordError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.uncertainty.budget_file import budget_from_text
-from flexstage.experiment.uncertainty.expression import FUNCTIONS, Expression, hypot
-from flexstage.experiment.uncertainty.influence import (
+from flexstage.measure.uncertainty.budget_file import budget_from_text
+from flexstage.measure.uncertainty.expression import FUNCTIONS, Expression, hypot
+from flexstage.measure.uncertainty.influence import (
     DISTRIBUTIONS,
     Influence,
     correlation_matrix,
@@ -22,14 +22,14 @@ from flexstage.experiment.uncertainty.influence import (
     influence_from,
     normal_correlations,
 )
-from flexstage.experiment.uncertainty.monte_carlo import (
+from flexstage.measure.uncertainty.monte_carlo import (
     monte_carlo,
     numerical_tolerance,
     sampler,
     validate,
 )
-from flexstage.experiment.uncertainty.propagate import propagate
-from flexstage.experiment.uncertainty.sensor import ROLES, measured
+from flexstage.measure.uncertainty.propagate import propagate
+from flexstage.measure.uncertainty.sensor import ROLES, measured
 from flexstage.sensor import SensorSpecification
 
 SHAPES = {
@@ -309,7 +309,7 @@ def test_the_adaptive_run_stands_by_its_tolerance():
 
 def test_runs_that_cannot_end_or_begin_are_refused(monkeypatch):
     # the function of the same name hides the module
-    room = importlib.import_module("flexstage.experiment.uncertainty.monte_carlo")
+    room = importlib.import_module("flexstage.measure.uncertainty.monte_carlo")
     monkeypatch.setattr(room, "_MOST", 30)
     wild = [influence("x", 0.0, 1.0, degrees_of_freedom=1.0, kind="A")]
     with pytest.raises(ConvergenceError, match="of doubt"):

@@ -7,8 +7,11 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual.as_built import as_built
-from flexstage.experiment.virtual.bench import (
+from flexstage.experiments.virtual_campaign import true_figures, virtual_campaign
+from flexstage.lumped import lumped_system
+from flexstage.system import frequency_response, modes
+from flexstage.virtual.as_built import as_built
+from flexstage.virtual.bench import (
     HammerBench,
     Laboratory,
     motion_record,
@@ -16,8 +19,7 @@ from flexstage.experiment.virtual.bench import (
     staircase_record,
     workspace_record,
 )
-from flexstage.experiment.virtual.campaign import true_figures, virtual_campaign
-from flexstage.experiment.virtual.imperfections import (
+from flexstage.virtual.imperfections import (
     GuideErrors,
     Scatter,
     displaced_system,
@@ -25,8 +27,6 @@ from flexstage.experiment.virtual.imperfections import (
     manufactured,
     random_guide,
 )
-from flexstage.lumped import lumped_system
-from flexstage.system import frequency_response, modes
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def screw():
 
 def quiet(**changes: float) -> Laboratory:
     """A laboratory whose sensors are right."""
-    from flexstage.experiment.virtual.bench import SimulatedSensor
+    from flexstage.virtual.bench import SimulatedSensor
 
     perfect = SimulatedSensor(noise_rms=0.0)
     turn = SimulatedSensor(noise_rms=0.0, unit="rad")

@@ -21,12 +21,12 @@ from typing import Any
 
 from flexstage.designs.registry import find_stage
 from flexstage.errors import FlexstageError
-from flexstage.experiment import read_budget, read_campaign
+from flexstage.experiments import plan_stage, read_campaign, read_plan
+from flexstage.experiments.state import read_state
 from flexstage.hysteresis.model_file import read_model_file
 from flexstage.instruments.recording.attributes import file_summary
 from flexstage.instruments.recording.recovery import examine
-from flexstage.plans import plan_stage, read_plan
-from flexstage.plans.state import read_state
+from flexstage.measure import read_budget
 from tests.golden.broken_cases import (
     budget,
     campaign,

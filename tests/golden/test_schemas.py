@@ -7,8 +7,8 @@ import jsonschema
 import pytest
 
 from flexstage.errors import FlexstageError
+from flexstage.experiments import ready_plans
 from flexstage.files.nodes import Node, Scalar, parse_yaml, plain
-from flexstage.plans import ready_plans
 from tests.golden.broken_files import READ, broken, frozen, kinds
 
 _PLACE = Path(__file__).parents[2] / "scripts" / "schemas.py"

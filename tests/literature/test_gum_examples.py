@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.experiment.uncertainty.expression import cos, sin
-from flexstage.experiment.uncertainty.influence import Influence
-from flexstage.experiment.uncertainty.monte_carlo import monte_carlo, validate
-from flexstage.experiment.uncertainty.propagate import propagate
+from flexstage.measure.uncertainty.expression import cos, sin
+from flexstage.measure.uncertainty.influence import Influence
+from flexstage.measure.uncertainty.monte_carlo import monte_carlo, validate
+from flexstage.measure.uncertainty.propagate import propagate
 from flexstage.units import parse
 
 

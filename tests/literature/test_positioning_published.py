@@ -27,10 +27,10 @@ import pytest
 from matplotlib.text import Annotation
 
 from flexstage.errors import RecordError
-from flexstage.experiment.campaign.evaluate import evaluate
-from flexstage.experiment.campaign.plan import Campaign, Columns, Test
-from flexstage.experiment.motion.approaches import visits
-from flexstage.experiment.motion.positioning import Positioning
+from flexstage.experiments.campaign.evaluate import evaluate
+from flexstage.experiments.campaign.plan import Campaign, Columns, Test
+from flexstage.measure.motion.approaches import visits
+from flexstage.measure.motion.positioning import Positioning
 from flexstage.records import Channel, Record
 from flexstage.report.figures.motion_error import draw_positioning
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import RecordError
-from flexstage.experiment.motion.approaches import staircase_dwells
-from flexstage.experiment.motion.positioning import figures, positioning
+from flexstage.measure.motion.approaches import staircase_dwells
+from flexstage.measure.motion.positioning import figures, positioning
 from tests.tiers import limits, sizes
 
 NAMES = (

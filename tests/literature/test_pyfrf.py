@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from flexstage.experiment.spectra.checks import HitOptions
-from flexstage.experiment.spectra.estimate import estimate_response
+from flexstage.measure.spectra.checks import HitOptions
+from flexstage.measure.spectra.estimate import estimate_response
 from flexstage.records import Channel, Record
 
 pyfrf = pytest.importorskip("pyFRF")

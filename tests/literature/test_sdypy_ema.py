@@ -6,10 +6,10 @@ import warnings
 import numpy as np
 import pytest
 
-from flexstage.experiment.modal.fit import fit_modes
-from flexstage.experiment.modal.result import modal_assurance
-from flexstage.experiment.modal.stabilisation import stable_poles
-from flexstage.experiment.spectra.response import MeasuredResponse
+from flexstage.measure.modal.fit import fit_modes
+from flexstage.measure.modal.result import modal_assurance
+from flexstage.measure.modal.stabilisation import stable_poles
+from flexstage.measure.spectra.response import MeasuredResponse
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

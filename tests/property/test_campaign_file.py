@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import FlexstageError, StageError, UnitError
-from flexstage.experiment.campaign.plan import (
+from flexstage.experiments.campaign.plan import (
     EXCITATIONS,
     KINDS,
     Campaign,

@@ -8,9 +8,9 @@ from scipy.special import stdtrit
 
 from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError, RecordError
-from flexstage.experiment.motion.rigid_body import PARAMETERS, rigid_motion, travel_frame
-from flexstage.experiment.motion.sensor_motion import from_sensors
-from flexstage.experiment.motion.sphere import sphere_fit
+from flexstage.measure.motion.rigid_body import PARAMETERS, rigid_motion, travel_frame
+from flexstage.measure.motion.sensor_motion import from_sensors
+from flexstage.measure.motion.sphere import sphere_fit
 
 SPHERES = np.array(
     [[0.0, 0.0, 0.0], [82e-3, 6e-3, 1e-3], [11e-3, 61e-3, 7e-3], [70e-3, 55e-3, -4e-3]]

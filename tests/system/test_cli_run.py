@@ -12,7 +12,7 @@ import time
 import pytest
 
 from flexstage.cli import main
-from flexstage.plans.state import read_state
+from flexstage.experiments.state import read_state
 from flexstage.records import read_record
 
 TWIN = "twin://?seed=7&model=lumped"

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from flexstage.cli import main
-from flexstage.plans.state import RunState, write_state
+from flexstage.experiments.state import RunState, write_state
 
 TWIN = "twin://?seed=7&model=lumped"
 PLAN = """\

@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from flexstage.cli.uncertainty import uncertainty
 from flexstage.errors import FlexstageError
-from flexstage.experiment.uncertainty.budget_file import budget_from_text
-from flexstage.experiment.uncertainty.monte_carlo import validate
-from flexstage.experiment.uncertainty.propagate import propagate
+from flexstage.measure.uncertainty.budget_file import budget_from_text
+from flexstage.measure.uncertainty.monte_carlo import validate
+from flexstage.measure.uncertainty.propagate import propagate
 from flexstage.report.figures.budget import draw_budget
 from flexstage.report.figures.style import encode
 

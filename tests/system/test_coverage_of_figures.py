@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.experiment.campaign.evaluate import evaluate
-from flexstage.experiment.virtual.as_built import as_built
-from flexstage.experiment.virtual.bench import HammerBench, Laboratory
-from flexstage.experiment.virtual.campaign import true_figures, virtual_campaign
+from flexstage.experiments.campaign.evaluate import evaluate
+from flexstage.experiments.virtual_campaign import true_figures, virtual_campaign
+from flexstage.virtual.as_built import as_built
+from flexstage.virtual.bench import HammerBench, Laboratory
 from tests.tiers import limits, sizes
 
 

@@ -10,16 +10,16 @@ import pytest
 
 from flexstage.cli import main
 from flexstage.designs import design
-from flexstage.experiment.campaign.evaluate import evaluate
-from flexstage.experiment.virtual.as_built import as_built
-from flexstage.experiment.virtual.bench import Laboratory
-from flexstage.experiment.virtual.campaign import virtual_campaign
+from flexstage.experiments.campaign.evaluate import evaluate
+from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.quantities import display
 from flexstage.report import report_html
 from flexstage.report.html import SECTIONS
 from flexstage.report.measurement_html import measurement_text
 from flexstage.studies import compare_measurement, results_json, run_study, study_results
 from flexstage.studies.measurement import measurement_results
+from flexstage.virtual.as_built import as_built
+from flexstage.virtual.bench import Laboratory
 from tests.system.test_report import Page
 
 #: A shorter campaign than the usual one: what is read of it matters here, not how sharply.

@@ -13,10 +13,10 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
+from flexstage.experiments.results import IdentifiedStep
 from flexstage.files.write import write_files
 from flexstage.hinges import Leaf
 from flexstage.material import material
-from flexstage.plans.results import IdentifiedStep
 from flexstage.quantities import display
 from flexstage.report import report_html
 from flexstage.report.figures.body_motion import draw_static_shape, draw_stroke, mode_motion

@@ -30,8 +30,8 @@ from flexstage.cli.reading import (
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
-    from flexstage.experiment.campaign.plan import Campaign, Columns
-    from flexstage.experiment.campaign.results import Characterisation
+    from flexstage.experiments.campaign.plan import Campaign, Columns
+    from flexstage.experiments.campaign.results import Characterisation
 
 _PLANS = (".yaml", ".yml")
 
@@ -166,8 +166,8 @@ def characterise(
     values.
     """
     from flexstage.designs import find_stage
-    from flexstage.experiment.campaign.evaluate import characterise as run
-    from flexstage.experiment.campaign.plan import Columns, read_campaign
+    from flexstage.experiments.campaign.evaluate import characterise as run
+    from flexstage.experiments.campaign.plan import Columns, read_campaign
     from flexstage.files.write import write_files
     from flexstage.report.measurement_html import measurement_text
     from flexstage.studies import compare_measurement
@@ -277,11 +277,11 @@ def _beside(stage: str, folder: Path) -> str:
 
 def _virtual(stage: str, seed: int) -> "tuple[Characterisation, dict[str, bytes]]":
     from flexstage.designs import DESIGNS, find_stage
-    from flexstage.experiment.campaign.evaluate import evaluate
-    from flexstage.experiment.campaign.plan import campaign_text
-    from flexstage.experiment.virtual.as_built import as_built
-    from flexstage.experiment.virtual.campaign import virtual_campaign
+    from flexstage.experiments.campaign.evaluate import evaluate
+    from flexstage.experiments.campaign.plan import campaign_text
+    from flexstage.experiments.virtual_campaign import virtual_campaign
     from flexstage.records.write import record_bytes
+    from flexstage.virtual.as_built import as_built
 
     described = find_stage(stage)
     made = virtual_campaign(as_built(described, seed=seed), seed=seed)
@@ -314,7 +314,7 @@ def _single(
     sample_rate: str | None,
     skip_lines: int,
 ) -> "Campaign":
-    from flexstage.experiment.campaign.plan import Campaign, FileReading, Test
+    from flexstage.experiments.campaign.plan import Campaign, FileReading, Test
     from flexstage.sensor import SensorSpecification
 
     if not files:
@@ -350,7 +350,7 @@ def _single(
 def _units(given: list[str]) -> Any:
     from dataclasses import fields
 
-    from flexstage.experiment.campaign.plan import Columns
+    from flexstage.experiments.campaign.plan import Columns
 
     roles = [f.name for f in fields(Columns)]
     found: dict[str, Any] = {}

@@ -7,7 +7,7 @@ from flexstage.cli.output import make_table, print_notes
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.experiment.campaign.results import TestResult
+    from flexstage.experiments.campaign.results import TestResult
     from flexstage.studies import MeasurementComparison
 
 

@@ -190,7 +190,7 @@ def _plant(text: str | None, axis: str | None, *, needs_frequency: bool) -> _Pla
         if axis is not None:
             raise ModelError("--axis needs a STAGE: name it before the options")
         return _Plant()
-    from flexstage.plans.axis_limits import lowest_frequency
+    from flexstage.experiments.axis_limits import lowest_frequency
     from flexstage.stage import PiezoStack
 
     stage = find_stage(text)

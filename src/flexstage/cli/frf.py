@@ -36,9 +36,9 @@ from flexstage.cli.reading import (
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
-    from flexstage.experiment.modal.result import ModalFit
-    from flexstage.experiment.spectra.estimate import ResponseEstimate
-    from flexstage.experiment.spectra.response import MeasuredResponse
+    from flexstage.measure.modal.result import ModalFit
+    from flexstage.measure.spectra.estimate import ResponseEstimate
+    from flexstage.measure.spectra.response import MeasuredResponse
     from flexstage.records import Record
 
 _NEEDED = "records over time need --input and --output: name the columns"
@@ -321,10 +321,10 @@ def _responded(
     exponential: float | None,
     fit: dict[str, Any],
 ) -> "tuple[dict[str, Any], Any, MeasuredResponse]":
-    from flexstage.experiment.modal.fit import fit_modes
-    from flexstage.experiment.spectra.checks import HitOptions
-    from flexstage.experiment.spectra.estimate import estimate_response
-    from flexstage.experiment.spectra.response import response_from_record
+    from flexstage.measure.modal.fit import fit_modes
+    from flexstage.measure.spectra.checks import HitOptions
+    from flexstage.measure.spectra.estimate import estimate_response
+    from flexstage.measure.spectra.response import response_from_record
 
     estimate: ResponseEstimate | None = None
     added = 0.0
@@ -358,7 +358,7 @@ def _responded(
 def _decayed(
     read: "list[Record]", outputs: list[str | int], count: int | None
 ) -> tuple[dict[str, Any], Any]:
-    from flexstage.experiment.modal.ring_down import ring_down
+    from flexstage.measure.modal.ring_down import ring_down
 
     if len(read) != 1 or not outputs:
         raise ModelError("--ring-down needs one file and --output: name the columns that decay")

@@ -8,9 +8,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from flexstage.estimate import Estimate
-    from flexstage.experiment.modal.result import ModalFit
-    from flexstage.experiment.spectra.estimate import ResponseEstimate
-    from flexstage.experiment.spectra.response import MeasuredResponse
+    from flexstage.measure.modal.result import ModalFit
+    from flexstage.measure.spectra.estimate import ResponseEstimate
+    from flexstage.measure.spectra.response import MeasuredResponse
     from flexstage.records import Record
 
 

@@ -21,8 +21,8 @@ from flexstage.cli.output import (
 from flexstage.errors import FlexstageError, PlanError
 
 if TYPE_CHECKING:
-    from flexstage.plans import DryRun, PlanResult
-    from flexstage.plans.dry_run import PlannedMotion
+    from flexstage.experiments import DryRun, PlanResult
+    from flexstage.experiments.dry_run import PlannedMotion
 
 
 def run(
@@ -86,7 +86,7 @@ def run(
     complete steps are not repeated.
     """
     from flexstage.designs import find_stage
-    from flexstage.plans import find_plan, plan_stage, read_plan
+    from flexstage.experiments import find_plan, plan_stage, read_plan
 
     file = find_plan(plan)
     wanted = read_plan(file)
@@ -96,7 +96,7 @@ def run(
         raise PlanError("--only names no step: give names separated by commas")
     wanted.chosen(chosen)
     if dry_run:
-        from flexstage.plans import dry_run as tried
+        from flexstage.experiments import dry_run as tried
 
         found = tried(wanted, own, only=chosen)
         if json:
@@ -126,7 +126,7 @@ def run(
 
     write_file(result.folder / "report.html", run_text(result).encode("utf-8"))
     if json:
-        from flexstage.plans.results_file import plain_results
+        from flexstage.experiments.results_file import plain_results
 
         print_json(plain_results(result))
         return
@@ -163,8 +163,8 @@ def _catalogue(text: str | None) -> str | None:
 def _carried_out(
     wanted: Any, own: Any, address: str, folder: Path, *, yes: bool, quiet: bool, **options: Any
 ) -> "PlanResult":
+    from flexstage.experiments import run_plan
     from flexstage.instruments.connect import connect
-    from flexstage.plans import run_plan
 
     device = connect(address, own)
     try:
@@ -263,8 +263,8 @@ def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
 
 def _print(result: "PlanResult") -> None:
     from flexstage.characteristic import in_order
-    from flexstage.plans import VerifiedStep
-    from flexstage.plans.results import CentredStep, IdentifiedStep
+    from flexstage.experiments import VerifiedStep
+    from flexstage.experiments.results import CentredStep, IdentifiedStep
 
     screen = console()
     table = make_table(

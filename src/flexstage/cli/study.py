@@ -82,8 +82,8 @@ def study(
     with progress_bar("study", quiet=quiet):
         found = None
         if measured is not None:
-            from flexstage.experiment.campaign.evaluate import characterise
-            from flexstage.experiment.campaign.plan import read_campaign
+            from flexstage.experiments.campaign.evaluate import characterise
+            from flexstage.experiments.campaign.plan import read_campaign
 
             found = characterise(read_campaign(measured), measured.parent)
         result = run_study(

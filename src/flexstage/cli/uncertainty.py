@@ -22,9 +22,9 @@ from flexstage.errors import ModelError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.experiment.uncertainty.budget_file import Budget
-    from flexstage.experiment.uncertainty.monte_carlo import MonteCarlo, Validation
-    from flexstage.experiment.uncertainty.propagate import Propagated
+    from flexstage.measure.uncertainty.budget_file import Budget
+    from flexstage.measure.uncertainty.monte_carlo import MonteCarlo, Validation
+    from flexstage.measure.uncertainty.propagate import Propagated
 
 
 def uncertainty(
@@ -56,8 +56,8 @@ def uncertainty(
     json: JsonOption = False,
 ) -> None:
     """Propagate an uncertainty budget by GUM and Monte Carlo."""
-    from flexstage.experiment.uncertainty.budget_file import read_budget
-    from flexstage.experiment.uncertainty.monte_carlo import validate
+    from flexstage.measure.uncertainty.budget_file import read_budget
+    from flexstage.measure.uncertainty.monte_carlo import validate
 
     budget = read_budget(file)
     propagated = budget.propagate()

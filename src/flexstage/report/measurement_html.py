@@ -5,7 +5,7 @@ from html import escape
 from typing import Any
 
 import flexstage
-from flexstage.experiment.campaign.results import TestResult
+from flexstage.experiments.campaign.results import TestResult
 from flexstage.quantities import beside, display, number
 from flexstage.report.figures.modal_fit import draw_modal_fit, draw_stabilisation, strongest_output
 from flexstage.report.figures.motion_error import (

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from flexstage.estimate import Estimate
-from flexstage.experiment.motion.positioning import Positioning
+from flexstage.measure.motion.positioning import Positioning
 from flexstage.quantities import prefixed
 
 #: Figures of an axis: symbol, name, field of both directions; upward and downward have suffixes.

@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import flexstage
 from flexstage.characteristic import Characteristics, measured_value
-from flexstage.experiment.campaign.plan import Campaign, Test
-from flexstage.experiment.campaign.results import Characterisation, TestResult
-from flexstage.plans.results import (
+from flexstage.experiments.campaign.plan import Campaign, Test
+from flexstage.experiments.campaign.results import Characterisation, TestResult
+from flexstage.experiments.results import (
     CentredStep,
     CharacterisedStep,
     IdentifiedStep,
     PlanResult,
     VerifiedStep,
 )
-from flexstage.plans.step_results import FollowedRun
+from flexstage.experiments.step_results import FollowedRun
 from flexstage.quantities import beside, display, number
 from flexstage.report.figures.tracking import draw_drive_fit, draw_following
 from flexstage.report.measurement_html import measurement_section

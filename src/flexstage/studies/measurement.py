@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 from flexstage.characteristic import Characteristic, Characteristics, MeasuredCharacteristic
 from flexstage.estimate import Estimate
-from flexstage.experiment.campaign.results import Difference, difference
-from flexstage.experiment.motion.positioning import Positioning
+from flexstage.experiments.campaign.results import Difference, difference
+from flexstage.measure.motion.positioning import Positioning
 from flexstage.quantities import display
 
 if TYPE_CHECKING:
-    from flexstage.experiment.campaign.results import Characterisation, TestResult
+    from flexstage.experiments.campaign.results import Characterisation, TestResult
     from flexstage.stage import Stage
 
 

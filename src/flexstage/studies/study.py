@@ -20,7 +20,7 @@ from flexstage.studies.virtual_experiments import run_experiments
 from flexstage.system import Analysis
 
 if TYPE_CHECKING:
-    from flexstage.experiment.campaign.results import Characterisation
+    from flexstage.experiments.campaign.results import Characterisation
     from flexstage.hysteresis.virtual_experiment import AxisExperiment
     from flexstage.studies.measurement import MeasurementComparison
     from flexstage.studies.virtual_experiments import CentringTrial

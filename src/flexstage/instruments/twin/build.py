@@ -6,14 +6,6 @@ from typing import Literal
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual.as_built import AsBuilt, as_built
-from flexstage.experiment.virtual.bench import SimulatedSensor
-from flexstage.experiment.virtual.imperfections import (
-    Scatter,
-    displaced_system,
-    displacements,
-    manufactured,
-)
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.virtual_stack import (
@@ -32,6 +24,14 @@ from flexstage.instruments.twin.stage import Hammer
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.analysis import axis_mode
+from flexstage.virtual.as_built import AsBuilt, as_built
+from flexstage.virtual.bench import SimulatedSensor
+from flexstage.virtual.imperfections import (
+    Scatter,
+    displaced_system,
+    displacements,
+    manufactured,
+)
 
 #: Largest current of the amplifier [A].
 _CURRENT = 0.3

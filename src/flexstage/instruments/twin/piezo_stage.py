@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual.imperfections import GuideErrors
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.virtual_stack import VirtualStack
@@ -37,6 +36,7 @@ from flexstage.instruments.twin.stack import ChargeDrive, relaxed_stacks, stack_
 from flexstage.instruments.twin.stage import Blow, Hammer, StageSamples, VirtualStage, commands
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, modes
+from flexstage.virtual.imperfections import GuideErrors
 
 _CONVERTER_BITS = 20
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual.imperfections import GuideErrors
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
@@ -22,6 +21,7 @@ from flexstage.instruments.twin.sensors import (
 )
 from flexstage.instruments.twin.stage import Hammer, StageSamples, VirtualStage, commands
 from flexstage.stage import Stage
+from flexstage.virtual.imperfections import GuideErrors
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

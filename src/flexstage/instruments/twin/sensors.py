@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.experiment.virtual.bench import SimulatedSensor
-from flexstage.experiment.virtual.imperfections import MOTIONS, GuideErrors
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.twin.device import ChannelDescription
+from flexstage.virtual.bench import SimulatedSensor
+from flexstage.virtual.imperfections import MOTIONS, GuideErrors
 
 #: Coefficients of a polynomial: those of the curves of guides, of order 5.
 TERMS = 6

@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.experiment.uncertainty.monte_carlo import MonteCarlo
-from flexstage.experiment.uncertainty.propagate import Propagated
+from flexstage.measure.uncertainty.monte_carlo import MonteCarlo
+from flexstage.measure.uncertainty.propagate import Propagated
 from flexstage.report.figures.style import CYCLE, GRID, INK, MUTED, dress, entitle, new_figure
 
 if TYPE_CHECKING:

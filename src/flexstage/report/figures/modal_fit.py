@@ -7,8 +7,8 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
-from flexstage.experiment.modal.result import ModalFit
-from flexstage.experiment.modal.ring_down import RingDown
+from flexstage.measure.modal.result import ModalFit
+from flexstage.measure.modal.ring_down import RingDown
 from flexstage.quantities import beside
 from flexstage.records import Record
 from flexstage.report.figures.responses import shown_lines

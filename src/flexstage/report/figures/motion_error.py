@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.experiment.motion.curve_extremes import Line, line_weights
-from flexstage.experiment.motion.motion_curve import MotionCurve
-from flexstage.experiment.motion.positioning import Positioning
-from flexstage.experiment.motion.workspace import Workspace
+from flexstage.measure.motion.curve_extremes import Line, line_weights
+from flexstage.measure.motion.motion_curve import MotionCurve
+from flexstage.measure.motion.positioning import Positioning
+from flexstage.measure.motion.workspace import Workspace
 from flexstage.quantities import number, prefixed
 from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
 

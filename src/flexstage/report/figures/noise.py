@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.experiment.noise.allan import AllanDeviation
-from flexstage.experiment.noise.hold import HoldNoise
-from flexstage.experiment.noise.staircase import Staircase
+from flexstage.measure.noise.allan import AllanDeviation
+from flexstage.measure.noise.hold import HoldNoise
+from flexstage.measure.noise.staircase import Staircase
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from flexstage.experiment.spectra.response import MeasuredResponse
+    from flexstage.measure.spectra.response import MeasuredResponse
 
 
 _PUBLISHED = {

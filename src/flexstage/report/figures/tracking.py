@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from flexstage.plans.results import IdentifiedStep, VerifiedStep
-    from flexstage.plans.step_results import FollowedRun
+    from flexstage.experiments.results import IdentifiedStep, VerifiedStep
+    from flexstage.experiments.step_results import FollowedRun
 
 
 _UM = 1e6
@@ -202,7 +202,7 @@ def _trials(axes: "Axes", run: "FollowedRun") -> None:
 
 def draw_drive_fit(step: "IdentifiedStep") -> "Figure":
     """Draw a record and the model identified from it, over voltage, and its rest over time."""
-    from flexstage.plans.identify_step import SETTLED
+    from flexstage.experiments.identify_step import SETTLED
 
     figure = new_figure(10.6, 3.2)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))

@@ -1,1 +1,0 @@
-"""Virtual measurements of a stage: made with scatter, read with noise, and labelled as such."""

@@ -1,0 +1,42 @@
+"""Experiments: what is excited, recorded, evaluated, identified and verified, step by step."""
+
+from typing import TYPE_CHECKING
+
+from flexstage.lazy import import_on_use
+
+if TYPE_CHECKING:
+    from flexstage.experiments.campaign.evaluate import characterise
+    from flexstage.experiments.campaign.plan import Campaign, Columns, Test, read_campaign
+    from flexstage.experiments.campaign.results import Characterisation
+    from flexstage.experiments.dry_run import DryRun, dry_run
+    from flexstage.experiments.file import find_plan, read_plan, ready_plans
+    from flexstage.experiments.plan import Plan, Step
+    from flexstage.experiments.results import (
+        PlanResult,
+        VerifiedStep,
+    )
+    from flexstage.experiments.runner import plan_stage, run_plan
+    from flexstage.experiments.virtual_campaign import virtual_campaign
+
+__all__ = [
+    "Campaign",
+    "Characterisation",
+    "Columns",
+    "DryRun",
+    "Plan",
+    "PlanResult",
+    "Step",
+    "Test",
+    "VerifiedStep",
+    "characterise",
+    "dry_run",
+    "find_plan",
+    "plan_stage",
+    "read_campaign",
+    "read_plan",
+    "ready_plans",
+    "run_plan",
+    "virtual_campaign",
+]
+
+import_on_use(__name__)

@@ -1,0 +1,191 @@
+"""Reading the records of a test, with the columns that it needs in the units that it needs."""
+
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.arrays import Array
+from flexstage.errors import RecordError
+from flexstage.experiments.campaign.plan import Columns, Test
+from flexstage.records import Channel, Record, read_record, saturation
+from flexstage.records.quality import require_live, require_unclipped
+from flexstage.records.sampling import row_range
+
+#: Kinds of tests whose rows follow one another by number where the file has no time.
+_POINTS = frozenset(("workspace", "spheres", "positioning"))
+#: What the rows of other kinds may follow one another by.
+_TIMES = ("time",)
+_OVER: dict[str, tuple[str, ...]] = {"response": ("time", "frequency")}
+#: Units that a role may have; a role that is not named here may have any.
+_UNITS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("along", "across", "vertical", "x", "y", "upward", "downward"), ("m",)),
+    **dict.fromkeys(("roll", "pitch", "yaw"), ("rad",)),
+    "command": ("V", "m", "1", "rad", "count"),
+}
+#: Roles of sensors, which must not be cut off.
+_SENSORS = frozenset(("along", "across", "vertical", "roll", "pitch", "yaw"))
+#: With fewer distinct values a reading rests at its ends because of its coarse steps.
+_FEWEST_LEVELS = 16
+
+
+def load_records(test: Test, folder: Path) -> list[Record]:
+    """Read the records of a test."""
+    how = test.reading
+    units: dict[str, str] = {}
+    for f in fields(Columns):
+        at, unit = getattr(test.columns, f.name), getattr(test.units, f.name)
+        if isinstance(at, str) and isinstance(unit, str):
+            units[at] = unit
+        elif isinstance(at, tuple) and unit:
+            units |= _unit_of_each(f.name, at, unit, test)
+    wanted = columns_of(test)
+    delimiter = None if how.delimiter is None else how.delimiter.replace("\\t", "\t")
+    records = [
+        read_record(
+            folder / name,
+            format=how.format,
+            sample_rate_hz=how.sample_rate,
+            time=how.time,
+            units=units,
+            dataset=how.dataset,
+            columns=wanted or None,
+            rows=row_range(how.rows, "'rows'"),
+            skip_lines=how.skip_lines,
+            delimiter=delimiter,
+            decimal=how.decimal,
+            over="point" if test.kind in _POINTS else "time",
+            labels=test.columns.direction,
+        )
+        for name in test.records
+    ]
+    for record in records:
+        _require_kind(test, record)
+    return records
+
+
+def _require_kind(test: Test, record: Record) -> None:
+    """Refuse points where times are needed, and spectra where neither has a meaning."""
+    allowed = ("time", "point") if test.kind in _POINTS else _OVER.get(test.kind, _TIMES)
+    if record.over not in allowed:
+        such = {"time": "samples with their times or their rate", "point": "rows of points"}
+        such["frequency"] = "responses over frequency"
+        raise RecordError(
+            f"test '{test.name}' of kind {test.kind}: '{record.source}' is over {record.over}, "
+            f"and it needs {' or '.join(such[kind] for kind in allowed)}"
+        )
+
+
+def columns_of(test: Test) -> list[str]:
+    """Return the columns that a test uses, by name or number."""
+    roles = test.columns
+    listed = [*roles.named().values(), *roles.output, *roles.upward, *roles.downward]
+    if test.kind == "spheres":
+        listed += [name for sphere in test.columns.spheres for name in sphere_columns(sphere)]
+    return list(dict.fromkeys(listed))
+
+
+def sphere_columns(sphere: str) -> tuple[str, str, str]:
+    """Return the columns of a sphere's centre.
+
+    Examples
+    --------
+    >>> sphere_columns("SPH2")
+    ('SPH2.X', 'SPH2.Y', 'SPH2.Z')
+    """
+    return (f"{sphere}.X", f"{sphere}.Y", f"{sphere}.Z")
+
+
+def _unit_of_each(role: str, at: Sequence[str], unit: Sequence[str], test: Test) -> dict[str, str]:
+    if len(unit) not in (1, len(at)):
+        raise RecordError(
+            f"test '{test.name}': {role} has {len(at)} columns and {len(unit)} units: give one, "
+            "or one for each"
+        )
+    each = list(unit) * (len(at) if len(unit) == 1 else 1)
+    if role == "spheres":
+        return {c: u for s, u in zip(at, each, strict=True) for c in sphere_columns(s)}
+    return dict(zip(at, each, strict=True))
+
+
+def column(test: Test, record: Record, role: str) -> Array:
+    """Return the values of the column that has a role, in SI units.
+
+    `role` is a field of `Columns`. A column that never changes or is cut off is refused, and one
+    whose unit is not said or not one that the role can have.
+    """
+    named = getattr(test.columns, role)
+    if not isinstance(named, str):
+        raise RecordError(
+            f"test '{test.name}' of kind {test.kind} needs the column of '{role}': name it"
+        )
+    channel = _in_unit(test, record, role, named)
+    require_live(record, [channel.name])
+    if role in _SENSORS and test.kind not in _POINTS:
+        _require_whole(test, record, channel)
+    return channel.values
+
+
+def runs_of(test: Test, record: Record, role: str) -> Array:
+    """Return the columns that have a role together, in SI units, shape (n, columns).
+
+    `role` is a field of `Columns` that names several.
+    """
+    named = getattr(test.columns, role)
+    if not named:
+        raise RecordError(
+            f"test '{test.name}' of kind {test.kind} needs the columns of '{role}', one for each "
+            "run: name them"
+        )
+    return np.stack([_in_unit(test, record, role, name).values for name in named], axis=1)
+
+
+def _in_unit(test: Test, record: Record, role: str, named: str) -> Channel:
+    """Return a column whose unit is one that its role can have."""
+    channel = record.channel(named)
+    allowed = _UNITS.get(role)
+    if allowed is not None and channel.unit not in allowed:
+        got = f"is in {channel.unit}" if channel.unit else "does not give its unit"
+        expected = "a unit of length" if allowed == ("m",) else f"one of {', '.join(allowed)}"
+        expected = "a unit of angle" if allowed == ("rad",) else expected
+        raise RecordError(
+            f"test '{test.name}': column '{channel.name}' {got}, and '{role}' needs {expected}: "
+            f"give it, such as {role}={'mrad' if allowed == ('rad',) else 'um'}, or choose another "
+            "column"
+        )
+    return channel
+
+
+def _require_whole(test: Test, record: Record, channel: Channel) -> None:
+    """Refuse a column that rests at one of its ends while the command goes on.
+
+    A stage that rests because it is told to rest is not cut off.
+    """
+    x = channel.values
+    found = saturation(x)
+    for clipped, end in ((found.clipped_low, found.low), (found.clipped_high, found.high)):
+        if not clipped or np.unique(x).size < _FEWEST_LEVELS:
+            continue
+        if test.columns.command is not None:
+            u = record.channel(test.columns.command).values
+            a, b = _longest_rest(x == end)
+            steps = np.abs(np.diff(u[a:b]))
+            if np.count_nonzero(steps > 1e-6 * np.ptp(u)) <= 0.5 * steps.size:
+                continue
+        require_unclipped(record, [channel.name])
+
+
+def _longest_rest(where: NDArray[np.bool_]) -> tuple[int, int]:
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], where, [False]))))
+    starts, stops = edges[::2], edges[1::2]
+    k = int(np.argmax(stops - starts))
+    return int(starts[k]), int(stops[k])
+
+
+def optional_column(test: Test, record: Record, role: str) -> Array | None:
+    """Return the values of the column that has a role, where one is named."""
+    if getattr(test.columns, role) is None:
+        return None
+    return column(test, record, role)

@@ -1,0 +1,263 @@
+"""What was measured and how: the description of a set of tests, and its file."""
+
+import math
+import os
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Annotated, Literal
+
+from flexstage.errors import ModelError, StageError
+from flexstage.files.decoder import Decoder, read_file
+from flexstage.files.encoder import Encoder
+from flexstage.files.format import Format
+from flexstage.files.nodes import Mapping, Scalar
+from flexstage.files.ranges import POSITIVE, Range, require_ranges
+from flexstage.measure.motion.approaches import CYCLES
+from flexstage.sensor import SensorSpecification
+from flexstage.units import DIMENSIONS, Frequency, Length
+
+#: Kinds of tests, and what each of them is.
+KINDS: dict[str, str] = {
+    "motion": "cycles over the stroke: stroke, hysteresis, straightness, rotations, coupling",
+    "spheres": "the same by spheres of a plate that a measuring machine probes at stations",
+    "positioning": "targets gone to from both sides: accuracy and repeatability as in ISO 230-2",
+    "staircase": "small steps: resolution",
+    "hold": "the stage held: noise and drift",
+    "response": "hammer, sweep or noise: natural frequencies and damping",
+    "ring-down": "free decay: natural frequencies and damping",
+    "workspace": "corners gone to again and again: area, squareness",
+}
+
+#: What can excite a response; auto looks at the input.
+EXCITATIONS: tuple[str, ...] = ("auto", "random", "periodic", "hammer", "step", "sweep")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Columns:
+    """Which column of a record is what, by name or number; or the unit of each."""
+
+    command: str | None = None
+    """What the drive was told."""
+    along: str | None = None
+    """Position along the axis."""
+    across: str | None = None
+    """Position across it in the plane."""
+    vertical: str | None = None
+    """Position out of the plane."""
+    roll: str | None = None
+    """Rotation about the axis."""
+    pitch: str | None = None
+    """Rotation about the direction across."""
+    yaw: str | None = None
+    """Rotation about the normal."""
+    input: str | None = None
+    """Force, or whatever excites."""
+    output: tuple[str, ...] = ()
+    """What follows it."""
+    corner: str | None = None
+    """Number of the corner, from 0 and anticlockwise."""
+    x: str | None = None
+    """Reading of x at the corners."""
+    y: str | None = None
+    """Reading of y at the corners."""
+    spheres: tuple[str, ...] = ()
+    """Names of the spheres, whose columns are called ``NAME.X``, ``NAME.Y`` and ``NAME.Z``."""
+    direction: str | None = None
+    """The side that a target was reached from: a word, an arrow, or a number by its sign."""
+    upward: tuple[str, ...] = ()
+    """Of a table with a row for each target: readings of each run from below."""
+    downward: tuple[str, ...] = ()
+    """Of a table with a row for each target: readings of each run from above."""
+
+    def named(self) -> dict[str, str]:
+        """Return the single columns that are given, by what they are."""
+        given = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {k: v for k, v in given.items() if isinstance(v, str)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileReading:
+    """How the files of a test are read; what they say themselves need not be repeated."""
+
+    sample_rate: Annotated[Frequency, POSITIVE] | None = None
+    """Sample rate [Hz]."""
+    time: str | None = None
+    """Column of time."""
+    format: str | None = None
+    """Format of the files."""
+    dataset: str | None = None
+    """Dataset of the files."""
+    delimiter: str | None = None
+    """What parts the columns of text files."""
+    decimal: str | None = None
+    """Decimal mark of text files."""
+    rows: str | None = None
+    """Samples to read, numbered from 0, such as ``400:7200``; either end may be omitted."""
+    skip_lines: int = 0
+    """Lines to skip at the start of a text file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Test:
+    """One test: its records, and what is in them."""
+
+    __test__ = False  # a name that the collector of tests would take for its own
+
+    name: str
+    """Its name."""
+    kind: str
+    """One of `KINDS`."""
+    axis: str
+    """The axis that moves or is excited; of a workspace both axes, such as ``xy``."""
+    records: tuple[str, ...]
+    """Its files, from the folder of the file that describes them."""
+    columns: Columns = field(default_factory=Columns)
+    """What is in which column."""
+    units: Columns = field(default_factory=Columns)
+    """Units of columns that do not say theirs."""
+    reading: FileReading = field(default_factory=FileReading)
+    """How the files are read."""
+    along: str | None = None
+    """Name of the instrument that reads position."""
+    transverse: str | None = None
+    """Name of the instrument that reads the directions across it."""
+    angle: str | None = None
+    """Name of the instrument that reads rotations."""
+    excitation: str = "auto"
+    """Of a response: hammer, random, periodic, step, sweep, or auto."""
+    modes: Annotated[int, Range(low=1, remark="counted where not given")] | None = None
+    """Of a response: how many modes to fit; chosen by stabilisation where not given."""
+    band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
+    """Of a response: ends of the band that is fitted [Hz]."""
+    confidence: Annotated[float, Range(low=0.5, high=1.0, above=True, below=True)] = 0.95
+    """Of a staircase: confidence at which a step shall be told from its neighbours [1]."""
+    smallest_steps: bool = False
+    """Of a staircase: whether its steps are the smallest that the drive can make, so that they are
+    the resolution, and not what the noise would still let one see.
+    """
+    smallest_step: Annotated[Length, POSITIVE] | None = None
+    """Of a motion commanded in metres: smallest step of the drive, whose product with the measured
+    ratio is the resolution [m].
+    """
+    commands: tuple[Annotated[float, DIMENSIONS["length"]], ...] = ()
+    """Of spheres: what the drive was told at each station, where no column says it, as in the
+    report of a measuring machine [m].
+    """
+    cycle: str = "auto"
+    """Of positioning: one of `flexstage.measure.motion.approaches.CYCLES`."""
+    deviations: bool = False
+    """Of positioning: whether the readings are deviations from the targets, and not positions."""
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ModelError(
+                f"test '{self.name}' has the unknown kind '{self.kind}': choose from "
+                f"{', '.join(KINDS)}"
+            )
+        if not self.records:
+            raise ModelError(f"test '{self.name}' names no record: give at least one file")
+        if not self.axis.strip():
+            raise ModelError(f"test '{self.name}' names no axis: give the one that moves")
+        if self.excitation not in EXCITATIONS:
+            raise ModelError(
+                f"test '{self.name}' has the unknown excitation '{self.excitation}': choose from "
+                f"{', '.join(EXCITATIONS)}"
+            )
+        if self.cycle not in CYCLES:
+            raise ModelError(
+                f"test '{self.name}' has the unknown cycle '{self.cycle}': choose from "
+                f"{', '.join(CYCLES)}"
+            )
+        self._check_numbers()
+
+    def _check_numbers(self) -> None:
+        require_ranges(self, ModelError, f"test '{self.name}'")
+        require_ranges(self.reading, ModelError, f"the reading of test '{self.name}'")
+        if self.band is not None and not 0.0 <= self.band[0] < self.band[1] < math.inf:
+            low, high = self.band
+            raise ModelError(
+                f"test '{self.name}': a band must rise from 0 Hz or more, got {low:g} to {high:g} "
+                "Hz: give its lower end first"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Campaign:
+    """Everything that was measured of a stage."""
+
+    stage: str = ""
+    """Stage file or name of a built-in design; empty where there is none."""
+    origin: Literal["measured", "virtual"] = "measured"
+    """Whether the records are measured or simulated."""
+    instruments: tuple[SensorSpecification, ...] = ()
+    """The sensors."""
+    tests: tuple[Test, ...]
+    """The tests."""
+    notes: tuple[str, ...] = ()
+    """Remarks that belong to every figure."""
+
+    def __post_init__(self) -> None:
+        require_ranges(self, ModelError, "a description of tests")
+        for noun, named in (("instrument", self.instruments), ("test", self.tests)):
+            names = [n.name for n in named]
+            twice = sorted({n for n in names if names.count(n) > 1})
+            if twice:
+                raise ModelError(f"two {noun} entries are called '{twice[0]}': give each its own")
+        known = {i.name for i in self.instruments}
+        for test in self.tests:
+            for name in (test.along, test.transverse, test.angle):
+                if name is not None and name not in known:
+                    listed = ", ".join(sorted(known)) or "none"
+                    raise ModelError(
+                        f"test '{test.name}' names the instrument '{name}', which is not described "
+                        f"(there are: {listed})"
+                    )
+
+    def instrument(self, name: str | None) -> SensorSpecification | None:
+        """Return what is known of an instrument; None where none is named."""
+        return next((i for i in self.instruments if i.name == name), None)
+
+
+#: The kind of file that describes tests.
+CAMPAIGN_FILE = Format(
+    noun="description of tests",
+    key="campaign",
+    error=StageError,
+)
+
+
+def read_campaign(path: str | os.PathLike[str]) -> Campaign:
+    """Read the description of tests from a YAML file whose first key is ``campaign: 1``.
+
+    Records are still named as in the file; a mistake is named by its line.
+    """
+    decoder, root = read_file(Path(path), CAMPAIGN_FILE)
+    _check_instruments(decoder, root)
+    return decoder.build(Campaign, root, "")
+
+
+def _check_instruments(decoder: Decoder, root: Mapping) -> None:
+    """Refuse an instrument that is not described where a test names it."""
+    listed = root.items.get("instruments")
+    known = list(listed.items) if isinstance(listed, Mapping) else []
+    entries = root.items.get("tests")
+    if not isinstance(entries, Mapping) or not isinstance(listed, (Mapping, type(None))):
+        return  # the decoder says what is wrong with that
+    for name, test in entries.items.items():
+        for role in ("along", "transverse", "angle"):
+            node = test.items.get(role) if isinstance(test, Mapping) else None
+            if isinstance(node, Scalar) and node.value is not None and node.text not in known:
+                decoder.refuse(
+                    node,
+                    f"tests.{name}.{role}",
+                    f"the instrument '{node.text[:60]}' is not described (there are: "
+                    f"{', '.join(known) or 'none'}): list it under 'instruments'",
+                )
+
+
+def campaign_text(campaign: Campaign) -> str:
+    """Write the description of tests as the text of its file.
+
+    `read_campaign` reads it back; what is as usual is left out.
+    """
+    return Encoder(CAMPAIGN_FILE).text(campaign)

@@ -1,0 +1,131 @@
+"""What a set of tests gave, and whether two figures differ by more than is uncertain."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from flexstage.characteristic import (
+    Characteristic,
+    Characteristics,
+    MeasuredCharacteristic,
+    one_of_each,
+)
+from flexstage.errors import ModelError
+from flexstage.estimate import Estimate
+from flexstage.experiments.campaign.plan import Campaign, Test
+from flexstage.short_repr import short_repr
+
+
+def figure_of(
+    campaign: Campaign, test: Test, quantity: str, estimate: Estimate, note: str
+) -> MeasuredCharacteristic:
+    """Return what a test gave of a quantity of its axis; the note takes the place of its own."""
+    return MeasuredCharacteristic.from_estimate(
+        replace(estimate, note=note),
+        quantity=quantity,
+        axis=test.axis,
+        origin=campaign.origin,
+        test=test.name,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TestResult:
+    """What one test gave."""
+
+    __test__ = False  # a name that the collector of tests would take for its own
+
+    test: Test
+    """The test."""
+    figures: tuple[MeasuredCharacteristic, ...]
+    """Its figures."""
+    details: Mapping[str, Any] = field(default_factory=dict)
+    """Curves and fits behind them, for drawing, by what they are."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know."""
+
+    __repr__ = short_repr
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Characterisation:
+    """What all tests of a stage gave."""
+
+    campaign: Campaign
+    """The tests."""
+    results: tuple[TestResult, ...]
+    """What each gave, in the same order."""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file that was read, by its name."""
+
+    __repr__ = short_repr
+
+    @property
+    def figures(self) -> tuple[MeasuredCharacteristic, ...]:
+        """One figure for each quantity and axis: that of the first test that gives it."""
+        return one_of_each(figure for result in self.results for figure in result.figures)
+
+    @property
+    def characteristics(self) -> Characteristics:
+        """The figures as rows of the table that an engineer quotes."""
+        return Characteristics(
+            replace(f.row, origin=self.campaign.origin, note=f.note or f"test '{f.test}'")
+            for f in self.figures
+        )
+
+    def figure(self, quantity: str, axis: str) -> MeasuredCharacteristic:
+        """Return one figure."""
+        for figure in self.figures:
+            if (figure.quantity, figure.axis) == (quantity, axis):
+                return figure
+        given = ", ".join(sorted({f"{f.quantity} of {f.axis}" for f in self.figures})) or "nothing"
+        raise ModelError(f"no test gave {quantity} of axis '{axis}': there is {given}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """How far one figure is above another."""
+
+    value: float
+    """The difference, in the unit of the figures."""
+    percent: float | None
+    """The same in percent of the reference; None where that is 0."""
+    expanded: float | None
+    """Expanded uncertainty of the difference at 95 %; None where neither figure has one."""
+    significant: bool | None
+    """Whether the difference is larger than that; None where it cannot be said."""
+
+
+def difference(figure: Characteristic, reference: Characteristic) -> Difference:
+    """Compare two figures of the same quantity.
+
+    The difference is significant at 95 % where it exceeds its expanded uncertainty, with degrees of
+    freedom after Welch and Satterthwaite (JCGM 100:2008, G.4). A figure without uncertainty counts
+    as exact beside one that has one: of a model the verdict then asks whether the measurement
+    contradicts it, not by how much the model itself may be off.
+
+    Examples
+    --------
+    >>> measured = Characteristic(quantity="natural_frequency_hz", axis="x", origin="measured",
+    ...     value=337.0, unit="Hz", uncertainty=0.4, degrees_of_freedom=9.0)
+    >>> model = Characteristic(quantity="natural_frequency_hz", axis="x", origin="solid",
+    ...     value=320.9, unit="Hz")
+    >>> found = difference(measured, model)
+    >>> print(f"{found.percent:.1f} %, significant: {found.significant}")
+    5.0 %, significant: True
+    """
+    if figure.quantity != reference.quantity:
+        raise ModelError(
+            f"a {figure.quantity} cannot be compared with a {reference.quantity}: choose rows of "
+            "one quantity"
+        )
+    value = float(figure.value - reference.value)
+    percent = None if reference.value == 0.0 else float(100.0 * value / abs(reference.value))
+    parts = tuple(c.contribution for c in (figure, reference) if c.contribution is not None)
+    if not parts:
+        return Difference(value=value, percent=percent, expanded=None, significant=None)
+    whole = Estimate(value=value, unit=figure.unit, components=parts)
+    expanded = whole.coverage_factor * whole.uncertainty
+    return Difference(
+        value=value, percent=percent, expanded=expanded, significant=bool(abs(value) > expanded)
+    )

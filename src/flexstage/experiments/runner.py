@@ -1,0 +1,364 @@
+"""Carries out a plan on an instrument, and takes it up again where it was interrupted.
+
+A step is not repeated where the hash of what it depends on, its fingerprint, is that of the run
+before and its files are whole.
+"""
+
+import datetime
+import hashlib
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import flexstage
+from flexstage import progress
+from flexstage.errors import FlexstageError, PlanError
+from flexstage.experiments.carry_out import carry_out, result_of
+from flexstage.experiments.cataloguing import enter_all
+from flexstage.experiments.command import CommandWaveform, Strike
+from flexstage.experiments.dry_run import dry_run, natural_frequency
+from flexstage.experiments.plan import Plan, SensorEntry, Step
+from flexstage.experiments.results import PlanResult
+from flexstage.experiments.results_file import results_text
+from flexstage.experiments.run_context import RunContext, base_rate_of
+from flexstage.experiments.state import (
+    RunState,
+    StepState,
+    clear_leftovers,
+    file_hash,
+    read_state,
+    write_state,
+)
+from flexstage.experiments.verbs import Characterise, Measure
+from flexstage.files.write import write_whole
+from flexstage.instruments.guard import guarded
+from flexstage.instruments.lock import stage_lock
+from flexstage.instruments.protocol import Identity, Instrument
+from flexstage.instruments.ramp import to_safe
+from flexstage.provenance import content_hash
+from flexstage.stage import Stage
+
+#: Verbs that move the stage.
+_MOVING = ("measure", "verify", "centre")
+
+
+def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> Stage:
+    """Return the stage that a plan names.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    folder : str or os.PathLike
+        Where stage files are named from.
+
+    Returns
+    -------
+    Stage
+        The stage.
+
+    Raises
+    ------
+    FlexstageError
+        There is neither such a design nor such a file.
+
+    Examples
+    --------
+    >>> from flexstage.experiments.file import find_plan, read_plan
+    >>> plan_stage(read_plan(find_plan("vgtu-piezo"))).name
+    'vgtu-piezo'
+    """
+    from flexstage.designs import DESIGNS, build, design
+    from flexstage.stage.file import read_stage
+
+    if plan.stage.casefold() in DESIGNS:
+        return design(plan.stage)
+    path = Path(folder) / plan.stage
+    if not path.exists():
+        raise PlanError(
+            f"the plan's stage '{plan.stage[:200]}' is no built-in design and no file: the designs "
+            f"are {', '.join(DESIGNS)}"
+        )
+    return read_stage(path, designs=build)
+
+
+def run_plan(
+    plan: Plan,
+    instrument: Instrument,
+    folder: str | os.PathLike[str],
+    *,
+    stage: Stage | None = None,
+    title: str = "",
+    resume: bool = False,
+    only: tuple[str, ...] | None = None,
+    operator: str = "",
+    note: str = "",
+    catalogue: str | None = None,
+) -> PlanResult:
+    """Carry out a plan.
+
+    Every record is on disk while it is taken, and how far the plan has come after every step. The
+    stage is locked by its serial number, and stopped whatever ends the run.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    instrument : Instrument
+        What it is carried out on, real or simulated.
+    folder : str or os.PathLike
+        Where everything is written: ``run.json``, ``records/``, ``models/``, ``results.json``.
+    stage : Stage, optional
+        The stage; the one that the plan names where not given.
+    title : str
+        What the plan is called where it does not say so itself.
+    resume : bool
+        Whether to take up what the folder holds: steps are repeated that are missing, or that
+        depend on what has changed.
+    only : tuple of str, optional
+        Steps that are wanted; those that they use are added.
+    operator, note : str
+        Who works, and what they say about it.
+    catalogue : str, optional
+        Database that every record is entered into; none where not given.
+
+    Returns
+    -------
+    PlanResult
+        What every step gave.
+
+    Raises
+    ------
+    PlanError
+        The plan cannot be carried out as it is; nothing has been moved.
+    FlexstageError
+        A step failed: what it had recorded is kept.
+
+    Validity
+    --------
+    The lock holds off programs of the same user on the same computer. A simulated instrument is not
+    locked.
+    """
+    own = stage if stage is not None else plan_stage(plan)
+    where = Path(folder)
+    _require_possible(plan, own, only, instrument)
+    serial = plan.serial_number or instrument.identity.serial_number
+    context = RunContext(
+        plan=plan,
+        title=plan.title or title,
+        stage=own,
+        instrument=instrument,
+        folder=where,
+        serial_number=serial,
+        operator=operator,
+        note=note,
+        settings=dict(instrument.settings()),
+        frequency=natural_frequency(plan, own),
+    )
+    state = _begun(context, resume=resume)
+    began = time.monotonic()
+    told: tuple[str, ...] = ()
+    try:
+        with _locked(instrument, serial or own.name), guarded(instrument):
+            state = _run_steps(context, state, plan.chosen(only))
+            to_safe(instrument)
+    finally:
+        # what was recorded until then is entered too
+        told = enter_all(context, catalogue)
+    finished = _now()
+    write_state(where, replace(state, finished=finished))
+    result = PlanResult(
+        plan=plan,
+        stage=own,
+        instrument=instrument.identity,
+        settings=context.settings,
+        serial_number=serial,
+        operator=operator,
+        note=note,
+        started=state.started,
+        finished=finished,
+        duration=time.monotonic() - began,
+        folder=where,
+        title=context.title,
+        steps=tuple(context.results[s.name] for s in plan.steps if s.name in context.results),
+        notes=(*_notes(context), *told),
+    )
+    write_whole(where / "results.json", results_text(result))
+    return result
+
+
+def _require_possible(
+    plan: Plan, stage: Stage, only: tuple[str, ...] | None, instrument: Instrument
+) -> None:
+    """Refuse a plan of which a dry run shows that it cannot be carried out."""
+    rate = base_rate_of(instrument)
+    for problem in dry_run(plan, stage, only=only, base_rate_hz=rate).problems:
+        raise PlanError(f"{problem}; nothing has been moved")
+
+
+def _begun(context: RunContext, *, resume: bool) -> RunState:
+    """Return the state to go on from, and make the folder."""
+    folder = context.folder
+    before = read_state(folder)
+    if before is not None and not resume:
+        raise PlanError(
+            f"'{folder}' contains a run already: continue it with --resume, or choose another "
+            "folder"
+        )
+    identity = context.instrument.identity
+    if before is not None and before.instrument.get("simulated") != identity.simulated:
+        kinds = ("a real instrument", "a simulated one")
+        raise PlanError(
+            f"'{folder}' holds a run on {kinds[bool(before.instrument.get('simulated'))]}, and "
+            f"this is {kinds[identity.simulated]}: choose another folder"
+        )
+    if before is not None and before.stage != context.stage.name:
+        raise PlanError(
+            f"'{folder}' holds a run on the stage '{before.stage}', and this is "
+            f"'{context.stage.name}': choose another folder"
+        )
+    for part in ("records", "models"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    state = RunState(
+        plan=context.title,
+        stage=context.stage.name,
+        stage_hash=content_hash(context.stage),
+        serial_number=context.serial_number,
+        instrument=asdict(identity),
+        operator=context.operator,
+        note=context.note,
+        version=flexstage.__version__,
+        started=_now() if before is None else before.started,
+        steps={} if before is None else before.steps,
+    )
+    write_state(folder, state)
+    return state
+
+
+@contextmanager
+def _locked(instrument: Instrument, name: str) -> Iterator[None]:
+    if instrument.identity.simulated:
+        yield
+        return
+    with stage_lock(name):
+        yield
+
+
+def _run_steps(context: RunContext, state: RunState, steps: tuple[Step, ...]) -> RunState:
+    outputs: dict[str, str] = {}
+    identity = context.instrument.identity
+    for k, step in enumerate(steps):
+        with progress.subtask(k / len(steps), (k + 1) / len(steps)):
+            progress.update(step.name[:17])
+            mark = _fingerprint(step, context.plan, context.stage, identity, outputs)
+            before = state.steps.get(step.name)
+            now = before is None or not _whole(context.folder, before, mark)
+            if now:
+                state = _carried_out(context, state, step, mark)
+            files = [context.folder / name for name in state.steps[step.name].files]
+            with _told(context, state, step):
+                context.results[step.name] = result_of(context, step, files, now=now)
+            outputs[step.name] = _output(context, step, state.steps[step.name])
+    return state
+
+
+def _whole(folder: Path, step: StepState, mark: str) -> bool:
+    """Say whether a step need not be repeated."""
+    if step.status != "complete" or step.fingerprint != mark:
+        return False
+    for name, digits in step.files.items():
+        path = folder / name
+        if not path.is_file() or file_hash(path) != digits:
+            return False
+    return True
+
+
+def _carried_out(context: RunContext, state: RunState, step: Step, mark: str) -> RunState:
+    """Do a step; whatever happens, the state on disk says how far it came."""
+    before = state.steps.get(step.name)
+    partial = clear_leftovers(context.folder, step.name, () if before is None else before.partial)
+    running = StepState(status="running", fingerprint=mark, partial=partial, started=_now())
+    state = state.with_step(step.name, running)
+    write_state(context.folder, state)
+    with _told(context, state, step):
+        files = carry_out(context, step)
+    digits = {path.relative_to(context.folder).as_posix(): file_hash(path) for path in files}
+    done = replace(running, status="complete", files=digits, finished=_now())
+    state = state.with_step(step.name, done)
+    write_state(context.folder, state)
+    return state
+
+
+@contextmanager
+def _told(context: RunContext, state: RunState, step: Step) -> Iterator[None]:
+    """Write down why a step ended early, and name it in the message."""
+    try:
+        yield
+    except BaseException as error:
+        message = str(error) or type(error).__name__
+        before = state.steps[step.name]
+        # a record that is whole is kept, even if its evaluation fails
+        if not before.files:
+            status = "failed" if isinstance(error, Exception) else "interrupted"
+            ended = replace(before, status=status, finished=_now(), message=message)
+            write_state(context.folder, state.with_step(step.name, ended))
+        if isinstance(error, FlexstageError) and f"'{step.name}'" not in message:
+            error.args = (f"step '{step.name}': {message}", *error.args[1:])
+        raise
+
+
+def _output(context: RunContext, step: Step, done: StepState) -> str:
+    """Return the hash of what later steps use of a step."""
+    command = context.commands.get(step.name)
+    if command is not None:
+        return _command_hash(command)
+    return _files_hash(done.files) if done.files else done.fingerprint
+
+
+def _notes(context: RunContext) -> tuple[str, ...]:
+    notes = list(context.plan.notes)
+    if context.instrument.identity.simulated:
+        notes.insert(0, "the instrument is a simulation: nothing was measured")
+    return tuple(notes)
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
+def _fingerprint(
+    step: Step, plan: Plan, stage: Stage, instrument: Identity, upstream: Mapping[str, str]
+) -> str:
+    """Return the hash of everything that the result of a step depends on."""
+    words = [step.name, content_hash(step.action), content_hash(stage), content_hash(plan.defaults)]
+    words += [f"{name}={upstream[name]}" for name in step.needs]
+    if step.verb in _MOVING:
+        # which sensor is read where, but not how well it is known
+        sensors = tuple(SensorEntry(name=s.name, channel=s.channel, unit=s.unit)
+                        for s in plan.sensors)  # fmt: skip
+        words += [content_hash(sensors), content_hash(replace(instrument, firmware=""))]
+    if isinstance(step.action, Characterise):
+        tests = [plan.step(name).action for name in step.action.of]
+        words += [content_hash(plan.sensors)]
+        words += [content_hash(test) for test in tests if isinstance(test, Measure)]
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()
+
+
+def _command_hash(command: CommandWaveform | Strike) -> str:
+    """Return the hash of the samples of a command."""
+    if isinstance(command, Strike):
+        return content_hash(command)
+    found = hashlib.sha256(f"{command.quantity} {command.waveform.sample_rate_hz!r}".encode())
+    for axis, values in command.waveform.values.items():
+        found.update(axis.encode())
+        found.update(values.tobytes())
+    return found.hexdigest()
+
+
+def _files_hash(files: Mapping[str, str]) -> str:
+    """Return the hash of files from the hashes of each."""
+    words = "\n".join(f"{name} {files[name]}" for name in sorted(files))
+    return hashlib.sha256(words.encode()).hexdigest()

@@ -1,0 +1,108 @@
+"""From measured records to the figures of a stage, each with its uncertainty."""
+
+from typing import TYPE_CHECKING
+
+from flexstage.lazy import import_on_use
+
+if TYPE_CHECKING:
+    from flexstage.measure.modal.fit import fit_modes
+    from flexstage.measure.modal.result import ModalFit, modal_assurance
+    from flexstage.measure.modal.ring_down import RingDown, ring_down
+    from flexstage.measure.modal.stabilisation import Stabilisation, stable_poles
+    from flexstage.measure.motion.coupling import cross_coupling, squareness
+    from flexstage.measure.motion.curve_extremes import curve_loop_width, curve_range
+    from flexstage.measure.motion.curve_fit import fit_motion_curve
+    from flexstage.measure.motion.motion_curve import MotionCurve
+    from flexstage.measure.motion.narrowest_zone import minimum_zone_cylinder
+    from flexstage.measure.motion.positioning import Positioning, positioning
+    from flexstage.measure.motion.rigid_body import rigid_motion
+    from flexstage.measure.motion.sphere import sphere_fit
+    from flexstage.measure.motion.straightness import (
+        Straightness,
+        end_point_straightness,
+        least_squares_straightness,
+        minimum_zone,
+    )
+    from flexstage.measure.motion.straightness_noise import less_noise
+    from flexstage.measure.motion.stroke import Linearity, Stroke, linearity, stroke
+    from flexstage.measure.motion.workspace import Workspace, workspace
+    from flexstage.measure.noise.allan import allan_deviation
+    from flexstage.measure.noise.hold import HoldNoise, hold_noise
+    from flexstage.measure.noise.mains import mains_lines
+    from flexstage.measure.noise.staircase import (
+        Staircase,
+        resolution,
+        screw_resolution,
+        staircase,
+    )
+    from flexstage.measure.spectra.density import spectral_density
+    from flexstage.measure.spectra.estimate import estimate_response
+    from flexstage.measure.spectra.response import MeasuredResponse, response_from_record
+    from flexstage.measure.spectra.sums import Spectra
+    from flexstage.measure.uncertainty.budget_file import Budget, read_budget
+    from flexstage.measure.uncertainty.monte_carlo import monte_carlo, validate
+    from flexstage.measure.uncertainty.propagate import propagate
+    from flexstage.measure.uncertainty.sensor import measured
+    from flexstage.measure.updating.parameters import UpdateParameter, stage_with
+    from flexstage.measure.updating.problem import predict
+    from flexstage.measure.updating.update import Updated, update_stage
+    from flexstage.sensor import SensorSpecification
+
+__all__ = [
+    "Budget",
+    "HoldNoise",
+    "Linearity",
+    "MeasuredResponse",
+    "ModalFit",
+    "MotionCurve",
+    "Positioning",
+    "RingDown",
+    "SensorSpecification",
+    "Spectra",
+    "Stabilisation",
+    "Staircase",
+    "Straightness",
+    "Stroke",
+    "UpdateParameter",
+    "Updated",
+    "Workspace",
+    "allan_deviation",
+    "cross_coupling",
+    "curve_loop_width",
+    "curve_range",
+    "end_point_straightness",
+    "estimate_response",
+    "fit_modes",
+    "fit_motion_curve",
+    "hold_noise",
+    "least_squares_straightness",
+    "less_noise",
+    "linearity",
+    "mains_lines",
+    "measured",
+    "minimum_zone",
+    "minimum_zone_cylinder",
+    "modal_assurance",
+    "monte_carlo",
+    "positioning",
+    "predict",
+    "propagate",
+    "read_budget",
+    "resolution",
+    "response_from_record",
+    "rigid_motion",
+    "ring_down",
+    "screw_resolution",
+    "spectral_density",
+    "sphere_fit",
+    "squareness",
+    "stable_poles",
+    "stage_with",
+    "staircase",
+    "stroke",
+    "update_stage",
+    "validate",
+    "workspace",
+]
+
+import_on_use(__name__)

@@ -1,0 +1,255 @@
+"""Poles and residues with their covariance, of noise that neighbouring lines and outputs share."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexstage.arrays import Array, Complex
+from flexstage.measure.modal.basis import ModalBasis
+from flexstage.measure.modal.prepare import Prepared
+from flexstage.measure.modal.variable_projection import Projected, ResponseBlock, project
+
+_LAGS = 8
+# a correlation of noise goes beyond this, over the root of the number of lines, once in 500 times
+_SIGNIFICANT = 2.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Worth:
+    """A fit at its end, with covariances."""
+
+    covariance: Array
+    """Covariance of the parameters, shape (p, p)."""
+    columns: tuple[Projected, ...]
+    """Each response in turn, block by block."""
+    members: tuple[tuple[int, ...], ...]
+    """Numbers of the responses of each block."""
+    scale: float
+    """Sum of squares over degrees of freedom."""
+    degrees_of_freedom: int
+    """Values less parameters."""
+    lags: Complex
+    """Correlation of the residual with that of the next lines, shape (l,)."""
+    shared: tuple[Complex, ...]
+    """Correlation among the responses of each block, shape (m, m)."""
+    crossed: tuple[Array, ...]
+    """Covariance of the parameters with the own noise of the factors of each response, shape (p,
+    q).
+    """
+
+    def factors(self, number: int) -> tuple[Array, Array]:
+        """Return how the factors of a response and the parameters vary together.
+
+        The covariance of parameters and factors, shape (p + q, p + q), and the derivative of the
+        factors by the parameters, shape (q, p).
+        """
+        column = self.columns[number]
+        follow = -column.inverse.T @ column.jacobian
+        own = self.scale * meat(_complex(column.inverse), _complex(column.inverse), self.lags)
+        cross = self.covariance @ follow.T + self.crossed[number]
+        inner = (
+            own
+            + follow @ self.covariance @ follow.T
+            + follow @ self.crossed[number]
+            + self.crossed[number].T @ follow.T
+        )
+        return np.block([[self.covariance, cross], [cross.T, inner]]), follow
+
+
+def _complex(stacked: Array) -> Complex:
+    half = stacked.shape[0] // 2
+    return stacked[:half] + 1j * stacked[half:]
+
+
+def meat(left: Complex, right: Complex, lags: Complex) -> Array:
+    """Return Re(left^H R right), where R holds the correlations of lines.
+
+    `left` and `right` are influences of each line, shapes (k, a) and (k, b); `lags` its correlation
+    with the next lines.
+    """
+    total = left.conj().T @ right
+    for lag, rho in enumerate(lags, start=1):
+        total = total + rho * (left[:-lag].conj().T @ right[lag:])
+        total = total + rho.conjugate() * (left[lag:].conj().T @ right[:-lag])
+    return total.real
+
+
+def assess(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> Worth:
+    """Find the covariance of a fit from its Jacobian and its residual.
+
+    Were the errors of all lines and responses independent, it would be s^2 (J^T J)^-1. Where the
+    residual shows that they are not, as after a window or with a noisy input, their correlation is
+    put between: (J^T J)^-1 J^T C J (J^T J)^-1.
+    """
+    columns: list[Projected] = []
+    members: list[tuple[int, ...]] = []
+    for block in blocks:
+        first = len(columns)
+        columns += [project(basis, theta, block, c) for c in range(block.values.shape[1])]
+        members.append(tuple(range(first, len(columns))))
+    counted = 2 * sum(int(np.count_nonzero(block.weights)) for block in blocks)
+    free = max(counted - basis.size - basis.linear * len(columns), 1)
+    scale = sum(float(c.residual @ c.residual) for c in columns) / free
+    noise = [np.stack([_complex(columns[i].residual) for i in own], axis=1) for own in members]
+    lags = _line_correlation(noise)
+    shared = tuple(_shared(part) for part in noise)
+    square = sum((c.orthogonal.T @ c.orthogonal for c in columns), np.zeros((basis.size,) * 2))
+    # without poles there is nothing to invert
+    inverse = np.linalg.pinv(square, hermitian=True) if basis.size else square
+    middle = np.zeros_like(square)
+    crossed: list[Array] = []
+    for own, together in zip(members, shared, strict=True):
+        slopes = np.stack([_complex(columns[i].orthogonal) for i in own])
+        # J_b^H C_ba X_a summed over b
+        mixed = (together.T.conj() @ slopes.reshape(len(own), -1)).reshape(slopes.shape)
+        for i, slope, mix in zip(own, slopes, mixed, strict=True):
+            middle += meat(mix, slope, lags)
+            crossed.append(scale * inverse @ meat(mix, _complex(columns[i].inverse), lags))
+    middle = 0.5 * (middle + middle.T)
+    return Worth(
+        covariance=scale * inverse @ middle @ inverse,
+        columns=tuple(columns),
+        members=tuple(members),
+        scale=scale,
+        degrees_of_freedom=free,
+        lags=lags,
+        shared=shared,
+        crossed=tuple(crossed),
+    )
+
+
+def _line_correlation(noise: Sequence[Complex]) -> Complex:
+    """Correlation of the residual with itself some lines on, as far as it stands out."""
+    power = sum(float(np.sum(np.abs(part) ** 2)) for part in noise)
+    size = sum(part.size for part in noise)
+    found = np.zeros(_LAGS, dtype=np.complex128)
+    if power == 0.0:
+        return found[:0]
+    for lag in range(1, _LAGS + 1):
+        found[lag - 1] = sum(np.sum(part[:-lag] * part[lag:].conj()) for part in noise) / power
+    out = np.abs(found) * math.sqrt(size) > _SIGNIFICANT
+    if not out[0]:
+        return found[:0]
+    # up to the first that does not stand out
+    found = found[: int(np.argmin(out)) if not out.all() else _LAGS]
+    # neighbours that cancel leave so little that their correlation is not known well enough for it
+    return found if found.real.sum() > 0.0 else found[:0]
+
+
+def _shared(noise: Complex) -> Complex:
+    """Correlation of the residuals of responses that were measured together."""
+    lines, count = noise.shape
+    size = np.sqrt(np.sum(np.abs(noise) ** 2, axis=0))
+    if count == 1 or np.any(size == 0.0):
+        return np.eye(count, dtype=np.complex128)
+    unit = noise / size
+    together = unit.T @ unit.conj()
+    others = np.abs(together - np.diag(np.diagonal(together)))
+    pairs = 0.5 * count * (count - 1)
+    # the largest of that many correlations by chance
+    if others.max() * math.sqrt(lines) < math.sqrt(math.log(pairs) + _SIGNIFICANT**2):
+        return np.eye(count, dtype=np.complex128)
+    return together
+
+
+def frequencies_of(basis: ModalBasis, theta: Array, rate: float) -> tuple[Array, Array]:
+    """Return frequencies [Hz] and dampings without the window's, and their slopes by theta."""
+    values = np.empty(2 * basis.count)
+    slopes = np.zeros((2 * basis.count, basis.size))
+    added = rate / basis.reference
+    for r, (w, zeta) in enumerate(theta[: 2 * basis.count].reshape(-1, 2)):
+        # the window moves real parts alone: sigma = zeta w - added, and w_d stays
+        size = math.sqrt(w * w - 2.0 * zeta * w * added + added * added)
+        damping = (zeta * w - added) / size
+        by_w, by_zeta = (w - zeta * added) / size, -w * added / size
+        hertz = basis.reference / (2.0 * math.pi)
+        values[2 * r : 2 * r + 2] = hertz * size, damping
+        slopes[2 * r, 2 * r : 2 * r + 2] = hertz * by_w, hertz * by_zeta
+        slopes[2 * r + 1, 2 * r : 2 * r + 2] = (
+            (zeta - damping * by_w) / size,
+            (w - damping * by_zeta) / size,
+        )
+    return values, slopes
+
+
+def residues_of(
+    basis: ModalBasis,
+    theta: Array,
+    worth: Worth,
+    parts: Sequence[Prepared],
+    mode: int,
+    names: tuple[tuple[str, ...], tuple[str, ...]],
+) -> tuple[Complex, Array]:
+    """Return residues over all outputs and inputs, and the covariance of their parts in turn."""
+    weights = basis.residue_weights(theta, mode)
+    turn = np.stack([weights.real, weights.imag], axis=1)
+    own = slice(basis.per_mode * mode, basis.per_mode * (mode + 1))
+    slopes = _weight_slopes(basis, theta, mode)
+    residues, follow, crossed, influence = [], [], [], []
+    for column, cross in zip(worth.columns, worth.crossed, strict=True):
+        factors = column.factors[own]
+        residues.append(weights @ factors)
+        moved = np.stack([(slopes @ factors).real, (slopes @ factors).imag])
+        follow.append(moved - turn.T @ (column.inverse.T @ column.jacobian)[own])
+        crossed.append(cross[:, own] @ turn)
+        stacked = column.inverse[:, own] @ turn
+        half = stacked.shape[0] // 2
+        influence.append(stacked[:half] + 1j * stacked[half:])
+    size = 2 * len(residues)
+    v = np.concatenate(follow)
+    x = np.concatenate(crossed, axis=1)
+    matrix = v @ worth.covariance @ v.T + v @ x + (v @ x).T
+    for members, together in zip(worth.members, worth.shared, strict=True):
+        within = slice(2 * members[0], 2 * members[-1] + 2)
+        stacked = [influence[i] for i in members]
+        if np.array_equal(together, np.eye(len(members))):
+            for i, one in zip(members, stacked, strict=True):
+                pair = slice(2 * i, 2 * i + 2)
+                matrix[pair, pair] += worth.scale * meat(one, one, worth.lags)
+            continue
+        for a, i in enumerate(members):
+            joint = np.concatenate([together[a, b] * one for b, one in enumerate(stacked)], axis=1)
+            matrix[2 * i : 2 * i + 2, within] += worth.scale * meat(stacked[a], joint, worth.lags)
+    return _merged(np.array(residues), 0.5 * (matrix + matrix.T), parts, names, size)
+
+
+def _weight_slopes(basis: ModalBasis, theta: Array, mode: int) -> Complex:
+    """How the factors of a residue change with the parameters, shape (p, per_mode)."""
+    out = np.zeros((basis.size, basis.per_mode), dtype=np.complex128)
+    for p in (2 * mode, 2 * mode + 1):
+        step = np.zeros(basis.size)
+        step[p] = 1e-6 * max(abs(theta[p]), 1e-3)
+        change = basis.residue_weights(theta + step, mode) - basis.residue_weights(
+            theta - step, mode
+        )
+        out[p] = change / (2.0 * step[p])
+    return out
+
+
+def _merged(
+    residues: Complex,
+    matrix: Array,
+    parts: Sequence[Prepared],
+    names: tuple[tuple[str, ...], tuple[str, ...]],
+    size: int,
+) -> tuple[Complex, Array]:
+    """Put residues in their places; those measured more than once are averaged by variance."""
+    outputs, inputs = names
+    places = [
+        outputs.index(o) * len(inputs) + inputs.index(i)
+        for part in parts
+        for o in part.measured.outputs
+        for i in part.measured.inputs
+    ]
+    variance = np.diagonal(matrix).reshape(-1, 2).sum(axis=1)
+    precision = 1.0 / np.where(variance > 0.0, variance, 1.0)
+    mean = np.zeros((len(outputs) * len(inputs), residues.size))
+    mean[places, np.arange(residues.size)] = precision
+    total = mean.sum(axis=1)
+    known = total > 0.0
+    mean[known] /= total[known][:, None]
+    merged = np.where(known, mean @ residues, np.nan + 0.0j)
+    both = np.kron(mean, np.eye(2))
+    return merged.reshape(len(outputs), len(inputs)), both @ matrix[:size, :size] @ both.T

@@ -1,0 +1,360 @@
+"""Which poles are modes: significance, poles that the data can spare, and modes that they lack."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.arrays import Array, Complex
+from flexstage.measure.modal.basis import ModalBasis
+from flexstage.measure.modal.variable_projection import (
+    Eliminated,
+    ResponseBlock,
+    deviations_of,
+    eliminate,
+    gram_of,
+    minimise,
+)
+
+# damping that a peak of the residual is tried with
+_PEAK_DAMPING = 0.005
+# how many candidates are tried before it is believed that there is no other mode
+_CANDIDATES = 3
+#: Damping of what may pass for a pole.
+LEAST_DAMPING, MOST_DAMPING = 1e-7, 9.0
+# what noise is of the response, at least, in anything measured
+_DYNAMIC_RANGE = 1e-8
+# how far from a guess a pole may be to be the one that is meant
+_NEAR_GUESS = 0.05
+# half-power widths within which one pole may stand for two, and how many such are tried
+_SIDE, _TRIALS = 3.0, 3
+# a pole that is not known to this share of its frequency is nowhere
+_NOWHERE = 0.3
+# damping below which a pole makes a peak, and correlation of residues that tells no two modes apart
+_PEAKED, _ALIKE = 0.5**0.5, 0.9
+# so many poles are refined together before any is taken away; of more, the weakest go first
+_REFINED = 30
+
+
+def significances(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> Array:
+    """Return by how much each mode lowers the sum of squares, over the mean square of noise.
+
+    With the poles of the others as they are, shape (count,).
+    """
+    falls = np.zeros(basis.count)
+    found = [eliminate(basis, theta, block) for block in blocks]
+    for now in found:
+        for r in range(basis.count):
+            own = slice(basis.per_mode * r, basis.per_mode * (r + 1))
+            factors = now.factors[own].T[:, :, None]
+            falls[r] += float(np.sum(factors * np.linalg.solve(now.inverse[:, own, own], factors)))
+    return falls / noise_level(basis, blocks, found)
+
+
+def noise_level(
+    basis: ModalBasis, blocks: Sequence[ResponseBlock], found: Sequence[Eliminated]
+) -> float:
+    """Return the mean square of noise, times by how much more it may look like a mode."""
+    total, lagged, counted = 0.0, 0.0, 0
+    for block, now in zip(blocks, found, strict=True):
+        noise = now.residual * block.weights
+        total += now.total
+        lagged += float(np.sum(noise[:-1] * noise[1:].conj()).real)
+        counted += 2 * noise.size - basis.linear * noise.shape[1]
+    level = max(total / max(counted - basis.size, 1), rounding_level(blocks))
+    # noise that neighbouring lines share forms peaks as wide as they are
+    return level * (1.0 + 2.0 * max(lagged / max(total, 1e-300), 0.0))
+
+
+def threshold(basis: ModalBasis, blocks: Sequence[ResponseBlock]) -> float:
+    """Return the fall of the sum of squares that a mode must make.
+
+    Number of parameters times logarithm of the number of values (Schwarz 1978), and twice the
+    logarithm of the number of lines, as the place of a mode is the best of so many. The fall is
+    over the mean square of noise.
+    """
+    values = sum(2 * block.values.size for block in blocks)
+    lines = sum(block.values.shape[0] for block in blocks)
+    columns = sum(block.values.shape[1] for block in blocks)
+    return (basis.per_mode * columns + 2) * math.log(values) + 2.0 * math.log(lines)
+
+
+def rounding_level(blocks: Sequence[ResponseBlock]) -> float:
+    """Return the least mean square of noise that is believed: a smaller one is the computer's."""
+    power = [np.sum((block.weights * np.abs(block.values)) ** 2) for block in blocks]
+    return float(_DYNAMIC_RANGE**2 * sum(power) / sum(2 * block.values.size for block in blocks))
+
+
+def without(basis: ModalBasis, theta: Array, modes: Sequence[int]) -> tuple[ModalBasis, Array]:
+    """Leave modes out of a model."""
+    gone = [2 * m + d for m in modes for d in (0, 1)]
+    return replace(basis, count=basis.count - len(modes)), np.delete(theta, gone)
+
+
+def rising(theta: Array) -> Array:
+    """Return frequencies and damping ratios of modes, in turn, in the order of the frequencies."""
+    pairs = theta.reshape(-1, 2)
+    return pairs[np.argsort(pairs[:, 0], kind="stable")].ravel()
+
+
+def selected(
+    template: ModalBasis,
+    poles: Complex,
+    blocks: Sequence[ResponseBlock],
+    count: int | None,
+    guess: Sequence[float] = (),
+) -> tuple[ModalBasis, Array]:
+    """Refine poles, and take away one by one those that the data can spare.
+
+    At most `count` significant modes are left; poles nearest to the guesses [Hz] stay, significant
+    or not.
+    """
+    basis = replace(template, count=poles.size)
+    theta = basis.start(poles)
+    if basis.count <= _REFINED:
+        theta = minimise(basis, theta, blocks, rough=True)[0]
+    if not guess:
+        basis, theta = _thinned(basis, theta, blocks)
+    return pruned(basis, theta, blocks, count, guess)
+
+
+def pruned(
+    basis: ModalBasis,
+    theta: Array,
+    blocks: Sequence[ResponseBlock],
+    count: int | None,
+    guess: Sequence[float] = (),
+) -> tuple[ModalBasis, Array]:
+    """Refine modes, and take away one by one those that are not significant.
+
+    As in `selected`; the model is without delay and lag.
+    """
+    while basis.count:
+        theta = minimise(basis, theta, blocks, rough=True)[0]
+        strength = significances(basis, theta, blocks)
+        zeta = theta[1 : 2 * basis.count : 2]
+        strength[(zeta < LEAST_DAMPING) | (zeta > MOST_DAMPING)] = -1.0
+        for frequency in guess:
+            place = nearest_pole(basis, theta, frequency)
+            if place is not None:
+                strength[place] = math.inf
+        weakest = int(np.argmin(strength))
+        if strength[weakest] <= threshold(basis, blocks) or (
+            count is not None and basis.count > count
+        ):
+            basis, theta = without(basis, theta, [weakest])
+            continue
+        fewer = _spared(basis, theta, blocks, strength)
+        if fewer is None:
+            break
+        basis, theta = fewer
+    return basis, rising(theta)
+
+
+def _spared(
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], strength: Array
+) -> tuple[ModalBasis, Array] | None:
+    """Return the model without a pole whose part one beside it can take, where one can."""
+    poles = basis.poles(theta)[:, 0]
+    width = -poles.real
+    apart = np.abs(poles.imag[:, None] - poles.imag[None, :])
+    near = apart < _SIDE * np.maximum(width[:, None], width[None, :])
+    np.fill_diagonal(near, False)
+    close = [int(n) for n in np.argsort(strength) if near[n].any() and np.isfinite(strength[n])]
+    found = [eliminate(basis, theta, block) for block in blocks]
+    total = sum(now.total for now in found)
+    allowed = total + threshold(basis, blocks) * noise_level(basis, blocks, found)
+    for n in close[:_TRIALS]:
+        fewer, start = without(basis, theta, [n])
+        trial, value = minimise(fewer, start, blocks, rough=True)
+        if value <= allowed:
+            return fewer, trial
+    return None
+
+
+def nearest_pole(basis: ModalBasis, theta: Array, frequency: float) -> int | None:
+    """Return the number of the pole that a guessed frequency means.
+
+    None where no pole with a peak is near.
+    """
+    w, zeta = theta[: 2 * basis.count].reshape(-1, 2).T
+    off = np.abs(basis.reference * w / (2.0 * math.pi * frequency) - 1.0)
+    off = np.where(zeta < _PEAKED, off, math.inf)
+    if not off.size or off.min() > _NEAR_GUESS:
+        return None
+    return int(np.argmin(off))
+
+
+def cleaned(
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]
+) -> tuple[ModalBasis, Array]:
+    """Take away poles that are nowhere, or that only mend a stronger one which they stand on.
+
+    Others stay, significant or not without those: what a model lacks counts as noise.
+    """
+    while basis.count:
+        strength = significances(basis, theta, blocks)
+        needless = np.flatnonzero(_needless(basis, theta, blocks, strength))
+        if not needless.size:
+            break
+        weakest = int(needless[np.argmin(strength[needless])])
+        basis, theta = without(basis, theta, [weakest])
+        theta = minimise(basis, theta, blocks, rough=True)[0]
+    return basis, theta
+
+
+def _needless(
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], strength: Array
+) -> NDArray[np.bool_]:
+    w, zeta = theta[: 2 * basis.count].reshape(-1, 2).T
+    now = [eliminate(basis, theta, block) for block in blocks]
+    values = sum(2 * block.values.size for block in blocks)
+    level = max(sum(one.total for one in now) / max(values - basis.size, 1), rounding_level(blocks))
+    deviation = deviations_of(basis, theta, blocks)[: 2 * basis.count : 2]
+    out = (math.sqrt(level) * deviation > _NOWHERE * w) | (zeta <= 0.0) | (zeta > MOST_DAMPING)
+    poles = basis.poles(theta)[:, 0]
+    for a, b in itertools.permutations(np.flatnonzero(zeta < _PEAKED), 2):
+        half = -0.5 * (poles[a] + poles[b]).real
+        if strength[a] < strength[b] and abs(poles[a].imag - poles[b].imag) < half:
+            first, second = (_residues(basis, theta, now, int(n)) for n in (a, b))
+            size = np.vdot(first, first).real * np.vdot(second, second).real
+            out[a] |= bool(abs(np.vdot(first, second)) ** 2 > _ALIKE * size)
+    return out
+
+
+def _residues(basis: ModalBasis, theta: Array, found: Sequence[Eliminated], mode: int) -> Complex:
+    """Residues of a mode in all responses."""
+    own = slice(basis.per_mode * mode, basis.per_mode * (mode + 1))
+    weights = basis.residue_weights(theta, mode)
+    return np.concatenate([(weights / now.scale[own]) @ now.factors[own] for now in found])
+
+
+def _thinned(
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]
+) -> tuple[ModalBasis, Array]:
+    """Take away what is far from significant even before it is refined."""
+    while basis.count:
+        strength = significances(basis, theta, blocks)
+        weak = np.flatnonzero(strength < 0.25 * threshold(basis, blocks))
+        if not weak.size:
+            break
+        weak = weak[np.argsort(strength[weak], kind="stable")]
+        basis, theta = without(basis, theta, [int(n) for n in weak[: (weak.size + 1) // 2]])
+    return basis, theta
+
+
+def distinct(poles: Complex, rank: Array) -> Complex:
+    """Leave out poles that are too close to a better one to be another mode.
+
+    Those that are left are half of their decay rate apart at least, and rise in frequency.
+    """
+    kept: list[complex] = []
+    for n in np.argsort(-rank, kind="stable"):
+        pole = complex(poles[n])
+        if all(abs(pole - k) > 0.5 * max(-pole.real, -k.real) for k in kept):
+            kept.append(pole)
+    return np.array(sorted(kept, key=abs), dtype=np.complex128)
+
+
+def extended(
+    basis: ModalBasis,
+    theta: Array,
+    blocks: Sequence[ResponseBlock],
+    candidates: Complex,
+    count: int | None,
+) -> tuple[ModalBasis, Array]:
+    """Add modes that no stable pole led to, as of two close modes that looked like one.
+
+    `count` is how many there are to be; None adds all that are significant.
+    """
+    while count is None or basis.count < count:
+        own = basis.poles(theta)[:, 0]
+        every = np.concatenate([candidates, _halves(own), _peaks(basis, theta, blocks)])
+        every = every[_apart(every, own)]
+        if not every.size:
+            break
+        falls, level = _falls(basis, theta, blocks, every)
+        needed = threshold(basis, blocks)
+        best = np.argsort(-falls, kind="stable")
+        best = best[: _CANDIDATES if count is None else 4 * _CANDIDATES]
+        if count is None:
+            best = best[falls[best] > 0.25 * needed * level]
+        more = _added(basis, theta, blocks, every[best], needed if count is None else 0.0)
+        if more is None:
+            break
+        basis, theta = more
+    return basis, rising(theta)
+
+
+def _added(
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], poles: Complex, needed: float
+) -> tuple[ModalBasis, Array] | None:
+    """Return the model with the first of some poles that is a mode beside the others."""
+    more = replace(basis, count=basis.count + 1)
+    for pole in poles:
+        single = replace(basis, count=1).start(np.array([pole]))
+        trial = minimise(more, np.concatenate([theta, single]), blocks, rough=True)[0]
+        zeta = trial[1::2]
+        if (
+            np.all((zeta > LEAST_DAMPING) & (zeta < MOST_DAMPING))
+            and significances(more, trial, blocks).min() > needed
+        ):
+            return more, trial
+    return None
+
+
+def _halves(poles: Complex) -> Complex:
+    """Where the two modes may be that a pole stands for."""
+    aside = 0.8 * poles.real * 1j
+    return np.concatenate([poles + aside, poles - aside])
+
+
+def _apart(candidates: Complex, poles: Complex) -> NDArray[np.bool_]:
+    near = np.abs(candidates[:, None] - poles[None, :]) < 0.2 * np.abs(poles.real)[None, :]
+    return ~near.any(axis=1) & (candidates.imag > 0.0)
+
+
+def _peaks(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> Complex:
+    """Poles at the frequencies where the residual is largest over some lines."""
+    found = []
+    for block in blocks:
+        now = eliminate(basis, theta, block)
+        power = np.sum(now.square * np.abs(now.residual) ** 2, axis=1)
+        omega = block.s.imag * basis.reference
+        for width in (1, 5, 25):
+            if 4 * width > power.size:
+                break
+            # noise shared by many lines stands out less than the motion they share
+            mean = np.convolve(power, np.full(width, 1.0 / width), "same")
+            top = omega[int(np.argmax(mean))]
+            spacing = float(omega[-1] - omega[0]) / (omega.size - 1)
+            found.append(complex(-max(width * spacing, _PEAK_DAMPING * top), top))
+    return np.array(found, dtype=np.complex128)
+
+
+def _falls(
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], candidates: Complex
+) -> tuple[Array, float]:
+    """By how much each pole would lower the sum of squares, and the mean square of noise."""
+    one = replace(basis, count=1, residuals=False)
+    falls = np.zeros(candidates.size)
+    total, values = 0.0, 0
+    for block in blocks:
+        now = eliminate(basis, theta, block)
+        total += now.total
+        values += 2 * now.residual.size - basis.linear * now.residual.shape[1]
+        weighted = now.square * now.residual
+        square = now.square[:, : now.inverse.shape[0]]
+        for n, pole in enumerate(candidates):
+            pair = one.functions(one.start(np.array([pole])), block.s)
+            right = (pair.conj().T @ weighted).real.T[:, :, None]
+            cross = gram_of(now.functions, pair, square)
+            own = gram_of(pair, pair, square)
+            left = own - cross.transpose(0, 2, 1) @ now.inverse @ cross
+            # a candidate like one that is there has nothing of its own
+            lifted = left + 1e-9 * own * np.eye(own.shape[1])
+            falls[n] += float(np.sum(right * np.linalg.solve(lifted, right)))
+    return falls, max(total / max(values - basis.size, 1), rounding_level(blocks))

@@ -1,0 +1,278 @@
+"""Responses made ready for a fit: the band, displacement for acceleration, and weights."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from flexstage.arrays import Array, Complex
+from flexstage.errors import ModelError, RecordError
+from flexstage.measure.modal.scatter import line_scatter, moving_mean
+from flexstage.measure.modal.variable_projection import ResponseBlock
+from flexstage.measure.spectra.response import MeasuredResponse
+
+_POWERS = {"m": 0, "m/s": 1, "m/s^2": 2, "rad": 0, "rad/s": 1, "rad/s^2": 2}
+_MOTIONS = {"displacement": 0, "velocity": 1, "acceleration": 2}
+# degrees of freedom that a variance should rest on before it is used as a weight
+_KNOWN_WELL = 64.0
+# correlation of the errors of neighbouring lines, of noise on both sides under a Hann window: the
+# square of that of its own transform, 2/3
+_ALIKE = 4.0 / 9.0
+# a residual this far below the response is rounding
+_ROUNDING = 1e-10
+# gain of the logarithm of the likelihood of a line, from which on noise is not even
+_UNEVEN = 0.1
+# a tenth of squares of noise is above 3.3 of their median
+_REACHED = 6.0
+# share of the response that no model is asked for until it is known what it leaves
+_TRUSTED = 0.01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prepared:
+    """One response in the form that the fit takes."""
+
+    measured: MeasuredResponse
+    """The lines in the band."""
+    powers: tuple[int, ...]
+    """For each output, how often it is derived by time."""
+    deviation: Array
+    """Expected rms of the error of each value, up to a common factor, shape (k, outputs, inputs).
+    """
+    given: bool
+    """Whether the variance was given, so that the factor should be 1."""
+    kept: bool
+    """Whether the weights stay what they are, given or chosen, whatever the fit leaves."""
+    scatter: Array
+    """How neighbouring lines scatter, shape (k, outputs, inputs)."""
+    block: ResponseBlock
+    """Responses to displacement, one column for each output and input."""
+
+
+def prepared(
+    responses: Sequence[MeasuredResponse],
+    band: tuple[float, float] | None,
+    weighting: Literal["variance", "uniform", "relative"],
+    motion: Literal["displacement", "velocity", "acceleration"] | None,
+    reference: float,
+) -> tuple[Prepared, ...]:
+    """Make responses ready for a fit.
+
+    Lines count by their variance, all alike, or by the inverse of their magnitude. `motion` is what
+    outputs without a unit of motion measure; `reference` makes numbers of size 1 [rad/s].
+    """
+    if weighting not in ("variance", "uniform", "relative"):
+        raise ModelError(f"weighting is 'variance', 'uniform' or 'relative', got {weighting!r}")
+    if motion is not None and motion not in _MOTIONS:
+        raise ModelError(f"motion is one of {', '.join(_MOTIONS)}, got {motion!r}")
+    out = []
+    for response in responses:
+        whole = _parted(response)
+        part = whole if band is None else whole.between(*band)
+        keep = part.frequency_hz > 0.0
+        if keep.sum() < 8:
+            raise RecordError(
+                f"a modal fit needs at least 8 lines above 0 Hz in the band, got {keep.sum()}: "
+                "widen the band, or use longer segments"
+            )
+        part = replace(
+            part,
+            frequency_hz=part.frequency_hz[keep],
+            response=part.response[keep],
+            variance=None if part.variance is None else part.variance[keep],
+            coherence=None if part.coherence is None else part.coherence[keep],
+        )
+        size = np.sqrt(np.mean(np.abs(part.response) ** 2, axis=0))
+        if np.any(size == 0.0):
+            dead = part.outputs[int(np.argwhere(size == 0.0)[0, 0])]
+            raise RecordError(f"output '{dead}' is zero throughout: is its sensor connected?")
+        deviation = deviations(part) if weighting == "variance" else None
+        given = deviation is not None
+        scatter = line_scatter(part.frequency_hz, part.response)
+        if deviation is None:
+            deviation = _first(part, scatter, size, weighting)
+        units = part.output_units or ("",) * len(part.outputs)
+        powers = tuple(_POWERS.get(u, _MOTIONS[motion or "displacement"]) for u in units)
+        out.append(
+            Prepared(
+                measured=part,
+                powers=powers,
+                deviation=deviation,
+                given=given,
+                kept=given or weighting == "relative",
+                scatter=scatter,
+                block=_block(part, powers, deviation, reference),
+            )
+        )
+    return tuple(out)
+
+
+def _first(part: MeasuredResponse, scatter: Array, size: Array, weighting: str) -> Array:
+    """Return deviations to begin with, where none are given."""
+    if weighting == "uniform":
+        return np.broadcast_to(size, part.response.shape).copy()
+    magnitude = np.abs(part.response)
+    share = 1.0 if weighting == "relative" else _TRUSTED
+    # in proportion, down to the noise
+    return np.maximum(np.hypot(scatter, share * magnitude), _ROUNDING * size)
+
+
+def reweighted(part: Prepared, fitted: Complex, left: Array, reference: float) -> Prepared:
+    """Weight a response by what a fit left: noise of the output, and noise in proportion.
+
+    The mean square of the residual is modelled as a + b |H|^2, neither below 0, by likelihood of
+    the exponential distribution that squares of complex noise have; where the noise of the output
+    is of some frequencies, a follows the scatter of the lines. `left` is the share of the noise of
+    each line that the fit leaves, shape (k, outputs, inputs).
+    """
+    deviation = np.empty_like(part.deviation)
+    for o, i in np.ndindex(*part.measured.response.shape[1:]):
+        square = np.abs(part.measured.response[:, o, i] - fitted[:, o, i]) ** 2
+        signal = np.abs(fitted[:, o, i]) ** 2
+        floor = _ROUNDING**2 * signal.mean()
+        if square.mean() <= floor:
+            deviation[:, o, i] = math.sqrt(max(square.mean(), 1e-32 * signal.mean()))
+            continue
+        deviation[:, o, i] = np.sqrt(
+            _noises(square, signal, part.scatter[:, o, i] ** 2, left[:, o, i])
+        )
+    return replace(
+        part, deviation=deviation, block=_block(part.measured, part.powers, deviation, reference)
+    )
+
+
+def _noises(square: Array, signal: Array, scatter: Array, left: Array) -> Array:
+    """Mean square of the noise of each line: even, or as lines scatter where that is likelier."""
+    even = _two_noises(square, signal, np.ones(signal.size), left)
+    shape = np.maximum(scatter, 1e-12 * scatter.max())
+    if shape.max() == 0.0:
+        return even
+    # a window makes lines scatter less, but all alike; what a model lacks is of some lines alone
+    middle, high = np.quantile(square / (shape * left), (0.5, 0.9))
+    if high > _REACHED * middle:
+        return even
+    uneven = _two_noises(square, signal, shape, left)
+    gain = np.mean(np.log(even / uneven) + square / left * (1.0 / even - 1.0 / uneven))
+    return uneven if gain > _UNEVEN else even
+
+
+def _two_noises(square: Array, signal: Array, shape: Array, left: Array) -> Array:
+    functions = np.stack([shape / shape.mean(), signal / signal.mean()], axis=1)
+    constant = np.array([square.mean() / left.mean(), 0.0])
+    factors = constant
+    for _ in range(20):
+        # of noise, the square scatters as much as it is
+        weighted = functions / ((functions @ factors) ** 2)[:, None]
+        trial = np.linalg.lstsq(functions.T @ (weighted * (left**2)[:, None]),
+                                weighted.T @ (left * square))[0]  # fmt: skip
+        if trial[1] <= 0.0:
+            trial = np.array([float(np.mean(square / (left * functions[:, 0]))), 0.0])
+        # noise in proportion alone would leave its least lines without any
+        trial[0] = max(trial[0], 1e-4 * constant[0])
+        if np.allclose(trial, factors, rtol=1e-3, atol=0.0):
+            break
+        factors = trial
+    return np.asarray(functions @ factors, dtype=np.float64)
+
+
+def deviations(part: MeasuredResponse) -> Array | None:
+    """Return the expected rms of the error of each value, from the variance of a response.
+
+    Shape (k, outputs, inputs); None where no variance is known, or it is 0 at most lines.
+    """
+    if part.variance is None:
+        return None
+    variance = part.variance
+    if np.any(np.isnan(variance)) or np.any(variance < 0.0):
+        raise RecordError("the variance of a response must be 0 or more, got a negative or none")
+    lines = part.frequency_hz.size
+    freedom = 2.0 * (part.averages - 1.0)
+    if part.averages > 1.0 and freedom < _KNOWN_WELL:
+        # inverse variances from few averages scatter: their neighbours help
+        width = min(math.ceil(_KNOWN_WELL / freedom), max(lines // 8, 1))
+        sharp = _share_of_response(variance, part.response)
+        variance = np.maximum(_averaged(variance - sharp, width | 1), 0.0) + sharp
+    finite = np.where(np.isfinite(variance), variance, np.nan)
+    if np.all(np.isnan(finite)):
+        raise RecordError("the variance of a response must be finite at some lines at least")
+    middle = np.nanmedian(finite, axis=0)
+    if np.any(middle == 0.0):
+        # free of noise: nothing tells one line from another
+        return None
+    # no noise at all at single lines is what a single average or a rounded coherence says
+    return np.sqrt(np.maximum(np.where(variance == 0.0, middle, variance), 1e-6 * middle))
+
+
+def _parted(response: MeasuredResponse) -> MeasuredResponse:
+    """Return a response whose lines a window has mixed, with them parted again.
+
+    A kernel of second moment m makes H + m/2 H'' of H, to second order in the distance of lines
+    over the width of a peak: so half the moment times the second difference is taken off.
+    """
+    f = response.frequency_hz
+    even = np.ptp(np.diff(f)) <= 1e-6 * float(f[1] - f[0])
+    if response.blur == 0.0 or not even or f.size < 3:
+        return response
+    half = 0.5 * response.blur
+    inner = slice(1, -1)
+    h = response.response.copy()
+    h[inner] -= half * (h[2:] - 2.0 * response.response[inner] + response.response[:-2])
+    variance = response.variance
+    if variance is not None:
+        # errors of neighbouring lines under such a window are alike in part
+        own = 1.0 + 2.0 * half
+        growth = own**2 + 2.0 * half**2 - 4.0 * own * half * _ALIKE
+        variance = variance.copy()
+        variance[inner] *= growth
+    return replace(response, response=h, variance=variance, blur=0.0)
+
+
+def _share_of_response(variance: Array, response: Complex) -> Array:
+    """Return the part of a variance that goes with the square of the response.
+
+    Noise of the input gives it. It is as sharp as a resonance, so a mean over neighbouring lines
+    would not leave it where it is.
+    """
+    from scipy.optimize import nnls
+
+    out = np.zeros(variance.shape)
+    for o, i in np.ndindex(*variance.shape[1:]):
+        v, square = variance[:, o, i], np.abs(response[:, o, i]) ** 2
+        good = np.isfinite(v) & (v > 0.0)
+        if good.sum() < 8:
+            continue
+        model = np.full(int(good.sum()), float(np.mean(v[good])))
+        b = 0.0
+        # each variance scatters in proportion to itself
+        for _ in range(8):
+            columns = np.stack((np.ones(model.size), square[good]), axis=1) / model[:, None]
+            size = np.linalg.norm(columns, axis=0)
+            (a, b), _ = nnls(columns / size, v[good] / model)
+            a, b = a / size[0], b / size[1]
+            model = np.maximum(a + b * square[good], 1e-12 * float(v[good].max()))
+        out[:, o, i] = b * square
+    return out
+
+
+def _averaged(values: Array, width: int) -> Array:
+    """The mean over neighbouring lines, of those that are finite."""
+    finite = np.isfinite(values)
+    known = np.where(finite, values, np.nanmax(values[finite]))
+    return np.where(finite, moving_mean(known, width), values)
+
+
+def _block(
+    part: MeasuredResponse, powers: tuple[int, ...], deviation: Array, reference: float
+) -> ResponseBlock:
+    omega = 2.0 * math.pi * part.frequency_hz
+    motion = (1j * omega)[:, None] ** np.array(powers)[None, :]
+    values = part.response / motion[:, :, None]
+    # the error of a real or imaginary part has half the variance of both
+    weights = math.sqrt(2.0) * np.abs(motion)[:, :, None] / deviation
+    return ResponseBlock(
+        s=np.asarray(1j * omega / reference, dtype=np.complex128),
+        values=values.reshape(omega.size, -1),
+        weights=weights.reshape(omega.size, -1),
+    )

@@ -1,0 +1,294 @@
+"""Least squares with linear factors projected out, and what its parameters are worth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexstage.arrays import Array, Complex
+from flexstage.errors import ConvergenceError
+from flexstage.measure.modal.basis import ModalBasis
+
+_ITERATIONS = 60
+# as many more are given to what is hardly told apart, as long as the sum falls by more than this,
+# over the mean square of noise: 0.01 of a standard uncertainty of one parameter
+_MORE, _WORTH = 240, 1e-4
+_STEP = 1e-12
+# least relative fall of the sum of squares that another iteration is worth
+_FALL = 1e-11
+_ROUGH = 1e-6
+# two real poles may stand for what a stage is not: their ratio is then some 4 zeta^2
+_MOST_DAMPING = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ResponseBlock:
+    """Responses that share their frequencies."""
+
+    s: Complex
+    """i omega over the reference, shape (k,)."""
+    values: Complex
+    """Responses to displacement, shape (k, m)."""
+    weights: Array
+    """What the error of each part, real and imaginary, counts, shape (k, m)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Projected:
+    """One response at given poles, with its linear factors eliminated."""
+
+    factors: Array
+    """Its factors, shape (q,)."""
+    residual: Array
+    """Weighted measured less modelled, real parts then imaginary ones, shape (2 k,)."""
+    jacobian: Array
+    """Derivatives of the weighted model by the poles, shape (2 k, p)."""
+    orthogonal: Array
+    """Those derivatives without what the factors can follow, shape (2 k, p)."""
+    inverse: Array
+    """Transposed pseudo-inverse of the weighted functions: factors are its transposed times the
+    weighted data, shape (2 k, q).
+    """
+
+
+def _stacked(values: Complex) -> Array:
+    return np.concatenate([values.real, values.imag])
+
+
+def project(basis: ModalBasis, theta: Array, block: ResponseBlock, column: int) -> Projected:
+    """Eliminate the linear factors of one response (Golub and Pereyra 1973, Kaufman 1975)."""
+    functions = basis.functions(theta, block.s)
+    q, r, scale = _factored(functions, block.weights[:, column])
+    factors, residual, weight = _solved(q, r, scale, block, column)
+    slope = basis.derivatives(theta, block.s, functions, factors[:, None])[:, :, 0].T
+    slope = _stacked(slope) * weight[:, None]
+    return Projected(
+        factors=factors,
+        residual=residual,
+        jacobian=slope,
+        orthogonal=slope - q @ (q.T @ slope),
+        inverse=np.linalg.solve(r, q.T).T / scale,
+    )
+
+
+def _factored(functions: Complex, weights: Array) -> tuple[Array, Array, Array]:
+    weighted = _stacked(functions) * np.concatenate([weights, weights])[:, None]
+    scale = np.linalg.norm(weighted, axis=0)
+    scale[scale == 0.0] = 1.0
+    q, r = np.linalg.qr(weighted / scale)
+    # two equal functions would divide by zero: let the sum go to the one, as with a ridge
+    diagonal = np.diagonal(r).copy()
+    weak = np.abs(diagonal) < 1e-14
+    if weak.any():
+        r = r + np.diag(np.where(weak, 1e-14 - diagonal, 0.0))
+    return q, r, scale
+
+
+def _solved(
+    q: Array, r: Array, scale: Array, block: ResponseBlock, column: int
+) -> tuple[Array, Array, Array]:
+    from scipy.linalg import solve_triangular
+
+    weight = np.concatenate([block.weights[:, column]] * 2)
+    data = _stacked(block.values[:, column]) * weight
+    along = q.T @ data
+    residual = data - q @ along
+    return solve_triangular(r, along) / scale, residual, weight
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Eliminated:
+    """All responses of a block at given poles, by their normal equations."""
+
+    functions: Complex
+    """The functions, each over its size, shape (k, q)."""
+    scale: Array
+    """Those sizes, shape (q,)."""
+    factors: Array
+    """Factors of the functions over their sizes, shape (q, m)."""
+    residual: Complex
+    """Measured less modelled, without weights, shape (k, m)."""
+    square: Array
+    """Squares of the weights, shape (k, m)."""
+    inverse: Array
+    """Inverse of the normal equations of each response, shape (m, q, q), or (1, q, q) where all
+    have the same weights.
+    """
+
+    @property
+    def total(self) -> float:
+        """Weighted sum of squares."""
+        return float(np.sum(self.square * (self.residual.real**2 + self.residual.imag**2)))
+
+
+def eliminate(basis: ModalBasis, theta: Array, block: ResponseBlock) -> Eliminated:
+    """Eliminate the linear factors of all responses of a block at once.
+
+    Normal equations lose digits that `project` keeps; one step of refinement with the residual
+    itself gives them back.
+    """
+    square = block.weights**2
+    shared = bool(np.all(square == square[:, :1]))
+    functions = basis.functions(theta, block.s)
+    scale = np.linalg.norm(functions * block.weights.mean(axis=1)[:, None], axis=0)
+    scale[scale == 0.0] = 1.0
+    functions = functions / scale
+    gram = gram_of(functions, functions, square[:, :1] if shared else square)
+    # equal functions leave it singular: let them share
+    size = np.einsum("mqq->m", gram)[:, None, None]
+    inverse = np.linalg.inv(gram + 1e-15 * size * np.eye(functions.shape[1]))
+    factors = np.zeros((functions.shape[1], block.values.shape[1]))
+    residual = block.values
+    for _ in range(2):
+        right = (functions.conj().T @ (square * residual)).real
+        step = inverse[0] @ right if shared else np.einsum("mqr,rm->qm", inverse, right)
+        factors = factors + step
+        residual = block.values - functions @ factors
+    return Eliminated(
+        functions=functions,
+        scale=scale,
+        factors=factors,
+        residual=residual,
+        square=square,
+        inverse=inverse,
+    )
+
+
+def gram_of(left: Complex, right: Complex, square: Array) -> Array:
+    """Return weighted products of functions, of the real and the imaginary part together.
+
+    Of functions of shapes (k, a) and (k, b), with squares of the weights (k, m): shape (m, a, b).
+    """
+    if square.shape[1] == 1:
+        return (left.conj().T @ (square * right)).real[None]
+    k, a, b = *left.shape, right.shape[1]
+    if left is right:
+        first, second = np.triu_indices(a)
+        upper = left.real[:, first] * left.real[:, second]
+        upper += left.imag[:, first] * left.imag[:, second]
+        out = np.empty((square.shape[1], a, a))
+        out[:, first, second] = out[:, second, first] = square.T @ upper
+        return out
+    products = left.real[:, :, None] * right.real[:, None, :]
+    products += left.imag[:, :, None] * right.imag[:, None, :]
+    return (square.T @ products.reshape(k, a * b)).reshape(-1, a, b)
+
+
+def _normal(
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], found: Sequence[Eliminated]
+) -> tuple[Array, Array]:
+    """Return the half gradient with the sign changed, and J^T J."""
+    gradient = np.zeros(basis.size)
+    square = np.zeros((basis.size, basis.size))
+    for block, now in zip(blocks, found, strict=True):
+        factors = now.factors / now.scale[:, None]
+        plain = basis.derivatives(theta, block.s, now.functions * now.scale, factors)
+        weighted = plain * now.square
+        flat = weighted.reshape(basis.size, -1)
+        square += (plain.reshape(basis.size, -1).conj() @ flat.T).real
+        gradient += (flat.conj() @ now.residual.ravel()).real
+        inside = (now.functions.conj().T @ weighted).real.transpose(2, 1, 0)
+        square -= np.einsum("mqp,mqr->pr", inside, now.inverse @ inside)
+    return gradient, square
+
+
+def deviations_of(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> Array:
+    """Return the standard uncertainty of each parameter over the rms of noise.
+
+    By the linearised fit; infinite of what nothing depends on.
+    """
+    now = [eliminate(basis, theta, block) for block in blocks]
+    square = _normal(basis, theta, blocks, now)[1]
+    diagonal = np.diagonal(square)
+    # what nothing depends on has no uncertainty that ends
+    felt = diagonal > 1e-14 * diagonal.max()
+    scale = np.sqrt(np.where(felt, diagonal, 1.0))
+    scaled = np.where(np.outer(felt, felt), square / np.outer(scale, scale), 0.0)
+    inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True)
+    return np.where(felt, np.sqrt(np.maximum(np.diagonal(inverse), 0.0)) / scale, np.inf)
+
+
+def remaining(basis: ModalBasis, theta: Array, block: ResponseBlock, now: Eliminated) -> Array:
+    """Return the share of the noise of each line that a fit leaves in its residual.
+
+    One less half the leverage of real and imaginary part, shape (k, m).
+    """
+    gradient = now.functions.conj()
+    shared = now.inverse.shape[0] == 1
+    which = np.zeros(block.values.shape[1], dtype=np.intp) if shared else slice(None)
+    inverse = now.inverse[which]
+    half = np.einsum("kq,mqr->mkr", now.functions, inverse)
+    taken = np.einsum("mkr,kr->km", half, gradient).real
+    if basis.size:
+        factors = now.factors / now.scale[:, None]
+        plain = basis.derivatives(theta, block.s, now.functions * now.scale, factors)
+        inside = (gradient.T @ (plain * now.square)).real.transpose(2, 1, 0)
+        along = np.einsum("mkr,mrp->pkm", half, inside)
+        free = plain - along
+        flat = (free * block.weights).reshape(basis.size, -1)
+        solved = np.linalg.pinv((flat.conj() @ flat.T).real, hermitian=True)
+        taken += np.einsum("pkm,pr,rkm->km", free.conj(), solved, free).real
+    return 1.0 - 0.5 * np.clip(taken * now.square, 0.0, 1.9)
+
+
+def minimise(
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], *, rough: bool = False
+) -> tuple[Array, float]:
+    """Make the weighted sum of squares least over the poles (Levenberg 1944, Marquardt 1963).
+
+    A rough fit stops where the sum hardly falls, far below what noise makes of it, or after so many
+    steps. Returned are the parameters and the sum of squares.
+    """
+    now = [eliminate(basis, theta, block) for block in blocks]
+    total = sum(one.total for one in now)
+    if not basis.size:
+        return theta, total
+    gradient, square = _normal(basis, theta, blocks, now)
+    damping = 1e-6
+    values = sum(2 * block.values.size for block in blocks)
+    for iteration in range(_ITERATIONS if rough else _ITERATIONS + _MORE):
+        diagonal = np.diagonal(square).copy()
+        diagonal[diagonal <= 0.0] = 1.0
+        scale = np.sqrt(diagonal)
+        scaled = square / np.outer(scale, scale)
+        while True:
+            lifted = scaled + damping * np.eye(basis.size)
+            step = np.linalg.solve(lifted, gradient / scale) / scale
+            trial = theta + step
+            if np.abs(step).max() <= _STEP:
+                return theta, total
+            if _sane(basis, trial, theta):
+                now = [eliminate(basis, trial, block) for block in blocks]
+                value = sum(one.total for one in now)
+                if value <= total:
+                    break
+                if np.abs(step).max() <= 1e-8 and value <= total * (1.0 + 1e-9):
+                    return theta, total
+            damping = max(10.0 * damping, 1e-6)
+            if damping > 1e12:
+                return theta, total
+        fall = total - value
+        small = fall <= _FALL * total and np.abs(step).max() <= 1e-6
+        small = small or (rough and fall <= _ROUGH * total)
+        small = small or (iteration >= _ITERATIONS and fall * values <= _WORTH * total)
+        theta, total = trial, value
+        if small:
+            return theta, total
+        gradient, square = _normal(basis, theta, blocks, now)
+        damping = max(0.1 * damping, 1e-14)
+    if rough:
+        return theta, total
+    poles = f"{basis.count} pole{'s' * (basis.count != 1)}"
+    raise ConvergenceError(
+        f"the fit of {poles} did not settle in {_ITERATIONS + _MORE} iterations: say about where "
+        "the modes are by the option near, or fit them in a narrower band"
+    )
+
+
+def _sane(basis: ModalBasis, trial: Array, theta: Array) -> bool:
+    """Whether a step leaves frequencies positive, damping within reason, and is no leap."""
+    w, zeta = trial[: 2 * basis.count].reshape(-1, 2).T
+    old = theta[: 2 * basis.count : 2]
+    if np.any(w < 0.7 * old) or np.any(w > 1.4 * old) or np.any(np.abs(zeta) >= _MOST_DAMPING):
+        return False
+    return not (basis.lag and trial[-1] < -0.9)

@@ -1,0 +1,329 @@
+"""Ranges and widths of a measured curve, less what noise adds to them."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+from flexstage.estimate import Estimate
+from flexstage.measure.motion.motion_curve import Direction, MotionCurve, position_weights
+
+# curves that are simulated to find what noise adds: each takes a search of its own
+_ZONE_TRIALS = 120
+#: Straight line that a deviation is taken from.
+Line = Literal["none", "least_squares", "terminal", "zero", "minimum_zone"]
+_LINES = get_args(Line)
+#: Curves that are simulated to find what noise adds to an extreme.
+_TRIALS = 400
+_NOISE_NOTE = "less what noise adds to it, {:.2g} {}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Extreme:
+    """A figure of the largest and smallest of some linear figures of the coefficients.
+
+    It is the largest less the smallest, of `rows`, or with `absolute` the largest magnitude.
+    """
+
+    rows: Array
+    absolute: bool = False
+
+    def of(self, coefficients: Array) -> Array:
+        values = coefficients @ self.rows.T
+        if self.absolute:
+            return np.abs(values).max(axis=-1)
+        return np.ptp(values, axis=-1)
+
+    def weights(self, coefficients: Array) -> Array:
+        """Return the derivative of the figure after the coefficients."""
+        values = self.rows @ coefficients
+        if self.absolute:
+            at = int(np.argmax(np.abs(values)))
+            return math.copysign(1.0, values[at]) * self.rows[at]
+        return self.rows[int(np.argmax(values))] - self.rows[int(np.argmin(values))]
+
+
+def curve_range(
+    curve: MotionCurve,
+    direction: Direction | Literal["both"] = "mean",
+    *,
+    line: Line = "none",
+    seed: int = 0,
+) -> Estimate:
+    """Return the largest less the smallest value of a curve, about a line or as it is.
+
+    To first order the range is the difference of the curve at the two places where it is extreme
+    (three, about the line of the minimum zone), and so has their uncertainty. An extreme of a noisy
+    curve lies too far out; how far is found by simulation about the curve, and taken off.
+
+    Parameters
+    ----------
+    curve : MotionCurve
+        The curve.
+    direction : {"forward", "backward", "mean", "both"}
+        Which run; of both, the two curves about the same line.
+    line : {"none", "least_squares", "terminal", "zero", "minimum_zone"}
+        Straight line that is taken off: none; the least-squares line; that through the ends; that
+        from the lower end with the least-squares slope through it; the one about which the range is
+        least.
+    seed : int
+        Seed of the simulation that finds what noise adds to a range.
+
+    Returns
+    -------
+    Estimate
+        The range, less what noise adds to it.
+
+    Validity
+    --------
+    Where noise is as large as the range itself, the interval begins at 0.
+
+    Raises
+    ------
+    ModelError
+        There is no such direction or line.
+    """
+    if line == "minimum_zone":
+        return zone_range(curve, direction, seed=seed)
+    return _estimate(curve, _Extreme(rows=_deviation_rows(curve, direction, line)), seed)
+
+
+def curve_largest(
+    curve: MotionCurve,
+    direction: Direction | Literal["both"] = "mean",
+    *,
+    line: Line = "least_squares",
+    seed: int = 0,
+) -> Estimate:
+    """Return the largest distance of a curve from a line, less what noise adds to it."""
+    rows = _deviation_rows(curve, direction, line)
+    return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
+
+
+def curve_loop_width(curve: MotionCurve, *, seed: int = 0) -> Estimate:
+    """Return the largest distance of the backward from the forward curve at equal position.
+
+    Parameters
+    ----------
+    curve : MotionCurve
+        The curve.
+    seed : int
+        Seed of the simulation that finds what noise adds to it.
+
+    Returns
+    -------
+    Estimate
+        The width, less what noise adds to it.
+    """
+    x = curve.grid()
+    rows = curve.rows(x, "backward") - curve.rows(x, "forward")
+    return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
+
+
+def line_weights(position: Array, line: Line) -> Array:
+    """Return the matrix, shape (g, g), that gives a line from the values of a curve.
+
+    Examples
+    --------
+    >>> x = np.array([0.0, 1.0, 4.0])
+    >>> line_weights(x, "terminal") @ np.array([3.0, 9.0, 11.0])
+    array([ 3.,  5., 11.])
+    """
+    if line not in _LINES or line == "minimum_zone":
+        raise ModelError(f"a line is one of {', '.join(_LINES)}, got '{line}'")
+    g, w = position.size, position_weights(position)
+    if line == "none":
+        return np.zeros((g, g))
+    if line == "terminal":
+        share = (position - position[0]) / (position[-1] - position[0])
+        found = np.zeros((g, g))
+        found[:, 0] = 1.0 - share
+        found[:, -1] += share
+        return found
+    if line == "zero":
+        # least squares of (y - y_0) over (x - x_0): through the lower end
+        centred = position - position[0]
+        slope = w * centred / (w @ centred**2)
+        found = np.outer(centred, slope)
+        found[:, 0] += 1.0 - centred * slope.sum()
+        return found
+    centred = position - w @ position
+    return np.tile(w, (g, 1)) + np.outer(centred, w * centred / (w @ centred**2))
+
+
+def _deviation_rows(
+    curve: MotionCurve, direction: Direction | Literal["both"], line: Line
+) -> Array:
+    """Return what coefficients count by in the distances from the line."""
+    x = curve.grid()
+    off = line_weights(x, line)
+    if direction != "both":
+        rows = curve.rows(x, direction)
+        return rows - off @ rows
+    base = off @ curve.rows(x, "mean")
+    return np.vstack((curve.rows(x, "forward") - base, curve.rows(x, "backward") - base))
+
+
+def _estimate(curve: MotionCurve, figure: _Extreme, seed: int) -> Estimate:
+    coefficients = curve.coefficients.ravel()
+    observed = float(figure.of(coefficients))
+    noise, wide = noise_of_coefficients(curve, seed)
+    truth = shrunk(curve, figure.rows)
+    added = float(figure.of(truth + noise).mean() - figure.of(truth))
+    # misfits at two places add; one place where a magnitude is asked
+    reach = 1.0 if figure.absolute else math.sqrt(2.0)
+    found = curve.of_coefficients(figure.weights(coefficients), reach=reach)
+    alone = float(np.quantile(figure.of(wide), 0.95))
+    return corrected(found, observed, added, alone)
+
+
+def corrected(found: Estimate, observed: float, added: float, alone: float) -> Estimate:
+    """Return a figure that cannot be negative less what noise adds to it.
+
+    Noise alone exceeds `alone` once in twenty times: below it the interval begins at 0.
+    """
+    value = max(observed - added, 0.0)
+    note = _NOISE_NOTE.format(added, found.unit) if abs(added) > 1e-3 * observed else found.note
+    result = replace(found, value=value, note=note)
+    low, high = result.interval()
+    return replace(result, bounds=(0.0, high)) if low < 0.0 or observed <= alone else result
+
+
+def noise_of_coefficients(curve: MotionCurve, seed: int) -> tuple[Array, Array]:
+    """Simulate errors of the coefficients of a curve.
+
+    Errors of the flattened coefficients as large as they are thought to be, and with the spread of
+    Student's t, as so few cycles tell little of how large they are; shape (trials, 2 k).
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+    k = curve.basis.size
+    draws = rng.standard_normal((_TRIALS // 2, 2, k))
+    parts = []
+    for d in (0, 1):
+        values, vectors = np.linalg.eigh(curve.structure[d])
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        parts.append(draws[:, d] @ root.T)
+    noise = np.hstack(parts)
+    freedom = curve.cycles - 1
+    wide = noise * np.sqrt(freedom / rng.chisquare(freedom, _TRIALS // 2))[:, None]
+    if curve.drift_rate is not None:
+        rate = curve.drift_rate
+        error = np.outer(rng.standard_normal(_TRIALS // 2), curve.drift_effect.ravel())
+        error *= rate.uncertainty
+        dof = rate.degrees_of_freedom
+        noise = noise + error
+        wide = wide + error * np.sqrt(dof / rng.chisquare(dof, _TRIALS // 2))[:, None]
+    # with their opposites, so that what is odd in the noise leaves nothing
+    return np.vstack((noise, -noise)), np.vstack((wide, -wide))
+
+
+def shrunk(curve: MotionCurve, rows: Array) -> Array:
+    """Return coefficients from which the share of noise is taken, as James and Stein (1961) do.
+
+    Measured values spread by noise as well as by what is measured: to simulate about them as they
+    are would count the noise twice. `rows` are what coefficients count by in the values whose
+    spread is looked at, shape (g, 2 k).
+    """
+    coefficients = curve.coefficients.ravel()
+    k = curve.basis.size
+    spread = float(np.mean((rows @ coefficients) ** 2))
+    of_noise = float(
+        np.mean(sum(
+            np.einsum("gi,ij,gj->g", rows[:, d * k : (d + 1) * k], curve.structure[d],
+                      rows[:, d * k : (d + 1) * k])
+            for d in (0, 1)
+        ))
+    )  # fmt: skip
+    if curve.drift_rate is not None:
+        drift = rows @ curve.drift_effect.ravel() * curve.drift_rate.uncertainty
+        of_noise += float(np.mean(drift**2))
+    if spread <= 0.0:
+        return coefficients
+    return max(1.0 - of_noise / spread, 0.0) ** 0.5 * coefficients
+
+
+def zone_range(
+    curve: MotionCurve, direction: Direction | Literal["both"] = "mean", *, seed: int = 0
+) -> Estimate:
+    """Return the width of the narrowest zone, in the direction of the reading, about a curve.
+
+    Of both runs, one zone about the two; what noise adds is taken off.
+    """
+    x = curve.grid(201)
+    names: tuple[Direction, ...] = ("forward", "backward") if direction == "both" else (direction,)
+    rows = np.array([curve.rows(x, name) for name in names])  # (r, g, 2 k)
+    # what a straight line adds changes no zone: without it the noise is told from the shape
+    off = line_weights(x, "least_squares")
+    base = off @ rows.mean(axis=0)
+    rows = rows - base
+    coefficients = curve.coefficients.ravel()
+
+    def width(c: Array) -> float:
+        return zone_contacts(x, rows @ c)[0]
+
+    observed, weights = zone_contacts(x, rows @ coefficients)
+    noise, wide = (
+        n[:: max(n.shape[0] // _ZONE_TRIALS, 1)] for n in noise_of_coefficients(curve, seed)
+    )
+    truth = shrunk(curve, rows.reshape(-1, rows.shape[-1]))
+    added = float(np.mean([width(truth + e) for e in noise])) - width(truth)
+    alone = float(np.quantile([width(e) for e in wide], 0.95))
+    found = curve.of_coefficients(np.einsum("rg,rgk->k", weights, rows), reach=1.5)
+    return corrected(found, observed, added, alone)
+
+
+def zone_contacts(position: Array, values: Array) -> tuple[float, Array]:
+    """Return the width of the narrowest zone about values, and how it depends on them.
+
+    The zone touches two points on one side and one between them on the other; its width, in the
+    direction of the values, is the distance of the one from the line through the two. One side of
+    it is an edge of the convex hull. With several values at each position, shape (r, g); the
+    weights are the derivative of the width after the values, in their shape.
+
+    Examples
+    --------
+    >>> width, weights = zone_contacts(np.array([0.0, 1.0, 4.0]), np.array([0.0, 3.0, 4.0]))
+    >>> float(width), weights.tolist()
+    (2.0, [-0.75, 1.0, -0.25])
+    """
+    y = np.atleast_2d(values)
+    top, bottom = np.argmax(y, axis=0), np.argmin(y, axis=0)
+    columns = np.arange(position.size)
+    upper, lower = y[top, columns], y[bottom, columns]
+    best, weights = np.inf, np.zeros_like(y)
+    for sign, side, other, rows, opposite in (
+        (1.0, upper, lower, top, bottom),
+        (-1.0, -lower, -upper, bottom, top),
+    ):
+        hull = _upper_hull(position, side)
+        slopes = np.diff(side[hull]) / np.diff(position[hull])
+        # the farthest point below an edge: one product of edges and points is fast enough
+        a = hull[:-1]
+        depth = (side[a] - slopes * position[a])[:, None] + np.outer(slopes, position) - other
+        widths = depth.max(axis=1)
+        i = int(np.argmin(widths))
+        if widths[i] < best:
+            best = float(widths[i])
+            j, k, m = int(hull[i]), int(hull[i + 1]), int(np.argmax(depth[i]))
+            share = (position[m] - position[j]) / (position[k] - position[j])
+            weights = np.zeros_like(y)
+            weights[rows[j], j] += sign * (1.0 - share)
+            weights[rows[k], k] += sign * share
+            weights[opposite[m], m] -= sign
+    return best, weights.reshape(values.shape)
+
+
+def _upper_hull(x: Array, y: Array) -> NDArray[np.intp]:
+    hull: list[int] = []
+    for i in range(x.size):
+        while len(hull) > 1:
+            a, b = hull[-2], hull[-1]
+            if (y[b] - y[a]) * (x[i] - x[a]) > (y[i] - y[a]) * (x[b] - x[a]):
+                break
+            hull.pop()
+        hull.append(i)
+    return np.array(hull, dtype=np.intp)

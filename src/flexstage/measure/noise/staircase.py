@@ -1,0 +1,385 @@
+"""Resolution: by noise alone, and by the smallest steps of a staircase that are told from none."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.arrays import Array, Integers
+from flexstage.errors import ModelError, RecordError
+from flexstage.estimate import Component, Estimate
+from flexstage.measure.noise.allan import allan_freedom, deviation_bounds, power_of_noise
+from flexstage.measure.noise.levels import PARTS, LevelFit, fit_levels, settled
+
+#: How often a settling that is left exceeds its standard error before it is spoken of.
+_SETTLING = 4.0
+
+
+def resolution(
+    values: ArrayLike,
+    sample_rate_hz: float,
+    *,
+    samples: int,
+    probability: float = 0.95,
+    bounds: ArrayLike | None = None,
+    unit: str = "m",
+) -> Estimate:
+    """Return the step that averages of so many samples tell from no step.
+
+    Two neighbouring averages of n samples differ with the standard deviation ``sqrt(2) s(n)``, s
+    being the Allan deviation at n. A difference of more than half a step R counts as a step. No
+    step is taken for one, and a step for none, with probability 1 - P each where
+    ``R = 2 sqrt(2) z_P s(n)``, z_P the quantile of the normal distribution (Currie, 1968,
+    Analytical Chemistry 40, whose detection limit has both risks alike).
+
+    Parameters
+    ----------
+    values : array_like
+        Evenly spaced readings, shape (n,).
+    sample_rate_hz : float
+        Readings in a second [Hz].
+    samples : int
+        Samples that are averaged, one or more: the bandwidth of the average is the rate over twice
+        this.
+    probability : float
+        The confidence P [1], from 0.5 to 1.
+    bounds : array_like, optional
+        First and after last sample of stretches in which the stage stood, shape (k, 2); the whole
+        record where not given.
+    unit : str
+        Unit of the readings.
+
+    Returns
+    -------
+    Estimate
+        The resolution, with chi-squared bounds.
+
+    Validity
+    --------
+    Gaussian noise. Drift during the two averages counts as noise; settling between them does not,
+    as the averages follow one another without a pause.
+
+    Raises
+    ------
+    RecordError
+        A reading is not finite, no stretch is twice as long as the average, or none changes.
+    ModelError
+        The probability, the rate or the number of samples is not possible.
+
+    Examples
+    --------
+    >>> noise = 3e-9 * np.random.default_rng(4).standard_normal(20_000)
+    >>> found = resolution(noise, 1000.0, samples=100)
+    >>> print(f"{1e9 * found.value:.2f} nm ({found.note})")
+    1.38 nm (two averages of 100 samples, bandwidth 5 Hz, distinguishable at 95 %)
+    """
+    from scipy.special import ndtri
+
+    y = np.asarray(values, dtype=np.float64)
+    if y.ndim != 1 or not np.isfinite(y).all():
+        raise RecordError(f"the readings must be one finite number for each time, got {y.shape}")
+    if not 0.5 < probability < 1.0:
+        raise ModelError(f"a confidence lies between 0.5 and 1 here, got {probability!r}")
+    if samples < 1 or not 0.0 < sample_rate_hz < math.inf:
+        raise ModelError(
+            f"one sample or more is averaged at a positive rate, got {samples} at "
+            f"{sample_rate_hz!r} Hz"
+        )
+    spans = np.array([[0, y.size]]) if bounds is None else np.asarray(bounds, dtype=np.intp)
+    deviation, freedom = _pooled(y, spans, samples)
+    factor = 2.0 * math.sqrt(2.0) * float(ndtri(probability))
+    low, high = deviation_bounds(deviation, freedom)
+    spread = Component(
+        name="finite record",
+        uncertainty=factor * deviation / math.sqrt(2.0 * freedom),
+        degrees_of_freedom=freedom,
+    )
+    return Estimate(
+        value=factor * deviation,
+        unit=unit,
+        components=(spread,),
+        bounds=(factor * low, factor * high),
+        note=(
+            f"two averages of {samples} samples, bandwidth "
+            f"{0.5 * sample_rate_hz / samples:.4g} Hz, distinguishable at {100.0 * probability:g} %"
+        ),
+    )
+
+
+def _pooled(y: Array, spans: Integers, m: int) -> tuple[float, float]:
+    """Allan deviation over all stretches, and its degrees of freedom."""
+    power, count, freedom = 0.0, 0, 0.0
+    long = [(a, b) for a, b in spans.tolist() if b - a >= 2 * m]
+    if not long:
+        raise RecordError(
+            f"no level has the two times {m} samples that are to be averaged: average fewer, or "
+            "hold each level for longer"
+        )
+    # the kind of noise is that of the longest averages of which a stretch has enough to tell; noise
+    # that hangs together there is taken for slower than it is, with fewer degrees of freedom
+    first, last = max(long, key=lambda s: s[1] - s[0])
+    octaves = np.append(2 ** np.arange(int(math.log2(m)) + 1), m)
+    kind = power_of_noise(y[first:last], octaves)[-1]
+    for a, b in long:
+        total = np.concatenate(([0.0], np.cumsum(y[a:b] - y[a:b].mean())))
+        d = total[2 * m :] - 2.0 * total[m:-m] + total[: -2 * m]
+        power += float(d @ d)
+        count += d.size
+        freedom += allan_freedom(b - a, m, kind, "overlapping")
+    if not power > 0.0:
+        raise RecordError(
+            "no reading differs from its neighbours: the sensor is dead, or too coarse"
+        )
+    return math.sqrt(power / (2.0 * count)) / m, freedom
+
+
+def screw_resolution(step: Estimate, ratio: Estimate) -> Estimate:
+    """Return the resolution of a stage behind a screw: smallest step of the screw times ratio.
+
+    Parameters
+    ----------
+    step : Estimate
+        Smallest step of the screw [m].
+    ratio : Estimate
+        Displacement of the stage over that of the screw [1].
+
+    Returns
+    -------
+    Estimate
+        The product, with the uncertainties of both, taken as independent.
+
+    Examples
+    --------
+    >>> turn = Component(name="division", uncertainty=0.05e-6, kind="B")
+    >>> step = Estimate(value=1e-6, unit="m", components=(turn,))
+    >>> ratio = Estimate(value=-0.157, unit="1")
+    >>> found = screw_resolution(step, ratio)
+    >>> print(f"{1e9 * found.value:.0f} nm +- {1e9 * found.expanded:.0f} nm")
+    157 nm +- 15 nm
+    """
+    size, factor = abs(step.value), abs(ratio.value)
+    product = step.times(math.copysign(factor, step.value))
+    # bounds of the ratio, where it has any, are replaced by its standard uncertainty
+    return product.plus(
+        *(
+            Component(
+                name=f"ratio: {c.name}",
+                uncertainty=size * c.uncertainty,
+                degrees_of_freedom=c.degrees_of_freedom,
+                kind=c.kind,
+            )
+            for c in ratio.components
+        )
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StaircaseStep:
+    """One step of a staircase."""
+
+    size: Estimate
+    """The step that was made."""
+    commanded: float
+    """The step that was asked for, in the unit of the command; nan where there is no command."""
+    told: str
+    """Whether it is larger than the resolution; undecided within the interval of that."""
+    probability: float
+    """Chance that a step of this size is told from none [1]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Staircase:
+    """What a staircase test shows."""
+
+    steps: tuple[StaircaseStep, ...]
+    """The steps in order."""
+    sizes: tuple[Estimate, ...]
+    """Mean magnitude of the steps of each size that was asked for, the largest first; the note
+    tells how many were told.
+    """
+    resolution: Estimate
+    """Step that is told from none with `probability`, by averages of `samples` samples."""
+    smallest_told: Estimate | None
+    """The smallest of `sizes` of which all steps are told."""
+    probability: float
+    """The stated confidence [1]."""
+    samples: int
+    """Samples that are averaged on each level."""
+    bandwidth_hz: float
+    """Noise bandwidth of that average [Hz]."""
+    levels: Array
+    """Means of the levels without drift, shape (k,)."""
+    bounds: Integers
+    """First and after last sample of each level that its mean is of, shape (k, 2)."""
+    drift: Estimate
+    """Drift within the levels, their unit in a second."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know."""
+
+
+def staircase(
+    values: ArrayLike,
+    sample_rate_hz: float,
+    bounds: ArrayLike,
+    *,
+    command: ArrayLike | None = None,
+    samples: int | None = None,
+    probability: float = 0.95,
+    settling: float = 0.3,
+    unit: str = "m",
+) -> Staircase:
+    """Return the steps of a staircase, and which of them are told from none.
+
+    What is left of each level after settling is fitted by its mean and one drift for all. The
+    uncertainty of a mean is that of means of six parts of each level about the fit, so that
+    neighbouring samples may hang together; steps are differences of neighbouring levels, with the
+    covariance that they have through the level and the drift that they share.
+
+    Parameters
+    ----------
+    values : array_like
+        Evenly spaced readings, shape (n,).
+    sample_rate_hz : float
+        Readings in a second [Hz].
+    bounds : array_like
+        First sample of each level and the sample after the last, shape (k + 1,), as
+        `levels_of_command` and `levels_of_reading` give them.
+    command : array_like, optional
+        The command at each sample, shape (n,): steps of the same commanded size are one size.
+    samples : int, optional
+        Samples that are averaged to tell a step; half of the shortest level where not given.
+    probability : float
+        Confidence at which a step is to be told from none [1].
+    settling : float
+        Share of each level that is left out at its start, from 0 to below 1.
+    unit : str
+        Unit of the readings.
+
+    Returns
+    -------
+    Staircase
+        Steps, sizes, resolution, verdicts.
+
+    Validity
+    --------
+    The drift is steady, noise shorter than an eighth of a level, and Gaussian. Creep that goes on
+    after `settling` makes steps small, and where all steps have one sign it passes for drift: step
+    up and down. The notes say where the levels lean or bend with the steps.
+
+    Raises
+    ------
+    RecordError
+        The readings are not finite, the bounds do not fit them, or a level is too short.
+    ModelError
+        The settling share, the probability or the number of samples is not possible.
+
+    Examples
+    --------
+    >>> command = np.repeat(np.arange(8) * 10e-9, 400)
+    >>> noise = 3e-9 * np.random.default_rng(4).standard_normal(command.size)
+    >>> found = staircase(command + noise, 1000.0, np.arange(9) * 400, command=command)
+    >>> print(f"{1e9 * found.sizes[0].value:.2f} nm; resolution {1e9 * found.resolution.value:.2f}")
+    10.00 nm; resolution 0.96
+    >>> found.steps[0].told, found.samples
+    ('yes', 140)
+    """
+    from scipy.special import ndtr, ndtri
+
+    y = np.asarray(values, dtype=np.float64)
+    if y.ndim != 1 or not np.isfinite(y).all():
+        raise RecordError(f"the readings must be one finite number for each time, got {y.shape}")
+    spans = settled(bounds, y.size, settling)
+    fit = fit_levels(y, spans)
+    shortest = int(np.diff(spans, axis=1).min())
+    averaged = shortest // 2 if samples is None else samples
+    told = resolution(
+        y, sample_rate_hz, samples=averaged, probability=probability, bounds=spans, unit=unit
+    )
+    made = np.diff(fit.means)
+    asked = _asked(command, spans, y.size)
+    halves = ndtri(probability) / told.value
+    steps = tuple(
+        StaircaseStep(
+            size=fit.combination(np.eye(made.size)[i], unit),
+            commanded=float(asked[i]),
+            told=_verdict(abs(made[i]), told),
+            probability=float(ndtr(abs(made[i]) * halves)),
+        )
+        for i in range(made.size)
+    )
+    sizes, verdicts = _sizes(fit, made, asked, steps, unit)
+    smallest = [size for size, every in zip(sizes, verdicts, strict=True) if every]
+    return Staircase(
+        steps=steps,
+        sizes=sizes,
+        resolution=told,
+        smallest_told=min(smallest, key=lambda s: s.value) if smallest else None,
+        probability=probability,
+        samples=averaged,
+        bandwidth_hz=0.5 * sample_rate_hz / averaged,
+        levels=fit.means,
+        bounds=spans,
+        drift=fit.drift(sample_rate_hz, unit),
+        notes=_settling_note(fit, made),
+    )
+
+
+def _asked(command: ArrayLike | None, spans: Integers, n: int) -> Array:
+    if command is None:
+        return np.full(len(spans) - 1, np.nan)
+    u = np.asarray(command, dtype=np.float64)
+    if u.shape != (n,) or not np.isfinite(u).all():
+        raise RecordError(f"the command must be finite, one for each of {n} samples, got {u.shape}")
+    return np.diff([float(np.median(u[a:b])) for a, b in spans.tolist()])
+
+
+def _verdict(size: float, told: Estimate) -> str:
+    low, high = told.interval()
+    return "yes" if size >= high else "no" if size < low else "undecided"
+
+
+def _sizes(
+    fit: LevelFit, made: Array, asked: Array, steps: tuple[StaircaseStep, ...], unit: str
+) -> tuple[tuple[Estimate, ...], list[bool]]:
+    """Mean magnitude of the steps that were asked to be the same, and whether all are told."""
+    known = np.isfinite(asked).all()
+    magnitude = np.abs(asked) if known else np.zeros(made.size)
+    order = np.argsort(-magnitude)
+    # sizes that differ by less than a hundredth of the larger are the same
+    new = np.concatenate(([True], np.diff(magnitude[order]) < -0.01 * magnitude[order][:-1]))
+    group = np.empty(made.size, dtype=np.intp)
+    group[order] = np.cumsum(new) - 1
+    estimates, every = [], []
+    for g in range(int(group.max()) + 1):
+        inside = group == g
+        sign = np.sign(asked) if known else np.sign(made)
+        weights = np.where(inside, sign, 0.0) / inside.sum()
+        verdicts = [steps[i].told for i in np.flatnonzero(inside)]
+        mean = fit.combination(weights, unit)
+        note = f"{verdicts.count('yes')} of {len(verdicts)} steps resolved"
+        estimates.append(replace(mean, note=note))
+        every.append(verdicts.count("yes") == len(verdicts))
+    return tuple(estimates), every
+
+
+def _settling_note(fit: LevelFit, made: Array) -> tuple[str, ...]:
+    """Say whether what the levels do in themselves goes with the step before them."""
+    if made.size < 4:
+        return ()
+    rest, half, third = fit.rest[1:], PARTS // 2, PARTS // 3
+    change = rest[:, half:].mean(axis=1) - rest[:, :half].mean(axis=1)
+    # steps of one sign lean all levels alike, which passes for drift: their bend does not
+    bend = 2.0 * rest[:, third:-third].mean(axis=1)
+    bend -= rest[:, :third].mean(axis=1) + rest[:, -third:].mean(axis=1)
+    for leaned in (bend, change):
+        share = float(leaned @ made / (made @ made))
+        left = leaned - share * made
+        error = math.sqrt(float(left @ left) / (made.size - 1) / float(made @ made))
+        if abs(share) > _SETTLING * error:
+            how = "creeps on after" if share > 0.0 else "comes back from an overshoot after"
+            return (
+                f"the reading still {how} a step within what is averaged: leave out more, or wait "
+                "for longer",
+            )
+    return ()

@@ -1,0 +1,359 @@
+"""Reads an uncertainty budget from a file: an equation, its influences and their correlations."""
+
+import math
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, cast
+
+from flexstage.choose import did_you_mean
+from flexstage.errors import ModelError, RecordError, UnitError
+from flexstage.files.decoder import Decoder, read, read_file, show
+from flexstage.files.format import Form, Format
+from flexstage.files.nodes import Mapping, Node, Scalar
+from flexstage.measure.uncertainty.expression import Expression
+from flexstage.measure.uncertainty.influence import Influence
+from flexstage.measure.uncertainty.monte_carlo import MonteCarlo, monte_carlo
+from flexstage.measure.uncertainty.propagate import Propagated, propagate
+from flexstage.records.columns import measured_unit
+
+_NUMBER = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,3})?"
+_QUANTITY = re.compile(rf"\s*({_NUMBER})(?:\s*([^\d\s.,+-].{{0,40}}?)|\s+(1/.{{1,40}}?))?\s*")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Budget:
+    """An uncertainty budget, in SI."""
+
+    quantity: str
+    """What the result is called."""
+    unit: str
+    """Unit that the result is shown in."""
+    factor: float
+    """How many SI units one of it is."""
+    si: str
+    """SI unit of the result."""
+    equation: Expression
+    """The result from its influences."""
+    influences: tuple[Influence, ...]
+    """The influences, values in SI."""
+    correlations: dict[tuple[str, str], float]
+    """Correlation coefficients by the names of two influences."""
+    source: str = ""
+    """Where it comes from."""
+    notes: str = ""
+    """Remarks of its author."""
+
+    def propagate(self) -> Propagated:
+        """Propagate to first order.
+
+        Returns
+        -------
+        Propagated
+            Result in SI, and budget.
+        """
+        names = tuple(i.name for i in self.influences)
+        function = self.equation.ordered(names)
+        return propagate(function, self.influences, self.correlations, unit=self.si)
+
+    def monte_carlo(
+        self,
+        *,
+        trials: int | Literal["auto"] = "auto",
+        seed: int = 0,
+        confidence: float = 0.95,
+    ) -> MonteCarlo:
+        """Draw the result at random.
+
+        Parameters
+        ----------
+        trials : int or "auto"
+            Number of trials, or as many as two digits of the uncertainty need.
+        seed : int
+            Seed of the draws.
+        confidence : float
+            Probability that the intervals hold the value [1].
+
+        Returns
+        -------
+        MonteCarlo
+            Result in SI.
+        """
+        names = tuple(i.name for i in self.influences)
+        return monte_carlo(
+            self.equation.ordered(names),
+            self.influences,
+            self.correlations,
+            trials=trials,
+            seed=seed,
+            confidence=confidence,
+            unit=self.si,
+        )
+
+
+def read_budget(path: Path) -> Budget:
+    """Read an uncertainty budget from a file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A YAML file with ``quantity``, ``unit``, ``equation``, ``influences`` (each with ``name``,
+        ``value``, ``uncertainty`` or ``half_width`` unless it is a constant, and if wanted
+        ``distribution``, ``dof``, ``kind``, ``source``) and ``correlations`` (each
+        ``[name, name, coefficient]``).
+
+    Returns
+    -------
+    Budget
+        The budget, in SI.
+
+    Raises
+    ------
+    RecordError
+        There is no such file, or it is no budget; the line is named.
+    """
+    return _budget(*read_file(path, BUDGET_FILE))
+
+
+def budget_from_text(text: str, source: str = "budget") -> Budget:
+    """Read an uncertainty budget from text.
+
+    Examples
+    --------
+    >>> budget = budget_from_text('''
+    ... quantity: stroke
+    ... unit: um
+    ... equation: l * (1 + c)
+    ... influences:
+    ...   - {name: l, value: 63.12 um, uncertainty: 12 nm, dof: 9}
+    ...   - {name: c, value: 0, half_width: 0.03 %}
+    ... ''')
+    >>> round(budget.propagate().uncertainty * 1e9, 2)
+    16.23
+    """
+    return _budget(*read(text, source, BUDGET_FILE))
+
+
+class _Correlation(NamedTuple):
+    """A correlation coefficient with the names of two influences."""
+
+    first: str
+    second: str
+    coefficient: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BudgetContent:
+    """What the file of an uncertainty budget holds."""
+
+    quantity: str = "result"
+    """What the result is called."""
+    unit: str = "1"
+    """Unit that the result is shown in."""
+    equation: Expression
+    """The result from its influences."""
+    influences: tuple[Influence, ...]
+    """The influences."""
+    correlations: tuple[_Correlation, ...] = ()
+    """Correlation coefficients, each after the names of two influences."""
+    notes: str = ""
+    """Remarks of its author."""
+
+
+class _Quantity(NamedTuple):
+    """A value in SI with its unit."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Entry:
+    """An influence: its value, and its uncertainty or half-width unless it is a constant."""
+
+    name: str
+    """Its name in the equation."""
+    value: _Quantity
+    """Its best estimate."""
+    uncertainty: _Quantity | None = None
+    """Its standard uncertainty."""
+    half_width: _Quantity | None = None
+    """Half of the interval that it lies in."""
+    distribution: str | None = None
+    """How it is spread: normal, student, uniform, triangular, arcsine or trapezoidal."""
+    dof: float = math.inf
+    """Degrees of freedom of its uncertainty."""
+    kind: str | None = None
+    """A from repeated observations, B otherwise; A where degrees of freedom are given."""
+    flat_share: float = 0.5
+    """Top over base of a trapezoid [1]."""
+    source: str = ""
+    """Where its figures come from."""
+
+
+def _budget(decoder: Decoder, root: Mapping) -> Budget:
+    content: BudgetContent = decoder.build(BudgetContent, root, "")
+    places = root.items
+    if not content.influences:
+        decoder.refuse(places["influences"], "influences", "expected one entry at least, got none")
+    unit = content.unit.strip()
+    try:
+        factor, si = measured_unit(unit)
+    except UnitError as error:
+        decoder.refuse_again(places["unit"], "unit", error)
+    equation, names = content.equation, [i.name for i in content.influences]
+    if fault := _unmatched(equation, names):
+        decoder.refuse(places["equation"], "equation", fault)
+    try:
+        equation.require_unit({i.name: i.unit for i in content.influences}, si)
+    except ModelError as error:
+        decoder.refuse_again(places["equation"], "equation", error)
+    correlations: dict[tuple[str, str], float] = {}
+    for k, (a, b, r) in enumerate(content.correlations):
+        if fault := _no_correlation(a, b, r, names, correlations):
+            place = decoder.items(places["correlations"], "correlations", None, "entries")[k]
+            decoder.refuse(place, f"correlations[{k}]", fault)
+        correlations[a, b] = r
+    return Budget(
+        quantity=content.quantity.strip(),
+        unit=unit,
+        factor=factor,
+        si=si,
+        equation=equation,
+        influences=content.influences,
+        correlations=correlations,
+        source=decoder.source,
+        notes=content.notes.strip(),
+    )
+
+
+def _unmatched(equation: Expression, have: list[str]) -> str:
+    """Say what only one of equation and influences names; nothing where all is well."""
+    for name in equation.names:
+        if name not in have:
+            hint = did_you_mean(name, have)
+            return f"the equation names '{name}', which is no influence{hint}"
+    unused = [name for name in have if name not in equation.names]
+    return f"the equation does not use the influence '{unused[0]}'" if unused else ""
+
+
+def _no_correlation(
+    a: str, b: str, r: float, names: list[str], found: dict[tuple[str, str], float]
+) -> str:
+    """Say why a correlation cannot be; nothing where it can."""
+    for name in (a, b):
+        if name not in names:
+            hint = did_you_mean(name, names)
+            return f"a correlation names '{name}', which is no influence{hint}"
+    if not -1.0 <= r <= 1.0:
+        return f"a correlation coefficient lies from -1 to 1, got {r!r}"
+    if a == b or (a, b) in found or (b, a) in found:
+        return f"the correlation of {a} and {b} must be given once, of two"
+    return ""
+
+
+def _read_correlation(decoder: Decoder, node: Node, path: str, _base: Any) -> _Correlation:
+    written = "3 entries, [name, name, coefficient]"
+    first, second, coefficient = decoder.items(node, path, 3, written)
+    return _Correlation(
+        decoder.text(first, f"{path}[0]"),
+        decoder.text(second, f"{path}[1]"),
+        decoder.number(coefficient, f"{path}[2]"),
+    )
+
+
+def _read_influence(decoder: Decoder, node: Node, path: str, _base: Any) -> Influence:
+    if not isinstance(node, Mapping):
+        sentence = f"an influence is a mapping with 'name' and 'value', got {show(node)}"
+        decoder.refuse(node, path, sentence)
+    entry: _Entry = decoder.build(_Entry, node, path)
+    name = entry.name.strip()
+    if not Expression.is_name(name):
+        sentence = f"an influence needs a name of letters, got '{name[:40]}'"
+        decoder.refuse(node.items["name"], f"{path}.name", sentence)
+    sizes: dict[str, float] = {}
+    for key in ("uncertainty", "half_width"):
+        if (size := getattr(entry, key)) is not None:
+            sizes[key] = _width(decoder, node.items[key], f"{path}.{key}", entry.value, size)
+    if not sizes:
+        for key in ("distribution", "dof", "flat_share"):
+            if key in node.items:
+                decoder.refuse(
+                    node.items[key],
+                    f"{path}.{key}",
+                    f"the influence '{name}' has '{key}' and no uncertainty: give its uncertainty "
+                    f"or its half_width, or leave '{key}' out of a constant",
+                )
+        sizes["uncertainty"] = 0.0
+    repeated = math.isfinite(entry.dof) and "half_width" not in sizes
+    try:
+        return Influence(
+            name=name,
+            value=entry.value.value,
+            unit=entry.value.unit,
+            distribution=entry.distribution or None,
+            degrees_of_freedom=entry.dof,
+            kind=cast(Any, entry.kind or ("A" if repeated else "B")),
+            flat_share=entry.flat_share,
+            source=entry.source.strip(),
+            **sizes,
+        )
+    except ModelError as error:
+        decoder.refuse(node, path, str(error))
+
+
+def _width(decoder: Decoder, node: Node, path: str, value: _Quantity, size: _Quantity) -> float:
+    """Return a width in the unit of its value; a degree Celsius is a kelvin there."""
+    unit = "degC" if value.unit == "degC" and size.unit == "K" else size.unit
+    if unit != value.unit:
+        decoder.refuse(
+            node,
+            path,
+            f"the value is in {value.unit}, but '{path.rpartition('.')[2]}' is {show(node)}: give "
+            "it in the same kind of unit",
+        )
+    return size.value
+
+
+def _read_quantity(decoder: Decoder, node: Node, path: str, _base: Any) -> _Quantity:
+    text = node.text.strip() if isinstance(node, Scalar) else ""
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        decoder.refuse(node, path, f"expected a number and a unit, as '12 nm', got {show(node)}")
+    number, written, inverse = match.groups()
+    try:
+        factor, unit = measured_unit(written or inverse or "1")
+    except UnitError as error:
+        decoder.refuse_again(node, path, error)
+    value = float(Decimal(number) * Decimal(repr(factor)))
+    if not math.isfinite(value):
+        decoder.refuse(node, path, f"{show(node)} is too large to be a number")
+    return _Quantity(value, unit)
+
+
+def _read_equation(decoder: Decoder, node: Node, path: str, _base: Any) -> Expression:
+    try:
+        return Expression(decoder.text(node, path).strip())
+    except ModelError as error:
+        decoder.refuse_again(node, path, error)
+
+
+#: The kind of file that holds an uncertainty budget.
+BUDGET_FILE = Format(
+    noun="budget file",
+    begins="quantity: NAME",
+    error=RecordError,
+    only=True,
+    forms={
+        _Correlation: Form(
+            read=_read_correlation,
+            schema=lambda _: {"type": "array", "minItems": 3, "maxItems": 3},
+        ),
+        Expression: Form(read=_read_equation, schema=lambda _: {"type": ["string", "number"]}),
+        Influence: Form(
+            read=_read_influence, schema=lambda builder: builder.describe(_Entry, named=True)
+        ),
+        _Quantity: Form(read=_read_quantity, schema=lambda _: {"type": ["string", "number"]}),
+    },
+)

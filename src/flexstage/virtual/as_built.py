@@ -1,0 +1,291 @@
+"""One virtual stage, made and mounted: what it truly does, which no measurement knows."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.arrays import Array
+from flexstage.characteristic import Characteristics
+from flexstage.choose import has_no
+from flexstage.errors import ModelError
+from flexstage.estimate import Component, Estimate
+from flexstage.hysteresis.loops import loop_width
+from flexstage.hysteresis.model import HysteresisModel
+from flexstage.hysteresis.virtual_stack import USUAL_LOOP_WIDTH, virtual_stack
+from flexstage.lumped import hinge_springs
+from flexstage.lumped.assemble import hinge_matrix, layout_of
+from flexstage.measure.updating.parameters import UpdateParameter
+from flexstage.measure.updating.update import update_stage
+from flexstage.stage import PiezoStack, Stage
+from flexstage.system import AxisAnalysis, MechanicalSystem, ModalDamping, analyse, modes
+from flexstage.system.analysis import axis_mode
+from flexstage.virtual.imperfections import (
+    GuideErrors,
+    Scatter,
+    displaced_system,
+    displacements,
+    manufactured,
+    random_guide,
+)
+
+#: Straightness over the stroke where nobody has measured one [1].
+_USUAL_STRAIGHTNESS = 2e-3
+#: Spread of the position from cycle to cycle, and what differs by direction, both over the stroke
+#: [1].
+_REPEATABILITY = 1.5e-4
+_REVERSAL = 5e-4
+#: Rotations belong to the same errors of the guides as straightness, over this length [m].
+_GUIDE_LENGTH = 50e-3
+#: Spread of the direction of a path about the one that the model gives [rad].
+_DIRECTION = 2e-4
+_DAMPING = 0.0087
+#: Plays of a stack: so many that their kinks, below a nanometre, drown in any noise.
+_PLAYS = 192
+#: Samples of a cycle that is gone through before.
+_SETTLING = 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AsBuiltAxis:
+    """What one axis truly does."""
+
+    name: str
+    """Name of the axis."""
+    command_range: tuple[float, float]
+    """Ends of the command: voltage [V] of a piezo stack, elongation [m] of a screw."""
+    command_unit: str
+    """Its unit."""
+    guide: GuideErrors
+    """Motions beside the one along the axis, and what the position is off by."""
+    hysteresis: HysteresisModel | None
+    """From command to position, where the drive has one."""
+    reversal: float
+    """By how much the position is further on the way back, in the middle of the stroke, of a drive
+    without hysteresis [m].
+    """
+    repeatability: float
+    """Standard deviation of the position from cycle to cycle [m]."""
+    mode: int
+    """The mode by which the drive moves the axis."""
+    smallest_step: float | None
+    """Smallest step of the position, of a drive that has one [m]."""
+    low_end: float = 0.0
+    """Output of the hysteresis at the low end of the stroke [m], from which positions count."""
+
+    @property
+    def stroke(self) -> float:
+        """Length of the stroke [m]."""
+        return self.guide.stroke
+
+    def position(self, command: ArrayLike) -> Array:
+        """Return the position from the low end [m] for commands [V, or m], after two full cycles.
+
+        What differs from cycle to cycle is left out.
+        """
+        u = np.asarray(command, dtype=np.float64)
+        low, high = self.command_range
+        if self.hysteresis is None:
+            p = (u - low) / (high - low) * self.stroke
+            # a loop that is closed at both ends and widest in the middle
+            half = np.where(_falling(u), 0.5, -0.5) * self.reversal
+            loop = 4.0 * half * (p / self.stroke) * (1.0 - p / self.stroke)
+            return p + self.guide.at(p, "along") + loop
+        before = np.concatenate([self.cycle(_SETTLING)] * 2)
+        found = self.hysteresis.simulate(np.concatenate((before, u))).values[before.size :]
+        return found - self.low_end
+
+    def cycle(self, samples: int) -> Array:
+        """Return one triangle of commands over the whole range, from the low end."""
+        low, high = self.command_range
+        t = np.arange(samples) / samples
+        return low + (high - low) * (1.0 - np.abs(2.0 * t - 1.0))
+
+    def loop_width(self) -> float:
+        """Return the true width of the loop of position over command [m]."""
+        n = 2000
+        u = np.concatenate([self.cycle(n)] * 2 + [[self.command_range[0]]])
+        bounds = np.array([0, n, 2 * n])
+        return float(loop_width(u, self.position(u), bounds))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AsBuilt:
+    """A stage as it was made: the description of what was drawn, and what it truly does."""
+
+    stage: Stage
+    """The stage as drawn."""
+    made: Stage
+    """The stage as made."""
+    system: MechanicalSystem
+    """Model of the stage as made."""
+    axes: tuple[AsBuiltAxis, ...]
+    """What each axis does."""
+    notes: tuple[str, ...]
+    """What was set, and to what."""
+
+    def axis(self, name: str) -> AsBuiltAxis:
+        """Return an axis by name."""
+        for axis in self.axes:
+            if axis.name == name:
+                return axis
+        raise ModelError(has_no("the stage", "axis", name, (a.name for a in self.axes)))
+
+
+def as_built(
+    stage: Stage, *, seed: int = 0, scatter: Scatter | None = None, as_published: bool = True
+) -> AsBuilt:
+    """Make a virtual stage, on the lumped model.
+
+    Its necks, notches and modulus come from a process with scatter. What no model of the drawn
+    stage knows is drawn too: how straight it moves, what differs from cycle to cycle, and the
+    loop of its stacks. Where measured figures of the stage are published these are set to them
+    (necks to the natural frequencies), so that measuring it should bring them back.
+
+    Notes
+    -----
+    Validity: an invention for trials and for planning. Errors of the guides are smooth curves of
+    order 5, hysteresis is that of no measured stack, creep and amplifier are left out.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> made = as_built(design("vgtu-piezo"), seed=1)
+    >>> print(f"{made.axis('x').stroke * 1e6:.2f} um")
+    63.12 um
+    """
+    if not stage.axes:
+        raise ModelError(
+            f"stage '{stage.name}' names no axis, a drive and the probe that reads it: add one"
+        )
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
+    process = scatter or Scatter()
+    made = manufactured(stage, process, seed=seed)
+    moved = displacements(stage, process, seed=seed)
+    measured = Characteristics(stage.published).select(origin="published-measured")
+    notes = [f"virtual stage, seed {seed}: drawn, not measured"]
+    known = measured if as_published else Characteristics()
+    frequencies = {row.axis: row.value for row in known.select("natural_frequency_hz")}
+    if frequencies:
+        made = _tuned(made, frequencies, moved)
+        notes.append(
+            "necks are set so that the natural frequencies are the published measured ones"
+        )
+    system = displaced_system(made, moved).with_damping(ModalDamping(ratio=_DAMPING))
+    analysis = analyse(made, system)
+    axes = []
+    for state in analysis.axes:
+        mode = axis_mode(system, analysis.modes["removed"], state.drive, state.probe)
+        own = {row.quantity: row.value for row in known.select(axis=state.axis)}
+        axes.append(_axis(made, system, state, mode, own, rng))
+    if any(row.quantity != "natural_frequency_hz" for row in known):
+        notes.append(
+            "stroke, straightness, and width of the loop are the published measured ones, where "
+            "there are any"
+        )
+    return AsBuilt(stage=stage, made=made, system=system, axes=tuple(axes), notes=tuple(notes))
+
+
+def _axis(
+    made: Stage,
+    system: MechanicalSystem,
+    state: AxisAnalysis,
+    mode: int,
+    known: Mapping[str, float],
+    rng: np.random.Generator,
+) -> AsBuiltAxis:
+    drive = made.drive(state.drive)
+    stroke = known.get("output_displacement", state.output_displacement)
+    usual = _USUAL_STRAIGHTNESS * stroke
+    sideways = known.get("straightness", usual)
+    upwards = known.get("straightness_out_of_plane", usual)
+    others = [a.probe for a in system.axes if a.name != state.axis]
+    coupling = state.static.readings[others[0]] / state.output_displacement if others else 0.0
+    turned = state.static.body_motion[system.probe(state.probe).body][2] / stroke
+    guide = random_guide(
+        stroke,
+        {
+            "along": known.get("linearity", usual),
+            "across": sideways,
+            "vertical": upwards,
+            "roll": upwards / _GUIDE_LENGTH,
+            "pitch": upwards / _GUIDE_LENGTH,
+            "yaw": sideways / _GUIDE_LENGTH,
+        },
+        {
+            "across": coupling + _DIRECTION * float(rng.standard_normal()),
+            "vertical": _DIRECTION * float(rng.standard_normal()),
+            "yaw": turned,
+        },
+        rng,
+    )
+    hysteresis = None
+    commands, unit = (0.0, state.input_displacement), "m"
+    if isinstance(drive, PiezoStack) and drive.voltage_range is not None:
+        commands, unit = drive.voltage_range, "V"
+        width = known.get("hysteresis_loop_width")
+        share = USUAL_LOOP_WIDTH if width is None else width / stroke
+        hysteresis = virtual_stack(commands, stroke, share, plays=_PLAYS)
+    step = drive.smallest_displacement
+    axis = AsBuiltAxis(
+        name=state.axis,
+        command_range=commands,
+        command_unit=unit,
+        guide=guide,
+        hysteresis=hysteresis,
+        reversal=_REVERSAL * stroke,
+        repeatability=_REPEATABILITY * stroke,
+        mode=mode,
+        smallest_step=None if step is None else step * stroke / state.input_displacement,
+    )
+    if hysteresis is None:
+        return axis
+    return replace(axis, low_end=float(axis.position(axis.cycle(_SETTLING)).min()))
+
+
+def _tuned(
+    made: Stage, frequencies: Mapping[str, float], moved: Mapping[str, tuple[float, float]]
+) -> Stage:
+    """Set necks so that the frequencies of the axes are those that were measured."""
+    wanted = {
+        ("natural_frequency_hz", axis): Estimate(
+            value=f,
+            unit="Hz",
+            components=(Component(name="measured", uncertainty=1e-6 * f, kind="B"),),
+        )
+        for axis, f in frequencies.items()
+    }
+    necks = [
+        UpdateParameter(name=f"necks of {axis}", kind="neck_factor", spread=0.1, hinges=hinges)
+        for axis, hinges in _bent_by(made, moved).items()
+        if axis in frequencies
+    ]
+    return update_stage(
+        made, wanted, parameters=necks, model=lambda stage: displaced_system(stage, moved)
+    ).stage
+
+
+def _bent_by(made: Stage, moved: Mapping[str, tuple[float, float]]) -> dict[str, tuple[str, ...]]:
+    """By axis, the hinges that its mode strains more than that of any other axis."""
+    system = displaced_system(made, moved)
+    layout = layout_of(made)
+    found = modes(system, drives="removed")
+    names = [axis.name for axis in system.axes]
+    shapes = found.shapes[
+        :, [axis_mode(system, found, axis.drive, axis.probe) for axis in system.axes]
+    ]
+    groups: dict[str, list[str]] = {name: [] for name in names}
+    for spring in hinge_springs(made):
+        e = hinge_matrix(layout, spring.hinge) @ shapes
+        energy = np.einsum("ik,ij,jk->k", e, spring.stiffness, e)
+        groups[names[int(np.argmax(energy))]].append(spring.hinge.name)
+    return {axis: tuple(hinges) for axis, hinges in groups.items() if hinges}
+
+
+def _falling(u: Array) -> NDArray[np.bool_]:
+    """Say of each command whether it is below the last one that differs from it."""
+    change = np.sign(np.diff(u, prepend=u[:1]))
+    moved = np.where(change != 0.0, np.arange(u.size), 0)
+    last = np.maximum.accumulate(moved)
+    return change[last] < 0.0
