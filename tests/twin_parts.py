@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from flexstage.designs import design
+from flexstage.hysteresis import Duhem, ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import LogCreep
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings

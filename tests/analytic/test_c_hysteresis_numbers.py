@@ -11,10 +11,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from flexstage.export.source.hysteresis_code import hysteresis_code
+from flexstage.hysteresis import BoucWen, Dahl, Duhem
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.duhem import Duhem
 from tests.c_compiler import EXACT, compile_program, load_library
 from tests.c_hysteresis import CASES, Array, Compiled, bouc_wen, headers, prandtl, program, walk
 

@@ -11,11 +11,11 @@ from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.excitations.design import excitation
-from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.identify import Identification, identify
 from flexstage.hysteresis.inversion import feedforward
 from flexstage.hysteresis.loops import Tracking, loop_width, tracking
 from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.models.registry import MODELS
 from flexstage.hysteresis.plant import Plant
 from flexstage.hysteresis.stage_plant import stage_plant
 from flexstage.hysteresis.virtual_stack import (
@@ -177,7 +177,7 @@ def virtual_experiment(
         errors = tracking(reference, output, _BOUNDS)
         runs.append(
             CompensatedRun(
-                title=FAMILIES[found.kind].title,
+                title=MODELS[found.kind].title,
                 identification=found,
                 output=output,
                 tracking=errors,

@@ -17,8 +17,8 @@ from flexstage.hysteresis.model import (
     Segments,
     samples,
 )
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.duhem.law import Duhem
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii.law import ModifiedPrandtlIshlinskii
 
 #: What a multilayer stack and its amplifier are like where nobody has measured them: width of the
 #: loop over the stroke [1], as data sheets of stacks under voltage control state 10 to 15 %; creep

@@ -17,17 +17,17 @@ from flexstage.export.source.hysteresis_code_parts import (
     tunable_of,
 )
 from flexstage.hysteresis.model import Array, HysteresisModel
-from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.duhem import TERMS, Duhem
-from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
-from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.asymmetric_bouc_wen.law import AsymmetricBoucWen
+from flexstage.hysteresis.models.bouc_wen.law import BoucWen
+from flexstage.hysteresis.models.dahl.law import Dahl
+from flexstage.hysteresis.models.duhem.law import TERMS, Duhem
+from flexstage.hysteresis.models.generalised_bouc_wen.law import GeneralisedBoucWen
+from flexstage.hysteresis.models.maxwell_slip.law import GeneralisedMaxwellSlip
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii.law import ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.models.play_model import Sum
 from flexstage.hysteresis.models.power_law import power_table
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach
+from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
+from flexstage.hysteresis.models.preisach.law import Preisach
 
 #: Rows of coefficients in the table of the power law, and where its constants are.
 _ROWS, _CONSTANTS, _COUNT = 4, 5, 7

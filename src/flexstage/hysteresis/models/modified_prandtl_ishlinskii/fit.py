@@ -1,21 +1,20 @@
 """How a modified Prandtl-Ishlinskii model is fitted."""
 
 import itertools
-from typing import ClassVar
 
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.families.family import Data
-from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
-    PLAYS,
-    PrandtlIshlinskiiFamily,
-)
-from flexstage.hysteresis.identification.families.refined import RefinedFamily, roughness
 from flexstage.hysteresis.identification.measurement import Section
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.identification.model_fit import FitData
+from flexstage.hysteresis.identification.refined_fit import RefinedFit, roughness
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii.law import ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.models.play import play_columns
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.prandtl_ishlinskii.fit import (
+    PLAYS,
+    PrandtlIshlinskiiFit,
+)
+from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
 
 #: Places where the line behind the plays may bend.
 _KINKS = 8
@@ -25,7 +24,7 @@ _FLATTEST = 0.05
 _SMOOTHING = 3e-4
 
 
-def interior_kinks(data: Data, plays: PrandtlIshlinskii, count: int) -> Array:
+def interior_kinks(data: FitData, plays: PrandtlIshlinskii, count: int) -> Array:
     """Return where a line behind plays may bend: evenly over the output, and not at zero."""
     ends = [plays.simulate(s.u).values[s.warm_up :] for s in data.measurement.sections]
     low, high = min(e.min() for e in ends), max(e.max() for e in ends)
@@ -35,23 +34,22 @@ def interior_kinks(data: Data, plays: PrandtlIshlinskii, count: int) -> Array:
     return np.where(near, 0.05 * distance, kinks)
 
 
-class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
+class ModifiedPrandtlIshlinskiiFit(RefinedFit):
     """Plays, and the slopes of the line behind them; begun from plays alone.
 
     Parameters: gain, weights of plays, then slopes of the line. The penalty is on second
     differences of weights and of slopes.
     """
 
-    kind: ClassVar[str] = "modified-prandtl-ishlinskii"
-    title: ClassVar[str] = "modified Prandtl-Ishlinskii"
+    law = ModifiedPrandtlIshlinskii
     size = 1 + PLAYS + _KINKS
     penalty = _SMOOTHING * roughness(1, PLAYS, _KINKS + 1)
 
-    def begin(self, data: Data) -> Array:
+    def begin(self, data: FitData) -> Array:
         model, kinks = self._cached(data)
         return np.concatenate(([model.gain], model.weights, np.ones(kinks.size + 1)))
 
-    def bounds(self, data: Data) -> tuple[Array, Array]:
+    def bounds(self, data: FitData) -> tuple[Array, Array]:
         slope = data.measurement.stroke / data.input_scale
         low = np.zeros(2 + PLAYS + _KINKS)
         low[0] = 1e-3 * slope
@@ -60,7 +58,7 @@ class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
         scale[1 + PLAYS :] = 1.0
         return low, scale
 
-    def build(self, parameters: Array, data: Data) -> ModifiedPrandtlIshlinskii:
+    def build(self, parameters: Array, data: FitData) -> ModifiedPrandtlIshlinskii:
         start, kinks = self._cached(data)
         gain, weights = parameters[0], parameters[1 : 1 + PLAYS]
         slopes = parameters[1 + PLAYS :]
@@ -74,7 +72,7 @@ class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
             dead_zone_weights=np.where(kinks > 0.0, change, -change),
         )
 
-    def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
+    def changes(self, p: Array, scale: Array, section: Section, data: FitData) -> Array:
         # in closed form: with v the sum of the plays and S the line behind them, S(v) changes by
         # S'(v) with what a play adds to v, and by the way from 0 to v within an interval with its
         # slope
@@ -91,11 +89,11 @@ class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
             made[:, j] = np.clip(v, low, high) - np.clip(0.0, low, high)
         return made * scale
 
-    def _cached(self, data: Data) -> tuple[PrandtlIshlinskii, Array]:
+    def _cached(self, data: FitData) -> tuple[PrandtlIshlinskii, Array]:
         key = f"{self.kind} start"
         if key not in data.memo:
             # those of the first fit, so that the kinks stay where they are when cycles are held out
-            model = PrandtlIshlinskiiFamily().fit(data).model
+            model = PrandtlIshlinskiiFit().fit(data).model
             assert isinstance(model, PrandtlIshlinskii)
             kinks = interior_kinks(data, model, _KINKS)
             data.memo[key] = [np.array([model.gain]), model.thresholds, model.weights, kinks]

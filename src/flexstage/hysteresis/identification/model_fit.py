@@ -3,7 +3,7 @@
 import functools
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -21,6 +21,7 @@ from flexstage.hysteresis.identification.fit_rows import (
 from flexstage.hysteresis.identification.measurement import IdentificationData, Section
 from flexstage.hysteresis.identification.projection import Normal, Solution, normal_equations, solve
 from flexstage.hysteresis.model import HysteresisModel
+from flexstage.hysteresis.models.registry import MODELS, part
 
 #: Parts that the cycles are divided into, each held out once.
 _FOLDS = 5
@@ -36,8 +37,8 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Data:
-    """What a family fits: a measurement behind a known chain, some samples of it."""
+class FitData:
+    """What a model is fitted to: a measurement behind a known chain, some samples of it."""
 
     measurement: IdentificationData
     """The measurement."""
@@ -48,7 +49,7 @@ class Data:
     use: tuple[NDArray[np.bool_], ...]
     """Which of them are fitted, shape (r,); the others are held out."""
     memo: dict[str, Any] = field(default_factory=dict)
-    """What families have worked out for all the rows, kept for the next choice of `use`."""
+    """What fits have worked out for all the rows, kept for the next choice of `use`."""
 
     @property
     def input_scale(self) -> float:
@@ -56,11 +57,11 @@ class Data:
         low, high = self.measurement.input_range
         return high - low
 
-    def with_use(self, use: tuple[NDArray[np.bool_], ...]) -> "Data":
+    def with_use(self, use: tuple[NDArray[np.bool_], ...]) -> "FitData":
         """Return the same data with other samples held out."""
         return replace(self, use=use)
 
-    def with_output(self, output: list[Array]) -> "Data":
+    def with_output(self, output: list[Array]) -> "FitData":
         """Return the same data with another output."""
         made = []
         for s, r, values in zip(self.measurement.sections, self.rows, output, strict=True):
@@ -71,7 +72,7 @@ class Data:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Fit:
+class FitResult:
     """A fitted model."""
 
     model: HysteresisModel
@@ -88,25 +89,28 @@ class Fit:
     """Change of the output with each of them at all rows that are fitted, shape (r, k)."""
 
 
-class Family(ABC):
+class ModelFit(ABC):
     """One model, and how it is fitted."""
 
-    #: Name of the model.
-    kind: ClassVar[str]
-    #: What it is called in text.
-    title: ClassVar[str]
+    #: The model.
+    law: ClassVar[type[HysteresisModel]]
     #: Number of parameters.
     size: int
 
+    @property
+    def kind(self) -> str:
+        """Name of the model."""
+        return self.law.kind
+
     @abstractmethod
-    def fit(self, data: Data, start: Array | None = None) -> Fit:
+    def fit(self, data: FitData, start: Array | None = None) -> FitResult:
         """Fit the model.
 
         Start: where the search over nonlinear parameters begins; a grid over their range where
         None.
         """
 
-    def refit(self, data: Data, optimum: Array) -> Fit:
+    def refit(self, data: FitData, optimum: Array) -> FitResult:
         """Fit fewer samples, from the optimum of more of them, which is near.
 
         The result has not what standard errors need.
@@ -114,7 +118,7 @@ class Family(ABC):
         return self.fit(data, optimum if optimum.size else None)
 
 
-def behind_chain(columns: list[Array], data: Data) -> list[Array]:
+def behind_chain(columns: list[Array], data: FitData) -> list[Array]:
     """Pass columns through the chain.
 
     From every sample of each section, shape (n, m), to its rows, shape (r, m).
@@ -125,7 +129,7 @@ def behind_chain(columns: list[Array], data: Data) -> list[Array]:
     ]
 
 
-def equations(behind: list[Array], data: Data, key: str = "") -> Normal:
+def equations(behind: list[Array], data: FitData, key: str = "") -> Normal:
     """Form the normal equations of the samples in use.
 
     Columns are behind the chain, at the rows of each section. A key names these columns: sums over
@@ -146,7 +150,7 @@ def equations(behind: list[Array], data: Data, key: str = "") -> Normal:
     return whole - _summed(behind, data.with_use(tuple(less)))
 
 
-def _summed(behind: list[Array], data: Data) -> Normal:
+def _summed(behind: list[Array], data: FitData) -> Normal:
     own = []
     for c, s, r, use in zip(behind, data.measurement.sections, data.rows, data.use, strict=True):
         nuisance, y = s.nuisance[r.at], s.y[r.at]
@@ -160,11 +164,11 @@ def runs(use: NDArray[np.bool_]) -> list[slice]:
     return [slice(a, b) for a, b in ends.reshape(-1, 2).tolist()]
 
 
-def coarse(data: Data) -> Data:
+def coarse(data: FitData) -> FitData:
     """Return the data of a shorter record, to begin a search with that is ended on all of it.
 
     Means of neighbouring samples, and few rows of them; those that hold any held-out sample are
-    held out. What families begin with is that of all samples.
+    held out. What searches begin with is that of all samples.
     """
     if "coarse" not in data.memo:
         share = _COARSE_SAMPLES // len(data.measurement.sections)
@@ -192,7 +196,7 @@ def _within(
     return use[first] & use[after]
 
 
-def residual(behind: list[Array], solution: Solution, data: Data) -> Array:
+def residual(behind: list[Array], solution: Solution, data: FitData) -> Array:
     """Return what a solution leaves of the output, at the samples in use."""
     left, first = [], 0
     for c, s, r, use in zip(behind, data.measurement.sections, data.rows, data.use, strict=True):
@@ -205,7 +209,7 @@ def residual(behind: list[Array], solution: Solution, data: Data) -> Array:
 
 
 def folds_of(
-    data: Data, count: int = _FOLDS, runs: int = _RUNS
+    data: FitData, count: int = _FOLDS, runs: int = _RUNS
 ) -> list[tuple[NDArray[np.bool_], ...]]:
     """Divide the cycles of all sections into parts of about as many samples.
 
@@ -238,18 +242,18 @@ def folds_of(
     ]
 
 
-class LinearFamily(Family):
+class LinearFit(ModelFit):
     """A model that is a sum of known columns, each times a parameter that is not negative."""
 
     @abstractmethod
-    def columns(self, section: Section, data: Data) -> Iterator[Array]:
+    def columns(self, section: Section, data: FitData) -> Iterator[Array]:
         """Give the quasi-static output per unit of each parameter, some parameters at a time."""
 
     @abstractmethod
-    def build(self, coefficients: Array, data: Data) -> HysteresisModel:
+    def build(self, coefficients: Array, data: FitData) -> HysteresisModel:
         """Return the model that some parameters make."""
 
-    def smoothing(self, data: Data, moving: NDArray[np.bool_]) -> Array | None:
+    def smoothing(self, data: FitData, moving: NDArray[np.bool_]) -> Array | None:
         """Return the penalty, added to the products of the columns that move; None for none.
 
         A quadratic form of parameters that differ from their neighbours, per sample and per square
@@ -262,7 +266,7 @@ class LinearFamily(Family):
     def names(self) -> tuple[str, ...]:
         """Return what each parameter is called."""
 
-    def fit(self, data: Data, start: Array | None = None) -> Fit:
+    def fit(self, data: FitData, start: Array | None = None) -> FitResult:
         del start
         made = self.refit(data, np.zeros(0))
         behind, moving = self.moving(data)
@@ -271,18 +275,18 @@ class LinearFamily(Family):
         used = [c if use.all() else c[use] for c, use in zip(parts, data.use, strict=True)]
         return replace(made, jacobian=np.concatenate(used))
 
-    def refit(self, data: Data, optimum: Array) -> Fit:
+    def refit(self, data: FitData, optimum: Array) -> FitResult:
         del optimum
         behind, moving = self.moving(data)
         x = np.zeros(moving.size)
         x[moving] = self.solution(equations(behind, data, self.kind), data).coefficients
         active = np.flatnonzero(x)
         names = self.names()
-        return Fit(
+        return FitResult(
             model=self.build(x, data), names=tuple(names[i] for i in active), values=x[active]
         )
 
-    def solution(self, normal: Normal, data: Data) -> Solution:
+    def solution(self, normal: Normal, data: FitData) -> Solution:
         """Solve the normal equations of the columns that move."""
         _, moving = self.moving(data)
         penalty = self.smoothing(data, moving)
@@ -290,7 +294,7 @@ class LinearFamily(Family):
             penalty = penalty[np.ix_(moving, moving)] * (normal.count * data.input_scale**2)
         return solve(normal, smoothing=penalty)
 
-    def moving(self, data: Data) -> tuple[list[Array], NDArray[np.bool_]]:
+    def moving(self, data: FitData) -> tuple[list[Array], NDArray[np.bool_]]:
         """Give the columns that move, behind the chain at the rows, worked out once.
 
         One that stands still cannot be told from the offset, and is none of this model.
@@ -316,3 +320,12 @@ def moves(columns: Sequence[Array], share: float = 0.0) -> NDArray[np.bool_]:
     """Return which columns change anywhere, by more than a share of the largest change."""
     spread = np.max([np.ptp(c, axis=0) for c in columns], axis=0)
     return spread > share * np.max(spread, initial=0.0)
+
+
+@functools.cache
+def fits() -> Mapping[str, ModelFit]:
+    """Return how each model is fitted, by its name, from few parameters to many."""
+    made: list[ModelFit] = [
+        getattr(part(kind, "fit"), f"{law.__name__}Fit")() for kind, law in MODELS.items()
+    ]
+    return {fit.kind: fit for fit in sorted(made, key=lambda fit: fit.size)}

@@ -1,22 +1,21 @@
 """How a Preisach model is fitted."""
 
 from collections.abc import Iterator
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.families.family import (
-    Data,
-    Fit,
-    LinearFamily,
+from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.model_fit import (
+    FitData,
+    FitResult,
+    LinearFit,
     equations,
     folds_of,
 )
-from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import Normal, square_left
-from flexstage.hysteresis.models.preisach import Preisach, preisach_columns
+from flexstage.hysteresis.models.preisach.law import Preisach, preisach_columns
 
 #: Weights of the penalty on second differences of the density that are tried: for records with
 #: little noise, and with much.
@@ -25,15 +24,14 @@ _SMOOTHING = (3e-8, 3e-7, 3e-6, 3e-5)
 _PARTS = 4
 
 
-class PreisachFamily(LinearFamily):
+class PreisachFit(LinearFit):
     """A density of relays on a grid of thresholds and means, smooth and not negative.
 
     Means are intervals of the plays' outputs. Smoothing weighs the penalty on second differences of
     the density; where None, the one is taken that best predicts cycles which were not fitted.
     """
 
-    kind: ClassVar[str] = "preisach"
-    title: ClassVar[str] = "Preisach"
+    law = Preisach
 
     def __init__(
         self, thresholds: int = 16, means: int = 16, smoothing: float | None = None
@@ -41,18 +39,18 @@ class PreisachFamily(LinearFamily):
         self._thresholds, self._means, self._given = thresholds, means, smoothing
         self.size = thresholds * means
 
-    def _grid(self, data: Data) -> tuple[Array, Array]:
+    def _grid(self, data: FitData) -> tuple[Array, Array]:
         low, high = data.measurement.input_range
         # a play of more than half of the range moves once, on the way out of rest
         thresholds = 0.5 * (high - low) * np.arange(self._thresholds) / self._thresholds
         return thresholds, np.linspace(low, high, self._means + 1)
 
-    def columns(self, section: Section, data: Data) -> Iterator[Array]:
+    def columns(self, section: Section, data: FitData) -> Iterator[Array]:
         thresholds, knots = self._grid(data)
         for threshold in thresholds:
             yield preisach_columns(section.u, [threshold], knots)
 
-    def build(self, coefficients: Array, data: Data) -> Preisach:
+    def build(self, coefficients: Array, data: FitData) -> Preisach:
         thresholds, knots = self._grid(data)
         slopes = coefficients.reshape(self._thresholds, self._means)
         return Preisach(thresholds=thresholds, knots=knots, slopes=slopes)
@@ -62,7 +60,7 @@ class PreisachFamily(LinearFamily):
             f"slopes[{i},{j}]" for i in range(self._thresholds) for j in range(self._means)
         )
 
-    def smoothing(self, data: Data, moving: NDArray[np.bool_]) -> Array:
+    def smoothing(self, data: FitData, moving: NDArray[np.bool_]) -> Array:
         # second differences along thresholds and along means; the first threshold, zero, is a gain
         # without memory and no neighbour of the others
         m, p = self._thresholds, self._means
@@ -75,19 +73,19 @@ class PreisachFamily(LinearFamily):
         rows = rows[~np.any((rows != 0.0) & ~moving, axis=1)]
         return self._weight(data) * (rows.T @ rows)
 
-    def fit(self, data: Data, start: Array | None = None) -> Fit:
+    def fit(self, data: FitData, start: Array | None = None) -> FitResult:
         key = f"{self.kind} smoothing"
         if self._given is None and key not in data.memo:
             data.memo[key] = [np.array(self._best_weight(data))]
         return super().fit(data, start)
 
-    def _weight(self, data: Data) -> float:
+    def _weight(self, data: FitData) -> float:
         if self._given is not None:
             return self._given
         chosen = data.memo.get(f"{self.kind} smoothing")
         return _SMOOTHING[2] if chosen is None else float(chosen[0])
 
-    def _best_weight(self, data: Data) -> float:
+    def _best_weight(self, data: FitData) -> float:
         behind, _ = self.moving(data)
         # one run each: a density shall also hold a little beyond what it was fitted to
         folds = folds_of(data, _PARTS, runs=1)
@@ -104,15 +102,15 @@ class PreisachFamily(LinearFamily):
                 return weight
         return best
 
-    def _held_out(self, weight: float, whole: Normal, held: list[Normal], data: Data) -> Array:
+    def _held_out(self, weight: float, whole: Normal, held: list[Normal], data: FitData) -> Array:
         """Mean square that is left of each part, fitted to the others."""
-        family = PreisachFamily(self._thresholds, self._means, weight)
+        method = PreisachFit(self._thresholds, self._means, weight)
         left = []
         for part in held:
             if part.count in (0, whole.count):
                 continue
             # the nuisance is what the fitted part says, as it will be in use
-            solution = family.solution(whole - part, data)
+            solution = method.solution(whole - part, data)
             left.append(square_left(part, solution) / part.count)
         return np.array(left)
 

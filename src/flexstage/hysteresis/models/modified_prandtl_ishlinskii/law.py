@@ -1,5 +1,6 @@
 """The modified Prandtl-Ishlinskii model: plays, and then a line with kinks."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,7 +18,7 @@ from flexstage.hysteresis.model import (
 from flexstage.hysteresis.models.play import fixed, rising
 from flexstage.hysteresis.models.play_model import Sum
 from flexstage.hysteresis.models.play_sum import PiecewiseLinear, dead_zone_line
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,6 +52,15 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
     array([ 45.36 ,  21.05 , -29.685])
     """
 
+    kind: ClassVar[str] = "modified-prandtl-ishlinskii"
+    title: ClassVar[str] = "modified Prandtl-Ishlinskii"
+    units: ClassVar[Mapping[str, str]] = {
+        "gain": "{y}/{u}",
+        "thresholds": "{u}",
+        "weights": "{y}/{u}",
+        "dead_zones": "{y}",
+    }
+
     gain: float
     """Slope of H just after the input turns back [m/V]."""
     thresholds: Array
@@ -63,7 +73,6 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
     """By how much it changes there, away from zero [1], shape (l,). Every slope of S that results
     must be positive for an inverse.
     """
-    kind: ClassVar[str] = "modified-prandtl-ishlinskii"
 
     def __post_init__(self) -> None:
         plays = self._plays()

@@ -1,6 +1,7 @@
 """The Duhem model in the form of Coleman and Hodgdon."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -63,6 +64,15 @@ class Duhem(HysteresisModel):
     array([35.76095275, 19.26880817])
     """
 
+    kind: ClassVar[str] = "duhem"
+    title: ClassVar[str] = "Duhem"
+    units: ClassVar[Mapping[str, str]] = {
+        "rate": "1/{u}",
+        "anhysteretic": "{y}, {y}/{u}, {y}/{u}^2, {y}/{u}^3",
+        "tangent": "{y}/{u}, {y}/{u}^2",
+        "input_range": "{u}",
+    }
+
     rate: float
     """Alpha, how fast the output comes to its curve as the input moves [1/V]; positive."""
     anhysteretic: Array
@@ -75,7 +85,6 @@ class Duhem(HysteresisModel):
     """Lowest and highest input [V] for which the model stands, with zero between or at an end.
     Conditions are looked at there, and the inverse keeps to it.
     """
-    kind: ClassVar[str] = "duhem"
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.rate) and self.rate > 0.0):

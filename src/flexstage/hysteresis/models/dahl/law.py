@@ -1,6 +1,7 @@
 """The Dahl model of friction, as a model of hysteresis."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -41,6 +42,11 @@ class Dahl(BoucWenModel):
 
     kind: ClassVar[str] = "dahl"
     title: ClassVar[str] = "Dahl"
+    units: ClassVar[Mapping[str, str]] = {
+        "gain": "{y}/{u}",
+        "stiffness": "{y}/{u}",
+        "limit": "{y}",
+    }
 
     gain: float
     """Gain d of the straight part [unit of y per unit of u]."""

@@ -1,6 +1,7 @@
 """The Bouc-Wen model."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -44,6 +45,12 @@ class BoucWen(BoucWenModel):
 
     kind: ClassVar[str] = "bouc-wen"
     title: ClassVar[str] = "Bouc-Wen"
+    units: ClassVar[Mapping[str, str]] = {
+        "gain": "{y}/{u}",
+        "hysteresis_gain": "{y}/{u}",
+        "beta": "1/{u}",
+        "gamma": "1/{u}",
+    }
 
     gain: float
     """Gain d of the straight part [unit of y per unit of u]."""

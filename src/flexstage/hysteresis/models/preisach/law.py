@@ -1,5 +1,6 @@
 """The Preisach model on plays: a density of memory, without relays."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -53,6 +54,15 @@ class Preisach(PlayModel):
     array([60.05, 22.3 ])
     """
 
+    kind: ClassVar[str] = "preisach"
+    title: ClassVar[str] = "Preisach"
+    units: ClassVar[Mapping[str, str]] = {
+        "thresholds": "{u}",
+        "knots": "{u}",
+        "slopes": "{y}/{u}",
+        "gain": "{y}/{u}",
+    }
+
     thresholds: Array
     """Half the gap of each play [V], none negative and rising, shape (m,). Threshold zero is a
     nonlinear gain without memory.
@@ -63,7 +73,6 @@ class Preisach(PlayModel):
     """Slope of each play's function between knots [m/V], shape (m, k - 1)."""
     gain: float = 0.0
     """Part of the input itself [m/V]."""
-    kind: ClassVar[str] = "preisach"
 
     def __post_init__(self) -> None:
         r = rising(self.thresholds, "thresholds of plays", lowest=0.0)

@@ -1,5 +1,6 @@
 """The Prandtl-Ishlinskii model: a weighted sum of plays."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -41,13 +42,20 @@ class PrandtlIshlinskii(PlayModel):
     array([50.45, 21.05])
     """
 
+    kind: ClassVar[str] = "prandtl-ishlinskii"
+    title: ClassVar[str] = "Prandtl-Ishlinskii"
+    units: ClassVar[Mapping[str, str]] = {
+        "gain": "{y}/{u}",
+        "thresholds": "{u}",
+        "weights": "{y}/{u}",
+    }
+
     gain: float
     """Slope just after the input turns back [m/V]; positive for an inverse that is unique."""
     thresholds: Array
     """Half the gap of each play [V], positive and rising, shape (m,)."""
     weights: Array
     """Weight of each play [m/V], shape (m,); not negative for loops that take in energy."""
-    kind: ClassVar[str] = "prandtl-ishlinskii"
 
     def __post_init__(self) -> None:
         r = rising(self.thresholds, "thresholds of plays", above=0.0)

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.families.family import (
-    Data,
-    Family,
-    Fit,
+from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.model_fit import (
+    FitData,
+    FitResult,
+    ModelFit,
     behind_chain,
     coarse,
     equations,
     residual,
 )
-from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import Normal, Solution, solve, square_left
 from flexstage.hysteresis.model import HysteresisModel
 
@@ -36,7 +36,7 @@ _STEP = 1e-4
 _NOT_FITTED = ("exponent", "lowest_input", "highest_input", "input_range")
 
 
-class SearchFamily(Family):
+class SearchedFit(ModelFit):
     """A model that is linear in all but a few parameters.
 
     For given values of the few, the others follow from linear least squares, and the misfit is a
@@ -52,14 +52,14 @@ class SearchFamily(Family):
     penalty: ClassVar[Array | None] = None
 
     @abstractmethod
-    def columns(self, section: Section, place: Array, data: Data) -> Array:
+    def columns(self, section: Section, place: Array, data: FitData) -> Array:
         """Return the quasi-static output per unit of each linear parameter, shape (n, m)."""
 
     @abstractmethod
-    def build(self, place: Array, coefficients: Array, data: Data) -> HysteresisModel:
+    def build(self, place: Array, coefficients: Array, data: FitData) -> HysteresisModel:
         """Return the model that some parameters make."""
 
-    def project(self, place: Array, data: Data) -> tuple[Solution, list[Array], Array]:
+    def project(self, place: Array, data: FitData) -> tuple[Solution, list[Array], Array]:
         """Find the linear parameters that belong to some searched ones.
 
         The linear parameters, their columns behind the chain, and what is left of the output over
@@ -74,17 +74,17 @@ class SearchFamily(Family):
         smoothing = None if self.penalty is None else normal.count * self.penalty
         return solve(normal, free=self.free, smoothing=smoothing)
 
-    def fit(self, data: Data, start: Array | None = None) -> Fit:
+    def fit(self, data: FitData, start: Array | None = None) -> FitResult:
         place = self._found(data) if start is None else self._followed([np.asarray(start)], data)
         model = self.build(place, self.project(place, data)[0].coefficients, data)
         names, values, jacobian = _sensitivities(model, data)
         inner = np.all((place > 1e-3) & (place < 1.0 - 1e-3))
         notes = () if inner else ("a parameter ended at the border of its search range",)
-        return Fit(
+        return FitResult(
             model=model, search=place, names=names, values=values, jacobian=jacobian, notes=notes
         )
 
-    def _found(self, data: Data) -> Array:
+    def _found(self, data: FitData) -> Array:
         """Search a grid on a short record, and end the best of what is found on the whole."""
         key = f"{self.kind} found"
         # the generalised model begins with what was found for the plain one
@@ -98,18 +98,18 @@ class SearchFamily(Family):
         data.memo[key] = data.use, place
         return place
 
-    def _followed(self, begins: list[Array], data: Data) -> Array:
+    def _followed(self, begins: list[Array], data: FitData) -> Array:
         """Follow points to their minimum on a short record, and the best one on the whole."""
         short = coarse(data)
         ends = [self._minimise(begin, short, 1e-4) for begin in begins]
         best = min(ends, key=lambda place: self._cost(place, short))
         return self._minimise(best, data, 1e-9)
 
-    def refit(self, data: Data, optimum: Array) -> Fit:
+    def refit(self, data: FitData, optimum: Array) -> FitResult:
         place, solution = self._moved(optimum, data)
-        return Fit(model=self.build(place, solution.coefficients, data), search=place)
+        return FitResult(model=self.build(place, solution.coefficients, data), search=place)
 
-    def _moved(self, start: Array, data: Data) -> tuple[Array, Solution]:
+    def _moved(self, start: Array, data: FitData) -> tuple[Array, Solution]:
         """Go from the optimum of more samples to that of these.
 
         The first step is on a parabola through costs about the start, whose columns are worked out
@@ -134,7 +134,7 @@ class SearchFamily(Family):
         place = self._minimise(start, data, 1e-6)
         return place, self.project(place, data)[0]
 
-    def _kept(self, place: Array, data: Data) -> tuple[list[Array], Normal]:
+    def _kept(self, place: Array, data: FitData) -> tuple[list[Array], Normal]:
         """Columns behind the chain that belong to a place, kept, and their equations."""
         key = f"{self.kind} at {place.tolist()}"
         if key not in data.memo:
@@ -142,7 +142,7 @@ class SearchFamily(Family):
             data.memo[key] = behind_chain(quasi, data)
         return data.memo[key], equations(data.memo[key], data, key)
 
-    def _slope(self, place: Array, data: Data) -> Array:
+    def _slope(self, place: Array, data: FitData) -> Array:
         """Change of the cost over the stencil's width with each searched parameter.
 
         At the best linear parameters it does not matter how these would change along.
@@ -161,11 +161,11 @@ class SearchFamily(Family):
             slope[k] = -2.0 * _ABOUT * float(left @ change) / (other[k] - place[k])
         return slope * data.measurement.stroke
 
-    def _cost(self, place: Array, data: Data) -> float:
+    def _cost(self, place: Array, data: FitData) -> float:
         left = self.project(place, data)[2]
         return float(left @ left)
 
-    def _minimise(self, begin: Array, data: Data, tolerance: float) -> Array:
+    def _minimise(self, begin: Array, data: FitData, tolerance: float) -> Array:
         found = least_squares(
             lambda place: self.project(place, data)[2],
             np.clip(begin, 1e-6, 1.0 - 1e-6),
@@ -207,7 +207,7 @@ def _downhill(place: Array, slope: Array, bend: Array) -> Array:
     return np.clip(place - step, 1e-6, 1.0 - 1e-6)
 
 
-def _sensitivities(model: HysteresisModel, data: Data) -> tuple[tuple[str, ...], Array, Array]:
+def _sensitivities(model: HysteresisModel, data: FitData) -> tuple[tuple[str, ...], Array, Array]:
     """Change of the output with each number that the model holds, at the rows in use."""
     names, values, columns = [], [], []
     for name, value, element in _numbers(model):

@@ -1,14 +1,12 @@
 """How a Duhem model is fitted."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.families.family import Data
-from flexstage.hysteresis.identification.families.search import SearchFamily
 from flexstage.hysteresis.identification.measurement import Section
-from flexstage.hysteresis.models.duhem import Duhem, duhem_columns
+from flexstage.hysteresis.identification.model_fit import FitData
+from flexstage.hysteresis.identification.searched_fit import SearchedFit
+from flexstage.hysteresis.models.duhem.law import Duhem, duhem_columns
 
 #: Range of alpha times the range of the input, in powers of ten.
 _RATE = (-0.5, 2.0)
@@ -19,20 +17,19 @@ _CURVE, _TANGENT = 4, 2
 _CONSTANT = 3e-9
 
 
-class DuhemFamily(SearchFamily):
+class DuhemFit(SearchedFit):
     """One parameter, alpha, is searched for: the output is linear in those of f and g."""
 
-    kind: ClassVar[str] = "duhem"
-    title: ClassVar[str] = "Duhem"
+    law = Duhem
     size = 1 + _CURVE + _TANGENT
     grid = (16,)
     free = np.ones(_CURVE + _TANGENT, dtype=bool)
     penalty = np.diag([_CONSTANT, *[0.0] * (_CURVE + _TANGENT - 1)])
 
-    def columns(self, section: Section, place: Array, data: Data) -> Array:
+    def columns(self, section: Section, place: Array, data: FitData) -> Array:
         return duhem_columns(section.u, _rate(place, data), _CURVE, _TANGENT)
 
-    def build(self, place: Array, coefficients: Array, data: Data) -> Duhem:
+    def build(self, place: Array, coefficients: Array, data: FitData) -> Duhem:
         low, high = data.measurement.input_range
         return Duhem(
             rate=_rate(place, data),
@@ -42,5 +39,5 @@ class DuhemFamily(SearchFamily):
         )
 
 
-def _rate(place: Array, data: Data) -> float:
+def _rate(place: Array, data: FitData) -> float:
     return float(10.0 ** (_RATE[0] + place[0] * (_RATE[1] - _RATE[0])) / data.input_scale)

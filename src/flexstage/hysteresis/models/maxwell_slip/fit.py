@@ -1,23 +1,22 @@
 """How a generalised Maxwell-slip model is fitted."""
 
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.identification.families.family import Data
-from flexstage.hysteresis.identification.families.modified_prandtl_ishlinskii import interior_kinks
-from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
-    PLAYS,
-    PrandtlIshlinskiiFamily,
-)
-from flexstage.hysteresis.identification.families.refined import RefinedFamily, roughness
 from flexstage.hysteresis.identification.measurement import Section
-from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
+from flexstage.hysteresis.identification.model_fit import FitData
+from flexstage.hysteresis.identification.refined_fit import RefinedFit, roughness
+from flexstage.hysteresis.models.maxwell_slip.law import GeneralisedMaxwellSlip
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii.fit import interior_kinks
 from flexstage.hysteresis.models.play import play_columns
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.prandtl_ishlinskii.fit import (
+    PLAYS,
+    PrandtlIshlinskiiFit,
+)
+from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
 
 #: Kinks of the spring; there are as many elements as plays.
 _KINKS = 6
@@ -27,30 +26,29 @@ _SMOOTHING = 3e-4
 _FLATTEST = 0.05
 
 
-class MaxwellSlipFamily(RefinedFamily):
+class GeneralisedMaxwellSlipFit(RefinedFit):
     """Springs, sliders and a bent spring; begun from the exact inverse of plays alone.
 
     Parameters: stiffness, those of the elements, then the kinks of the spring. The penalty is on
     second differences of stiffnesses and of kinks.
     """
 
-    kind: ClassVar[str] = "maxwell-slip"
-    title: ClassVar[str] = "generalised Maxwell-slip"
+    law = GeneralisedMaxwellSlip
     size = 1 + PLAYS + _KINKS
     penalty = _SMOOTHING * roughness(1, PLAYS, _KINKS)
 
-    def begin(self, data: Data) -> Array:
+    def begin(self, data: FitData) -> Array:
         stiffness, _, elements, _ = self._cached(data)
         return np.concatenate((stiffness, elements, np.zeros(_KINKS)))
 
-    def bounds(self, data: Data) -> tuple[Array, Array]:
+    def bounds(self, data: FitData) -> tuple[Array, Array]:
         slope = data.input_scale / data.measurement.stroke
         low = np.zeros(self.size)
         low[0] = 1e-3 * slope
         low[1 + PLAYS :] = -np.inf
         return low, np.full(self.size, slope)
 
-    def build(self, parameters: Array, data: Data) -> GeneralisedMaxwellSlip:
+    def build(self, parameters: Array, data: FitData) -> GeneralisedMaxwellSlip:
         _, thresholds, _, kinks = self._cached(data)
         return GeneralisedMaxwellSlip(
             stiffness=float(parameters[0]),
@@ -60,7 +58,7 @@ class MaxwellSlipFamily(RefinedFamily):
             dead_zone_weights=parameters[1 + PLAYS :],
         )
 
-    def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
+    def changes(self, p: Array, scale: Array, section: Section, data: FitData) -> Array:
         # in closed form: the voltage is given, so that what a parameter adds to it the displacement
         # y takes away again, by the slope of all springs at y less that of the sliders that slide;
         # those that stick keep the change that they had where they last slid
@@ -74,12 +72,12 @@ class MaxwellSlipFamily(RefinedFamily):
         _given_voltage(made, sliders, slope, model.element_stiffness)
         return made * scale
 
-    def _cached(self, data: Data) -> list[Array]:
+    def _cached(self, data: FitData) -> list[Array]:
         """Stiffness, thresholds and stiffnesses of elements of the start, and the kinks."""
         key = f"{self.kind} start"
         if key not in data.memo:
             # those of the first fit, so that they stay where they are when cycles are held out
-            plays = PrandtlIshlinskiiFamily().fit(data).model
+            plays = PrandtlIshlinskiiFit().fit(data).model
             assert isinstance(plays, PrandtlIshlinskii)
             kinks = interior_kinks(data, plays, _KINKS)
             # plays that stand still after a turn, as where noise of the input or a delay blunts

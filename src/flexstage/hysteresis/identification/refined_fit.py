@@ -8,15 +8,15 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hysteresis.identification.families.family import (
-    Data,
-    Family,
-    Fit,
+from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.model_fit import (
+    FitData,
+    FitResult,
+    ModelFit,
     behind_chain,
     coarse,
     equations,
 )
-from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import Solution, solve
 from flexstage.hysteresis.model import HysteresisModel
 
@@ -29,7 +29,7 @@ _NEARLY = 1e-4
 _STEP = 1e-5
 
 
-class RefinedFamily(Family):
+class RefinedFit(ModelFit):
     """A model with bounded parameters that is fitted from a good start.
 
     Each step solves the linearised problem, damped, with the bounds (Levenberg 1944; Marquardt
@@ -42,40 +42,42 @@ class RefinedFamily(Family):
     penalty: ClassVar[Array | None] = None
 
     @abstractmethod
-    def begin(self, data: Data) -> Array:
+    def begin(self, data: FitData) -> Array:
         """Return the parameters that the search begins with."""
 
     @abstractmethod
-    def build(self, parameters: Array, data: Data) -> HysteresisModel:
+    def build(self, parameters: Array, data: FitData) -> HysteresisModel:
         """Return the model that some parameters make; a ModelError where they make none."""
 
     @abstractmethod
-    def bounds(self, data: Data) -> tuple[Array, Array]:
+    def bounds(self, data: FitData) -> tuple[Array, Array]:
         """Return lower bounds, minus infinity for none, and scales: how far each may go at once."""
 
-    def fit(self, data: Data, start: Array | None = None) -> Fit:
+    def fit(self, data: FitData, start: Array | None = None) -> FitResult:
         begin = self.begin(data) if start is None else np.asarray(start)
         begin, _ = self._descended(begin, coarse(data), None)
         p, J = self._descended(begin, data, self._kept(begin, data))
         data.memo[self._key(p)] = J
         low, _ = self.bounds(data)
-        return Fit(model=self.build(p, data), search=p, jacobian=self._active(J, p, low, data))
+        return FitResult(
+            model=self.build(p, data), search=p, jacobian=self._active(J, p, low, data)
+        )
 
-    def refit(self, data: Data, optimum: Array) -> Fit:
+    def refit(self, data: FitData, optimum: Array) -> FitResult:
         p, _ = self._descended(optimum, data, self._kept(optimum, data))
-        return Fit(model=self.build(p, data), search=p)
+        return FitResult(model=self.build(p, data), search=p)
 
     def _key(self, p: Array) -> str:
         return f"{self.kind} at {p.tolist()}"
 
-    def _kept(self, p: Array, data: Data) -> list[Array]:
+    def _kept(self, p: Array, data: FitData) -> list[Array]:
         """The change of the output with the parameters where more of the samples were fitted."""
         if self._key(p) not in data.memo:
             data.memo[self._key(p)] = self._jacobian(p, self.bounds(data)[1], data)
         return data.memo[self._key(p)]
 
     def _descended(
-        self, begin: Array, data: Data, known: list[Array] | None
+        self, begin: Array, data: FitData, known: list[Array] | None
     ) -> tuple[Array, list[Array]]:
         """Go down to the optimum; return it, and the output's change with the parameters there.
 
@@ -106,7 +108,7 @@ class RefinedFamily(Family):
                 J = self._jacobian(p, scale, data)
         return p, J
 
-    def _evaluate(self, p: Array, data: Data) -> tuple[float, list[Array]]:
+    def _evaluate(self, p: Array, data: FitData) -> tuple[float, list[Array]]:
         model = self.build(p, data)
         behind = behind_chain(
             [model.simulate(s.u).values[:, None] for s in data.measurement.sections], data
@@ -118,12 +120,12 @@ class RefinedFamily(Family):
             rough = left.size * float(scaled @ self.penalty @ scaled)
         return float(left @ left) + rough, behind
 
-    def _jacobian(self, p: Array, scale: Array, data: Data) -> list[Array]:
+    def _jacobian(self, p: Array, scale: Array, data: FitData) -> list[Array]:
         """Change of the output with each parameter at the rows, by its scale."""
         quasi = [self.changes(p, scale, section, data) for section in data.measurement.sections]
         return behind_chain(quasi, data)
 
-    def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
+    def changes(self, p: Array, scale: Array, section: Section, data: FitData) -> Array:
         """Return how the quasi-static output changes with each parameter over its scale, (n, k).
 
         Here by differences.
@@ -136,12 +138,12 @@ class RefinedFamily(Family):
             made[:, j] = (self.build(moved, data).simulate(section.u).values - base) / _STEP
         return made
 
-    def _active(self, J: list[Array], p: Array, low: Array, data: Data) -> Array:
+    def _active(self, J: list[Array], p: Array, low: Array, data: FitData) -> Array:
         inside = np.flatnonzero(p > low)
         return np.concatenate([c[np.ix_(u, inside)] for c, u in zip(J, data.use, strict=True)])
 
 
-def _left(behind: list[Array], data: Data) -> Array:
+def _left(behind: list[Array], data: FitData) -> Array:
     """What is left of the output over the stroke, with the best offset."""
     every = []
     for c, s, r, use in zip(behind, data.measurement.sections, data.rows, data.use, strict=True):
@@ -160,7 +162,7 @@ def _step(
     scale: Array,
     damping: float,
     penalty: Array | None,
-    data: Data,
+    data: FitData,
 ) -> Array:
     """Return the parameters that the damped, linearised problem with bounds gives."""
     free = np.isinf(low)

@@ -1,5 +1,6 @@
 """The generalised Maxwell-slip model: springs and dry sliders that the displacement drives."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -55,6 +56,16 @@ class GeneralisedMaxwellSlip(HysteresisModel):
     array([58.26666667, 15.06666667])
     """
 
+    kind: ClassVar[str] = "maxwell-slip"
+    title: ClassVar[str] = "generalised Maxwell-slip"
+    units: ClassVar[Mapping[str, str]] = {
+        "stiffness": "{u}/{y}",
+        "thresholds": "{y}",
+        "element_stiffness": "{u}/{y}",
+        "dead_zones": "{y}",
+        "dead_zone_weights": "{u}/{y}",
+    }
+
     stiffness: float
     """Slope of the spring that never slides [V/m]."""
     thresholds: Array
@@ -67,7 +78,6 @@ class GeneralisedMaxwellSlip(HysteresisModel):
     """Where the slope of the bent spring changes [m], rising, none zero, shape (l,)."""
     dead_zone_weights: Array = field(default_factory=lambda: np.empty(0))
     """By how much it changes there, away from zero [V/m], shape (l,)."""
-    kind: ClassVar[str] = "maxwell-slip"
 
     def __post_init__(self) -> None:
         r = rising(self.thresholds, "thresholds of elements", above=0.0)

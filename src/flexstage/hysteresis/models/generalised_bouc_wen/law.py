@@ -1,6 +1,7 @@
 """The generalised Bouc-Wen model, with six parameters for the shape of its loop."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -40,6 +41,12 @@ class GeneralisedBoucWen(BoucWenModel):
 
     kind: ClassVar[str] = "generalised-bouc-wen"
     title: ClassVar[str] = "generalised Bouc-Wen"
+    units: ClassVar[Mapping[str, str]] = {
+        "gain": "{y}/{u}",
+        "hysteresis_gain": "{y}/{u}",
+        "shape": "1/{u}",
+        "centre": "{u}",
+    }
 
     gain: float
     """Gain d of the straight part [unit of y per unit of u]."""

@@ -1,5 +1,6 @@
 """The Bouc-Wen model with a polynomial for what is asymmetric but has no memory."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -42,6 +43,16 @@ class AsymmetricBoucWen(BoucWenModel):
 
     kind: ClassVar[str] = "asymmetric-bouc-wen"
     title: ClassVar[str] = "asymmetric Bouc-Wen"
+    units: ClassVar[Mapping[str, str]] = {
+        "gain": "{y}/{u}",
+        "quadratic": "{y}/{u}^2",
+        "cubic": "{y}/{u}^3",
+        "hysteresis_gain": "{y}/{u}",
+        "beta": "1/{u}",
+        "gamma": "1/{u}",
+        "lowest_input": "{u}",
+        "highest_input": "{u}",
+    }
 
     gain: float
     """Gain d of the straight part [unit of y per unit of u]."""

@@ -1,15 +1,13 @@
 """How a generalised Bouc-Wen model is fitted."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.families.bouc_wen import BoucWenFamily
-from flexstage.hysteresis.identification.families.family import Data
-from flexstage.hysteresis.identification.families.refined import RefinedFamily
-from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
+from flexstage.hysteresis.identification.model_fit import FitData
+from flexstage.hysteresis.identification.refined_fit import RefinedFit
+from flexstage.hysteresis.models.bouc_wen.fit import BoucWenFit
+from flexstage.hysteresis.models.bouc_wen.law import BoucWen
+from flexstage.hysteresis.models.generalised_bouc_wen.law import GeneralisedBoucWen
 
 #: Signs of the rate, and of the input about the centre, in the four regions of loading.
 _BY_RATE = np.array([-1.0, -1.0, 1.0, 1.0])
@@ -20,7 +18,7 @@ _LEAST = 0.01
 _BELOW = 0.99
 
 
-class GeneralisedBoucWenFamily(RefinedFamily):
+class GeneralisedBoucWenFit(RefinedFit):
     """Two gains and the shape function, bounded; begun from the best Bouc-Wen model.
 
     The shape is searched for as its values in the four loading regions, which are kept above zero,
@@ -28,15 +26,14 @@ class GeneralisedBoucWenFamily(RefinedFamily):
     on an input that it was not fitted to.
     """
 
-    kind: ClassVar[str] = "generalised-bouc-wen"
-    title: ClassVar[str] = "generalised Bouc-Wen"
+    law = GeneralisedBoucWen
     size = 8
 
-    def begin(self, data: Data) -> Array:
+    def begin(self, data: FitData) -> Array:
         # the two gains, the shape function where loaded, two differences
         key = f"{self.kind} start"
         if key not in data.memo:
-            found = BoucWenFamily().fit(data).model
+            found = BoucWenFit().fit(data).model
             assert isinstance(found, BoucWen)
             # gamma sgn(x h) comes next to the gamma of Bouc-Wen, which has no place in the shape
             loaded = found.beta + found.gamma * _BY_SIDE * _BY_RATE
@@ -44,7 +41,7 @@ class GeneralisedBoucWenFamily(RefinedFamily):
             data.memo[key] = [np.array([*gains, *loaded, -found.gamma, 0.0])]
         return data.memo[key][0].copy()
 
-    def bounds(self, data: Data) -> tuple[Array, Array]:
+    def bounds(self, data: FitData) -> tuple[Array, Array]:
         slope = data.measurement.stroke / data.input_scale
         low = np.full(8, -np.inf)
         low[:2] = 0.0, 1e-6 * slope
@@ -53,7 +50,7 @@ class GeneralisedBoucWenFamily(RefinedFamily):
         scale[:2] = slope
         return low, scale
 
-    def build(self, parameters: Array, data: Data) -> GeneralisedBoucWen:
+    def build(self, parameters: Array, data: FitData) -> GeneralisedBoucWen:
         low, high = data.measurement.input_range
         return GeneralisedBoucWen(
             gain=float(parameters[0]),
