@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterable, Sequence
 import flexstage
 from flexstage.characteristic import Characteristic
 from flexstage.errors import ModelError
-from flexstage.export.file_names import file_name
 from flexstage.export.tables.comma import comparison_csv, values_csv
 from flexstage.export.tables.latex import latex
 from flexstage.export.tables.side_by_side import side_by_side
 from flexstage.export.tables.workbook import workbook
+from flexstage.files.names import file_name
 from flexstage.provenance import Provenance
 from flexstage.quantities import Quantity, display
 
