@@ -8,11 +8,11 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.instruments.pi.simulated.wave_tables import WaveTables
 from flexstage.instruments.protocol import Capability, Signal
 from flexstage.instruments.twin.axis_state import AxisState
 from flexstage.instruments.twin.device import AxisDescription, Refusal, RefusedError
 from flexstage.instruments.twin.stage import StageSamples, VirtualStage
-from flexstage.instruments.twin.wave_tables import WaveTables
 from flexstage.stage import Stage
 
 #: Samples of the loop that are computed at once.

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.errors import ControllerError, LimitError, ModelError
-from flexstage.instruments.gcs.axis import PiAxis
-from flexstage.instruments.gcs.connection import Connection
-from flexstage.instruments.gcs.replies import parse_array
-from flexstage.instruments.gcs.units import VOLTS, WireUnit
 from flexstage.instruments.limits import AxisLimits, check_waveform
+from flexstage.instruments.pi.axis import PiAxis
+from flexstage.instruments.pi.connection import Connection
+from flexstage.instruments.pi.replies import parse_array
+from flexstage.instruments.pi.units import VOLTS, WireUnit
 from flexstage.instruments.protocol import Capability, WaveGenerator
 from flexstage.instruments.waveform import Waveform
 

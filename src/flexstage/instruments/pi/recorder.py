@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.errors import ControllerError, LimitError, ModelError
-from flexstage.instruments.gcs.axis import PiAxis
-from flexstage.instruments.gcs.connection import Connection
-from flexstage.instruments.gcs.profile import describe
-from flexstage.instruments.gcs.replies import parse_array
+from flexstage.instruments.pi.axis import PiAxis
+from flexstage.instruments.pi.connection import Connection
+from flexstage.instruments.pi.profile import describe
+from flexstage.instruments.pi.replies import parse_array
 from flexstage.instruments.protocol import Recorder, Signal
 from flexstage.records import Channel, Record
 

@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 
 from flexstage import __version__
+from flexstage.instruments.pi.simulated import errors_gcs as code
+from flexstage.instruments.pi.simulated.command import number, printed, switch, unsigned
+from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.gcs_state import MICRO, NOTCHES, ControllerState, ServoDraft
 from flexstage.instruments.protocol import Capability
-from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import number, printed, switch, unsigned
-from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_state import MICRO, NOTCHES, ControllerState, ServoDraft
 
 _KINDS = {int: "INT", str: "CHAR"}
 #: Leads simulated time on by the seconds that it is set to; reads how much has passed.

@@ -5,9 +5,9 @@ import time
 from collections.abc import Callable, Mapping
 
 from flexstage.errors import ControllerError
-from flexstage.instruments.gcs.client import GcsClient
-from flexstage.instruments.gcs.profile import ControllerProfile, TransferLimits
-from flexstage.instruments.gcs.replies import excerpt, number
+from flexstage.instruments.pi.client import GcsClient
+from flexstage.instruments.pi.profile import ControllerProfile, TransferLimits
+from flexstage.instruments.pi.replies import excerpt, number
 
 #: Simulated time that passes with a question that is repeated, at most [s].
 FAST_TIME_STEP = 0.25

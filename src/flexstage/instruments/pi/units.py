@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import ControllerError
-from flexstage.instruments.gcs.replies import excerpt
+from flexstage.instruments.pi.replies import excerpt
 
 Range = tuple[float, float]
 

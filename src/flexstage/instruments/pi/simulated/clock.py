@@ -10,8 +10,8 @@ import time
 from typing import ClassVar
 
 from flexstage.errors import ControllerError, ModelError
-from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.controller_core import duration
+from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.controller_core import duration
 from flexstage.instruments.twin.device import Refusal, RefusedError
 
 #: Simulated time of one command of a fast conversation [s].

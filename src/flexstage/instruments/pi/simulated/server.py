@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.session import ServerSession
+from flexstage.instruments.pi.simulated.interpreter import Interpreter
+from flexstage.instruments.pi.simulated.session import ServerSession
 
 _log = logging.getLogger(__name__)
 

@@ -4,8 +4,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from flexstage.instruments.gcs.client import GcsClient
-from flexstage.instruments.gcs.replies import excerpt
+from flexstage.instruments.pi.client import GcsClient
+from flexstage.instruments.pi.replies import excerpt
 from flexstage.instruments.protocol import Identity
 
 

@@ -3,24 +3,24 @@
 from collections.abc import Callable, Mapping, Sequence
 
 from flexstage.errors import ControllerError, FlexstageError
-from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.clock import Pace
-from flexstage.instruments.twin.command import Client, GcsCommand, Reply, nothing
-from flexstage.instruments.twin.commands_identity import (
+from flexstage.instruments.pi.simulated import errors_gcs as code
+from flexstage.instruments.pi.simulated.clock import Pace
+from flexstage.instruments.pi.simulated.command import Client, GcsCommand, Reply, nothing
+from flexstage.instruments.pi.simulated.commands_identity import (
     IDENTITY,
     STATUS,
     delivered,
     help_lines,
     status_register,
 )
-from flexstage.instruments.twin.commands_motion import MOTION, halt, moving_bits
-from flexstage.instruments.twin.commands_recorder import RECORDER
-from flexstage.instruments.twin.commands_setup import SETUP, TRIGGERS
-from flexstage.instruments.twin.commands_waves import WAVES, running_bits
-from flexstage.instruments.twin.controller import VirtualController
+from flexstage.instruments.pi.simulated.commands_motion import MOTION, halt, moving_bits
+from flexstage.instruments.pi.simulated.commands_recorder import RECORDER
+from flexstage.instruments.pi.simulated.commands_setup import SETUP, TRIGGERS
+from flexstage.instruments.pi.simulated.commands_waves import WAVES, running_bits
+from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.errors_gcs import CODES, GcsError
+from flexstage.instruments.pi.simulated.gcs_state import OWN, ControllerModel, ControllerState
 from flexstage.instruments.twin.device import RefusedError
-from flexstage.instruments.twin.errors_gcs import CODES, GcsError
-from flexstage.instruments.twin.gcs_state import OWN, ControllerModel, ControllerState
 
 #: Answer to ``#7``: always ready; a controller that is not says 0xB0.
 _READY = "\xb1"

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.instruments.pi.simulated import errors_gcs as code
+from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.errors_gcs import GcsError
 from flexstage.instruments.protocol import Signal
-from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.errors_gcs import GcsError
 
 #: Micrometres, and microradians, of the wire in SI.
 _MICRO = 1e-6

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Sequence
 
-from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import (
+from flexstage.instruments.pi.simulated import errors_gcs as code
+from flexstage.instruments.pi.simulated.command import (
     Client,
     GcsCommand,
     Reply,
@@ -15,9 +15,9 @@ from flexstage.instruments.twin.command import (
     switch,
     unsigned,
 )
-from flexstage.instruments.twin.commands_motion import of_axes
-from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_state import MICRO, ControllerState
+from flexstage.instruments.pi.simulated.commands_motion import of_axes
+from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.gcs_state import MICRO, ControllerState
 
 
 def _set_zero(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:

@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Sequence
 
 from flexstage import __version__
-from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import (
+from flexstage.instruments.pi.simulated import errors_gcs as code
+from flexstage.instruments.pi.simulated.command import (
     Client,
     GcsCommand,
     Reply,
@@ -16,10 +16,10 @@ from flexstage.instruments.twin.command import (
     unsigned,
     unsigned_or_hex,
 )
-from flexstage.instruments.twin.commands_motion import of_axes, of_inputs
-from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_state import MICRO, ControllerState, ServoDraft
-from flexstage.instruments.twin.parameters import (
+from flexstage.instruments.pi.simulated.commands_motion import of_axes, of_inputs
+from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.gcs_state import MICRO, ControllerState, ServoDraft
+from flexstage.instruments.pi.simulated.parameters import (
     PARAMETERS,
     SIMULATED_TIME,
     items_of,

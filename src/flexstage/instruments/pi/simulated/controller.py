@@ -7,8 +7,8 @@ import numpy as np
 
 from flexstage import __version__
 from flexstage.arrays import Array
+from flexstage.instruments.pi.simulated.controller_motion import ControllerMotion
 from flexstage.instruments.protocol import Identity, Signal
-from flexstage.instruments.twin.controller_motion import ControllerMotion
 from flexstage.instruments.twin.device import Refusal, RefusedError
 from flexstage.instruments.twin.stage import VirtualStage
 

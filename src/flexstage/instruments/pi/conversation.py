@@ -5,14 +5,14 @@ import threading
 from collections.abc import Callable
 
 from flexstage.errors import ControllerError, NotConnectedError
-from flexstage.instruments.gcs.replies import (
+from flexstage.instruments.pi.replies import (
     error_sentence,
     excerpt,
     number,
     take_lines,
     whole_number,
 )
-from flexstage.instruments.gcs.transport import NoAnswerError, OpensAnother, Transport
+from flexstage.instruments.pi.transport import NoAnswerError, OpensAnother, Transport
 
 #: The single character that stops everything; it needs no line feed.
 STOP_ALL = b"\x18"

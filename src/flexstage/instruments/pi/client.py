@@ -5,15 +5,15 @@ import time
 from collections.abc import Callable, Sequence
 
 from flexstage.errors import ControllerError, NotConnectedError
-from flexstage.instruments.gcs.conversation import Conversation, shown
-from flexstage.instruments.gcs.replies import (
+from flexstage.instruments.pi.conversation import Conversation, shown
+from flexstage.instruments.pi.replies import (
     STOPPED,
     assignments,
     error_sentence,
     number,
     whole_number,
 )
-from flexstage.instruments.gcs.transport import Transport
+from flexstage.instruments.pi.transport import Transport
 
 
 class GcsClient:

@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from flexstage.errors import ControllerError, ModelError
-from flexstage.instruments.gcs.axis import AxisFacts
-from flexstage.instruments.gcs.connection import Connection
-from flexstage.instruments.gcs.recorder import ChannelFacts
-from flexstage.instruments.gcs.tuning import tunable
-from flexstage.instruments.gcs.units import WireUnit, axis_unit
 from flexstage.instruments.limits import AxisLimits, stage_limits
+from flexstage.instruments.pi.axis import AxisFacts
+from flexstage.instruments.pi.connection import Connection
+from flexstage.instruments.pi.recorder import ChannelFacts
+from flexstage.instruments.pi.tuning import tunable
+from flexstage.instruments.pi.units import WireUnit, axis_unit
 from flexstage.instruments.protocol import Capability
 from flexstage.stage import Screw, Stage
 

@@ -5,14 +5,14 @@ from collections.abc import Callable, Mapping
 from typing import Self
 
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
-from flexstage.instruments.gcs.axis import PiAxis
-from flexstage.instruments.gcs.client import GcsClient
-from flexstage.instruments.gcs.connection import Connection
-from flexstage.instruments.gcs.discovery import discover
-from flexstage.instruments.gcs.profile import ControllerProfile, TransferLimits, read_profile
-from flexstage.instruments.gcs.recorder import PiRecorder
-from flexstage.instruments.gcs.transport import Transport
-from flexstage.instruments.gcs.waves import PiWaves
+from flexstage.instruments.pi.axis import PiAxis
+from flexstage.instruments.pi.client import GcsClient
+from flexstage.instruments.pi.connection import Connection
+from flexstage.instruments.pi.discovery import discover
+from flexstage.instruments.pi.profile import ControllerProfile, TransferLimits, read_profile
+from flexstage.instruments.pi.recorder import PiRecorder
+from flexstage.instruments.pi.transport import Transport
+from flexstage.instruments.pi.waves import PiWaves
 from flexstage.instruments.protocol import Capability, ChannelMap, Identity, Instrument
 from flexstage.stage import Stage
 

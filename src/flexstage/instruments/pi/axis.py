@@ -5,10 +5,10 @@ import math
 from dataclasses import dataclass
 
 from flexstage.errors import ControllerError, FlexstageError, ModelError, NotConnectedError
-from flexstage.instruments.gcs.connection import Connection
-from flexstage.instruments.gcs.tuning import ServoTuning
-from flexstage.instruments.gcs.units import VOLTS, WireUnit
 from flexstage.instruments.limits import AxisLimits, check_position, check_voltage
+from flexstage.instruments.pi.connection import Connection
+from flexstage.instruments.pi.tuning import ServoTuning
+from flexstage.instruments.pi.units import VOLTS, WireUnit
 from flexstage.instruments.protocol import Capability, MotionAxis
 from flexstage.instruments.servo import ServoSettings
 

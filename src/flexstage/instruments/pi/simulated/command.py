@@ -8,9 +8,9 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_state import ControllerState
+from flexstage.instruments.pi.simulated import errors_gcs as code
+from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.gcs_state import ControllerState
 
 #: Lines of an answer; pieces of text that are made after the command, as they are sent; or nothing.
 Reply = Sequence[str] | Iterator[str] | None

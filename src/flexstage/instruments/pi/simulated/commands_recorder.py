@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import (
+from flexstage.instruments.pi.simulated import errors_gcs as code
+from flexstage.instruments.pi.simulated.command import (
     Client,
     GcsCommand,
     Reply,
@@ -12,10 +12,10 @@ from flexstage.instruments.twin.command import (
     nothing,
     unsigned,
 )
-from flexstage.instruments.twin.commands_identity import identity_line
-from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_state import ControllerState
-from flexstage.instruments.twin.record_store import RECORD_OPTIONS
+from flexstage.instruments.pi.simulated.commands_identity import identity_line
+from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.gcs_state import ControllerState
+from flexstage.instruments.pi.simulated.record_store import RECORD_OPTIONS
 
 #: What starts the recorder, by number.
 _TRIGGERS = {

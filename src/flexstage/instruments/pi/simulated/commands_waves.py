@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import (
+from flexstage.instruments.pi.simulated import errors_gcs as code
+from flexstage.instruments.pi.simulated.command import (
     LARGEST,
     Client,
     GcsCommand,
@@ -23,9 +23,9 @@ from flexstage.instruments.twin.command import (
     unsigned,
     unsigned_or_hex,
 )
-from flexstage.instruments.twin.commands_identity import identity_line
-from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_state import ControllerState
+from flexstage.instruments.pi.simulated.commands_identity import identity_line
+from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.gcs_state import ControllerState
 
 #: Bits of the start mode: begin at once; begin each cycle where the one before has ended.
 _START, _ONWARD = 1, 1 << 8

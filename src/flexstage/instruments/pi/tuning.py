@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from flexstage.errors import ControllerError, ModelError
-from flexstage.instruments.gcs.connection import Connection
-from flexstage.instruments.gcs.profile import ControllerProfile
+from flexstage.instruments.pi.connection import Connection
+from flexstage.instruments.pi.profile import ControllerProfile
 from flexstage.instruments.servo import Notch, ServoSettings
 
 _PROPORTIONAL = r"servo loop p-term.*\[V/um\]"

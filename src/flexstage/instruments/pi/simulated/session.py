@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from typing import Final
 
 from flexstage.errors import NotConnectedError
-from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Reply
-from flexstage.instruments.twin.interpreter import Interpreter
+from flexstage.instruments.pi.simulated import errors_gcs as code
+from flexstage.instruments.pi.simulated.command import Reply
+from flexstage.instruments.pi.simulated.interpreter import Interpreter
 
 #: Longest line [bytes]; of a longer one nothing is carried out.
 LONGEST_LINE: Final = 65536

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Sequence
 
-from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import (
+from flexstage.instruments.pi.simulated import errors_gcs as code
+from flexstage.instruments.pi.simulated.command import (
     Client,
     GcsCommand,
     Reply,
@@ -16,9 +16,9 @@ from flexstage.instruments.twin.command import (
     printed,
     switch,
 )
+from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.gcs_state import MICRO, ControllerState
 from flexstage.instruments.twin.device import Refusal, RefusedError
-from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.gcs_state import MICRO, ControllerState
 
 
 def halt(state: ControllerState, client: Client, words: Sequence[str] = ()) -> None:
