@@ -4,9 +4,9 @@ A *hysteresis model* is a frozen set of parameters with an explicit state (`Hyst
 are nine of them, by name in `MODELS`. The *chain* (`Amplifier`, `LogCreep`, `StageModes`, `Lag`,
 `Sensor`) is linear but for the limits of the amplifier. A `DriveModel` is both in a row, as
 `identify` finds it in records and `feedforward` undoes it; `model_text` writes it. A `DynamicModel`
-joins the stacks to every mode of a stage: `dynamic_model` builds it, simulation steps it, and it is what
-other programs are given. `excitation` designs the experiment, and `virtual_experiment` carries it
-out.
+joins the stacks to every mode of a stage: `dynamic_model` builds it, simulation steps it, and it is
+what other programs are given. `excitation` designs the experiment, and `virtual_experiment` carries
+it out.
 Between samples the input moves on straight lines, and every answer to such an input is exact.
 """
 
