@@ -20,7 +20,6 @@ from fmpy.validation import validate_fmu
 from flexstage.cli import main
 from flexstage.cli.output import name_for_files
 from flexstage.errors import ModelError
-from flexstage.export import dynamic_model
 from flexstage.export.diagram.svg import diagram_files
 from flexstage.export.file_names import file_name, file_names
 from flexstage.export.fmu.fmu_file import fmu_files
@@ -28,6 +27,7 @@ from flexstage.export.fmu.layout import plain_names
 from flexstage.export.matlab.files import matlab_files
 from flexstage.export.step import step_files
 from flexstage.files.write import write_files
+from flexstage.hysteresis import dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.stage import Stage, read_stage
 from tests.c_compiler import compile_program

@@ -8,17 +8,19 @@ from numpy.typing import ArrayLike
 
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
-from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
+from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.coupled_stepping import (
     forcing,
     lags_through,
     modes_through,
     values_of,
 )
+from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.element import positive_step
 from flexstage.hysteresis.chain.modal import unit_step
+from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import Array, samples
+from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.short_repr import short_repr
 from flexstage.system import MechanicalSystem
 

@@ -7,9 +7,13 @@ import numpy as np
 from scipy.optimize import brentq
 
 from flexstage.errors import ModelError
-from flexstage.export.model import ModelDrive
-from flexstage.hysteresis import Amplifier, BoucWen, Creep, DriveModel, HysteresisModel, loop_width
-from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.chain.amplifier import Amplifier
+from flexstage.hysteresis.chain.creep import Creep
+from flexstage.hysteresis.drive_model import DriveModel
+from flexstage.hysteresis.dynamic_model import ModelDrive
+from flexstage.hysteresis.loops import loop_width
+from flexstage.hysteresis.model import Array, HysteresisModel
+from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.hysteresis.virtual_stack import USUAL_LOOP_WIDTH
 from flexstage.stage import Drive, PiezoStack, Stage
 from flexstage.system import MechanicalSystem

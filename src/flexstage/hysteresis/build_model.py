@@ -6,16 +6,18 @@ from dataclasses import replace
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.export.drive_models import (
+from flexstage.hysteresis.chain.creep import Creep
+from flexstage.hysteresis.chain.sensor import Sensor
+from flexstage.hysteresis.drive_model import DriveModel
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.hysteresis.model import Array, HysteresisModel
+from flexstage.hysteresis.stack_models import (
     Hysteresis,
     amplifier_of,
     bare_drive,
     models_by_drive,
     scale_of,
 )
-from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
-from flexstage.hysteresis import Creep, DriveModel, HysteresisModel, Sensor
-from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.stage_plant import refuse_stroke
 from flexstage.hysteresis.virtual_stack import USUAL_LOOP_WIDTH
 from flexstage.stage import PiezoStack, Stage
