@@ -19,7 +19,6 @@ from fmpy.validation import validate_fmu
 
 from flexstage.cli import main
 from flexstage.errors import ModelError
-from flexstage.export import dynamic_model
 from flexstage.export.diagram.svg import diagram_files
 from flexstage.export.fmu.fmu_file import fmu_files
 from flexstage.export.fmu.layout import plain_names
@@ -27,6 +26,7 @@ from flexstage.export.matlab.files import matlab_files
 from flexstage.export.step import step_files
 from flexstage.files.names import file_name, file_names
 from flexstage.files.write import write_files
+from flexstage.hysteresis import dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.stage import Stage, read_stage
 from tests.c_compiler import compile_program

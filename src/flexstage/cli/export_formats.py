@@ -10,8 +10,7 @@ from flexstage.errors import ModelError, StageError
 from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
-    from flexstage.export import DynamicModel
-    from flexstage.hysteresis import DriveModel, LogCreep, Sensor
+    from flexstage.hysteresis import DriveModel, DynamicModel, LogCreep, Sensor
     from flexstage.stage import Stage
     from flexstage.studies.models import ModelRun
     from flexstage.system import MechanicalSystem
@@ -84,7 +83,7 @@ class ExportRequest:
 
     def require_hysteresis(self) -> None:
         """Refuse a hysteresis that the stacks cannot have, before the mechanics are computed."""
-        from flexstage.export.drive_models import models_by_drive
+        from flexstage.hysteresis.stack_models import models_by_drive
 
         models_by_drive(self.stage, self.drive_hysteresis)
 
@@ -108,7 +107,7 @@ class ExportRequest:
         return tuple(found)
 
     def _dynamic(self, system: "MechanicalSystem") -> "DynamicModel":
-        from flexstage.export import dynamic_model
+        from flexstage.hysteresis import dynamic_model
 
         return dynamic_model(
             self.stage,
