@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.export import DynamicModel, dynamic_model
 from flexstage.hysteresis import (
     AsymmetricBoucWen,
     BoucWen,
     Dahl,
     Duhem,
+    DynamicModel,
     GeneralisedBoucWen,
     GeneralisedMaxwellSlip,
     HysteresisModel,
@@ -26,6 +26,7 @@ from flexstage.hysteresis import (
     PrandtlIshlinskii,
     Preisach,
     Sensor,
+    dynamic_model,
 )
 from flexstage.lumped import lumped_system
 from flexstage.system import frequency_response
