@@ -38,7 +38,8 @@ class _Models(Mapping[str, type[HysteresisModel]]):
         }
 
     def __getitem__(self, kind: str) -> type[HysteresisModel]:
-        law: type[HysteresisModel] = getattr(part(kind, "law"), self._classes[kind])
+        name = self._classes[kind]
+        law: type[HysteresisModel] = getattr(part(kind, "law"), name)
         return law
 
     def __iter__(self) -> Iterator[str]:
