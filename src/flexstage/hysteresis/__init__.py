@@ -4,8 +4,7 @@ A *hysteresis model* is a frozen set of parameters with an explicit state (`Hyst
 are nine of them, by name in `MODELS`. The *chain* (`Amplifier`, `LogCreep`, `StageModes`, `Lag`,
 `Sensor`) is linear but for the limits of the amplifier. A `DriveModel` is both in a row, as
 `identify` finds it in records and `feedforward` undoes it; `model_text` writes it. A `Plant` joins
-the stacks to every mode of a stage: `stage_plant` builds it. `excitation` designs the experiment,
-and `virtual_experiment` carries it out on a `Plant`.
+the stacks to every mode of a stage: `stage_plant` builds it. `excitation` designs the experiment.
 Between samples the input moves on straight lines, and every answer to such an input is exact.
 """
 
@@ -51,8 +50,6 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.plant import Plant
     from flexstage.hysteresis.prediction import Prediction, predict
     from flexstage.hysteresis.stage_plant import stage_plant
-    from flexstage.hysteresis.virtual_experiment import virtual_experiment
-    from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
 
 __all__ = [
     "MODELS",
@@ -87,7 +84,6 @@ __all__ = [
     "StageModes",
     "Tracking",
     "ValidityRange",
-    "VirtualStack",
     "cycles",
     "excitation",
     "feedforward",
@@ -106,8 +102,6 @@ __all__ = [
     "smoothed",
     "stage_plant",
     "tracking",
-    "virtual_experiment",
-    "virtual_stack",
 ]
 
 import_on_use(__name__)
