@@ -6,12 +6,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
-from flexstage.cli.output import name_for_files
 from flexstage.errors import ModelError, StageError
+from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
-    from flexstage.export import DynamicModel
-    from flexstage.hysteresis import DriveModel, LogCreep, Sensor
+    from flexstage.hysteresis import DriveModel, DynamicModel, LogCreep, Sensor
     from flexstage.stage import Stage
     from flexstage.studies.models import ModelRun
     from flexstage.system import MechanicalSystem
@@ -55,7 +54,7 @@ class ExportRequest:
     @property
     def name(self) -> str:
         """Name of the stage, as files can have it."""
-        return name_for_files(self.stage.name)
+        return file_name(self.stage.name)
 
     @cached_property
     def run(self) -> "ModelRun":
@@ -84,7 +83,7 @@ class ExportRequest:
 
     def require_hysteresis(self) -> None:
         """Refuse a hysteresis that the stacks cannot have, before the mechanics are computed."""
-        from flexstage.export.drive_models import models_by_drive
+        from flexstage.hysteresis.stack_models import models_by_drive
 
         models_by_drive(self.stage, self.drive_hysteresis)
 
@@ -108,7 +107,7 @@ class ExportRequest:
         return tuple(found)
 
     def _dynamic(self, system: "MechanicalSystem") -> "DynamicModel":
-        from flexstage.export import dynamic_model
+        from flexstage.hysteresis import dynamic_model
 
         return dynamic_model(
             self.stage,
@@ -244,7 +243,7 @@ def _drawing(request: ExportRequest) -> Files:
 
 
 def _vtu(request: ExportRequest) -> Files:
-    from flexstage.export.fields import field_files
+    from flexstage.export.vtu.fields import field_files
 
     return field_files(request.stage, request.run.analysis, mesh=request.run.mesh)
 

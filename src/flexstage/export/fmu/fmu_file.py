@@ -23,9 +23,9 @@ from flexstage.export.fmu.compiled import OPTIONS, binary_folder, compiler, shar
 from flexstage.export.fmu.description import MAIN, model_description
 from flexstage.export.fmu.documentation import LICENSE, documentation
 from flexstage.export.fmu.layout import INDICATORS, FmuLayout, fmu_layout
-from flexstage.export.model import DynamicModel
 from flexstage.export.source.arrays import c_comment, c_number
 from flexstage.export.source.render import render_source
+from flexstage.hysteresis.dynamic_model import DynamicModel
 
 _SHARED = ("fmu_export.h", "me.h", "fmu_body.h")
 _OWN = {"2.0": ("fmi2_types.h", "fmi2.c"), "3.0": ("fmi3_types.h", "fmi3.c")}
@@ -62,7 +62,7 @@ def fmu_files(
     --------
     >>> import io, zipfile
     >>> from flexstage.designs import design
-    >>> from flexstage.export import dynamic_model
+    >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("parallelogram")
     >>> made = fmu_files(dynamic_model(stage, lumped_system(stage)), binary=False)

@@ -10,11 +10,11 @@ import numpy as np
 
 import flexstage
 from flexstage.errors import ModelError
-from flexstage.export.build_model import dynamic_model
 from flexstage.export.control_object import linear_part, rest_shape, state_names
-from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.export.simulink.matlab_text import KEYWORDS, mat_file
 from flexstage.hysteresis import Amplifier
+from flexstage.hysteresis.build_model import dynamic_model
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis.model import Array
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, modes

@@ -8,12 +8,12 @@ from flexstage import __version__
 from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Diagram
 from flexstage.export.diagram.state_space import diagram_state_space
-from flexstage.export.model import DynamicModel
 from flexstage.export.simulink.bench import Bench, bench
 from flexstage.export.simulink.functions import Functions
 from flexstage.export.simulink.matlab_text import Variables, identifier, plain, valid_name
 from flexstage.export.simulink.script import build_script
 from flexstage.export.simulink.system import System
+from flexstage.hysteresis.dynamic_model import DynamicModel
 
 # Longest name of a model: names of functions and variables are made of it.
 _LONGEST = 30
