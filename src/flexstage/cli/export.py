@@ -1,6 +1,6 @@
 """`flexstage export`: a stage for other programs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
@@ -31,7 +31,7 @@ from flexstage.errors import ModelError, StageError
 from flexstage.export.formats import FORMATS
 
 if TYPE_CHECKING:
-    from flexstage.export.request import ExportRequest, HysteresisByDrive
+    from flexstage.export.request import ExportRequest
     from flexstage.fem import StageModel
     from flexstage.hysteresis import DriveModel
     from flexstage.stage import Stage
@@ -198,7 +198,7 @@ def _analysed(stage: "Stage", model: str, plane: str) -> "tuple[Analysis, StageM
     return run.analysis, run.mesh
 
 
-def _read_hysteresis(given: Sequence[str]) -> "HysteresisByDrive":
+def _read_hysteresis(given: Sequence[str]) -> "Mapping[str, DriveModel] | Literal['usual', 'none']":
     """Return the identified model of each drive, of texts ``NAME=FILE``.
 
     A text may be ``usual`` or ``none`` alone, which is returned.
