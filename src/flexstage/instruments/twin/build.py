@@ -9,7 +9,6 @@ import numpy as np
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.loops import loop_width
-from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.twin.default_servo import delivered_settings
 from flexstage.instruments.twin.piezo_stage import PiezoAxis, PiezoStage
 from flexstage.instruments.twin.screw_stage import ScrewAxis, ScrewStage
@@ -28,6 +27,7 @@ from flexstage.stage.assumptions import (
     LOOP_WIDTH_SPREAD,
     STROKE_SPREAD,
 )
+from flexstage.stage.limits import AxisLimits, stage_limits
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.analysis import axis_mode
 from flexstage.virtual.as_built import AsBuilt, as_built
