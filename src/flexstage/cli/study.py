@@ -17,12 +17,12 @@ from flexstage.cli.options import (
 from flexstage.cli.output import (
     console,
     folder_option,
-    name_for_files,
     on_terminal,
     print_json,
     print_notes,
     progress_bar,
 )
+from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
     from flexstage.studies import Comparison
@@ -76,7 +76,7 @@ def study(
     names = model_names(models)
     directory = out
     if directory is None:
-        directory = Path("out") / name_for_files(described.name)
+        directory = Path("out") / file_name(described.name)
         require_writable(directory)
     with progress_bar("study", quiet=quiet):
         found = None
