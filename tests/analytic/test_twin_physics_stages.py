@@ -13,7 +13,6 @@ from flexstage.characteristic import Characteristics
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.hysteresis.loops import loop_width
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.build import virtual_stage
 from flexstage.instruments.twin.default_servo import largest_slope
 from flexstage.instruments.twin.piezo_stage import PiezoStage
@@ -22,6 +21,7 @@ from flexstage.instruments.twin.stage import VirtualStage
 from flexstage.stage import Screw
 from flexstage.system import modes
 from flexstage.system.analysis import axis_mode
+from flexstage.system.servo import ServoSettings
 
 PIEZO, SCREWS = design("vgtu-piezo"), design("vgtu-mechanical")
 MODELS = ("lumped", "superelement")

@@ -5,8 +5,7 @@ are nine of them, by name in `MODELS`. The *chain* (`Amplifier`, `LogCreep`, `St
 `Sensor`) is linear but for the limits of the amplifier. A `DriveModel` is both in a row, as
 `identify` finds it in records and `feedforward` undoes it; `model_text` writes it. A `DynamicModel`
 joins the stacks to every mode of a stage: `dynamic_model` builds it, simulation steps it, and it is
-what other programs are given. `excitation` designs the experiment, and `virtual_experiment` carries
-it out.
+what other programs are given. `excitation` designs the experiment.
 Between samples the input moves on straight lines, and every answer to such an input is exact.
 """
 
@@ -54,8 +53,6 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.plant import Plant
     from flexstage.hysteresis.prediction import Prediction, predict
     from flexstage.hysteresis.stage_plant import stage_plant
-    from flexstage.hysteresis.virtual_experiment import virtual_experiment
-    from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
 
 __all__ = [
     "MODELS",
@@ -91,7 +88,6 @@ __all__ = [
     "StageModes",
     "Tracking",
     "ValidityRange",
-    "VirtualStack",
     "cycles",
     "dynamic_model",
     "excitation",
@@ -111,8 +107,6 @@ __all__ = [
     "smoothed",
     "stage_plant",
     "tracking",
-    "virtual_experiment",
-    "virtual_stack",
 ]
 
 import_on_use(__name__)

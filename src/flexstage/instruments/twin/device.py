@@ -8,8 +8,8 @@ from enum import Enum, auto
 from typing import Literal
 
 from flexstage.errors import FlexstageError
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.protocol import Capability
+from flexstage.stage.limits import AxisLimits
 
 
 class Refusal(Enum):

@@ -8,8 +8,6 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
-from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.sensors import (
     Disturbances,
     SensorBench,
@@ -21,6 +19,8 @@ from flexstage.instruments.twin.sensors import (
 )
 from flexstage.instruments.twin.stage import Hammer, StageSamples, VirtualStage, commands
 from flexstage.stage import Stage
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
 from flexstage.virtual.imperfections import GuideErrors
 
 

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
-from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.device import ChannelDescription
 from flexstage.instruments.twin.sensors import beside_channels
 from flexstage.stage import Stage
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
 from flexstage.virtual.as_built import AsBuilt
 from flexstage.virtual.bench import HammerBench, Laboratory
 

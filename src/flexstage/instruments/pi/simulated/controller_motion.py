@@ -8,7 +8,6 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.instruments.pi.simulated.controller_core import ControllerCore
 from flexstage.instruments.pi.simulated.wave_tables import WaveRun
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.axis_state import (
     AxisState,
     check_feedforward,
@@ -16,6 +15,7 @@ from flexstage.instruments.twin.axis_state import (
     require_within,
 )
 from flexstage.instruments.twin.device import Refusal, RefusedError
+from flexstage.system.servo import ServoSettings
 
 #: Part by which a speed may pass its limit because texts are rounded.
 _ROUNDING = 1e-6

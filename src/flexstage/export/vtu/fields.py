@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,11 +11,18 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.export.body_cells import BodyCells, body_cells
-from flexstage.export.file_names import file_names
-from flexstage.fem.vtk_format import PackedCells, Values, collection_file, grid_file, packed_cells
+from flexstage.export.request import ExportRequest
+from flexstage.export.vtu.body_cells import body_cells
+from flexstage.export.vtu.format import (
+    PackedCells,
+    Values,
+    collection_file,
+    grid_file,
+    packed_cells,
+)
+from flexstage.files.names import file_names
 from flexstage.stage import Stage
-from flexstage.system import Analysis, DriveCondition
+from flexstage.system import Analysis, AxisAnalysis, DriveCondition
 
 if TYPE_CHECKING:
     from flexstage.fem import StageModel
@@ -23,13 +30,25 @@ if TYPE_CHECKING:
 _MOST_FRAMES = 360
 
 
+Fields = dict[str, Values]
+
+# of a symmetric tensor the format has xx, yy, zz, xy, yz, xz; ours is xx, yy, zz, yz, xz, xy
+_ORDER = [0, 1, 2, 5, 3, 4]
+_COMPONENTS = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Shape:
-    """Cells of a model at rest, and their displacement for a state of the system."""
+class _Drawn:
+    """A stage in cells at rest, and what is seen of a state of its system."""
 
     points: Array
     cells: PackedCells
+    regions: Sequence[tuple[str, int]]
+    """Name of each region, and the body that it is a part of."""
     displacement: Callable[[Array], Array]
+    """Of the points [m], by the coordinates of the system."""
+    static: Callable[[AxisAnalysis], tuple[Fields, Fields]]
+    """At points and in cells, at full stroke."""
 
 
 def field_files(
@@ -45,8 +64,9 @@ def field_files(
 ) -> dict[str, bytes]:
     """Return statics and modes of a model as files of the Visualization Toolkit.
 
-    ``static-AXIS.vtu``: each axis at full stroke, with ``displacement`` [m] and, of rigid bodies,
-    ``hinge_stress`` [Pa], the largest of each hinge in all cells of its notch. ``mode-NN.vtu``:
+    ``static-AXIS.vtu``: each axis at full stroke, with ``displacement`` [m]; of rigid bodies with
+    ``hinge_stress`` [Pa], the largest of each hinge in all cells of its notch; of a mesh with
+    ``von_mises`` [Pa] and ``stress`` [Pa] (xx, yy, zz, xy, yz, xz). ``mode-NN.vtu``:
     ``displacement`` as part of the largest [1], its frequency as field data ``frequency_hz``;
     ``modes.pvd`` opens them all, with the number of the mode as time. ``mode-NN-period.pvd`` with
     its ``mode-NN-frame-KK.vtu``: one period of the mode, with the part of the period as time;
@@ -59,13 +79,16 @@ def field_files(
     `frames` are pictures in one period of each of the `animated` lowest modes, 0 for none, else 2
     to 360; where not given, 12, but none of a mesh, whose files are large. `largest` is the largest
     motion that is drawn, as part of the diagonal of the stage [1]; `divisions` are parts of each
-    edge of a finite element, as in `flexstage.fem.vtu.vtu_files`.
+    edge of a finite element: where None its order but 4 at most in the plane, and 2 in three
+    dimensions and in frames.
 
     Notes
     -----
     Validity: that of the model. Rigid bodies are drawn over the whole thickness, arcs by chords
     within 2 um; between two bodies a notch is drawn as a bent bar, which is only a picture, and its
-    stress is that of its most stressed point.
+    stress is that of its most stressed point. A mesh in three dimensions is written over its whole
+    thickness, mirrored from the half that is meshed; stress is averaged at corners within a region,
+    never over regions.
 
     Examples
     --------
@@ -95,86 +118,111 @@ def field_files(
             f"{frames!r} frames of {animated!r} modes"
         )
     if mesh is None:
-        cells = body_cells(stage)
-        shape = _of_bodies(cells, analysis)
-        files = _still(analysis, drives, cells, shape)
+        still = moving = _of_bodies(stage, analysis)
     else:
-        files, shape = _of_mesh(mesh, analysis, drives, divisions, moving=frames > 0)
-    if frames and shape is not None:
-        size = largest * float(np.linalg.norm(np.ptp(shape.points, axis=0)))
-        files |= _moving(analysis, drives, shape, (frames, animated), size)
+        _require_analysed(mesh, analysis)
+        still = _of_mesh(mesh, _fine(mesh) if divisions is None else divisions)
+        # frames are many and small
+        moving = _of_mesh(mesh, 2) if frames and divisions is None else still
+    files = _still(analysis, drives, still)
+    if frames:
+        size = largest * float(np.linalg.norm(np.ptp(moving.points, axis=0)))
+        files |= _moving(analysis, drives, moving, (frames, animated), size)
     return files
 
 
 # ------------------------------------------------------------------ finite elements
 
 
-def _of_mesh(
-    mesh: "StageModel",
-    analysis: Analysis,
-    drives: DriveCondition,
-    divisions: int | None,
-    *,
-    moving: bool,
-) -> tuple[dict[str, bytes], _Shape | None]:
-    from flexstage.fem.sampling import Sampler
-    from flexstage.fem.vtu import vtu_files
-
+def _require_analysed(mesh: "StageModel", analysis: Analysis) -> None:
     if mesh.system.order != analysis.system.order or mesh.system.model != analysis.system.model:
         raise ModelError(
             f"the mesh is of a {mesh.system.model} model with {mesh.system.order} coordinates, the "
             f"analysis of a {analysis.system.model} model with {analysis.system.order}: give the "
             "mesh that was analysed"
         )
-    files = vtu_files(mesh, analysis, divisions=divisions, drives=drives)
-    if not moving:
-        return files, None
-    # frames are many and small: the corners of the elements, or two parts of an edge
-    sampler = Sampler(model=mesh, divisions=divisions or 2, extent="whole", seams=True)
+
+
+def _fine(mesh: "StageModel") -> int:
+    solid = mesh.problems[0].continuum.dimension == 3
+    return 2 if solid else min(mesh.mesh_settings.order, 4)
+
+
+def _of_mesh(mesh: "StageModel", divisions: int) -> _Drawn:
+    from flexstage.fem.sampling import Sampler
+
+    sampler = Sampler(model=mesh, divisions=divisions, extent="whole", seams=True)
     rest = sampler.read(np.zeros(mesh.system.order), stress=False)
-    bodies = np.array([sampler.bodies[name] for name in sampler.regions], dtype=np.intp)
-    return files, _Shape(
+    regions = [(name, sampler.bodies[name]) for name in sampler.regions]
+
+    def static(axis: AxisAnalysis) -> tuple[Fields, Fields]:
+        sample = sampler.read(axis.static.q)
+        assert sample.stress is not None
+        at_points = {
+            "displacement": Values(values=sample.displacement, unit="m"),
+            "von_mises": Values(values=sample.von_mises, unit="Pa"),
+            "stress": Values(values=sample.stress[:, _ORDER], unit="Pa", components=_COMPONENTS),
+        }
+        return at_points, {}
+
+    return _Drawn(
         points=rest.points,
-        cells=_packed(rest.cells, rest.region, bodies),
+        cells=_packed(rest.cells, rest.region, regions),
+        regions=regions,
         displacement=lambda q: sampler.read(q, stress=False).displacement,
+        static=static,
     )
 
 
 # ------------------------------------------------------------------ rigid bodies
 
 
-def _of_bodies(cells: BodyCells, analysis: Analysis) -> _Shape:
-    return _Shape(
+def _of_bodies(stage: Stage, analysis: Analysis) -> _Drawn:
+    cells = body_cells(stage)
+    regions = list(zip(cells.regions, cells.body.tolist(), strict=True))
+
+    def displacement(q: Array) -> Array:
+        return cells.displacement(analysis.system, q)
+
+    def static(axis: AxisAnalysis) -> tuple[Fields, Fields]:
+        stress = cells.hinge_values(axis.static.hinge_stress)
+        moved = Values(values=displacement(axis.static.q), unit="m")
+        return {"displacement": moved}, {"hinge_stress": Values(values=stress, unit="Pa")}
+
+    return _Drawn(
         points=cells.points,
-        cells=_packed(cells.cells, cells.region, cells.body),
-        displacement=lambda q: cells.displacement(analysis.system, q),
+        cells=_packed(cells.cells, cells.region, regions),
+        regions=regions,
+        displacement=displacement,
+        static=static,
     )
 
 
-def _still(
-    analysis: Analysis, drives: DriveCondition, cells: BodyCells, shape: _Shape
-) -> dict[str, bytes]:
-    """Write statics and modes of rigid bodies, with the names of their regions."""
+# ------------------------------------------------------------------ the files
+
+
+def _still(analysis: Analysis, drives: DriveCondition, drawn: _Drawn) -> dict[str, bytes]:
+    """Write statics and modes, with the names of the regions."""
     files: dict[str, bytes] = {}
     what = f"{analysis.system.model} model of {analysis.stage.name}"
     for name, axis in zip(file_names([a.axis for a in analysis.axes]), analysis.axes, strict=True):
-        moved = shape.displacement(axis.static.q)
-        stress = cells.hinge_values(axis.static.hinge_stress)
+        at_points, in_cells = drawn.static(axis)
+        fields = ", ".join(f"{n} [{v.unit}]" for n, v in (at_points | in_cells).items())
         files[f"static-{name}.vtu"] = grid_file(
-            shape.points,
-            shape.cells.and_values({"hinge_stress": Values(values=stress, unit="Pa")}),
-            at_points={"displacement": Values(values=moved, unit="m")},
+            drawn.points,
+            drawn.cells.and_values(in_cells),
+            at_points=at_points,
             about={"input_displacement_m": _one(axis.input_displacement, "m")},
-            remark=f"{what}, axis {axis.axis} at full stroke: displacement [m], hinge_stress [Pa]",
+            remark=f"{what}, axis {axis.axis} at full stroke: {fields}",
         )
     names = []
     found = analysis.modes[drives]
     for k, frequency in enumerate(found.frequency_hz.tolist(), start=1):
-        moved = _part_of_largest(shape.displacement(found.shapes[:, k - 1]))
+        moved = _part_of_largest(drawn.displacement(found.shapes[:, k - 1]))
         names.append(f"mode-{k:02d}.vtu")
         files[names[-1]] = grid_file(
-            shape.points,
-            shape.cells,
+            drawn.points,
+            drawn.cells,
             at_points={"displacement": Values(values=moved)},
             about={"frequency_hz": _one(frequency, "Hz"), "mode": _one(float(k))},
             remark=f"{what}, drives {drives}, mode {k} at {frequency:.6g} Hz: displacement as part "
@@ -184,12 +232,12 @@ def _still(
         files["modes.pvd"] = collection_file(
             names, range(1, len(names) + 1), remark=f"modes of the {what}; time: number of the mode"
         )
-    files["regions.csv"] = _regions(cells)
+    files["regions.csv"] = _region_table(analysis.stage, drawn.regions)
     return files
 
 
 def _moving(
-    analysis: Analysis, drives: DriveCondition, shape: _Shape, counts: tuple[int, int], size: float
+    analysis: Analysis, drives: DriveCondition, drawn: _Drawn, counts: tuple[int, int], size: float
 ) -> dict[str, bytes]:
     """Write one period, in some frames, of each of some modes; the largest motion is the size."""
     frames, animated = counts
@@ -197,14 +245,14 @@ def _moving(
     what = f"{analysis.system.model} model of {analysis.stage.name}"
     found = analysis.modes[drives]
     for k, frequency in enumerate(found.frequency_hz[:animated].tolist(), start=1):
-        moved = _part_of_largest(shape.displacement(found.shapes[:, k - 1]))
+        moved = _part_of_largest(drawn.displacement(found.shapes[:, k - 1]))
         names, times = [], [i / frames for i in range(frames)]
         for i, time in enumerate(times, start=1):
             now = np.cos(2.0 * np.pi * time) * moved
             names.append(f"mode-{k:02d}-frame-{i:02d}.vtu")
             files[names[-1]] = grid_file(
-                shape.points + size * now,
-                shape.cells,
+                drawn.points + size * now,
+                drawn.cells,
                 at_points={"displacement": Values(values=now)},
                 about={
                     "frequency_hz": _one(frequency, "Hz"),
@@ -224,8 +272,9 @@ def _moving(
 
 
 def _packed(
-    cells: NDArray[np.intp], region: NDArray[np.intp], bodies: NDArray[np.intp]
+    cells: NDArray[np.intp], region: NDArray[np.intp], regions: Sequence[tuple[str, int]]
 ) -> PackedCells:
+    bodies = np.array([body for _, body in regions], dtype=np.intp)
     in_cells = {"region": Values(values=region), "body": Values(values=bodies[region])}
     return packed_cells(cells, in_cells)
 
@@ -238,11 +287,16 @@ def _one(value: float, unit: str = "") -> Values:
     return Values(values=np.array([value]), unit=unit)
 
 
-def _regions(cells: BodyCells) -> bytes:
+def _region_table(stage: Stage, regions: Sequence[tuple[str, int]]) -> bytes:
     """Write the names of regions and bodies."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(("region", "region name", "body", "body name"))
-    for i, (name, body) in enumerate(zip(cells.regions, cells.body.tolist(), strict=True)):
-        table.writerow((i, name, body, cells.stage.bodies[body].name))
+    for i, (name, body) in enumerate(regions):
+        table.writerow((i, name, body, stage.bodies[body].name))
     return text.getvalue().encode()
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the format."""
+    return field_files(request.stage, request.analysis, mesh=request.mesh)

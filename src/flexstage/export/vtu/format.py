@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 import flexstage
 from flexstage.errors import ModelError
 
-#: Cell types of the format by their corners: triangle, tetrahedron, wedge.
-CELL_TYPES = {3: 5, 4: 10, 6: 13}
-#: What a file begins with, and what a grid does behind it.
-HEAD = '<?xml version="1.0"?>\n'
-GRID = (
+# types of cells by their corners: triangle, tetrahedron, wedge
+_CELL_TYPES = {3: 5, 4: 10, 6: 13}
+
+_HEAD = '<?xml version="1.0"?>\n'
+_GRID = (
     '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
     'header_type="UInt64" compressor="vtkZLibDataCompressor">'
 )
@@ -59,7 +59,7 @@ def packed_cells(cells: NDArray[np.integer], in_cells: Mapping[str, Values]) -> 
     parts = {
         "connectivity": Values(values=cells.ravel()),
         "offsets": Values(values=corners * np.arange(1, count + 1)),
-        "types": Values(values=np.full(count, CELL_TYPES[corners], dtype=np.uint8)),
+        "types": Values(values=np.full(count, _CELL_TYPES[corners], dtype=np.uint8)),
     }
     return PackedCells(count=count, cells=_arrays(parts), values="").and_values(in_cells)
 
@@ -79,8 +79,8 @@ def grid_file(
     """
     _require_rows("point", len(points), at_points)
     text = [
-        f"{HEAD}<!-- {_comment(remark)} -->",
-        GRID,
+        f"{_HEAD}<!-- {_comment(remark)} -->",
+        _GRID,
         f"<UnstructuredGrid>\n<FieldData>\n{_arrays(about)}</FieldData>",
         f'<Piece NumberOfPoints="{len(points)}" NumberOfCells="{cells.count}">',
         f"<Points>\n{_arrays({'points': Values(values=points, unit='m')})}</Points>",
@@ -99,7 +99,7 @@ def collection_file(files: Sequence[str], times: Sequence[float], *, remark: str
         for name, time in zip(files, times, strict=True)
     )
     return (
-        f"{HEAD}<!-- {_comment(remark)} -->\n"
+        f"{_HEAD}<!-- {_comment(remark)} -->\n"
         '<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">\n'
         f"<Collection>\n{sets}</Collection>\n</VTKFile>\n"
     ).encode()
@@ -122,10 +122,10 @@ def _comment(remark: str) -> str:
 
 
 def _arrays(fields: Mapping[str, Values]) -> str:
-    return "".join(f"{data_array(name, values)}\n" for name, values in fields.items())
+    return "".join(f"{_data_array(name, values)}\n" for name, values in fields.items())
 
 
-def data_array(name: str, held: Values) -> str:
+def _data_array(name: str, held: Values) -> str:
     """Write numbers: a header of one block, and the block, compressed."""
     values = np.asarray(held.values)
     kind, wide = _KINDS[values.dtype.kind]

@@ -1,9 +1,6 @@
-"""Names of exported files, and the time that stands in them."""
+"""Names that files can have."""
 
-import datetime
 from collections.abc import Iterable
-
-from flexstage.errors import ModelError
 
 # No system takes a name of more than 255 bytes, and endings are put behind it.
 _CHARACTERS, _BYTES = 60, 180
@@ -23,7 +20,7 @@ def file_name(name: str, fallback: str = "stage") -> str:
     >>> file_name("a/b: c")
     'a-b--c'
     """
-    kept = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".").lstrip("-.")
+    kept = "".join(c if c.isalnum() or c in "-_.+" else "-" for c in name).strip(".").lstrip("-.+")
     kept = kept[:_CHARACTERS].encode()[:_BYTES].decode(errors="ignore") or fallback
     return f"_{kept}" if kept.partition(".")[0].lower() in _DEVICES else kept
 
@@ -44,24 +41,3 @@ def file_names(names: Iterable[str], fallback: str = "axis") -> list[str]:
             free, count = f"{plain}-{count}", count + 1
         found.append(free)
     return found
-
-
-#: Stands where no time is given, so that the same stage gives the same bytes.
-NO_TIME = "1970-01-01T00:00:00"
-
-
-def read_time(time_stamp: str) -> datetime.datetime:
-    """Read a time stamp.
-
-    Examples
-    --------
-    >>> read_time("2031-05-06T07:08:09").year
-    2031
-    """
-    try:
-        return datetime.datetime.fromisoformat(time_stamp)
-    except ValueError:
-        raise ModelError(
-            f"a time stamp must be a date and a time such as '2031-05-06T07:08:09', got "
-            f"'{time_stamp}'"
-        ) from None
