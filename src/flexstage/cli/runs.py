@@ -199,8 +199,8 @@ def recover(
     It is written as HDF5.
     """
     from flexstage.instruments.recording.archive import archived
-    from flexstage.instruments.recording.files import in_use
     from flexstage.instruments.recording.recovery import examine
+    from flexstage.instruments.recording.stream import in_use
 
     found = examine(file)
     target = None
