@@ -22,9 +22,9 @@ from flexstage.cli.options import (
 from flexstage.cli.output import (
     console,
     folder_option,
-    make_table,
     print_json,
     print_notes,
+    print_table,
     progress_bar,
 )
 from flexstage.errors import ModelError, StageError
@@ -169,10 +169,12 @@ def export(
         print_json(_results(request, made, files, notes))
         return
     screen = console()
-    table = make_table(f"{request.stage.name} for other programs", "format", "<what", "<files")
-    for name, paths in files.items():
-        table.add_row(name, FORMATS[name].about, _shown(paths))
-    screen.print(table)
+    print_table(
+        screen,
+        f"{request.stage.name} for other programs",
+        ("format", "<what", "<files"),
+        ((name, FORMATS[name].about, _shown(paths)) for name, paths in files.items()),
+    )
     print_notes(screen, notes)
 
 

@@ -24,8 +24,7 @@ from flexstage.experiments.verbs import Verify
 from flexstage.hysteresis import loop_width, tracking
 from flexstage.instruments.protocol import Capability, Signal
 from flexstage.instruments.record_run import run_waveform
-from flexstage.instruments.recording.attributes import read_metadata
-from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.instruments.recording.metadata import RunMetadata, read_metadata
 from flexstage.instruments.waveform import Waveform
 from flexstage.measure.uncertainty.sensor import measured
 from flexstage.records import Record, read_record
