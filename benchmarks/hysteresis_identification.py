@@ -31,8 +31,8 @@ from flexstage.hysteresis.identification.misfit import cross_validate, misfit
 from flexstage.hysteresis.identification.model_fit import FitData, behind_chain, fits
 from flexstage.hysteresis.models.bouc_wen.fit import BoucWenFit, shape_at
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
-from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.records import Channel, Record
+from flexstage.virtual.stack import virtual_stack
 
 __all__ = ["auto", "bouc_wen", "growth", "identification", "preisach", "record"]
 

@@ -43,8 +43,8 @@ from flexstage.hysteresis.identification.refined_fit import RefinedFit
 from flexstage.hysteresis.identification.searched_fit import SearchedFit
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
-from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.records import Channel, Record
+from flexstage.virtual.stack import virtual_stack
 
 NONE = ChainValues()
 #: Noise of the output: about 0.1 % of the stroke.

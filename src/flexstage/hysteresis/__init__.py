@@ -5,8 +5,7 @@ A *hysteresis model* is a frozen set of parameters with an explicit state (`Hyst
 `StageModes`, `Lag`, `Sensor`) is linear but for the limits of the amplifier. A `DriveModel` is both
 in a row, as `identify` finds it in records and `feedforward` undoes it; `model_text` writes it. A
 `DynamicModel` joins the stacks to every mode of a stage: `dynamic_model` builds it, simulation
-steps it, and it is what other programs are given. `excitation` designs the experiment, and
-`virtual_experiment` carries it out.
+steps it, and it is what other programs are given. `excitation` designs the experiment.
 Between samples the input moves on straight lines, and every answer to such an input is exact.
 """
 
@@ -47,8 +46,6 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.plant import Plant
     from flexstage.hysteresis.prediction import Prediction, predict
     from flexstage.hysteresis.stage_plant import stage_plant
-    from flexstage.hysteresis.virtual_experiment import virtual_experiment
-    from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
 
 __all__ = [
     "MODELS",
@@ -75,7 +72,6 @@ __all__ = [
     "StageModes",
     "Tracking",
     "ValidityRange",
-    "VirtualStack",
     "cycles",
     "dynamic_model",
     "excitation",
@@ -95,8 +91,6 @@ __all__ = [
     "smoothed",
     "stage_plant",
     "tracking",
-    "virtual_experiment",
-    "virtual_stack",
 ]
 
 # the classes of the models

@@ -19,8 +19,8 @@ from flexstage.hysteresis.stack_models import (
     scale_of,
 )
 from flexstage.hysteresis.stage_plant import refuse_stroke
-from flexstage.hysteresis.virtual_stack import USUAL_LOOP_WIDTH
 from flexstage.stage import PiezoStack, Stage
+from flexstage.stage.assumptions import LOOP_WIDTH
 from flexstage.system import MechanicalSystem, Modes, modes
 from flexstage.system.mechanical import DrivePort
 from flexstage.system.statics import imposed_shape
@@ -226,7 +226,7 @@ def _notes(
     if usual and stacks:
         notes.append(
             "The hysteresis of the stacks is not measured: a Bouc-Wen loop of a usual width, "
-            f"{100.0 * USUAL_LOOP_WIDTH:g} % of the stroke."
+            f"{100.0 * LOOP_WIDTH:g} % of the stroke."
         )
     linear = [name for name, model in stacks.items() if model is None]
     if linear:

@@ -12,15 +12,66 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
+from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
-from flexstage.instruments.twin.device import ChannelDescription
-from flexstage.virtual.bench import SimulatedSensor
-from flexstage.virtual.imperfections import MOTIONS, GuideErrors
+from flexstage.sensor import SensorSpecification
+from flexstage.stage.assumptions import ANGLE_NOISE, GUIDE_LENGTH, POSITION_NOISE, TRANSVERSE_NOISE
+from flexstage.virtual.imperfections import ANGLES, MOTIONS, GuideErrors
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedSensor(SensorSpecification):
+    """A sensor that is simulated: what it is off by is drawn as its specification states it."""
+
+    noise_rms: float
+    """Rms of its white noise, in the unit of its reading."""
+    mains_amplitude: float = 0.0
+    """Amplitude of what it picks up of the mains, in the unit of its reading."""
+    unit: str = "m"
+    """Unit of its reading."""
+
+    def __post_init__(self) -> None:
+        SensorSpecification.__post_init__(self)
+        for name in ("noise_rms", "mains_amplitude"):
+            if not 0.0 <= (value := getattr(self, name)) < math.inf:
+                raise ModelError(f"the {name} of a sensor must be 0 or more, got {value!r}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Drawn:
+    gain: float
+    angle: float
+    drift: float
+
+    def read(self, truth: Array, along: Array | float, time: Array) -> Array:
+        """Reading without noise: gain, a share of the motion along the axis, drift."""
+        seen = truth * np.cos(self.angle) + np.sin(self.angle) * along
+        return (1.0 + self.gain) * seen + self.drift * time
+
+
+def drawn(sensor: SimulatedSensor, rng: np.random.Generator) -> _Drawn:
+    """Draw what a sensor is off by, of what is stated of it: gain, angle and drift."""
+    g, a, d = rng.standard_normal(3)
+    return _Drawn(gain=sensor.calibration * g, angle=sensor.alignment * a, drift=sensor.drift * d)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelDescription:
+    """A sensor of a virtual stage, as its controller numbers it."""
+
+    number: int
+    """Its number, from 1; the first ones are the sensors of the axes, in their order."""
+    name: str
+    """What it reads: ``x``, ``y``, then ``across``, ``vertical``, ``roll``, ``pitch``, ``yaw`` of
+    each axis as ``x.across`` and so on.
+    """
+    unit: str
+    """``m`` or ``rad``."""
+
 
 #: Coefficients of a polynomial: those of the curves of guides, of order 5.
 TERMS = 6
-_ANGLES = ("roll", "pitch", "yaw")
 
 
 def polynomial(guide: GuideErrors, motion: str, low: float) -> Array:
@@ -54,7 +105,7 @@ def neighbour(axes: Sequence[str], axis: str) -> str | None:
 def beside_channels(axes: Sequence[str]) -> tuple[ChannelDescription, ...]:
     """Return the sensors of a stage: those of the axes, then those beside each of them."""
     names = [(axis, "m") for axis in axes]
-    names += [(f"{a}.{m}", "rad" if m in _ANGLES else "m") for a in axes for m in MOTIONS]
+    names += [(f"{a}.{m}", "rad" if m in ANGLES else "m") for a in axes for m in MOTIONS]
     return tuple(
         ChannelDescription(number=i, name=name, unit=unit)
         for i, (name, unit) in enumerate(names, start=1)
@@ -139,19 +190,22 @@ class SensorBench:
 
     along: SimulatedSensor = field(
         default_factory=lambda: SimulatedSensor(
-            noise_rms=5e-9, mains_amplitude=10e-9, resolution_step=1e-10, calibration=5e-5
+            noise_rms=POSITION_NOISE, mains_amplitude=10e-9, resolution_step=1e-10, calibration=5e-5
         )
     )
     """Reads along an axis, and closes its loop."""
     beside: SimulatedSensor = field(
         default_factory=lambda: SimulatedSensor(
-            noise_rms=3e-9, mains_amplitude=6e-9, resolution_step=1e-10, calibration=2e-3
+            noise_rms=TRANSVERSE_NOISE,
+            mains_amplitude=6e-9,
+            resolution_step=1e-10,
+            calibration=2e-3,
         )
     )
     """Reads across it, in the plane and out of it."""
     angle: SimulatedSensor = field(
         default_factory=lambda: SimulatedSensor(
-            noise_rms=5e-8,
+            noise_rms=ANGLE_NOISE,
             mains_amplitude=5e-8,
             resolution_step=1e-9,
             calibration=2e-3,
@@ -167,7 +221,7 @@ class SensorBench:
     """Time in which the room forgets its temperature [s]."""
     stage_time: float = 300.0
     """Time in which the stage follows the room [s]."""
-    lever: float = 50e-3
+    lever: float = GUIDE_LENGTH
     """Length over which the same drift is a rotation [m]."""
 
 

@@ -1,5 +1,6 @@
-"""A stack to try identification on: a hysteresis that no model of the package is."""
+"""A virtual piezo stack: a hysteresis that no model of the package is."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from flexstage.characteristic import measured_value
 from flexstage.errors import ModelError
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import (
@@ -19,14 +21,13 @@ from flexstage.hysteresis.model import (
 )
 from flexstage.hysteresis.models.duhem.law import Duhem
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii.law import ModifiedPrandtlIshlinskii
+from flexstage.stage import Stage
+from flexstage.stage.assumptions import LOOP_WIDTH
 
-#: What a multilayer stack and its amplifier are like where nobody has measured them: width of the
-#: loop over the stroke [1], as data sheets of stacks under voltage control state 10 to 15 %; creep
-#: per decade [1]; bandwidth of the amplifier [Hz].
-USUAL_LOOP_WIDTH = 0.125
-USUAL_CREEP = 0.012
-USUAL_BANDWIDTH_HZ = 2000.0
-
+#: Widths that the loop of a virtual stack can have over its stroke [1].
+WIDTHS = (0.03, 0.25)
+#: So many plays that their kinks, below a nanometre, drown in any noise.
+FINE_PLAYS = 192
 _PLAYS = 48
 #: Share of the output that comes from the part which forgets by degrees.
 _FADING = 0.05
@@ -137,7 +138,7 @@ def virtual_stack(
     ModelError
         No stack of this kind has such a loop.
     """
-    if not 0.03 <= width <= 0.25:
+    if not WIDTHS[0] <= width <= WIDTHS[1]:
         raise ModelError(f"the width of a loop must be 0.03 to 0.25 of the stroke, got {width:g}")
     low, high = voltage_range
     line = np.linspace(low, high, 400)
@@ -186,3 +187,34 @@ def _stack(
         dead_zone_weights=np.full(count, _BEND / count),
     )
     return VirtualStack(bent=bent, fading=fading)
+
+
+def loop_share(stage: Stage, axis: str, stroke: float) -> float:
+    """Return the width of an axis's loop over its stroke: measured and published, else usual."""
+    width = measured_value(stage.published, "hysteresis_loop_width", axis)
+    return LOOP_WIDTH if width is None else width / stroke
+
+
+def matched_stacks(
+    sizes: Sequence[tuple[float, float]],
+    wanted: Sequence[tuple[float | None, float]],
+    measure: Callable[[Sequence[tuple[float, float]]], Sequence[tuple[float, float]]],
+) -> list[tuple[float, float]]:
+    """Return free displacements [m] and loop widths [1] of stacks that give what is wanted.
+
+    Creep, amplifier and stage add to both, so that each stack by itself needs a little less.
+    `measure` returns stroke [m] and width over it [1] of every axis with stacks of given sizes; a
+    stroke that is None is left as it comes.
+    """
+    for _ in range(2):
+        got = measure(sizes)
+        sizes = [
+            (
+                free if stroke is None else free * stroke / reached,
+                float(np.clip(own * share / width, *WIDTHS)),
+            )
+            for (free, own), (stroke, share), (reached, width) in zip(
+                sizes, wanted, got, strict=True
+            )
+        ]
+    return list(sizes)

@@ -8,9 +8,12 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
-from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.sensors import (
+from flexstage.stage import Stage
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
+from flexstage.virtual.hammer import Hammer
+from flexstage.virtual.imperfections import GuideErrors
+from flexstage.virtual.sensors import (
     Disturbances,
     SensorBench,
     kinds_of,
@@ -19,9 +22,7 @@ from flexstage.instruments.twin.sensors import (
     readings_beside,
     sources,
 )
-from flexstage.instruments.twin.stage import Hammer, StageSamples, VirtualStage, commands
-from flexstage.stage import Stage
-from flexstage.virtual.imperfections import GuideErrors
+from flexstage.virtual.stage import StageSamples, VirtualStage, commands
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

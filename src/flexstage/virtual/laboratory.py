@@ -1,28 +1,19 @@
 """A virtual laboratory: its sensors, and the records of the virtual stage that it writes."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.errors import ModelError
 from flexstage.records import Channel, Record
-from flexstage.sensor import SensorSpecification
-from flexstage.system import modes
+from flexstage.stage.assumptions import ANGLE_NOISE, POSITION_NOISE, TRANSVERSE_NOISE
 from flexstage.virtual.as_built import AsBuilt, AsBuiltAxis
-from flexstage.virtual.imperfections import MOTIONS
+from flexstage.virtual.imperfections import ANGLES, MOTIONS
+from flexstage.virtual.sensors import SimulatedSensor, drawn
 
-_ANGLES = ("roll", "pitch", "yaw")
 #: Steps of a staircase over the noise of the sensor.
 _STEP_OVER_NOISE = 6.0
-#: A blow: half a sine of this length [s], of about this size [N].
-_BLOW, _FORCE = 0.5e-3, 8.0
-_HAMMER_RATE_HZ, _HAMMER_TIME, _PRE_TRIGGER = 8192.0, 0.8, 0.02
-#: Samples after the last blow has decayed.
-_REST = 1024
 #: Spheres of the plate on the platform, from its reading point [m].
 _SPHERES = np.array(
     [
@@ -33,24 +24,6 @@ _SPHERES = np.array(
         (1e-3, 2e-3, 26e-3),
     ]
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatedSensor(SensorSpecification):
-    """A sensor that is simulated: what it is off by is drawn as its specification states it."""
-
-    noise_rms: float
-    """Rms of its white noise, in the unit of its reading."""
-    mains_amplitude: float = 0.0
-    """Amplitude of what it picks up of the mains, in the unit of its reading."""
-    unit: str = "m"
-    """Unit of its reading."""
-
-    def __post_init__(self) -> None:
-        SensorSpecification.__post_init__(self)
-        for name in ("noise_rms", "mains_amplitude"):
-            if not 0.0 <= (value := getattr(self, name)) < math.inf:
-                raise ModelError(f"the {name} of a sensor must be 0 or more, got {value!r}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,19 +38,19 @@ class Laboratory:
 
     position: SimulatedSensor = field(
         default_factory=lambda: SimulatedSensor(
-            calibration=5e-4, alignment=1e-3, drift=2e-11, noise_rms=5e-9
+            calibration=5e-4, alignment=1e-3, drift=2e-11, noise_rms=POSITION_NOISE
         )
     )
     """Reads along the axis."""
     transverse: SimulatedSensor = field(
         default_factory=lambda: SimulatedSensor(
-            calibration=2e-3, alignment=5e-4, drift=2e-11, noise_rms=3e-9
+            calibration=2e-3, alignment=5e-4, drift=2e-11, noise_rms=TRANSVERSE_NOISE
         )
     )
     """Read across it, in the plane and out of it."""
     angle: SimulatedSensor = field(
         default_factory=lambda: SimulatedSensor(
-            calibration=2e-3, drift=1e-10, noise_rms=5e-8, unit="rad"
+            calibration=2e-3, drift=1e-10, noise_rms=ANGLE_NOISE, unit="rad"
         )
     )
     """Reads roll, pitch and yaw [rad]."""
@@ -101,31 +74,15 @@ class Laboratory:
     """How often each corner of the workspace is gone to."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Drawn:
-    gain: float
-    angle: float
-    drift: float
-
-    def read(self, truth: Array, along: Array | float, time: Array) -> Array:
-        """Reading without noise: gain, a share of the motion along the axis, drift."""
-        seen = truth * np.cos(self.angle) + np.sin(self.angle) * along
-        return (1.0 + self.gain) * seen + self.drift * time
-
-
-def drawn(sensor: SimulatedSensor, rng: np.random.Generator) -> _Drawn:
-    """Draw what a sensor is off by, of what is stated of it: gain, angle and drift."""
-    g, a, d = rng.standard_normal(3)
-    return _Drawn(gain=sensor.calibration * g, angle=sensor.alignment * a, drift=sensor.drift * d)
-
-
-def _generator(seed: int, what: int) -> np.random.Generator:
+def stream(seed: int, what: int) -> np.random.Generator:
+    """Return the generator of one kind of record."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2, what)))
 
 
-def _record(
+def virtual_record(
     built: AsBuilt, channels: Mapping[str, tuple[Array, str]], time: Array, *, over: str = "time"
 ) -> Record:
+    """Return a record that says of itself that it is virtual."""
     return Record(
         channels=tuple(Channel(name=n, values=v, unit=u) for n, (v, u) in channels.items()),
         time=time,
@@ -151,7 +108,7 @@ def motion_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: in
     63.1 um
     """
     own = built.axis(axis)
-    rng = _generator(seed, 10 + [a.name for a in built.axes].index(axis))
+    rng = stream(seed, 10 + [a.name for a in built.axes].index(axis))
     lab = laboratory
     size = lab.cycles * lab.samples + 1
     time = np.arange(size) / lab.sample_rate_hz
@@ -165,11 +122,11 @@ def motion_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: in
         "along": (_read(lab.position, position, 0.0, time, rng), "m"),
     }
     for motion in MOTIONS:
-        sensor = lab.angle if motion in _ANGLES else lab.transverse
-        beside = 0.0 if motion in _ANGLES else position
+        sensor = lab.angle if motion in ANGLES else lab.transverse
+        beside = 0.0 if motion in ANGLES else position
         truth = own.guide.at(position, motion)
         channels[motion] = (_read(sensor, truth, beside, time, rng), sensor.unit)
-    return _record(built, channels, time)
+    return virtual_record(built, channels, time)
 
 
 def _read(
@@ -186,11 +143,11 @@ def _read(
 def hold_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0) -> Record:
     """Hold an axis in the middle of its stroke, and read it."""
     own = built.axis(axis)
-    rng = _generator(seed, 20 + [a.name for a in built.axes].index(axis))
+    rng = stream(seed, 20 + [a.name for a in built.axes].index(axis))
     time = np.arange(laboratory.hold) / laboratory.sample_rate_hz
     held = np.full(time.size, 0.5 * own.stroke)
     reading = _read(laboratory.position, held, 0.0, time, rng)
-    return _record(built, {"along": (reading, "m")}, time)
+    return virtual_record(built, {"along": (reading, "m")}, time)
 
 
 def staircase_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0) -> Record:
@@ -200,7 +157,7 @@ def staircase_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed:
     """
     own = built.axis(axis)
     lab = laboratory
-    rng = _generator(seed, 30 + [a.name for a in built.axes].index(axis))
+    rng = stream(seed, 30 + [a.name for a in built.axes].index(axis))
     low, high = own.command_range
     step = own.smallest_step or _STEP_OVER_NOISE * lab.position.noise_rms
     level = np.repeat(np.arange(lab.levels, dtype=np.float64), lab.per_level)
@@ -210,7 +167,9 @@ def staircase_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed:
     # from the low end up, so that every step goes on in the same direction
     position = own.position(np.concatenate((np.linspace(low, command[0], 50), command)))[50:]
     reading = _read(lab.position, position, 0.0, time, rng)
-    return _record(built, {"command": (command, own.command_unit), "along": (reading, "m")}, time)
+    return virtual_record(
+        built, {"command": (command, own.command_unit), "along": (reading, "m")}, time
+    )
 
 
 def workspace_record(built: AsBuilt, laboratory: Laboratory, *, seed: int = 0) -> Record:
@@ -219,7 +178,7 @@ def workspace_record(built: AsBuilt, laboratory: Laboratory, *, seed: int = 0) -
     Corners are numbered from 0 and anticlockwise.
     """
     first, second = built.axes[:2]
-    rng = _generator(seed, 40)
+    rng = stream(seed, 40)
     corner = np.tile(np.arange(4.0), laboratory.repeats)
     a = np.where((corner == 1) | (corner == 2), 1.0, 0.0) * first.stroke
     b = np.where(corner >= 2, 1.0, 0.0) * second.stroke
@@ -234,7 +193,7 @@ def workspace_record(built: AsBuilt, laboratory: Laboratory, *, seed: int = 0) -
         first.name: (_read(laboratory.position, x, y, time, rng), "m"),
         second.name: (_read(laboratory.position, y, x, time, rng), "m"),
     }
-    return _record(built, channels, time, over="point")
+    return virtual_record(built, channels, time, over="point")
 
 
 def sphere_record(
@@ -254,7 +213,7 @@ def sphere_record(
     """
     own = built.axis(axis)
     names = [a.name for a in built.axes]
-    rng = _generator(seed, 50 + names.index(axis))
+    rng = stream(seed, 50 + names.index(axis))
     low, high = own.command_range
     run = np.linspace(low, high, stations)
     command = np.tile(np.concatenate((run, run[::-1])), laboratory.cycles)
@@ -273,7 +232,7 @@ def sphere_record(
     for i in range(len(spheres)):
         for j, letter in enumerate("XYZ"):
             channels[f"SPH{i + 1}.{letter}"] = (centres[:, i, j], "m")
-    return _record(built, channels, np.arange(command.size, dtype=np.float64), over="point")
+    return virtual_record(built, channels, np.arange(command.size, dtype=np.float64), over="point")
 
 
 def _pose(own: AsBuiltAxis, position: Array, *, along_x: bool) -> tuple[Array, ...]:
@@ -289,61 +248,3 @@ def _rotation(roll: float, pitch: float, yaw: float) -> Array:
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_rotvec((roll, pitch, yaw)).as_matrix()
-
-
-class HammerBench:
-    """A virtual stage struck by a hammer at its platform, drives removed.
-
-    Force and acceleration belong together as of the continuous system: the response is that of all
-    its modes, up to half the sample rate.
-    """
-
-    def __init__(self, built: AsBuilt, laboratory: Laboratory) -> None:
-        self._built = built
-        self._laboratory = laboratory
-        self._block = int(_HAMMER_RATE_HZ * _HAMMER_TIME)
-        found = modes(built.system, drives="removed", count=None)
-        f = np.fft.rfftfreq(self._block, 1.0 / _HAMMER_RATE_HZ)
-        omega = 2.0 * np.pi * f[:, None]
-        own = found.omega[None, :]
-        dynamic = own**2 - omega**2 + 2j * found.damping_ratio[None, :] * own * omega
-        self._response: dict[tuple[str, str], NDArray[np.complex128]] = {}
-        for struck in built.system.axes:
-            for read in built.system.axes:
-                weight = (built.system.probe(struck.probe).vector @ found.shapes) * (
-                    built.system.probe(read.probe).vector @ found.shapes
-                )
-                value = np.sum(weight / dynamic, axis=1) * -(omega[:, 0] ** 2)
-                self._response[struck.name, read.name] = value
-
-    def record(self, axis: str, *, seed: int = 0) -> Record:
-        """Strike along an axis; returned are force, and acceleration along every axis."""
-        lab = self._laboratory
-        names = [a.name for a in self._built.axes]
-        rng = _generator(seed, 60 + names.index(axis))
-        size = lab.hits * self._block
-        time = np.arange(size + _REST) / _HAMMER_RATE_HZ
-        force = np.zeros((lab.hits, self._block))
-        local = np.arange(self._block) / _HAMMER_RATE_HZ
-        for k in range(lab.hits):
-            height = _FORCE * (1.0 + 0.2 * rng.standard_normal())
-            since = local - _PRE_TRIGGER * (1.0 + 0.3 * rng.random())
-            inside = (since > 0.0) & (since < _BLOW)
-            force[k, inside] = height * np.sin(np.pi * since[inside] / _BLOW)
-        spectrum = np.fft.rfft(force, axis=1)
-        channels: dict[str, tuple[Array, str]] = {}
-        clean = {
-            name: np.append(
-                np.fft.irfft(spectrum * self._response[axis, name], n=self._block, axis=1),
-                np.zeros(_REST),
-            )
-            for name in names
-        }
-        noise = float(np.sqrt(np.mean(clean[axis] ** 2))) / lab.signal_to_noise
-        pressed = np.append(force, np.zeros(_REST))
-        pressed = pressed + 1e-4 * _FORCE * rng.standard_normal(pressed.size)
-        channels["force"] = (pressed, "N")
-        for name in names:
-            reading = clean[name] + noise * rng.standard_normal(time.size)
-            channels[f"acceleration {name}"] = (reading, "m/s^2")
-        return _record(self._built, channels, time)

@@ -1,4 +1,4 @@
-"""What a simulated stage offers to the controller that is simulated around it; its hammer."""
+"""A virtual stage sample by sample, as the controller that is simulated around it sees it."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -9,15 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
-from flexstage.choose import has_no
 from flexstage.errors import ModelError
-from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.device import ChannelDescription
-from flexstage.instruments.twin.sensors import beside_channels
 from flexstage.stage import Stage
-from flexstage.virtual.as_built import AsBuilt
-from flexstage.virtual.bench import HammerBench, Laboratory
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
+from flexstage.virtual.hammer import Blow, Hammer
+from flexstage.virtual.sensors import ChannelDescription, beside_channels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,48 +40,6 @@ class StageSamples:
     """What the drive is told: the voltage asked of each amplifier [V], after its range and its
     steps; the advance that each screw has [m], shape (axes, n).
     """
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Blow:
-    """One blow of a hammer on the platform, the drives taken out."""
-
-    time: Array
-    """Times [s], shape (n,)."""
-    force: Array
-    """Force of the hammer [N], shape (n,)."""
-    response: Array
-    """Acceleration of the platform along the axis that was struck [m/s^2], shape (n,)."""
-    sample_rate_hz: float
-    """Samples in a second [Hz]."""
-
-
-class Hammer:
-    """A hammer with a force sensor, and an accelerometer on the platform."""
-
-    def __init__(self, built: AsBuilt, seed: int) -> None:
-        self._bench = HammerBench(built, Laboratory(hits=1))
-        self._axes = [a.name for a in built.axes]
-        self._seed, self._struck = seed, 0
-
-    def strike(self, axis: str) -> Blow:
-        """Strike once along an axis; the next blow differs from it."""
-        if axis not in self._axes:
-            raise ModelError(has_no("the stage", "axis", axis, self._axes))
-        # each blow has a seed of its own, far from those of other stages
-        record = self._bench.record(axis, seed=1_000_003 * (self._seed + 1) + self._struck)
-        self._struck += 1
-        time = record.time
-        return Blow(
-            time=time,
-            force=record.channel("force").values,
-            response=record.channel(f"acceleration {axis}").values,
-            sample_rate_hz=float(1.0 / (time[1] - time[0])),
-        )
-
-    def reset(self) -> None:
-        """Begin with the first blow again."""
-        self._struck = 0
 
 
 class VirtualStage(ABC):

@@ -1,20 +1,23 @@
-"""A rotary table, simulated: an axis that wanders, a scale with errors, heads that are noisy."""
+"""A virtual rotary table: an axis that wanders, a scale with errors, heads that are noisy."""
 
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
+from flexstage.centring.centre_reading import CentreReading, centre_reading, table_reading
+from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ScaleKind, exact_error
+from flexstage.centring.head_averaging import against_reference
+from flexstage.centring.self_calibration import self_calibration
 from flexstage.centring.turn_spectrum import whole_orders
-from flexstage.errors import ModelError
+from flexstage.errors import ModelError, RecordError
 from flexstage.records import Channel, Record
-
-#: Orders of what the axis does beside its turns: a cage with its balls runs at some such rates.
-_ASYNCHRONOUS = (0.43, 2.57, 5.43)
+from flexstage.stage.assumptions import ASYNCHRONOUS_ORDERS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -251,8 +254,97 @@ class VirtualTable:
             c, s = np.cos(n * theta), np.sin(n * theta)
             motion += np.stack((cx * c + sx * s, cy * c + sy * s), axis=1)
         if self.asynchronous:
-            share = self.asynchronous * math.sqrt(2.0 / len(_ASYNCHRONOUS))
-            for n in _ASYNCHRONOUS:
+            share = self.asynchronous * math.sqrt(2.0 / len(ASYNCHRONOUS_ORDERS))
+            for n in ASYNCHRONOUS_ORDERS:
                 phase = random.uniform(0.0, 2.0 * np.pi, 2)
                 motion += share * np.sin(n * theta[:, np.newaxis] + phase)
         return motion
+
+
+class Carrier(Protocol):
+    """A stage on a virtual table, simulated or real, that carries the scale."""
+
+    @property
+    def true_position(self) -> Array:
+        """Where it has carried the scale, x and y on the table [m], shape (2,)."""
+        ...
+
+
+class VirtualBench:
+    """A simulated table with a stage on it that carries the scale.
+
+    Parameters
+    ----------
+    table : VirtualTable
+        The table, with the eccentricity of the scale for the stage in the middle of its stroke.
+    stage : Carrier
+        The stage, such as a `flexstage.virtual.VirtualPositioner`.
+    method : {"reference", "heads alone", "eccentricity"}
+        How the readings are evaluated: compared with the reference of angle, by
+        `flexstage.centring.head_averaging.against_reference`; with one another, of two heads or
+        more; or by `flexstage.centring.eccentricity.eccentricity`, which looks for outliers and
+        correlated noise and takes longer.
+    orders : iterable of int
+        Orders of the errors that are solved for beside the eccentricity.
+
+    Raises
+    ------
+    RecordError
+        One head is to be read alone, or the method is none.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.virtual import VirtualPositioner
+    >>> stage = VirtualPositioner(design("vgtu-mechanical"))
+    >>> table = VirtualTable(radius=50e-3, eccentricity=(30e-6, 40e-6), noise=5e-6)
+    >>> print(f"{1e6 * VirtualBench(table, stage).measure().length.value:.2f} um")
+    49.98 um
+    """
+
+    def __init__(
+        self,
+        table: VirtualTable,
+        stage: Carrier,
+        *,
+        method: Literal["reference", "heads alone", "eccentricity"] = "reference",
+        orders: Iterable[int] = range(1, 25),
+    ) -> None:
+        if method not in ("reference", "heads alone", "eccentricity"):
+            raise RecordError(
+                f"the method is 'reference', 'heads alone' or 'eccentricity', got '{method}'"
+            )
+        if method == "heads alone" and len(table.heads) < 2:
+            raise RecordError("one head needs a reference of angle to be compared with")
+        self._table, self._stage = table, stage
+        self._orders = tuple(orders)
+        self._method = method
+        #: Length of the true eccentricity at each measurement [m].
+        self.true_lengths: list[float] = []
+
+    @property
+    def true_eccentricity(self) -> Array:
+        """Where the centre really appears to be [m], shape (2,): the scale's order 1 is in it."""
+        return self._table.apparent_eccentricity + self._stage.true_position
+
+    def measure(self) -> CentreReading:
+        """Turn the table and return the eccentricity of the scale."""
+        x, y = self._stage.true_position
+        turned = self._table.moved(float(x), float(y))
+        record = turned.record(index=len(self.true_lengths))
+        self.true_lengths.append(float(np.hypot(*turned.apparent_eccentricity)))
+        angle, *errors = (channel.values for channel in record.channels)
+        heads = self._table.heads
+        if self._method != "eccentricity":
+            separate = against_reference if self._method == "reference" else self_calibration
+            found = separate(angle, np.stack(errors), heads=heads, orders=self._orders)
+            return table_reading(found, self._table.radius)
+        readings = [
+            HeadReadings(angle=angle, error=error, head_angle=alpha)
+            for alpha, error in zip(heads, errors, strict=True)
+        ]
+        return centre_reading(
+            eccentricity(
+                readings, radius=self._table.radius, kind=self._table.kind, orders=self._orders
+            )
+        )

@@ -5,37 +5,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage import progress
-from flexstage.characteristic import measured_value
-from flexstage.errors import ModelError
-from flexstage.hysteresis.chain.creep import LogCreep
-from flexstage.hysteresis.chain.sensor import Sensor
+from flexstage.arrays import Array
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.excitations.design import excitation
 from flexstage.hysteresis.identification.identify import Identification, identify
 from flexstage.hysteresis.inversion import feedforward
 from flexstage.hysteresis.loops import Tracking, loop_width, tracking
-from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.registry import MODELS
-from flexstage.hysteresis.plant import Plant
-from flexstage.hysteresis.stage_plant import stage_plant
-from flexstage.hysteresis.virtual_stack import (
-    USUAL_BANDWIDTH_HZ,
-    USUAL_CREEP,
-    USUAL_LOOP_WIDTH,
-    virtual_stack,
+from flexstage.records import Record
+from flexstage.stage import Stage
+from flexstage.system import MechanicalSystem
+from flexstage.virtual.driven_axis import (
+    BOUNDS,
+    CYCLES,
+    LATE,
+    RATE_HZ,
+    SAMPLE_RATE_HZ,
+    DrivenAxis,
+    driven_axis,
 )
-from flexstage.records import Channel, Record
-from flexstage.stage import PiezoStack, Stage
-from flexstage.system import MechanicalSystem, modes
 
-#: What the virtual bench is like: sampling [Hz], noise of its sensor [m] as of a capacitive one.
-_SAMPLE_RATE_HZ = 1000.0
-_NOISE = 5e-9
-#: Rate of the loops that are compared [Hz], and how many of them; the first ones are left out.
-_RATE_HZ = 1.0
-_CYCLES, _FIRST = 6, 3
-_LATE = slice(int(_FIRST * _SAMPLE_RATE_HZ / _RATE_HZ), None)
-_BOUNDS = np.arange(_CYCLES - _FIRST) * int(_SAMPLE_RATE_HZ / _RATE_HZ)
 #: Share of the stroke that the reference runs over, which leaves the inverse some room.
 _SHARE = 0.99
 #: Models that are tried on the designed record.
@@ -88,31 +77,6 @@ class AxisExperiment:
     """With the inverse of each model."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Bench:
-    """A virtual stage on its bench, one axis of it wired."""
-
-    plant: Plant
-    drive: str
-    probe: str
-    limits: tuple[float, float]
-    resonance_hz: float
-
-    def run(self, voltage: Array) -> Array:
-        """Condition the stage by two cycles, and return the reading under a command."""
-        before = self.cosine(2)
-        whole = np.concatenate((before, voltage))
-        response = self.plant.simulate({self.drive: whole}, 1.0 / _SAMPLE_RATE_HZ)
-        return response.measured[self.probe][before.size :]
-
-    def cosine(self, cycles: int, share: float = 1.0) -> Array:
-        """Cycles about the middle of the range, begun and ended at their low end."""
-        low, high = self.limits
-        t = np.arange(int(cycles * _SAMPLE_RATE_HZ / _RATE_HZ)) / _SAMPLE_RATE_HZ
-        swing = 0.5 * share * (high - low)
-        return 0.5 * (low + high) - swing * np.cos(2.0 * np.pi * _RATE_HZ * t)
-
-
 def virtual_experiment(
     stage: Stage, system: MechanicalSystem, axis: str, *, seed: int = 0
 ) -> AxisExperiment:
@@ -154,27 +118,27 @@ def virtual_experiment(
     >>> made.open_loop.loop_width > 7e-6 and made.runs[0].reduction_percent > 93.0
     True
     """
-    bench = _bench(stage, system, axis, seed)
+    bench = driven_axis(stage, system, axis, seed=seed)
     first = _study_record(bench)
     progress.update(f"hysteresis, {axis}", 0.2)
     bouc_wen = identify(first, "voltage", axis, model="bouc-wen")
     progress.update(f"hysteresis, {axis}", 0.4)
     best = identify(_designed_record(bench), "voltage", axis, model=_MODELS)
-    voltage = bench.cosine(_CYCLES)
-    measured = bench.run(voltage)[_LATE]
-    modelled = _modelled(bouc_wen.model, bench, voltage)[_LATE]
+    voltage = bench.cosine(CYCLES)
+    measured = bench.run(voltage)[LATE]
+    modelled = _modelled(bouc_wen.model, bench, voltage)[LATE]
     difference = measured - modelled
     whole = _reference(bench, measured)
-    reference = whole[_LATE]
-    open_output = bench.run(bench.cosine(_CYCLES, _SHARE))[_LATE]
+    reference = whole[LATE]
+    open_output = bench.run(bench.cosine(CYCLES, _SHARE))[LATE]
     # what a constant gain, and the best offset, would have given
     offset = float(np.mean(open_output) - np.mean(reference))
-    open_loop = tracking(reference + offset, open_output, _BOUNDS)
+    open_loop = tracking(reference + offset, open_output, BOUNDS)
     runs = []
     for found in (bouc_wen, best):
-        made = feedforward(found.model, whole, 1.0 / _SAMPLE_RATE_HZ, limits=bench.limits)
-        output = bench.run(made.command)[_LATE]
-        errors = tracking(reference, output, _BOUNDS)
+        made = feedforward(found.model, whole, 1.0 / SAMPLE_RATE_HZ, limits=bench.limits)
+        output = bench.run(made.command)[LATE]
+        errors = tracking(reference, output, BOUNDS)
         runs.append(
             CompensatedRun(
                 title=MODELS[found.kind].title,
@@ -186,13 +150,13 @@ def virtual_experiment(
         )
     return AxisExperiment(
         axis=axis,
-        voltage=voltage[_LATE],
+        voltage=voltage[LATE],
         measured=measured,
         modelled=modelled + float(np.mean(difference)),
         deviation=float(np.max(np.abs(difference - np.mean(difference)))),
         stroke=float(np.ptp(measured)),
-        width=loop_width(voltage[_LATE], measured, _BOUNDS),
-        time=np.arange(open_output.size) / _SAMPLE_RATE_HZ,
+        width=loop_width(voltage[LATE], measured, BOUNDS),
+        time=np.arange(open_output.size) / SAMPLE_RATE_HZ,
         reference=reference,
         open_output=open_output - offset,
         open_loop=open_loop,
@@ -200,86 +164,35 @@ def virtual_experiment(
     )
 
 
-def _bench(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> _Bench:
-    port = stage.axis(axis)
-    drive = stage.drive(port.drive)
-    if not isinstance(drive, PiezoStack) or drive.voltage_range is None:
-        raise ModelError(
-            f"axis '{axis}' of {stage.name} has no piezo stack with a voltage range: its "
-            "hysteresis cannot be tried"
-        )
-    limits = drive.voltage_range
-    lowest = float(modes(system, drives="in place", count=1).frequency_hz[0])
-    stroke = measured_value(stage.published, "output_displacement", axis)
-    width = measured_value(stage.published, "hysteresis_loop_width", axis)
-    share = USUAL_LOOP_WIDTH if stroke is None or width is None else width / stroke
-    free, own = drive.free_stroke, share
-
-    def wired(free: float, own: float) -> _Bench:
-        plant = stage_plant(
-            stage,
-            system,
-            {drive.name: virtual_stack(limits, free, own)},
-            creep=LogCreep(rate_per_decade=USUAL_CREEP),
-            bandwidth_hz=USUAL_BANDWIDTH_HZ,
-            sensors={port.probe: Sensor(noise_rms=_NOISE, seed=seed)},
-        )
-        return _Bench(
-            plant=plant, drive=drive.name, probe=port.probe, limits=limits, resonance_hz=lowest
-        )
-
-    # creep and the amplifier add to both, so that the stack itself needs a little less
-    for _ in range(2):
-        bench = wired(free, own)
-        voltage = bench.cosine(_CYCLES)
-        reading = bench.run(voltage)[_LATE]
-        got = float(np.ptp(reading))
-        got_share = loop_width(voltage[_LATE], reading, _BOUNDS) / got
-        free *= 1.0 if stroke is None else stroke / got
-        own *= share / got_share
-    return wired(free, own)
-
-
-def _study_record(bench: _Bench) -> Record:
+def _study_record(bench: DrivenAxis) -> Record:
     """Full loops at one rate, then falling ones: what is usually recorded."""
     low, high = bench.limits
-    t = np.arange(int(10.0 / _RATE_HZ * _SAMPLE_RATE_HZ)) / _SAMPLE_RATE_HZ
-    swing = 0.5 * (high - low) * np.interp(t * _RATE_HZ, [0.0, 4.0, 10.0], [1.0, 1.0, 0.1])
-    voltage = 0.5 * (low + high) - swing * np.cos(2.0 * np.pi * _RATE_HZ * t)
-    return _record(bench, voltage)
+    t = np.arange(int(10.0 / RATE_HZ * SAMPLE_RATE_HZ)) / SAMPLE_RATE_HZ
+    swing = 0.5 * (high - low) * np.interp(t * RATE_HZ, [0.0, 4.0, 10.0], [1.0, 1.0, 0.1])
+    voltage = 0.5 * (low + high) - swing * np.cos(2.0 * np.pi * RATE_HZ * t)
+    return bench.record(voltage)
 
 
-def _designed_record(bench: _Bench) -> Record:
+def _designed_record(bench: DrivenAxis) -> Record:
     made = excitation(
         bench.limits,
-        sample_rate_hz=_SAMPLE_RATE_HZ,
+        sample_rate_hz=SAMPLE_RATE_HZ,
         rates_hz=(0.5, 5.0),
         natural_frequency_hz=bench.resonance_hz,
         resonance=False,
         hold=5.0,
     )
-    return _record(bench, made.voltage)
+    return bench.record(made.voltage)
 
 
-def _record(bench: _Bench, voltage: Array) -> Record:
-    return Record(
-        channels=(
-            Channel(name="voltage", values=voltage, unit="V"),
-            Channel(name=bench.probe, values=bench.run(voltage), unit="m"),
-        ),
-        time=np.arange(voltage.size) / _SAMPLE_RATE_HZ,
-        source="virtual stage",
-    )
-
-
-def _modelled(model: DriveModel, bench: _Bench, voltage: Array) -> Array:
+def _modelled(model: DriveModel, bench: DrivenAxis, voltage: Array) -> Array:
     before = bench.cosine(2)
     whole = np.concatenate((before, voltage))
-    return model.simulate(whole, 1.0 / _SAMPLE_RATE_HZ, model.conditioned())[before.size :]
+    return model.simulate(whole, 1.0 / SAMPLE_RATE_HZ, model.conditioned())[before.size :]
 
 
-def _reference(bench: _Bench, measured: Array) -> Array:
+def _reference(bench: DrivenAxis, measured: Array) -> Array:
     """A cosine over the share of the stroke that the inverse is given, about its middle."""
     low, high = float(measured.min()), float(measured.max())
-    unit = (bench.cosine(_CYCLES) - bench.limits[0]) / (bench.limits[1] - bench.limits[0])
+    unit = (bench.cosine(CYCLES) - bench.limits[0]) / (bench.limits[1] - bench.limits[0])
     return 0.5 * (low + high) + _SHARE * (high - low) * (unit - 0.5)

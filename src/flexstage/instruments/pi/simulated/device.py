@@ -1,4 +1,4 @@
-"""What a simulated controller says of its axes and sensors, and why it refuses a command.
+"""What a simulated controller says of its axes, and why it refuses a command.
 
 A server of commands turns the reason of a refusal into a number of its protocol.
 """
@@ -8,8 +8,8 @@ from enum import Enum, auto
 from typing import Literal
 
 from flexstage.errors import FlexstageError
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.protocol import Capability
+from flexstage.stage.limits import AxisLimits
 
 
 class Refusal(Enum):
@@ -56,17 +56,3 @@ class AxisDescription:
     """Largest distance from a target at which it counts as reached [m]."""
     settle: float = 0.0
     """How long it must be within it [s]."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChannelDescription:
-    """A sensor of the device."""
-
-    number: int
-    """Its number, from 1; the first ones are the sensors of the axes, in their order."""
-    name: str
-    """What it reads: ``x``, ``y``, then ``across``, ``vertical``, ``roll``, ``pitch``, ``yaw`` of
-    each axis as ``x.across`` and so on.
-    """
-    unit: str
-    """``m`` or ``rad``."""
