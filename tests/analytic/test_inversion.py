@@ -25,6 +25,7 @@ from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.inversion import feedforward, smoothed
 from flexstage.hysteresis.loops import loop_branches, loop_width, tracking
+from flexstage.virtual.stack import virtual_stack
 
 LOW, HIGH = 4.0, 116.0
 THRESHOLDS = np.array([5.0, 13.0, 29.0])
