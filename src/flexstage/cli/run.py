@@ -22,7 +22,7 @@ from flexstage.errors import FlexstageError, PlanError
 
 if TYPE_CHECKING:
     from flexstage.experiments import DryRun, PlanResult
-    from flexstage.experiments.dry_run import PlannedMotion
+    from flexstage.experiments.verb import PlannedMotion
 
 
 def run(
@@ -126,9 +126,7 @@ def run(
 
     write_file(result.folder / "report.html", run_text(result).encode("utf-8"))
     if json:
-        from flexstage.experiments.results_file import plain_results
-
-        print_json(plain_results(result))
+        print_json(result.plain())
         return
     _print(result)
 
@@ -263,9 +261,6 @@ def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
 
 def _print(result: "PlanResult") -> None:
     from flexstage.characteristic import in_order
-    from flexstage.experiments import VerifiedStep
-    from flexstage.experiments.results import CentredStep, IdentifiedStep
-
     screen = console()
     table = make_table(
         f"{result.stage.name}, {result.origin}",
@@ -282,19 +277,8 @@ def _print(result: "PlanResult") -> None:
     if result.figures:
         screen.print(table)
     for step in result.steps:
-        if isinstance(step, IdentifiedStep):
-            rms = step.errors_percent.get("rms", float("nan"))
-            said = f"{step.name}: {step.kind}, {rms:.3g} % of the stroke rms"
-            screen.print(said, markup=False)
-        elif isinstance(step, VerifiedStep):
-            _print_verified(step)
-        elif isinstance(step, CentredStep):
-            last = step.moves[-1]
-            screen.print(
-                f"{step.name}: {1e6 * step.moves[0].length:.2f} um became "
-                f"{1e6 * last.length:.3f} um: {step.reason}",
-                markup=False,
-            )
+        for said in step.said():
+            _print_said(said)
     print_notes(screen, result.notes, [result.folder / "report.html"])
 
 
