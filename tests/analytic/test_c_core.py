@@ -13,8 +13,14 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.export import DynamicModel, dynamic_model
-from flexstage.hysteresis import BoucWen, HysteresisModel, LogCreep, Sensor
+from flexstage.hysteresis import (
+    BoucWen,
+    DynamicModel,
+    HysteresisModel,
+    LogCreep,
+    Sensor,
+    dynamic_model,
+)
 from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
 from flexstage.hysteresis.models.dahl import Dahl
 from flexstage.hysteresis.models.duhem import Duhem

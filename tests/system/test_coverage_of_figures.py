@@ -9,7 +9,8 @@ from flexstage.designs import design
 from flexstage.experiments.campaign.evaluate import evaluate
 from flexstage.experiments.virtual_campaign import true_figures, virtual_campaign
 from flexstage.virtual.as_built import as_built
-from flexstage.virtual.bench import HammerBench, Laboratory
+from flexstage.virtual.hammer import HammerBench
+from flexstage.virtual.laboratory import Laboratory
 from tests.tiers import limits, sizes
 
 

@@ -11,8 +11,8 @@ from flexstage.errors import PlanError
 from flexstage.experiments.axis_limits import axis_setting
 from flexstage.experiments.command import CommandWaveform, require_size
 from flexstage.files.ranges import Count, Range, Whole, require_ranges
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.waveform import Waveform
+from flexstage.stage.limits import AxisLimits
 from flexstage.units import Frequency
 
 if TYPE_CHECKING:

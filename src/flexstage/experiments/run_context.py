@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Literal, cast
 from flexstage.experiments.command import Command
 from flexstage.experiments.verb import PlanContext, StepResult
 from flexstage.experiments.verbs.excite import BASE_RATE_HZ
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.provenance import content_hash
+from flexstage.stage.limits import AxisLimits
 
 if TYPE_CHECKING:
     from flexstage.experiments.verbs.identify import IdentifiedStep

@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from flexstage.experiments.results import PlanResult
     from flexstage.experiments.run_context import RunContext
     from flexstage.instruments.catalogue.entries import ModelEntry, StageEntry
-    from flexstage.instruments.limits import AxisLimits
     from flexstage.section import Section
     from flexstage.stage import Stage
+    from flexstage.stage.limits import AxisLimits
     from flexstage.table import Table
 
 
@@ -211,9 +211,15 @@ class StepResult:
         """Return what ``results.json`` keeps of it beside its name and verb."""
         raise NotImplementedError
 
-    def said(self) -> "Iterator[str | Table]":
-        """Say what a terminal shows of it beside its figures: lines, and tables with notes."""
-        yield from ()
+    @property
+    def line(self) -> str:
+        """What a terminal says of it beside its figures."""
+        return ""
+
+    @property
+    def table(self) -> "Table | None":
+        """What a terminal shows of it beside its figures."""
+        return None
 
     def model_entry(
         self, context: "RunContext", stage: "StageEntry", runs: Mapping[str, str]

@@ -11,17 +11,17 @@ from flexstage.records import Record
 from flexstage.sensor import SensorSpecification
 from flexstage.system import modes
 from flexstage.virtual.as_built import AsBuilt, AsBuiltAxis
-from flexstage.virtual.bench import (
-    HammerBench,
+from flexstage.virtual.hammer import HammerBench
+from flexstage.virtual.imperfections import MOTIONS, straight_line
+from flexstage.virtual.laboratory import (
     Laboratory,
-    SimulatedSensor,
     hold_record,
     motion_record,
     sphere_record,
     staircase_record,
     workspace_record,
 )
-from flexstage.virtual.imperfections import MOTIONS, straight_line
+from flexstage.virtual.sensors import SimulatedSensor
 
 _SAMPLES = 2000
 #: Share of a level that is averaged: what is left when it has settled, of which one half counts.

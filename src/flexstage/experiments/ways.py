@@ -24,9 +24,9 @@ from flexstage.experiments.verbs.verify import LEARNING, NOTES, Verify
 from flexstage.instruments.protocol import Capability, Signal
 from flexstage.instruments.record_run import run_waveform
 from flexstage.instruments.recording.metadata import RunMetadata
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
+from flexstage.system.servo import ServoSettings
 
 if TYPE_CHECKING:
     from flexstage.experiments.run_context import RunContext

@@ -3,9 +3,9 @@
 A *hysteresis model* is a frozen set of parameters with an explicit state (`HysteresisModel`); there
 are nine of them, by name in `MODELS`. The *chain* (`Amplifier`, `LogCreep`, `StageModes`, `Lag`,
 `Sensor`) is linear but for the limits of the amplifier. A `DriveModel` is both in a row, as
-`identify` finds it in records and `feedforward` undoes it; `model_text` writes it. A `Plant` joins
-the stacks to every mode of a stage: `stage_plant` builds it. `excitation` designs the experiment,
-and `virtual_experiment` carries it out on a `Plant`.
+`identify` finds it in records and `feedforward` undoes it; `model_text` writes it. A `DynamicModel`
+joins the stacks to every mode of a stage: `dynamic_model` builds it, simulation steps it, and it is
+what other programs are given. `excitation` designs the experiment.
 Between samples the input moves on straight lines, and every answer to such an input is exact.
 """
 
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
+    from flexstage.hysteresis.build_model import dynamic_model
     from flexstage.hysteresis.chain.amplifier import Amplifier
     from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
     from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.chain.sensor import Sensor
     from flexstage.hysteresis.chain.stage_modes import StageModes
     from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
+    from flexstage.hysteresis.dynamic_model import DynamicModel
     from flexstage.hysteresis.excitations.design import excitation
     from flexstage.hysteresis.excitations.excitation import Excitation, memory_coverage
     from flexstage.hysteresis.identification.amplifier import identify_amplifier
@@ -51,8 +53,6 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.plant import Plant
     from flexstage.hysteresis.prediction import Prediction, predict
     from flexstage.hysteresis.stage_plant import stage_plant
-    from flexstage.hysteresis.virtual_experiment import virtual_experiment
-    from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
 
 __all__ = [
     "MODELS",
@@ -65,6 +65,7 @@ __all__ = [
     "Dahl",
     "DriveModel",
     "Duhem",
+    "DynamicModel",
     "Excitation",
     "Feedforward",
     "GeneralisedBoucWen",
@@ -87,8 +88,8 @@ __all__ = [
     "StageModes",
     "Tracking",
     "ValidityRange",
-    "VirtualStack",
     "cycles",
+    "dynamic_model",
     "excitation",
     "feedforward",
     "find_chain",
@@ -106,8 +107,6 @@ __all__ = [
     "smoothed",
     "stage_plant",
     "tracking",
-    "virtual_experiment",
-    "virtual_stack",
 ]
 
 import_on_use(__name__)

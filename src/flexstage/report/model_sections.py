@@ -43,8 +43,8 @@ def diagram_section(study: "Study") -> str:
     lumped = study.analyses.get("lumped")
     if lumped is None or not study.stage.drives:
         return ""
-    from flexstage.export import dynamic_model
     from flexstage.export.diagram.svg import diagram_files
+    from flexstage.hysteresis import dynamic_model
 
     identified = {
         axis: made.runs[0].identification.model for axis, made in study.experiments.items()

@@ -1,7 +1,7 @@
 """The verb *centre*: an encoder scale is centred with the stage on a simulated turning table."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -94,9 +94,9 @@ class Centre(Verb):
 
     def run(self, context: "RunContext", name: str) -> list[Path]:
         from flexstage.centring.procedure import centre
-        from flexstage.centring.virtual_table import VirtualTable
         from flexstage.experiments.command import park
-        from flexstage.experiments.positioner import InstrumentPositioner, ScaleBench
+        from flexstage.experiments.positioner import InstrumentPositioner
+        from flexstage.virtual.table import VirtualBench, VirtualTable
 
         park(context.instrument, self.axes)
         first, second = (context.plan.sensor(s).channel for s in self.sensors)
@@ -106,6 +106,7 @@ class Centre(Verb):
             self.axes,
             (first, second),
             closed_loop=self.closed_loop,
+            angle=self.mounting_angle,
         )
         positioner.to_middle()
         table = VirtualTable(
@@ -115,8 +116,8 @@ class Centre(Verb):
             noise=self.noise,
             seed=self.seed,
         )
-        bench = ScaleBench(table, positioner, self.mounting_angle)
-        done = centre(bench, positioner, target=self.target, moves=self.moves)
+        bench = VirtualBench(table, positioner)
+        done = centre(bench.measure, positioner, target=self.target, moves=self.moves)
         moves = []
         for step, true in zip(done.steps, bench.true_lengths, strict=True):
             length = step.reading.length
@@ -218,6 +219,7 @@ class CentredStep(StepResult):
         own = asdict(self)
         return {"axis": "".join(own.pop("axes")), **{k: own[k] for k in own if k != "name"}}
 
-    def said(self) -> Iterator[str]:
+    @property
+    def line(self) -> str:
         first, last = self.moves[0].length, self.moves[-1].length
-        yield f"{self.name}: {_UM * first:.2f} um became {_UM * last:.3f} um: {self.reason}"
+        return f"{self.name}: {_UM * first:.2f} um became {_UM * last:.3f} um: {self.reason}"

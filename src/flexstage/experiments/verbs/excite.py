@@ -19,8 +19,9 @@ from flexstage.experiments.verb import (
     Verb,
 )
 from flexstage.files.ranges import Range, require_ranges
-from flexstage.instruments.limits import AxisLimits, check_waveform
+from flexstage.instruments.limits import check_waveform
 from flexstage.instruments.waveform import Waveform
+from flexstage.stage.limits import AxisLimits
 
 if TYPE_CHECKING:
     from flexstage.experiments.plan import Plan

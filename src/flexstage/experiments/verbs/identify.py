@@ -1,7 +1,7 @@
 """The verb *identify*: the model of a drive is found in records."""
 
 import datetime
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
@@ -235,9 +235,10 @@ class IdentifiedStep(StepResult):
             "warnings": list(self.warnings),
         }
 
-    def said(self) -> Iterator[str]:
+    @property
+    def line(self) -> str:
         rms = self.errors_percent.get("rms", float("nan"))
-        yield f"{self.name}: {self.kind}, {rms:.3g} % of the stroke rms"
+        return f"{self.name}: {self.kind}, {rms:.3g} % of the stroke rms"
 
     def model_entry(
         self, context: "RunContext", stage: "StageEntry", runs: Mapping[str, str]

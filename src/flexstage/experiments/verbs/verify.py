@@ -284,7 +284,8 @@ class VerifiedStep(StepResult):
             ],
         }
 
-    def said(self) -> Iterator[Table]:
+    @property
+    def table(self) -> Table:
         heads = ("way", "loop, nm", "narrower, %", "rms, nm", "rms, %", "largest, nm")
         rows = (
             (
@@ -298,12 +299,12 @@ class VerifiedStep(StepResult):
             for run in self.runs
         )
         caption = f"{self.name}: {_UM * self.stroke:.2f} um, {self.rate_hz:g} Hz, {self.kind}"
-        yield table(caption, heads, rows, notes=self.notes)
+        return table(caption, heads, rows, notes=self.notes)
 
 
 def _run(way: str, record: Record, file: Path, action: Verify) -> FollowedRun:
     from flexstage.hysteresis import loop_width, tracking
-    from flexstage.instruments.recording.attributes import read_metadata
+    from flexstage.instruments.recording.metadata import read_metadata
 
     period = round(record.sample_rate_hz / action.reference.rate)
     cycles = action.reference.cycles

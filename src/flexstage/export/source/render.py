@@ -3,9 +3,9 @@
 from importlib.resources import files
 
 from flexstage.errors import ModelError
-from flexstage.export.model import DynamicModel
 from flexstage.export.source.hysteresis_code import HysteresisCode, hysteresis_code
 from flexstage.export.source.model_numbers import form_of, model_data
+from flexstage.hysteresis.dynamic_model import DynamicModel
 
 # Every header, each after those that it includes.
 _CORE = ("real.h", "piece.h", "amplifier.h", "sensor.h")
@@ -29,7 +29,7 @@ def render_source(model: DynamicModel) -> dict[str, bytes]:
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.export import dynamic_model
+    >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("parallelogram")
     >>> made = render_source(dynamic_model(stage, lumped_system(stage)))
