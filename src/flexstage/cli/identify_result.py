@@ -26,14 +26,14 @@ def identification_result(
         "records": [r.source for r in read],
         **picked(
             found,
+            "model=kind",
             "rms_percent",
             "max_percent",
             "heldout_rms_percent",
+            "heldout_free_constant_rms_percent=heldout_free_rms_percent",
+            "heldout_standard_error_percent=heldout_standard_error",
             "heldout_max_percent",
             "heldout_band_percent",
-            model="kind",
-            heldout_free_constant_rms_percent="heldout_free_rms_percent",
-            heldout_standard_error_percent="heldout_standard_error",
         ),
         "start": start_value(found.model.start),
         "settling": {"value": found.settling, "unit": found.model.output_unit},
@@ -44,7 +44,7 @@ def identification_result(
         "chain": _chain_values(found),
         "candidates": [
             {
-                **picked(c, "rms_percent", "heldout_rms_percent", model="kind", parameters="size"),
+                **picked(c, "model=kind", "parameters=size", "rms_percent", "heldout_rms_percent"),
                 "heldout_free_constant_rms_percent": c.heldout_free_rms_percent,
                 "failed": c.failed or None,
             }

@@ -291,7 +291,7 @@ def _plain(
             for name, solid in zip(read.bodies, read.shape.solids, strict=True)
         ],
         "faces": [
-            picked(face, "name", "kind", "area", "centre", solids="bodies") for face in read.faces
+            picked(face, "name", "kind", "area", "centre", "solids=bodies") for face in read.faces
         ],
     }
     if found is None:
@@ -301,7 +301,7 @@ def _plain(
         "expected": picked(found.expected, "elements", "unknowns", "memory", "seconds"),
         **picked(found, "held", "moved", "at"),
         "interfaces": {
-            kind: picked(r, "stiffness", natural_frequency_hz="frequency_hz")
+            kind: picked(r, "natural_frequency_hz=frequency_hz", "stiffness")
             | {
                 "ratio": None
                 if r.ratio is None

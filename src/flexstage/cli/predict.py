@@ -198,8 +198,7 @@ def start_value(start: "Start") -> str | float:
 def prediction_result(found: "Prediction") -> dict[str, Any]:
     """Return a prediction as plain values."""
     return {
-        **picked(found, record="source"),
-        **picked(found, "as_predicted_rms_percent", "free_constant_rms_percent"),
+        **picked(found, "record=source", "as_predicted_rms_percent", "free_constant_rms_percent"),
         **picked(found, "constant_percent", "largest_percent", "stroke"),
         "start": start_value(found.start),
         "samples_not_counted": found.warm_up,

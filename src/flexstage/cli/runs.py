@@ -337,9 +337,14 @@ def _plain(entry: "RunEntry") -> dict[str, Any]:
 
 
 def _plain_calibration(entry: "CalibrationEntry") -> dict[str, Any]:
-    stage = {"stage": "stage.name", "serial_number": "stage.serial_number"}
-    own = picked(entry, "what", "value", "standard_uncertainty", "unit", **stage)
-    return {**own, "valid_from": entry.valid_from.isoformat(), **picked(entry, "run", "note")}
+    stage = picked(entry.stage, "stage=name", "serial_number")
+    own = picked(entry, "what", "value", "standard_uncertainty", "unit")
+    return {
+        **own,
+        **stage,
+        "valid_from": entry.valid_from.isoformat(),
+        **picked(entry, "run", "note"),
+    }
 
 
 def _state_of(entry: "RunEntry") -> str:

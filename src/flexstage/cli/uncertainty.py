@@ -120,7 +120,7 @@ def _result(
         "confidence": drawn.confidence,
         "influences": [
             {
-                **picked(line, "name", "value", standard_uncertainty="uncertainty"),
+                **picked(line, "name", "value", "standard_uncertainty=uncertainty"),
                 **picked(line, "unit", "degrees_of_freedom", "distribution", "kind"),
                 "sensitivity": scale * line.sensitivity,
                 "contribution": scale * line.contribution,

@@ -37,19 +37,23 @@ def plain(value: Any) -> Any:
     return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
 
 
-def picked(source: Any, *names: str, **renamed: str) -> dict[str, Any]:
-    """Return some attributes of a result as plain data: by name, or by another key than the name.
+def picked(source: Any, *names: str) -> dict[str, Any]:
+    """Return some attributes of a result as plain data, in the order of their names.
 
-    A name may lead through attributes, with dots between; what is a method is called.
+    A name may lead through attributes, with dots between, and what is a method is called; a key
+    that is another than the name stands before it.
 
     Examples
     --------
-    >>> picked(3.5 + 2j, "imag", whole="real.is_integer")
+    >>> picked(3.5 + 2j, "imag", "whole=real.is_integer")
     {'imag': 2.0, 'whole': False}
     """
-    found = {key: attrgetter(name)(source) for key, name in {n: n for n in names}.items()}
-    found |= {key: attrgetter(name)(source) for key, name in renamed.items()}
-    return {key: plain(one() if callable(one) else one) for key, one in found.items()}
+    data = {}
+    for name in names:
+        key, _, path = name.rpartition("=")
+        found = attrgetter(path)(source)
+        data[key or path] = plain(found() if callable(found) else found)
+    return data
 
 
 def json_text(value: Any) -> str:

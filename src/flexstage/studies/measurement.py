@@ -164,7 +164,7 @@ def _row(row: MeasuredRow) -> dict[str, Any]:
     figure = row.figure
     return {
         **picked(figure, "quantity", "axis", "value", "unit", "uncertainty", "degrees_of_freedom"),
-        **picked(figure, "test", "note", interval="estimate.interval"),
+        **picked(figure, "interval=estimate.interval", "test", "note"),
         "budget": [
             picked(c, "name", "uncertainty", "degrees_of_freedom", "kind")
             for c in figure.components
@@ -172,7 +172,7 @@ def _row(row: MeasuredRow) -> dict[str, Any]:
         "differences": {
             origin: {
                 "reference": row.references[origin].value,
-                **picked(d, "percent", "expanded", "significant", difference="value"),
+                **picked(d, "difference=value", "percent", "expanded", "significant"),
             }
             for origin, d in row.differences.items()
         },

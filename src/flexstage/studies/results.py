@@ -53,11 +53,11 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
                 "drive",
                 "probe",
                 "drives",
+                "input=input_kind",
                 "unit",
                 "frequency_hz",
-                input="input_kind",
-                real="value.real",
-                imaginary="value.imag",
+                "real=value.real",
+                "imaginary=value.imag",
             )
             for response in analysis.responses
         ]
@@ -96,8 +96,8 @@ def run_results(run: ModelRun) -> dict[str, Any]:
                 "along",
                 "across",
                 "rotation",
+                "natural_frequency_hz_at_full_stroke=frequency_hz",
                 "ratio_change",
-                natural_frequency_hz_at_full_stroke="frequency_hz",
             )
             for path in run.strokes
         }
@@ -143,11 +143,11 @@ def centring_results(found: "CentringTrial | str | None") -> dict[str, Any]:
         return {"left_out": found}
     return {
         "kind": "virtual experiment",
-        **picked(found, "left", reached="done.reached", reason="done.reason"),
+        **picked(found, "left", "reached=done.reached", "reason=done.reason"),
         "steps": [
             {
                 **picked(step, "kind", "command"),
-                **picked(step.reading.length, "interval", eccentricity="value"),
+                **picked(step.reading.length, "eccentricity=value", "interval"),
                 "predicted": None if step.predicted is None else step.predicted.value,
             }
             for step in found.done.steps
@@ -163,12 +163,12 @@ def experiment_results(experiments: "Mapping[str, AxisExperiment]") -> dict[str,
     return {
         axis: {
             "kind": "virtual experiment",
-            **picked(made, "stroke", loop_width="width", model_deviation="deviation"),
+            **picked(made, "stroke", "loop_width=width", "model_deviation=deviation"),
             "open_loop": _errors(made.open_loop),
             "runs": [
                 {
                     **picked(
-                        run.identification, "rms_percent", "heldout_rms_percent", model="kind"
+                        run.identification, "model=kind", "rms_percent", "heldout_rms_percent"
                     ),
                     "reduction_percent": run.reduction_percent,
                     **_errors(run.tracking),
@@ -181,7 +181,7 @@ def experiment_results(experiments: "Mapping[str, AxisExperiment]") -> dict[str,
 
 
 def _errors(tracked: Any) -> dict[str, float]:
-    return picked(tracked, "loop_width", tracking_rms="rms", tracking_max="largest")
+    return picked(tracked, "loop_width", "tracking_rms=rms", "tracking_max=largest")
 
 
 def results_json(results: dict[str, Any]) -> bytes:
