@@ -277,8 +277,11 @@ def _screws(built: AsBuilt, seed: int, rate: float, *, quiet: bool, scatter: boo
                 guide=replace(state.guide, stroke=stroke),
             )
         )
+    sensors = SensorBench(
+        along=EDDY_CURRENT_SENSORS["along"], beside=EDDY_CURRENT_SENSORS["beside"]
+    )
     return ScrewStage(
-        stage=built.stage, axes=axes, sensors=SensorBench(**EDDY_CURRENT_SENSORS), sample_rate_hz=rate, seed=seed,
+        stage=built.stage, axes=axes, sensors=sensors, sample_rate_hz=rate, seed=seed,
         quiet=quiet, scatter=scatter, hammer=Hammer(built, seed), notes=built.notes,
     )  # fmt: skip
 
