@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 
 from flexstage.characteristic import Characteristic
+from flexstage.comparison import difference_percent
 from flexstage.quantities import display, number
 from flexstage.report.figures.body_motion import exaggeration
 from flexstage.studies import compare
-from flexstage.studies.comparison import difference_percent
 
 
 def row(quantity: str, axis: str, origin: str, value: float, unit: str) -> Characteristic:

@@ -6,13 +6,13 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from flexstage.characteristic import measured_value
+from flexstage.comparison import ComparisonRow
 from flexstage.quantities import display, number
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.tracking import draw_loop
 from flexstage.report.page import captioned, drawn, table_html
 from flexstage.report.tables import MANUFACTURE, percent
-from flexstage.studies.comparison import ComparisonRow
 
 if TYPE_CHECKING:
     from flexstage.studies.study import Study

@@ -6,11 +6,11 @@ from dataclasses import fields, replace
 from html import escape
 
 from flexstage.characteristic import Characteristic
+from flexstage.comparison import Comparison, ComparisonRow, shared_rows
 from flexstage.hinges import Profile
 from flexstage.quantities import Quantity, display, number
 from flexstage.report.page import captioned, table_html
 from flexstage.stage import Stage
-from flexstage.studies.comparison import Comparison, ComparisonRow, shared_rows
 from flexstage.units import DIMENSIONS
 
 _TITLES = {

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.studies.comparison import Comparison, compare
+    from flexstage.comparison import Comparison, compare
     from flexstage.studies.measurement import MeasurementComparison, compare_measurement
     from flexstage.studies.models import MODELS, ModelRun, analyse_model, run_model
     from flexstage.studies.results import results_json, study_results

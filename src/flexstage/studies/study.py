@@ -8,13 +8,13 @@ import numpy as np
 
 from flexstage import progress
 from flexstage.characteristic import Characteristic, Characteristics
+from flexstage.comparison import Comparison, compare
 from flexstage.errors import ConvergenceError, ModelError, StageError
 from flexstage.lumped import mechanism, stroke_path
 from flexstage.lumped.large_displacement import StrokePath
 from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
-from flexstage.studies.comparison import Comparison, compare
 from flexstage.studies.models import MODELS, ModelOptions, ModelRun, Plane, known_model, run_model
 from flexstage.studies.virtual_experiments import run_experiments
 from flexstage.system import Analysis

@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterable, Sequence
 
 import flexstage
 from flexstage.characteristic import Characteristic
+from flexstage.comparison import compare
 from flexstage.errors import ModelError
 from flexstage.export.file_names import file_name
 from flexstage.export.tables.comma import comparison_csv, values_csv
 from flexstage.export.tables.latex import latex
-from flexstage.export.tables.side_by_side import side_by_side
 from flexstage.export.tables.workbook import workbook
 from flexstage.provenance import Provenance
 from flexstage.quantities import Quantity, display
@@ -61,7 +61,7 @@ def table_files(
         about[f"on{mark}"] = f"{source.created}, {source.machine}"
         about[f"from the description{mark}"] = source.input_hash
         about |= {f"{key}{mark}": value for key, value in source.settings.items()}
-    table, plain = side_by_side(rows), file_name(name)
+    table, plain = compare(rows), file_name(name)
     notes = tuple(dict.fromkeys(notes))
     return {
         f"{plain}-values.csv": values_csv(rows),

@@ -68,6 +68,18 @@ class Comparison:
         return (*self.ours, "")[0]
 
     @property
+    def uncertain(self) -> tuple[str, ...]:
+        """Columns of which an uncertainty is known."""
+        return tuple(
+            column
+            for column in self.columns
+            if any(
+                (cell := row.cells.get(column)) and cell.uncertainty is not None
+                for row in self.rows
+            )
+        )
+
+    @property
     def models(self) -> tuple[str, ...]:
         """Columns of ours without those of another choice in the same model."""
         return tuple(column for column in self.ours if column in ORIGINS)
