@@ -169,7 +169,7 @@ def characterise(
     from flexstage.experiments.campaign.evaluate import characterise as run
     from flexstage.experiments.campaign.plan import Columns, read_campaign
     from flexstage.files.write import write_files
-    from flexstage.report.measurement_html import measurement_text
+    from flexstage.report.measurement import measurement_text
     from flexstage.studies import compare_measurement
     from flexstage.studies.measurement import measurement_results
 

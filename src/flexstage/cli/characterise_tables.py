@@ -46,16 +46,13 @@ def _print_positioning(screen: "Console", result: "TestResult") -> None:
     from flexstage.report.positioning import positioning_tables
 
     tables = positioning_tables(result.details["positioning"])
-    first, second, *others = tables.axis_heads
     title = f"{result.test.name}, axis {result.test.axis}: ISO 230-2, values in {tables.unit}"
-    for heads, rows in (
-        ((first, f"<{second}", *others), tables.axis),
-        (tables.target_heads, tables.targets),
-    ):
-        table = make_table(title, *heads)
-        for row in rows:
-            table.add_row(*row)
-        screen.print(table)
+    for found in (tables.axis, tables.targets):
+        heads = (("<" if c.kind == "words" else "") + c.heading for c in found.columns)
+        shown = make_table(title, *heads)
+        for row in found.rows:
+            shown.add_row(*(cell.text for cell in row))
+        screen.print(shown)
         title = ""
 
 
