@@ -1,6 +1,7 @@
 """What is drawn of a result in a report, by its type."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -28,9 +29,8 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
 
 def drawn(picture: Picture) -> "Figure":
     """Draw the result of a picture; a function that draws one is called."""
-    if callable(picture.result):
-        draw: Callable[..., Figure] = picture.result
-        return draw(**picture.options)
+    if isinstance(picture.result, partial):
+        return picture.result(**picture.options)
     kind = type(picture.result).__name__
     if (kind, picture.view) not in DRAWINGS:
         view = f" as '{picture.view}'" if picture.view else ""
