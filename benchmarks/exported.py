@@ -22,11 +22,10 @@ from benchmarks.hysteresis import Route
 from benchmarks.timing import Timed, in_turns
 from flexstage.arrays import Array
 from flexstage.designs import design
-from flexstage.export import DynamicModel, dynamic_model
 from flexstage.export.fmu.fmu_file import fmu_files
 from flexstage.export.realtime.comment import operations
 from flexstage.export.realtime.files import realtime_files
-from flexstage.hysteresis import LogCreep, Sensor
+from flexstage.hysteresis import DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 
 __all__ = ["exported"]

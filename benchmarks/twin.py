@@ -20,10 +20,10 @@ from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.fem.superelement import superelement_model
 from flexstage.hysteresis.stage_plant import stage_plant
+from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.stage import VirtualStage
 from flexstage.system import modes
+from flexstage.virtual.stage import VirtualStage
 
 __all__ = ["twin"]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
-from flexstage.export.model import DynamicModel, ModelMemory
 from flexstage.export.source.render import render_source
 from flexstage.export.source.variables import c_variables
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelMemory
 from tests.c_compiler import EXACT, load_library
 
 _WRAPPED = """

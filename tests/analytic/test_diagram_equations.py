@@ -9,13 +9,12 @@ from scipy.signal import lsim
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.export import dynamic_model
 from flexstage.export.diagram.graph import Block, Diagram, SignalLine
 from flexstage.export.diagram.springs import drive_springs, fitted_damping
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.state_space import DiagramEquations, diagram_state_space
-from flexstage.export.model import ModelDrive
-from flexstage.hysteresis import BoucWen, DriveModel, LogCreep, Sensor
+from flexstage.hysteresis import BoucWen, DriveModel, LogCreep, Sensor, dynamic_model
+from flexstage.hysteresis.dynamic_model import ModelDrive
 from flexstage.lumped import lumped_system, mechanism, symbolic_model
 from flexstage.stage import Force
 from flexstage.system import (

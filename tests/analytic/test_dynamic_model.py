@@ -7,17 +7,18 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.export import DynamicModel, dynamic_model
-from flexstage.export.drive_models import usual_hysteresis
 from flexstage.hysteresis import (
     BoucWen,
     DriveModel,
+    DynamicModel,
     Lag,
     LogCreep,
     Sensor,
+    dynamic_model,
     loop_width,
     stage_plant,
 )
+from flexstage.hysteresis.stack_models import usual_hysteresis
 from flexstage.lumped import lumped_system
 from flexstage.stage import PiezoStack
 from flexstage.system import frequency_response

@@ -11,10 +11,9 @@ from scipy.linalg import eigh
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.export import dynamic_model
 from flexstage.export.control_object import control_system, linear_part, rest_shape
 from flexstage.export.matlab.files import damping_matrix, matlab_files, matlab_name, sampled_form
-from flexstage.hysteresis import BoucWen, LogCreep, Sensor
+from flexstage.hysteresis import BoucWen, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.system import LossFactor, RayleighDamping, frequency_response, modes, time_response
 

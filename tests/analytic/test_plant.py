@@ -9,10 +9,10 @@ from scipy.integrate import solve_ivp
 from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
+from flexstage.hysteresis import BoucWen
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.sensor import Sensor
-from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.hysteresis.plant import DriveChain, Plant
 from flexstage.hysteresis.stage_plant import stage_plant
 from flexstage.lumped import lumped_system

@@ -16,10 +16,9 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.export import DynamicModel, dynamic_model
 from flexstage.export.realtime.comment import command_span, operations, rounding_bound
 from flexstage.export.realtime.files import amalgamated, realtime_files
-from flexstage.hysteresis import LogCreep, PrandtlIshlinskii, Sensor
+from flexstage.hysteresis import DynamicModel, LogCreep, PrandtlIshlinskii, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 from tests.c_compiler import EXACT, compile_program, compiler, load_library, write_files
 

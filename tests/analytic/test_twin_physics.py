@@ -13,8 +13,6 @@ from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.plant import DriveChain, Plant
-from flexstage.hysteresis.virtual_stack import virtual_stack
-from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.piezo_stage import PiezoStage
 from flexstage.instruments.twin.stack import (
     ChargeDrive,
@@ -23,6 +21,8 @@ from flexstage.instruments.twin.stack import (
     stack_arrays,
 )
 from flexstage.system import modes, static_forces
+from flexstage.system.servo import Notch, ServoSettings
+from flexstage.virtual.stack import virtual_stack
 from tests.twin_parts import SLOPES, damped_system, small_stage
 
 OPEN = (False, False)

@@ -7,9 +7,8 @@ import pytest
 from fmpy.fmi1 import FMICallException
 
 from flexstage.designs import design
-from flexstage.export import dynamic_model
-from flexstage.export.model import DynamicModel
-from flexstage.hysteresis import BoucWen, LogCreep, Sensor
+from flexstage.hysteresis import BoucWen, LogCreep, Sensor, dynamic_model
+from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.lumped import lumped_system
 from tests.fmu_parts import STEPPED, Run, Stepper, fmu_folder, model, needs_compiler
 from tests.tiers import sizes

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexstage.export.model import DynamicModel
+from flexstage.hysteresis.dynamic_model import DynamicModel
 from tests.fmu_parts import STEPPED, Run, fmu_folder, model, needs_compiler
 
 pytestmark = needs_compiler

@@ -18,7 +18,7 @@ from flexstage.report.measurement import measurement_text
 from flexstage.studies import compare_measurement, results_json, run_study, study_results
 from flexstage.studies.measurement import measurement_results
 from flexstage.virtual.as_built import as_built
-from flexstage.virtual.bench import Laboratory
+from flexstage.virtual.laboratory import Laboratory
 from tests.studies import sections_of
 from tests.system.test_report import Page
 

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.output import make_table, print_notes
+from flexstage.cli.output import print_notes, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -18,7 +18,7 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
 
     columns = list(result.references)
     titles = [f"published\n{column_title(c)}" if c.startswith("published") else c for c in columns]
-    table = make_table(result.title, "quantity", "<axis", "value", "± (95 %)", "<unit", *titles)
+    rows = []
     for row in result.rows:
         shown = display(row.figure.quantity)
         estimate = row.figure.estimate
@@ -30,8 +30,9 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
         for name in columns:
             found = row.differences.get(name)
             cells.append("" if found is None else _difference(found))
-        table.add_row(shown.label, row.figure.axis, *cells)
-    screen.print(table)
+        rows.append((shown.label, row.figure.axis, *cells))
+    heads = "quantity", "<axis", "value", "± (95 %)", "<unit"
+    print_table(screen, result.title, (*heads, *titles), rows)
     if columns:
         screen.print(
             "Differences of what was measured to each model and publication; * significant at 95 %."
@@ -49,10 +50,7 @@ def _print_positioning(screen: "Console", result: "TestResult") -> None:
     title = f"{result.test.name}, axis {result.test.axis}: ISO 230-2, values in {tables.unit}"
     for found in (tables.axis, tables.targets):
         heads = (("<" if c.kind == "words" else "") + c.heading for c in found.columns)
-        shown = make_table(title, *heads)
-        for row in found.rows:
-            shown.add_row(*(cell.text for cell in row))
-        screen.print(shown)
+        print_table(screen, title, heads, ([cell.text for cell in row] for row in found.rows))
         title = ""
 
 

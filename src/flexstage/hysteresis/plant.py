@@ -123,7 +123,7 @@ class Plant:
     Examples
     --------
     >>> import numpy as np
-    >>> from flexstage.hysteresis.models.bouc_wen import BoucWen
+    >>> from flexstage.hysteresis.models.bouc_wen.law import BoucWen
     >>> from flexstage.system.mechanical import DrivePort, ProbePort
     >>> stage = MechanicalSystem(
     ...     name="a mass on a spring",

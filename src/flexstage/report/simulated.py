@@ -25,7 +25,7 @@ from flexstage.table import Column, Table, table
 if TYPE_CHECKING:
     from flexstage.estimate import Estimate
     from flexstage.hysteresis.loops import Tracking
-    from flexstage.hysteresis.virtual_experiment import AxisExperiment
+    from flexstage.studies.compensation import AxisExperiment
     from flexstage.studies.study import Study
 
 _UM = 1e6

@@ -22,7 +22,7 @@ from flexstage.system import Analysis
 
 if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import Characterisation
-    from flexstage.hysteresis.virtual_experiment import AxisExperiment
+    from flexstage.studies.compensation import AxisExperiment
     from flexstage.studies.measurement import MeasurementComparison
     from flexstage.studies.virtual_experiments import CentringTrial
 
@@ -112,8 +112,8 @@ class Study:
 
         Stacks have the hysteresis that was identified here, and that of usual ones otherwise.
         """
-        from flexstage.export import dynamic_model
         from flexstage.export.diagram.svg import diagram_files
+        from flexstage.hysteresis import dynamic_model
 
         identified = {
             axis: made.runs[0].identification.model for axis, made in self.experiments.items()

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 import flexstage
-from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.export.source.arrays import c_comment
 from flexstage.export.source.model_numbers import lag_rates
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis.model import Array
 
 _COUNT = 200

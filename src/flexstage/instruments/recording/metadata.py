@@ -1,17 +1,20 @@
 """What is known of a run before its first sample: stage, instrument, settings, who and why."""
 
 import datetime
+import json
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 import flexstage
 from flexstage.errors import RecordError
-from flexstage.files.decoder import Decoder
+from flexstage.files.decoder import Decoder, read_json
 from flexstage.files.format import Format
 from flexstage.files.nodes import node_of
 from flexstage.instruments.protocol import Identity
+from flexstage.records import Record
 
 #: What is known of a run, as its files say it.
 RUN_DESCRIPTION = Format(
@@ -21,6 +24,13 @@ RUN_DESCRIPTION = Format(
     exact=True,
     mend="give the file of a run as flexstage wrote it",
 )
+
+#: What the whole description is called, in the file and among the attributes of the record.
+RUN = "run"
+#: What else is said there: what was lost, and whether the run was ended by its writer.
+LOST, ENDING = "lost", "ending"
+# HDF5 keeps attributes in the head of the file, which has room for 64 KiB
+_LONGEST = 1000
 
 
 def utc_now() -> str:
@@ -141,3 +151,37 @@ class RunMetadata:
         lines["simulated"] = "yes" if told.simulated else "no"
         lines["seed"] = "" if self.seed is None else str(self.seed)
         return {k: v for k, v in lines.items() if v}
+
+
+def run_attributes(run: RunMetadata, complete: bool, lost: Sequence[str]) -> dict[str, str]:
+    """Return what a record of a run says about it: all as JSON (``run``), and lines of text.
+
+    `lost` says in words what was lost, or came twice.
+    """
+    lines = {k: _line(v) for k, v in run.texts().items()}
+    lines[ENDING] = "complete" if complete else "recovered"
+    if lost:
+        lines[LOST] = _line("; ".join(lost))
+    return {**lines, RUN: json.dumps(run.plain())}
+
+
+def _line(text: str) -> str:
+    """Return a text that HDF5 can hold as an attribute."""
+    line = " ".join(text.replace("\0", " ").split())[:_LONGEST]
+    return line.encode("utf-8", "replace").decode("utf-8")
+
+
+def read_metadata(record: Record) -> RunMetadata:
+    """Return what is known of a run from its record."""
+    if RUN not in record.attributes:
+        raise RecordError(
+            f"the record '{record.source}' does not say which run it is of: it was not written by "
+            "a recording of flexstage"
+        )
+    return read_description(record.attributes[RUN], record.source)
+
+
+def read_description(text: str | bytes, source: str | Path) -> RunMetadata:
+    """Return what is known of a run from the JSON that a file holds of it."""
+    where = f"the description of the run in {source}"
+    return read_json(RunMetadata, text, where, RUN_DESCRIPTION)
