@@ -49,8 +49,7 @@ def _print_positioning(screen: "Console", result: "TestResult") -> None:
     tables = positioning_tables(result.details["positioning"])
     title = f"{result.test.name}, axis {result.test.axis}: ISO 230-2, values in {tables.unit}"
     for found in (tables.axis, tables.targets):
-        heads = (("<" if c.kind == "words" else "") + c.heading for c in found.columns)
-        print_table(screen, title, heads, ([cell.text for cell in row] for row in found.rows))
+        print_table(screen, title, found.columns, found.rows)
         title = ""
 
 
