@@ -5,13 +5,10 @@ from typing import TYPE_CHECKING
 
 import flexstage
 from flexstage.characteristic import measured_value
-from flexstage.experiments.results import (
-    CentredStep,
-    IdentifiedStep,
-    PlanResult,
-    VerifiedStep,
-)
-from flexstage.experiments.step_results import FollowedRun
+from flexstage.experiments.results import PlanResult
+from flexstage.experiments.verbs.centre import CentredStep
+from flexstage.experiments.verbs.identify import IdentifiedStep
+from flexstage.experiments.verbs.verify import FollowedRun, VerifiedStep
 from flexstage.quantities import beside, display, number
 from flexstage.report.measurement import measurement_section
 from flexstage.report.page import page_html

@@ -126,7 +126,8 @@ def compare_plan(result: "PlanResult") -> MeasurementComparison:
     """Compare all figures of a plan with what is published of the stage."""
     from flexstage.experiments.campaign.plan import Campaign, Test
     from flexstage.experiments.campaign.results import Characterisation, TestResult
-    from flexstage.experiments.results import CharacterisedStep, VerifiedStep
+    from flexstage.experiments.verbs.characterise import CharacterisedStep
+    from flexstage.experiments.verbs.verify import VerifiedStep
 
     found: list[TestResult] = []
     instruments, sources = {}, {}
