@@ -227,7 +227,7 @@ def exported(count: int = SAMPLES) -> Iterator[Row]:
     single = realtime_files(model, name="st", precision="single")
 
     def in_one_call() -> Array:
-        read, _ = model.simulate(given)
+        read = model.simulate(given).readings
         return np.column_stack([read["x"], read["y"]])
 
     def one_by_one() -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.export.source.render import render_source
 from flexstage.export.source.variables import c_variables
-from flexstage.hysteresis.dynamic_model import DynamicModel, ModelMemory
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelState
 from tests.c_compiler import EXACT, load_library
 
 _WRAPPED = """
@@ -126,8 +126,8 @@ class CStage:
 
 
 def stepped(
-    model: DynamicModel, commands: Array, memory: ModelMemory | None = None
-) -> tuple[Array, ModelMemory]:
+    model: DynamicModel, commands: Array, memory: ModelState | None = None
+) -> tuple[Array, ModelState]:
     """Readings and memory of Python stepped one sample at a time, from rest at zero commands."""
     now = model.settled() if memory is None else memory
     rows = []

@@ -52,7 +52,7 @@ def test_a_piezo_stage_answers_as_its_plant() -> None:
         current_limit=0.2,
         sensors=sensors,
     )
-    found, _ = model.simulate(_commands())
+    found = model.simulate(_commands()).readings
     wanted = plant.simulate(_commands(), model.step)
     # two sums of sixty modes in another order; the quantised reading may fall on the next step
     for name, tolerance in (("y", 1e-12), ("x", 4e-6)):
@@ -80,7 +80,7 @@ def test_an_imposed_displacement_answers_as_in_frequency(frequency_hz: float) ->
     n = 20000
     t = np.arange(n) * model.step
     u = {"x": 1e-4 * np.sin(2.0 * np.pi * frequency_hz * t), "y": np.zeros(n)}
-    read, _ = model.simulate(u)
+    read = model.simulate(u).readings
     # whole periods after the transient, which is gone by then: the slowest mode falls by e^-18
     late = slice(n - round(round(0.2 * frequency_hz) / frequency_hz / model.step), n)
     turn = np.exp(-2j * np.pi * frequency_hz * t[late])
@@ -102,11 +102,11 @@ def test_modes_left_out_are_kept_at_rest(stage) -> None:
     assert few.omega.size == 7
     value = {d.name: 31.0 if d.unit == "V" else 3.1e-5 for d in full.drives}
     at_rest = {name: np.full(3, u) for name, u in value.items()}
-    wanted, found = full.simulate(at_rest)[0], few.simulate(at_rest)[0]
+    wanted, found = full.simulate(at_rest)[0], few.simulate(at_rest).readings
     for probe in wanted:
         assert found[probe] == pytest.approx(wanted[probe], rel=1e-9, abs=1e-18)
     slow = {name: u * (1.0 - np.cos(np.arange(900) * 2e-3)) for name, u in value.items()}
-    wanted, found = full.simulate(slow)[0], few.simulate(slow)[0]
+    wanted, found = full.simulate(slow)[0], few.simulate(slow).readings
     for probe in wanted:
         # 3 Hz is far below the modes that were left out
         assert np.abs(found[probe] - wanted[probe]).max() < 1e-5 * np.ptp(wanted[probe])
@@ -152,7 +152,7 @@ def _identified(**changes) -> DriveModel:
 def test_an_identified_drive_reads_at_rest_what_it_was_identified_to() -> None:
     drive = _identified()
     model = dynamic_model(_STAGE, _SYSTEM, hysteresis={"x": drive})
-    read, _ = model.simulate({"x": np.full(2, 83.0), "y": np.zeros(2)})
+    read = model.simulate({"x": np.full(2, 83.0), "y": np.zeros(2)}).readings
     w = float(drive.hysteresis.simulate([83.0]).values[0]) * drive.creep.static_gain
     assert read["x"][1] == pytest.approx(1e-6 * w, rel=1e-9)
     assert model.drive("x").creep is drive.creep
@@ -193,7 +193,7 @@ def test_a_model_without_closed_form_is_stepped_too() -> None:
     model = dynamic_model(_STAGE, _SYSTEM, hysteresis={"y": stack})
     plant = stage_plant(_STAGE, _SYSTEM, {"y": stack})
     u = _commands(300)
-    found = model.simulate({"x": np.zeros(300), "y": u["y"]})[0]["y"]
+    found = model.simulate({"x": np.zeros(300), "y": u["y"]}).readings["y"]
     wanted = plant.simulate({"y": u["y"]}, 1e-4).readings["y"]
     assert np.abs(found - wanted).max() < 1e-11 * np.ptp(wanted)
 
@@ -214,7 +214,7 @@ def test_what_modes_left_out_add_creeps_too() -> None:
     full = dynamic_model(_STAGE, _SYSTEM, creep=creep)
     few = dynamic_model(_STAGE, _SYSTEM, creep=creep, mode_count=2)
     u = {"x": np.full(2, 71.0), "y": np.full(2, 23.0)}
-    wanted, found = full.simulate(u)[0], few.simulate(u)[0]
+    wanted, found = full.simulate(u)[0], few.simulate(u).readings
     for probe in wanted:
         # at rest creep has come to its end, in all modes
         assert found[probe] == pytest.approx(wanted[probe], rel=1e-9)

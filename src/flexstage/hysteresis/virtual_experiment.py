@@ -7,17 +7,17 @@ import numpy as np
 from flexstage import progress
 from flexstage.characteristic import measured_value
 from flexstage.errors import ModelError
+from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.drive_model import DriveModel
+from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.hysteresis.excitations.design import excitation
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.identify import Identification, identify
 from flexstage.hysteresis.inversion import feedforward
 from flexstage.hysteresis.loops import Tracking, loop_width, tracking
 from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.plant import Plant
-from flexstage.hysteresis.stage_plant import stage_plant
 from flexstage.hysteresis.virtual_stack import (
     USUAL_BANDWIDTH_HZ,
     USUAL_CREEP,
@@ -92,7 +92,7 @@ class AxisExperiment:
 class _Bench:
     """A virtual stage on its bench, one axis of it wired."""
 
-    plant: Plant
+    model: DynamicModel
     drive: str
     probe: str
     limits: tuple[float, float]
@@ -102,8 +102,8 @@ class _Bench:
         """Condition the stage by two cycles, and return the reading under a command."""
         before = self.cosine(2)
         whole = np.concatenate((before, voltage))
-        response = self.plant.simulate({self.drive: whole}, 1.0 / _SAMPLE_RATE_HZ)
-        return response.measured[self.probe][before.size :]
+        response = self.model.simulate({self.drive: whole})
+        return response.readings[self.probe][before.size :]
 
     def cosine(self, cycles: int, share: float = 1.0) -> Array:
         """Cycles about the middle of the range, begun and ended at their low end."""
@@ -118,7 +118,7 @@ def virtual_experiment(
 ) -> AxisExperiment:
     """Measure, identify and compensate the hysteresis of one axis of a virtual stage.
 
-    The plant is the entire dynamic model: amplifier, a stack of a class that is not fitted, creep,
+    It is carried out on the entire dynamic model: amplifier, a stack of a class that is not fitted, creep,
     all modes of the stage with the stacks in place, and a noisy sensor. Its stroke and the width of
     its loop are set to what was measured of the stage, where that is published, since no model
     knows them; everything else follows. A Bouc-Wen model is identified from loops at one rate, full
@@ -216,16 +216,17 @@ def _bench(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> _Ben
     free, own = drive.free_stroke, share
 
     def wired(free: float, own: float) -> _Bench:
-        plant = stage_plant(
+        model = dynamic_model(
             stage,
             system,
-            {drive.name: virtual_stack(limits, free, own)},
+            step=1.0 / _SAMPLE_RATE_HZ,
+            hysteresis={drive.name: virtual_stack(limits, free, own)},
             creep=LogCreep(rate_per_decade=USUAL_CREEP),
             bandwidth_hz=USUAL_BANDWIDTH_HZ,
             sensors={port.probe: Sensor(noise_rms=_NOISE, seed=seed)},
         )
         return _Bench(
-            plant=plant, drive=drive.name, probe=port.probe, limits=limits, resonance_hz=lowest
+            model=model, drive=drive.name, probe=port.probe, limits=limits, resonance_hz=lowest
         )
 
     # creep and the amplifier add to both, so that the stack itself needs a little less
