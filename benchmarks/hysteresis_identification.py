@@ -33,8 +33,8 @@ from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.misfit import cross_validate, misfit
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.hysteresis.models.preisach import Preisach
-from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.records import Channel, Record
+from flexstage.virtual.stack import virtual_stack
 
 __all__ = ["auto", "bouc_wen", "growth", "identification", "preisach", "record"]
 

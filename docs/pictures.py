@@ -113,7 +113,7 @@ def card_mode() -> "Figure":
 
 def card_hysteresis() -> "Figure":
     """Loops of a piezo stack within each other."""
-    from flexstage.hysteresis import virtual_stack
+    from flexstage.virtual import virtual_stack
 
     t = np.linspace(0.0, 7.0, 7000)
     size = np.interp(t, [0.0, 1.0, 7.0], [60.0, 60.0, 10.0])
@@ -139,7 +139,8 @@ def card_response() -> "Figure":
 
 def card_centring() -> "Figure":
     """The error of an eccentric scale over a turn, before and after the move."""
-    from flexstage.centring import ARCSEC, exact_error, scale_errors
+    from flexstage.centring import ARCSEC, exact_error
+    from flexstage.virtual import scale_errors
 
     theta = np.linspace(0.0, 2.0 * np.pi, 721)
     own = scale_errors(range(2, 20), 8.0 * ARCSEC, seed=3).at(theta)

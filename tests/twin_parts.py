@@ -8,7 +8,6 @@ from flexstage.designs import design
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.models.duhem import Duhem
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.piezo_stage import PiezoAxis, PiezoStage
@@ -16,6 +15,7 @@ from flexstage.instruments.twin.sensors import SensorBench
 from flexstage.instruments.twin.stack import ChargeDrive
 from flexstage.lumped import lumped_system
 from flexstage.system import MechanicalSystem, ModalDamping
+from flexstage.virtual.stack import VirtualStack, virtual_stack
 
 #: Slopes of stacks without hysteresis, by axis [m/V].
 SLOPES = {"x": 3.1e-7, "y": 2.6e-7}

@@ -41,8 +41,8 @@ from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPran
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 from flexstage.hysteresis.models.preisach import Preisach
-from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.records import Channel, Record
+from flexstage.virtual.stack import virtual_stack
 
 NONE = ChainValues()
 #: Noise of the output: about 0.1 % of the stroke.

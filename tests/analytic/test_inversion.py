@@ -23,7 +23,7 @@ from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 from flexstage.hysteresis.models.preisach import Preisach
-from flexstage.hysteresis.virtual_stack import virtual_stack
+from flexstage.virtual.stack import virtual_stack
 
 LOW, HIGH = 4.0, 116.0
 THRESHOLDS = np.array([5.0, 13.0, 29.0])

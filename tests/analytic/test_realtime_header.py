@@ -91,12 +91,13 @@ def _run(library: ctypes.CDLL, prefix: str, commands: np.ndarray, probes: int) -
 
 
 def _stepped(model: DynamicModel, commands: np.ndarray) -> np.ndarray:
-    memory = model.settled()
+    state = model.settled()
     out = np.empty((len(commands), len(model.probes)))
     for i in range(len(commands)):
         u = {d.name: commands[i : i + 1, j] for j, d in enumerate(model.drives)}
-        read, memory = model.simulate(u, memory)
-        out[i] = [read[p.name][0] for p in model.probes]
+        found = model.simulate(u, state)
+        state = found.state
+        out[i] = [found.readings[p.name][0] for p in model.probes]
     return out
 
 

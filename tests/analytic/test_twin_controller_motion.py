@@ -8,10 +8,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from flexstage.errors import ModelError
+from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.protocol import Capability
 from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.axis_state import Ramp
-from flexstage.instruments.twin.controller import VirtualController
 from flexstage.instruments.twin.device import Refusal, RefusedError
 from tests.simple_stage import ACROSS, GAIN, PIEZO, RANGE, SCREW, STEP, SimpleStage
 

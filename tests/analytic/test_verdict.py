@@ -18,8 +18,8 @@ from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.zero_changes import zero_changes
 from flexstage.hysteresis.models.dahl import Dahl
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.records import Channel, Record
+from flexstage.virtual.stack import virtual_stack
 
 DT = 0.005
 CHAIN = ChainValues(creep_per_decade=0.013)

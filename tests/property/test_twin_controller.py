@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
+from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.controller import VirtualController
 from flexstage.instruments.twin.device import RefusedError
 from tests.simple_stage import PIEZO, RANGE, SCREW, SimpleStage
 

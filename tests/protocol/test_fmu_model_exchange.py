@@ -138,9 +138,10 @@ def _stairs(version: str, here: Path, tolerance: float) -> tuple[np.ndarray, np.
         levels = dict(zip(("x", "y"), first[1:], strict=True))
         for d, level in levels.items():
             memory.amplifiers[d][0] = level
-        y, memory = made.simulate({d: np.full(n, v) for d, v in levels.items()}, memory)
+        moved = made.simulate({d: np.full(n, v) for d, v in levels.items()}, memory)
+        memory = moved.state
         for p in wanted:
-            wanted[p] += y[p].tolist()
+            wanted[p] += moved.readings[p].tolist()
     found = np.array([result["x.reading"], result["y.reading"]])[:, 1:]
     return found, np.array([wanted[p][99::100] for p in ("x", "y")])
 

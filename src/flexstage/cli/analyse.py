@@ -20,13 +20,13 @@ from flexstage.cli.output import (
     figure_option,
     folder_option,
     make_table,
-    name_for_files,
     picture,
     print_json,
     print_notes,
     progress_bar,
 )
 from flexstage.errors import FlexstageError, ModelError
+from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -162,9 +162,10 @@ def _written(
             results = results_json(_results(run))
             files += write_files(within, {"analysis.json": results} | _diagrams(run.analysis))
             if vtu and run.mesh is not None:
-                from flexstage.fem.vtu import vtu_files
+                from flexstage.export import field_files
 
-                files += write_files(within / "vtu", vtu_files(run.mesh, run.analysis))
+                fields = field_files(run.analysis.stage, run.analysis, mesh=run.mesh)
+                files += write_files(within / "vtu", fields)
         if figure is not None:
             drawn = _diagrams(run.analysis, figure, name if len(runs) > 1 else "")
             files += write_files(figure.parent, drawn)
@@ -196,9 +197,7 @@ def _diagrams(
 
     stem = f"{figure.stem}-{model}" if model else figure.stem
     return {
-        f"{stem}-{name_for_files(a.axis)}{figure.suffix}": picture(
-            figure, draw_bode(analysis, a.axis)
-        )
+        f"{stem}-{file_name(a.axis)}{figure.suffix}": picture(figure, draw_bode(analysis, a.axis))
         for a in analysis.axes
     }
 

@@ -6,8 +6,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
-from flexstage.cli.output import name_for_files
 from flexstage.errors import ModelError, StageError
+from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
     from flexstage.hysteresis import DriveModel, DynamicModel, LogCreep, Sensor
@@ -54,7 +54,7 @@ class ExportRequest:
     @property
     def name(self) -> str:
         """Name of the stage, as files can have it."""
-        return name_for_files(self.stage.name)
+        return file_name(self.stage.name)
 
     @cached_property
     def run(self) -> "ModelRun":
@@ -243,7 +243,7 @@ def _drawing(request: ExportRequest) -> Files:
 
 
 def _vtu(request: ExportRequest) -> Files:
-    from flexstage.export.fields import field_files
+    from flexstage.export.vtu.fields import field_files
 
     return field_files(request.stage, request.run.analysis, mesh=request.run.mesh)
 

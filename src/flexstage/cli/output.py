@@ -197,22 +197,6 @@ def _folder(text: str | Path) -> Path:
     return path
 
 
-def name_for_files(name: str) -> str:
-    """Return a name that a directory can have.
-
-    What is special to some system becomes a dash, and none begins it, where programs take it for an
-    option.
-
-    Examples
-    --------
-    >>> name_for_files("a/b: c")
-    'a-b--c'
-    """
-    kept = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".").lstrip("-.")
-    # no system takes a name of more than 255 bytes, and endings are put behind it
-    return kept[:60].encode()[:180].decode(errors="ignore") or "stage"
-
-
 def write_file(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
     from flexstage.files.write import write_files

@@ -12,13 +12,13 @@ from flexstage.cli.output import (
     console,
     folder_option,
     make_table,
-    name_for_files,
     print_json,
     print_notes,
     progress_bar,
     write_file,
 )
 from flexstage.errors import FlexstageError, PlanError
+from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
     from flexstage.experiments import DryRun, PlanResult
@@ -135,9 +135,9 @@ def run(
 
 def _new_folder(stage: str, plan: str) -> Path:
     now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    words = [now, name_for_files(stage)]
+    words = [now, file_name(stage)]
     if plan != stage:
-        words.append(name_for_files(plan))
+        words.append(file_name(plan))
     made = Path("runs") / "-".join(words)
     k = 2
     while made.exists():

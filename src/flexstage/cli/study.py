@@ -18,11 +18,11 @@ from flexstage.cli.output import (
     console,
     folder_option,
     make_table,
-    name_for_files,
     print_json,
     print_notes,
     progress_bar,
 )
+from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -77,7 +77,7 @@ def study(
     names = model_names(models)
     directory = out
     if directory is None:
-        directory = Path("out") / name_for_files(described.name)
+        directory = Path("out") / file_name(described.name)
         require_writable(directory)
     with progress_bar("study", quiet=quiet):
         found = None

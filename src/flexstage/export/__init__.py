@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from flexstage.export.diagram.stage_diagram import stage_diagram
     from flexstage.export.diagram.svg import diagram_files
     from flexstage.export.drawing.dxf import dxf_files
-    from flexstage.export.fields import field_files
     from flexstage.export.fmu.fmu_file import fmu_files
     from flexstage.export.matlab.files import matlab_files
     from flexstage.export.modal_file import universal_files
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from flexstage.export.simulink.files import simulink_files
     from flexstage.export.step import step_files
     from flexstage.export.tables.files import table_files
+    from flexstage.export.vtu.fields import field_files
 
 __all__ = [
     "control_system",

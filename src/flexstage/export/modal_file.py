@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 import flexstage
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.export.file_names import NO_TIME, file_name
+from flexstage.export.time_stamp import NO_TIME
 from flexstage.export.universal_format import (
     DISPLACEMENT,
     FORCE,
@@ -26,6 +26,7 @@ from flexstage.export.universal_format import (
     si_units,
     trace_lines,
 )
+from flexstage.files.names import file_name
 from flexstage.stage import Circle, Stage
 from flexstage.stage.contour import body_contour
 from flexstage.stage.mass import mass_properties

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import flexstage
 from flexstage.errors import StageError
-from flexstage.export.file_names import NO_TIME, file_name, read_time
+from flexstage.export.time_stamp import NO_TIME, read_time
+from flexstage.files.names import file_name
 from flexstage.stage import Circle, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour
 

@@ -5,8 +5,7 @@ are nine of them, by name in `MODELS`. The *chain* (`Amplifier`, `LogCreep`, `St
 `Sensor`) is linear but for the limits of the amplifier. A `DriveModel` is both in a row, as
 `identify` finds it in records and `feedforward` undoes it; `model_text` writes it. A `DynamicModel`
 joins the stacks to every mode of a stage: `dynamic_model` builds it, simulation steps it, and it is
-what other programs are given. `excitation` designs the experiment, and `virtual_experiment` carries
-it out.
+what other programs are given. `excitation` designs the experiment.
 Between samples the input moves on straight lines, and every answer to such an input is exact.
 """
 
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.hysteresis.build_model import dynamic_model
+    from flexstage.hysteresis.build_model import assembled_model, dynamic_model
     from flexstage.hysteresis.chain.amplifier import Amplifier
     from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
     from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.chain.sensor import Sensor
     from flexstage.hysteresis.chain.stage_modes import StageModes
     from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
-    from flexstage.hysteresis.dynamic_model import DynamicModel
+    from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
     from flexstage.hysteresis.excitations.design import excitation
     from flexstage.hysteresis.excitations.excitation import Excitation, memory_coverage
     from flexstage.hysteresis.identification.amplifier import identify_amplifier
@@ -51,11 +50,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
     from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
     from flexstage.hysteresis.models.preisach import Preisach
-    from flexstage.hysteresis.plant import Plant
     from flexstage.hysteresis.prediction import Prediction, predict
-    from flexstage.hysteresis.stage_plant import stage_plant
-    from flexstage.hysteresis.virtual_experiment import virtual_experiment
-    from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
 
 __all__ = [
     "MODELS",
@@ -78,10 +73,10 @@ __all__ = [
     "IdentificationData",
     "Lag",
     "LogCreep",
+    "ModelDrive",
     "ModelFile",
     "ModifiedPrandtlIshlinskii",
     "ParameterEstimate",
-    "Plant",
     "PrandtlIshlinskii",
     "Prediction",
     "Preisach",
@@ -91,7 +86,7 @@ __all__ = [
     "StageModes",
     "Tracking",
     "ValidityRange",
-    "VirtualStack",
+    "assembled_model",
     "cycles",
     "dynamic_model",
     "excitation",
@@ -109,10 +104,7 @@ __all__ = [
     "simulate_bouc_wen_batch",
     "simulate_with_stage",
     "smoothed",
-    "stage_plant",
     "tracking",
-    "virtual_experiment",
-    "virtual_stack",
 ]
 
 import_on_use(__name__)

@@ -23,8 +23,8 @@ from flexstage.hysteresis.stack_models import (
     refuse_stroke,
     scale_of,
 )
-from flexstage.hysteresis.virtual_stack import USUAL_LOOP_WIDTH
 from flexstage.stage import PiezoStack, Stage
+from flexstage.stage.assumptions import LOOP_WIDTH
 from flexstage.system import MechanicalSystem, Modes, modes
 from flexstage.system.statics import imposed_shape
 
@@ -124,7 +124,7 @@ def dynamic_model(
     if hysteresis == "usual" and models:
         notes.append(
             "The hysteresis of the stacks is not measured: a Bouc-Wen loop of a usual width, "
-            f"{100.0 * USUAL_LOOP_WIDTH:g} % of the stroke."
+            f"{100.0 * LOOP_WIDTH:g} % of the stroke."
         )
     if linear:
         notes.append(f"Stacks without hysteresis: {', '.join(linear)}.")

@@ -180,11 +180,16 @@ class DynamicModel:
                 return drive
         raise ModelError(has_no("the model", "drive", name, (d.name for d in self.drives)))
 
-    def without_noise(self) -> "DynamicModel":
-        """Return the model with sensors that have no noise, as other programs have it."""
-        quiet = (p.sensor and replace(p.sensor, noise_rms=0.0) for p in self.probes)
-        probes = zip(self.probes, quiet, strict=True)
-        return replace(self, probes=tuple(replace(p, sensor=s) for p, s in probes))
+    def as_exported(self) -> "DynamicModel":
+        """Return the model as other programs have it: no noise, and no voltage is refused."""
+        return replace(
+            self,
+            drives=tuple(replace(d, input_range=None) for d in self.drives),
+            probes=tuple(
+                replace(p, sensor=p.sensor and replace(p.sensor, noise_rms=0.0))
+                for p in self.probes
+            ),
+        )
 
     def load_factor(self, drive: str) -> float:
         r"""Return the part of the free displacement of a drive that the stage lets it have.

@@ -14,8 +14,8 @@ from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import Array, HysteresisModel
 from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.virtual_stack import USUAL_LOOP_WIDTH
 from flexstage.stage import Drive, PiezoStack, Stage
+from flexstage.stage.assumptions import LOOP_WIDTH
 
 #: What a stack does, by drive or axis; or a word for all of them.
 Hysteresis = Mapping[str, HysteresisModel | DriveModel] | Literal["usual", "none"]
@@ -26,7 +26,7 @@ _STROKE_FACTOR = 5.0
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
 
 
-def usual_hysteresis(stack: PiezoStack, *, width: float = USUAL_LOOP_WIDTH) -> BoucWen:
+def usual_hysteresis(stack: PiezoStack, *, width: float = LOOP_WIDTH) -> BoucWen:
     """Return a Bouc-Wen model with the stroke of a stack and a usual width of its loop.
 
     It goes from voltage [V] to free displacement [m]; the width is over the stroke, 0.01 to 0.2.

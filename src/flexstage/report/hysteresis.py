@@ -11,7 +11,7 @@ from flexstage.report.page import captioned, cells, drawn, row_of, table_html
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
-    from flexstage.hysteresis.virtual_experiment import AxisExperiment
+    from flexstage.studies.compensation import AxisExperiment
     from flexstage.studies.study import Study
 
 _UM = 1e6

@@ -12,7 +12,7 @@ from flexstage.system import Analysis, load_readings
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from flexstage.hysteresis.virtual_experiment import AxisExperiment
+    from flexstage.studies.compensation import AxisExperiment
     from flexstage.studies.measurement import MeasurementComparison
     from flexstage.studies.study import Study
     from flexstage.studies.virtual_experiments import CentringTrial

@@ -21,7 +21,7 @@ from flexstage.system import Analysis
 
 if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import Characterisation
-    from flexstage.hysteresis.virtual_experiment import AxisExperiment
+    from flexstage.studies.compensation import AxisExperiment
     from flexstage.studies.measurement import MeasurementComparison
     from flexstage.studies.virtual_experiments import CentringTrial
 

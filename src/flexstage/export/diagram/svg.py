@@ -10,8 +10,8 @@ from flexstage.export.diagram.page import Frame, PageLayout, PlacedBlock, Placed
 from flexstage.export.diagram.shapes import branches
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.symbols import inset, symbol
-from flexstage.export.file_names import file_names
 from flexstage.export.svg_elements import attributes
+from flexstage.files.names import file_names
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.stage import Stage
 from flexstage.system import RayleighDamping

@@ -6,10 +6,10 @@ import flexstage
 from flexstage.characteristic import Characteristic
 from flexstage.comparison import compare
 from flexstage.errors import ModelError
-from flexstage.export.file_names import file_name
 from flexstage.export.tables.comma import comparison_csv, values_csv
 from flexstage.export.tables.latex import latex
 from flexstage.export.tables.workbook import workbook
+from flexstage.files.names import file_name
 from flexstage.provenance import Provenance
 from flexstage.quantities import Quantity, display
 

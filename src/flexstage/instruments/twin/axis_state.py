@@ -10,8 +10,8 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.compiled import compiled
+from flexstage.instruments.pi.simulated.wave_tables import WaveRun
 from flexstage.instruments.twin.device import AxisDescription, Refusal, RefusedError
-from flexstage.instruments.twin.wave_tables import WaveRun
 
 #: Time constant with which the reading is smoothed before it is compared with the target [s].
 _SMOOTHING = 1e-3

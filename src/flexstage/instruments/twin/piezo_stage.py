@@ -11,7 +11,6 @@ from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.modal import unit_step
-from flexstage.hysteresis.virtual_stack import VirtualStack
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.loop import (
@@ -37,6 +36,7 @@ from flexstage.instruments.twin.stage import Blow, Hammer, StageSamples, Virtual
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, modes
 from flexstage.virtual.imperfections import GuideErrors
+from flexstage.virtual.stack import VirtualStack
 
 _CONVERTER_BITS = 20
 

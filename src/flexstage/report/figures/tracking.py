@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.hysteresis.virtual_experiment import AxisExperiment
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
+from flexstage.studies.compensation import AxisExperiment
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
