@@ -22,8 +22,8 @@ from flexstage.fem.superelement import superelement_model
 from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.stage import VirtualStage
 from flexstage.system import modes
+from flexstage.virtual.stage import VirtualStage
 
 __all__ = ["twin"]
 

@@ -4,24 +4,25 @@ import ctypes
 import functools
 import tempfile
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.export.source.hysteresis_code import HysteresisCode, hysteresis_code
+from flexstage.hysteresis import (
+    AsymmetricBoucWen,
+    BoucWen,
+    Dahl,
+    Duhem,
+    GeneralisedBoucWen,
+    GeneralisedMaxwellSlip,
+    ModifiedPrandtlIshlinskii,
+    PrandtlIshlinskii,
+    Preisach,
+)
 from flexstage.hysteresis.model import HysteresisModel, Segments
-from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
-from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach
+from flexstage.hysteresis.models.source_code import HysteresisCode, hysteresis_code, source_file
 from tests.c_compiler import EXACT, load_library
 
 #: Numbers in double or single precision.
@@ -60,8 +61,7 @@ def program(code: HysteresisCode) -> str:
 
 def headers(code: HysteresisCode) -> dict[str, bytes]:
     """Return the headers that a model needs, and no others."""
-    folder = resources.files("flexstage.export.source") / "c"
-    return {name: folder.joinpath(name).read_bytes() for name in code.headers}
+    return {name: source_file(name) for name in code.headers}
 
 
 @functools.cache

@@ -9,12 +9,12 @@ from scipy.integrate import solve_ivp
 from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
+from flexstage.hysteresis import BoucWen
 from flexstage.hysteresis.build_model import assembled_model, dynamic_model
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
-from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.lumped import lumped_system
 from flexstage.stage import PiezoStack
 from flexstage.system import (

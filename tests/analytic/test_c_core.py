@@ -14,20 +14,20 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.hysteresis import (
+    AsymmetricBoucWen,
     BoucWen,
+    Dahl,
+    Duhem,
     DynamicModel,
+    GeneralisedBoucWen,
+    GeneralisedMaxwellSlip,
     HysteresisModel,
     LogCreep,
+    PrandtlIshlinskii,
+    Preisach,
     Sensor,
     dynamic_model,
 )
-from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
-from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach
 from flexstage.lumped import lumped_system
 from flexstage.system import frequency_response
 from tests.c_stage import CStage, stepped, wandering

@@ -15,9 +15,9 @@ from flexstage.experiments.file import plan_from_text
 from flexstage.experiments.results import MeasuredStep
 from flexstage.experiments.state import read_state
 from flexstage.experiments.verbs import Centre
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.lock import stage_lock
 from flexstage.records import read_record
+from flexstage.stage.limits import AxisLimits
 from tests.simple_instrument import SimpleInstrument
 
 GAIN = 4.8e-7

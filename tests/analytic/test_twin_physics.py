@@ -14,7 +14,6 @@ from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.dynamic_model import ModelDrive
 from flexstage.hysteresis.loops import loop_width
-from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.piezo_stage import PiezoStage
 from flexstage.instruments.twin.stack import (
     ChargeDrive,
@@ -23,6 +22,7 @@ from flexstage.instruments.twin.stack import (
     stack_arrays,
 )
 from flexstage.system import modes, static_forces
+from flexstage.system.servo import Notch, ServoSettings
 from flexstage.virtual.stack import virtual_stack
 from tests.twin_parts import SLOPES, damped_system, small_stage
 

@@ -18,8 +18,8 @@ from flexstage.instruments.protocol import (
     Signal,
     WaveGenerator,
 )
-from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.waveform import Waveform
+from flexstage.system.servo import Notch, ServoSettings
 from tests.gcs_script import COMMANDS, InMemory, ScriptedController
 
 STAGE = design("vgtu-piezo")

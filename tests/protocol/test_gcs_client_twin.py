@@ -21,10 +21,10 @@ from flexstage.instruments.pi.simulated.server import GcsServer
 from flexstage.instruments.pi.simulated.session import Loopback
 from flexstage.instruments.pi.transport import InProcess, TcpLink
 from flexstage.instruments.protocol import Capability, Instrument, Signal
-from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.stage import VirtualStage
 from flexstage.instruments.waveform import Waveform
+from flexstage.system.servo import Notch, ServoSettings
+from flexstage.virtual.stage import VirtualStage
 
 STAGE = design("vgtu-piezo")
 LONG = TransferLimits(line_limit=16384)

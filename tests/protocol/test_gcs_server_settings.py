@@ -5,7 +5,7 @@ import re
 import pytest
 
 from flexstage.instruments.pi.simulated.session import ServerSession
-from flexstage.instruments.servo import Notch, ServoSettings
+from flexstage.system.servo import Notch, ServoSettings
 from tests.gcs_device import controller, opened, talk
 
 E = "{:.9e}".format

@@ -19,7 +19,7 @@ from flexstage.report.measurement_html import measurement_text
 from flexstage.studies import compare_measurement, results_json, run_study, study_results
 from flexstage.studies.measurement import measurement_results
 from flexstage.virtual.as_built import as_built
-from flexstage.virtual.bench import Laboratory
+from flexstage.virtual.laboratory import Laboratory
 from tests.system.test_report import Page
 
 #: A shorter campaign than the usual one: what is read of it matters here, not how sharply.

@@ -11,9 +11,9 @@ from flexstage.cli.options import JsonOption, QuietOption, option
 from flexstage.cli.output import (
     console,
     folder_option,
-    make_table,
     print_json,
     print_notes,
+    print_table,
     progress_bar,
     write_file,
 )
@@ -221,26 +221,17 @@ def _plain_dry(found: "DryRun") -> dict[str, Any]:
 
 def _print_dry(found: "DryRun", title: str) -> None:
     screen = console()
-    table = make_table(
-        f"{title}, {found.stage}: {found.duration:.0f} s of motion and records",
-        "step",
-        "<verb",
-        "<what",
-        "time, s",
-        "<axis",
-        "from",
-        "to",
-        "slope",
-        "<allowed",
-    )
+    planned: list[tuple[str, ...]] = []
     for step in found.steps:
         lasting = step.duration or step.command_duration
         time = f"{lasting:.4g}" if lasting else ""
         rows: list[PlannedMotion | None] = [*step.motions] if step.verb == "excite" else []
         for k, motion in enumerate(rows or [None]):
             head = (step.name, step.verb, step.what, time) if k == 0 else ("", "", "", "")
-            table.add_row(*head, *_motion(motion))
-    screen.print(table)
+            planned.append((*head, *_motion(motion)))
+    heads = "step", "<verb", "<what", "time, s", "<axis", "from", "to", "slope", "<allowed"
+    caption = f"{title}, {found.stage}: {found.duration:.0f} s of motion and records"
+    print_table(screen, caption, heads, planned)
     for step in found.steps:
         print_notes(screen, (f"{step.name}: {note}" for note in step.notes))
 
@@ -267,20 +258,11 @@ def _print(result: "PlanResult") -> None:
     from flexstage.experiments.results import CentredStep, IdentifiedStep
 
     screen = console()
-    table = make_table(
-        f"{result.stage.name}, {result.origin}",
-        "quantity",
-        "<axis",
-        "value",
-        "95 %",
-        "<unit",
-        "<step",
-        "published",
-    )
-    for figure in in_order((*result.figures, *result.further_figures)):
-        table.add_row(*_figure(result, figure))
     if result.figures:
-        screen.print(table)
+        every = in_order((*result.figures, *result.further_figures))
+        heads = "quantity", "<axis", "value", "95 %", "<unit", "<step", "published"
+        rows = (_figure(result, figure) for figure in every)
+        print_table(screen, f"{result.stage.name}, {result.origin}", heads, rows)
     for step in result.steps:
         if isinstance(step, IdentifiedStep):
             rms = step.errors_percent.get("rms", float("nan"))
@@ -299,28 +281,24 @@ def _print(result: "PlanResult") -> None:
 
 
 def _print_verified(step: Any) -> None:
-    table = make_table(
-        f"{step.name}: {1e6 * step.stroke:.2f} um, {step.rate_hz:g} Hz, {step.kind}",
-        "way",
-        "loop, nm",
-        "narrower, %",
-        "rms, nm",
-        "rms, %",
-        "largest, nm",
-    )
+    rows = []
     for run_ in step.runs:
         t = run_.tracking
         less = run_.reduction_percent
-        table.add_row(
-            run_.way,
-            f"{1e9 * t.loop_width:.1f}",
-            "" if less is None or run_.way == "open loop" else f"{less:.2f}",
-            f"{1e9 * t.rms:.1f}",
-            f"{100.0 * t.rms / step.stroke:.3f}",
-            f"{1e9 * t.largest:.1f}",
+        rows.append(
+            (
+                run_.way,
+                f"{1e9 * t.loop_width:.1f}",
+                "" if less is None or run_.way == "open loop" else f"{less:.2f}",
+                f"{1e9 * t.rms:.1f}",
+                f"{100.0 * t.rms / step.stroke:.3f}",
+                f"{1e9 * t.largest:.1f}",
+            )
         )
     screen = console()
-    screen.print(table)
+    title = f"{step.name}: {1e6 * step.stroke:.2f} um, {step.rate_hz:g} Hz, {step.kind}"
+    heads = "way", "loop, nm", "narrower, %", "rms, nm", "rms, %", "largest, nm"
+    print_table(screen, title, heads, rows)
     for run_ in step.runs:
         print_notes(screen, (f"{step.name}, {run_.way}: {note}" for note in run_.notes))
 

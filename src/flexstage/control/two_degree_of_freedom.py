@@ -20,11 +20,11 @@ from flexstage.control.periodic import delayed
 from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.protocol import Capability, Instrument, Signal
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
 
 #: Periods before those that are looked at, in which what was before dies out.
 _SETTLING = 2

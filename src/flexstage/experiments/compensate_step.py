@@ -14,8 +14,8 @@ from flexstage.experiments.results import CompensatedStep
 from flexstage.experiments.run_context import RunContext
 from flexstage.experiments.verbs import Compensate, Reference
 from flexstage.hysteresis import DriveModel
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.waveform import Waveform
+from flexstage.stage.limits import AxisLimits
 
 #: Share of the positions that may be commanded that is kept clear at each end.
 _CLEAR = 0.002

@@ -18,8 +18,9 @@ from flexstage.experiments.excite import Excite
 from flexstage.experiments.plan import Plan, Step
 from flexstage.experiments.reference import reference_rate, require_whole_cycles
 from flexstage.experiments.verbs import Centre, Compensate, Measure, Verify
-from flexstage.instruments.limits import AxisLimits, check_waveform
+from flexstage.instruments.limits import check_waveform
 from flexstage.stage import Stage
+from flexstage.stage.limits import AxisLimits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

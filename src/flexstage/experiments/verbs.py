@@ -128,12 +128,12 @@ class Identify:
     def __post_init__(self) -> None:
         if not self.of or not self.models:
             raise PlanError("identify needs a step that measures and a model at least")
-        from flexstage.hysteresis.identification.families import FAMILIES
+        from flexstage.hysteresis.identification.model_fit import fits
 
         for name in self.models:
-            if name != "auto" and name not in FAMILIES:
+            if name != "auto" and name not in fits():
                 raise PlanError(
-                    f"the model '{name}' is not known: choose from auto, {', '.join(FAMILIES)}"
+                    f"the model '{name}' is not known: choose from auto, {', '.join(fits())}"
                 )
 
     @property

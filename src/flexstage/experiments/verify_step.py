@@ -24,12 +24,11 @@ from flexstage.experiments.verbs import Verify
 from flexstage.hysteresis import loop_width, tracking
 from flexstage.instruments.protocol import Capability, Signal
 from flexstage.instruments.record_run import run_waveform
-from flexstage.instruments.recording.attributes import read_metadata
-from flexstage.instruments.recording.metadata import RunMetadata
-from flexstage.instruments.servo import ServoSettings
+from flexstage.instruments.recording.metadata import RunMetadata, read_metadata
 from flexstage.instruments.waveform import Waveform
 from flexstage.measure.uncertainty.sensor import measured
 from flexstage.records import Record, read_record
+from flexstage.system.servo import ServoSettings
 
 #: Under which name the errors of learning are kept among the settings of a record.
 LEARNING = "learning errors [m]"

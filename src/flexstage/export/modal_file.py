@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 import flexstage
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.export.request import ExportRequest
 from flexstage.export.time_stamp import NO_TIME
 from flexstage.export.universal_format import (
     DISPLACEMENT,
@@ -320,3 +321,8 @@ def modal_points(stage: Stage) -> ModalPoints:
         lines=tuple(lines),
         numbers=numbers,
     )
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the format."""
+    return universal_files(request.stage, request.analysis.system)

@@ -180,7 +180,7 @@ def assembled_model(
 
     Examples
     --------
-    >>> from flexstage.hysteresis.models.bouc_wen import BoucWen
+    >>> from flexstage.hysteresis import BoucWen
     >>> from flexstage.system.mechanical import DrivePort, ProbePort
     >>> stage = MechanicalSystem(
     ...     name="a mass on a spring",

@@ -13,7 +13,7 @@ from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import Array, HysteresisModel
-from flexstage.hysteresis.models.bouc_wen import BoucWen
+from flexstage.hysteresis.models.bouc_wen.law import BoucWen
 from flexstage.stage import Drive, PiezoStack, Stage
 from flexstage.stage.assumptions import LOOP_WIDTH
 

@@ -8,10 +8,10 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.excitations.design import excitation
-from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.identify import Identification, identify
 from flexstage.hysteresis.inversion import feedforward
 from flexstage.hysteresis.loops import Tracking, loop_width, tracking
+from flexstage.hysteresis.models.registry import MODELS
 from flexstage.records import Record
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
@@ -142,7 +142,7 @@ def virtual_experiment(
         errors = tracking(reference, output, BOUNDS)
         runs.append(
             CompensatedRun(
-                title=FAMILIES[found.kind].title,
+                title=MODELS[found.kind].title,
                 identification=found,
                 output=output,
                 tracking=errors,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from flexstage.characteristic import Characteristic, Characteristics, MeasuredCharacteristic
 from flexstage.estimate import Estimate
 from flexstage.experiments.campaign.results import Difference, difference
+from flexstage.files.plain import picked, plain
 from flexstage.measure.motion.positioning import Positioning
 from flexstage.quantities import display
 
@@ -162,39 +163,20 @@ def _details(result: "TestResult") -> dict[str, Any]:
 def _row(row: MeasuredRow) -> dict[str, Any]:
     figure = row.figure
     return {
-        "quantity": figure.quantity,
-        "axis": figure.axis,
-        "value": figure.value,
-        "unit": figure.unit,
-        "uncertainty": figure.uncertainty,
-        "degrees_of_freedom": figure.degrees_of_freedom,
-        "interval": list(figure.estimate.interval()),
-        "test": figure.test,
-        "note": figure.note,
+        **picked(figure, "quantity", "axis", "value", "unit", "uncertainty", "degrees_of_freedom"),
+        **picked(figure, "interval=estimate.interval", "test", "note"),
         "budget": [
-            {
-                "name": c.name,
-                "uncertainty": c.uncertainty,
-                "degrees_of_freedom": _finite(c.degrees_of_freedom),
-                "kind": c.kind,
-            }
+            picked(c, "name", "uncertainty", "degrees_of_freedom", "kind")
             for c in figure.components
         ],
         "differences": {
             origin: {
                 "reference": row.references[origin].value,
-                "difference": d.value,
-                "percent": d.percent,
-                "expanded": d.expanded,
-                "significant": d.significant,
+                **picked(d, "difference=value", "percent", "expanded", "significant"),
             }
             for origin, d in row.differences.items()
         },
     }
-
-
-def _finite(value: float) -> float | None:
-    return None if value == float("inf") else value
 
 
 def positioning_data(found: Positioning) -> dict[str, Any]:
@@ -219,13 +201,8 @@ def positioning_data(found: Positioning) -> dict[str, Any]:
     return {
         "runs": found.runs,
         "figures": {
-            name: {
-                "value": e.value,
-                "unit": e.unit,
-                "uncertainty": e.uncertainty,
-                "interval": list(e.interval()),
-            }
+            name: picked(e, "value", "unit", "uncertainty", "interval")
             for name, e in figures.items()
         },
-        "targets": {name: values.tolist() for name, values in at_targets.items()},
+        "targets": plain(at_targets),
     }

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.export.request import ExportRequest
 from flexstage.export.vtu.body_cells import body_cells
 from flexstage.export.vtu.format import (
     PackedCells,
@@ -294,3 +295,8 @@ def _region_table(stage: Stage, regions: Sequence[tuple[str, int]]) -> bytes:
     for i, (name, body) in enumerate(regions):
         table.writerow((i, name, body, stage.bodies[body].name))
     return text.getvalue().encode()
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the format."""
+    return field_files(request.stage, request.analysis, mesh=request.mesh)

@@ -5,12 +5,13 @@ import math
 from dataclasses import dataclass
 
 from flexstage.errors import ControllerError, FlexstageError, ModelError, NotConnectedError
-from flexstage.instruments.limits import AxisLimits, check_position, check_voltage
+from flexstage.instruments.limits import check_position, check_voltage
 from flexstage.instruments.pi.connection import Connection
 from flexstage.instruments.pi.tuning import ServoTuning
 from flexstage.instruments.pi.units import VOLTS, WireUnit
 from flexstage.instruments.protocol import Capability, MotionAxis
-from flexstage.instruments.servo import ServoSettings
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
 
 #: Time in which an amplifier makes the largest step that is commanded at once [s].
 _STEP_TIME = 1e-4

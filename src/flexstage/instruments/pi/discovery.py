@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from flexstage.errors import ControllerError, ModelError
-from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.pi.axis import AxisFacts
 from flexstage.instruments.pi.connection import Connection
 from flexstage.instruments.pi.recorder import ChannelFacts
@@ -12,6 +11,7 @@ from flexstage.instruments.pi.tuning import tunable
 from flexstage.instruments.pi.units import WireUnit, axis_unit
 from flexstage.instruments.protocol import Capability
 from flexstage.stage import Screw, Stage
+from flexstage.stage.limits import AxisLimits, stage_limits
 
 Range = tuple[float, float]
 

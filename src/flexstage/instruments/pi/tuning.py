@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.pi.connection import Connection
 from flexstage.instruments.pi.profile import ControllerProfile
-from flexstage.instruments.servo import Notch, ServoSettings
+from flexstage.system.servo import Notch, ServoSettings
 
 _PROPORTIONAL = r"servo loop p-term.*\[V/um\]"
 _INTEGRAL = r"servo loop i-term.*\[V/\(um s\)\]"

@@ -9,13 +9,9 @@ import numpy as np
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.loops import loop_width
-from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.twin.default_servo import delivered_settings
 from flexstage.instruments.twin.piezo_stage import PiezoAxis, PiezoStage
-from flexstage.instruments.twin.screw_stage import ScrewAxis, ScrewStage
-from flexstage.instruments.twin.sensors import SensorBench
 from flexstage.instruments.twin.stack import ChargeDrive
-from flexstage.instruments.twin.stage import Hammer
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.stage.assumptions import (
     AMPLIFIER_BANDWIDTH_HZ,
@@ -28,16 +24,19 @@ from flexstage.stage.assumptions import (
     LOOP_WIDTH_SPREAD,
     STROKE_SPREAD,
 )
+from flexstage.stage.limits import AxisLimits, stage_limits
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.analysis import axis_mode
 from flexstage.virtual.as_built import AsBuilt, as_built
-from flexstage.virtual.bench import SimulatedSensor
+from flexstage.virtual.hammer import Hammer
 from flexstage.virtual.imperfections import (
     Scatter,
     displaced_system,
     displacements,
     manufactured,
 )
+from flexstage.virtual.screw_stage import ScrewAxis, ScrewStage
+from flexstage.virtual.sensors import SensorBench, SimulatedSensor
 from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, loop_share, matched_stacks, virtual_stack
 
 #: Part of the stroke that is kept free at each end.

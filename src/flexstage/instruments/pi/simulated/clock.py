@@ -12,7 +12,7 @@ from typing import ClassVar
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.controller_core import duration
-from flexstage.instruments.twin.device import Refusal, RefusedError
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
 
 #: Simulated time of one command of a fast conversation [s].
 _COMMAND = 1e-3

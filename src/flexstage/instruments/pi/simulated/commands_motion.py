@@ -16,9 +16,9 @@ from flexstage.instruments.pi.simulated.command import (
     printed,
     switch,
 )
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
 from flexstage.instruments.pi.simulated.errors_gcs import GcsError
 from flexstage.instruments.pi.simulated.gcs_state import MICRO, ControllerState
-from flexstage.instruments.twin.device import Refusal, RefusedError
 
 
 def halt(state: ControllerState, client: Client, words: Sequence[str] = ()) -> None:

@@ -8,9 +8,9 @@ import numpy as np
 from flexstage import __version__
 from flexstage.arrays import Array
 from flexstage.instruments.pi.simulated.controller_motion import ControllerMotion
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
 from flexstage.instruments.protocol import Identity, Signal
-from flexstage.instruments.twin.device import Refusal, RefusedError
-from flexstage.instruments.twin.stage import VirtualStage
+from flexstage.virtual.stage import VirtualStage
 
 _KINDS = ("position", "target", "voltage", "channel", "force", "response")
 

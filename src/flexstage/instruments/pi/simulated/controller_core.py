@@ -8,12 +8,12 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.instruments.pi.simulated.axis_state import AxisState
+from flexstage.instruments.pi.simulated.device import AxisDescription, Refusal, RefusedError
 from flexstage.instruments.pi.simulated.wave_tables import WaveTables
 from flexstage.instruments.protocol import Capability, Signal
-from flexstage.instruments.twin.axis_state import AxisState
-from flexstage.instruments.twin.device import AxisDescription, Refusal, RefusedError
-from flexstage.instruments.twin.stage import StageSamples, VirtualStage
 from flexstage.stage import Stage
+from flexstage.virtual.stage import StageSamples, VirtualStage
 
 #: Samples of the loop that are computed at once.
 _BLOCK = 1000

@@ -6,16 +6,16 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.instruments.pi.simulated.controller_core import ControllerCore
-from flexstage.instruments.pi.simulated.wave_tables import WaveRun
-from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.axis_state import (
+from flexstage.instruments.pi.simulated.axis_state import (
     AxisState,
     check_feedforward,
     check_wave,
     require_within,
 )
-from flexstage.instruments.twin.device import Refusal, RefusedError
+from flexstage.instruments.pi.simulated.controller_core import ControllerCore
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
+from flexstage.instruments.pi.simulated.wave_tables import WaveRun
+from flexstage.system.servo import ServoSettings
 
 #: Part by which a speed may pass its limit because texts are rounded.
 _ROUNDING = 1e-6

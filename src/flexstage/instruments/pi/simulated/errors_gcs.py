@@ -2,7 +2,7 @@
 
 from types import MappingProxyType
 
-from flexstage.instruments.twin.device import Refusal
+from flexstage.instruments.pi.simulated.device import Refusal
 
 # What the numbers stand for is fixed by the command set; the names are this project's.
 NO_ERROR = 0

@@ -11,10 +11,10 @@ from flexstage.arrays import Array
 from flexstage.instruments.pi.simulated import errors_gcs as code
 from flexstage.instruments.pi.simulated.clock import Pace
 from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.device import AxisDescription
 from flexstage.instruments.pi.simulated.errors_gcs import GcsError
 from flexstage.instruments.pi.simulated.record_store import RecordStore
-from flexstage.instruments.servo import Notch, ServoSettings
-from flexstage.instruments.twin.device import AxisDescription
+from flexstage.system.servo import Notch, ServoSettings
 
 #: Commands of controllers with reference or limit switches; of stepping drives.
 _REFERENCE = frozenset({"FNL", "FPL", "FRF", "LIM?", "RON", "RON?"})

@@ -18,9 +18,9 @@ from flexstage.instruments.pi.simulated.commands_recorder import RECORDER
 from flexstage.instruments.pi.simulated.commands_setup import SETUP, TRIGGERS
 from flexstage.instruments.pi.simulated.commands_waves import WAVES, running_bits
 from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.device import RefusedError
 from flexstage.instruments.pi.simulated.errors_gcs import CODES, GcsError
 from flexstage.instruments.pi.simulated.gcs_state import OWN, ControllerModel, ControllerState
-from flexstage.instruments.twin.device import RefusedError
 
 #: Answer to ``#7``: always ready; a controller that is not says 0xB0.
 _READY = "\xb1"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.instruments.twin.device import Refusal, RefusedError
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
 
 
 class WaveTables:
