@@ -24,6 +24,7 @@ from flexstage.hysteresis import (
 from flexstage.hysteresis.model import HysteresisModel, Segments
 from flexstage.hysteresis.models.source_code import HysteresisCode, hysteresis_code, source_file
 from tests.c_compiler import EXACT, load_library
+from tests.hysteresis_vectors import VECTORS
 
 #: Numbers in double or single precision.
 Array = NDArray[Any]
@@ -283,4 +284,5 @@ CASES: dict[str, HysteresisModel] = {
     "preisach 6 x 5": preisach(5, 6, 5),
     "preisach 3 x 1": preisach(6, 3, 1),
     "preisach 31 x 12": preisach(8, 31, 12),
+    **{f"{name}, of its vector": vector.model for name, vector in VECTORS.items()},
 }

@@ -26,10 +26,12 @@ from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.inversion import feedforward, smoothed
 from flexstage.hysteresis.loops import loop_branches, loop_width, tracking
 from flexstage.virtual.stack import virtual_stack
+from tests.hysteresis_vectors import of_kind
 
 LOW, HIGH = 4.0, 116.0
 THRESHOLDS = np.array([5.0, 13.0, 29.0])
 EACH = {
+    **{kind: of_kind(kind)[0].model for kind in MODELS},
     "bouc-wen": BoucWen(gain=3.1e-7, hysteresis_gain=1.1e-7, beta=0.031, gamma=0.017),
     "asymmetric-bouc-wen": AsymmetricBoucWen(
         gain=3.1e-7, quadratic=2.1e-10, cubic=-1.3e-12, hysteresis_gain=1.1e-7, beta=0.031,

@@ -25,6 +25,7 @@ from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model_file import ModelFile, model_text, read_model_text
+from tests.hysteresis_vectors import of_kind
 
 FEW = settings(max_examples=12, deadline=None, derandomize=True)
 slopes = st.floats(1e-9, 1e-5)
@@ -41,6 +42,7 @@ def numbers(count, least=0.0, most=1e-6):
 
 
 BUILDS = {
+    **{kind: st.sampled_from([v.model for v in of_kind(kind)]) for kind in MODELS},
     "bouc-wen": st.builds(
         BoucWen,
         gain=slopes,

@@ -13,7 +13,7 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.experiments.results import IdentifiedStep
+from flexstage.experiments.verbs.identify import IdentifiedStep
 from flexstage.files.write import write_files
 from flexstage.hinges import Leaf
 from flexstage.material import material

@@ -8,14 +8,11 @@ import flexstage
 from flexstage.characteristic import Characteristics, measured_value
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import Characterisation, TestResult
-from flexstage.experiments.results import (
-    CentredStep,
-    CharacterisedStep,
-    IdentifiedStep,
-    PlanResult,
-    VerifiedStep,
-)
-from flexstage.experiments.step_results import FollowedRun
+from flexstage.experiments.results import PlanResult
+from flexstage.experiments.verbs.centre import CentredStep
+from flexstage.experiments.verbs.characterise import CharacterisedStep
+from flexstage.experiments.verbs.identify import IdentifiedStep
+from flexstage.experiments.verbs.verify import FollowedRun, VerifiedStep
 from flexstage.quantities import beside, display, number
 from flexstage.report.figures.tracking import draw_drive_fit, draw_following
 from flexstage.report.measurement_html import measurement_section

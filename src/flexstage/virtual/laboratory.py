@@ -1,16 +1,15 @@
 """A virtual laboratory: its sensors, and the records of the virtual stage that it writes."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.records import Channel, Record
-from flexstage.stage.assumptions import ANGLE_NOISE, POSITION_NOISE, TRANSVERSE_NOISE
 from flexstage.virtual.as_built import AsBuilt, AsBuiltAxis
 from flexstage.virtual.imperfections import ANGLES, MOTIONS
-from flexstage.virtual.sensors import SimulatedSensor, drawn
+from flexstage.virtual.sensors import LABORATORY_SENSORS, SimulatedSensor, drawn
 
 #: Steps of a staircase over the noise of the sensor.
 _STEP_OVER_NOISE = 6.0
@@ -37,23 +36,11 @@ class Laboratory:
     room, and no one's own. Of what a sensor picks up of the mains, these records hold nothing.
     """
 
-    position: SimulatedSensor = field(
-        default_factory=lambda: SimulatedSensor(
-            calibration=5e-4, alignment=1e-3, drift=2e-11, noise_rms=POSITION_NOISE
-        )
-    )
+    position: SimulatedSensor = LABORATORY_SENSORS["along"]
     """Reads along the axis."""
-    transverse: SimulatedSensor = field(
-        default_factory=lambda: SimulatedSensor(
-            calibration=2e-3, alignment=5e-4, drift=2e-11, noise_rms=TRANSVERSE_NOISE
-        )
-    )
+    transverse: SimulatedSensor = LABORATORY_SENSORS["beside"]
     """Read across it, in the plane and out of it."""
-    angle: SimulatedSensor = field(
-        default_factory=lambda: SimulatedSensor(
-            calibration=2e-3, drift=1e-10, noise_rms=ANGLE_NOISE, unit="rad"
-        )
-    )
+    angle: SimulatedSensor = LABORATORY_SENSORS["angle"]
     """Reads roll, pitch and yaw [rad]."""
     cycles: int = 8
     """Cycles over the whole stroke."""

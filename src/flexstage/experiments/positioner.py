@@ -1,33 +1,19 @@
-"""The step that centres an encoder scale with the stage.
+"""Two axes of an instrument as the positioner that carries an encoder scale."""
 
-Two axes of the instrument are the positioner; table and heads are simulated.
-"""
-
-import json
 import math
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.centring.positioner import Positioner, PositionerAxis
-from flexstage.centring.procedure import centre
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
 from flexstage.experiments.axis_limits import AxisSetting, axis_setting, estimated_stroke
-from flexstage.experiments.command import park, prepare_loops
-from flexstage.experiments.results import CentredStep
-from flexstage.experiments.run_context import RunContext
-from flexstage.experiments.step_results import CentredMove
-from flexstage.experiments.verbs import Centre
-from flexstage.files.decoder import read_json
-from flexstage.files.format import Format
-from flexstage.files.write import write_whole
+from flexstage.experiments.command import prepare_loops
 from flexstage.instruments.protocol import Capability, Instrument
 from flexstage.instruments.ramp import lead_to
 from flexstage.stage import Stage
-from flexstage.virtual.table import VirtualBench, VirtualTable
 
 #: Readings that are averaged, a millisecond apart: one period of the mains.
 _READINGS = 20
@@ -35,14 +21,6 @@ _READINGS = 20
 _OPEN, _CLOSED = 0.05, 1e-4
 #: Smallest move of an axis with a piezo stack [m].
 _RESOLUTION = 5e-9
-_RESULT = Format(
-    noun="result of centring",
-    error=PlanError,
-    finite=False,
-    exact=True,
-    mend="remove the file, and the step is repeated when the run is continued with --resume",
-)
-_NOTES = ("table and heads are simulated; the scale is where the stage's sensors say that it is",)
 
 
 class InstrumentPositioner(Positioner):
@@ -138,61 +116,3 @@ def _instrument_axis(
         setting=setting,
         scale=scale,
     )
-
-
-def centre_scale(context: RunContext, name: str, action: Centre) -> Path:
-    """Centre the scale, and write every measurement and move."""
-    park(context.instrument, action.axes)
-    first, second = (context.plan.sensor(s).channel for s in action.sensors)
-    positioner = InstrumentPositioner(
-        context.instrument,
-        context.stage,
-        action.axes,
-        (first, second),
-        closed_loop=action.closed_loop,
-        angle=action.mounting_angle,
-    )
-    positioner.to_middle()
-    table = VirtualTable(
-        radius=action.radius,
-        heads=action.heads,
-        eccentricity=action.eccentricity,
-        noise=action.noise,
-        seed=action.seed,
-    )
-    bench = VirtualBench(table, positioner)
-    done = centre(bench.measure, positioner, target=action.target, moves=action.moves)
-    moves = []
-    for step, true in zip(done.steps, bench.true_lengths, strict=True):
-        length = step.reading.length
-        moves.append(
-            CentredMove(
-                kind=step.kind,
-                command=(float(step.command[0]), float(step.command[1])),
-                eccentricity=(float(step.reading.vector[0]), float(step.reading.vector[1])),
-                length=length.value,
-                uncertainty=length.expanded,
-                predicted=None if step.predicted is None else step.predicted.value,
-                true_length=true,
-            )
-        )
-    result = CentredStep(
-        name=name,
-        axes=action.axes,
-        target=action.target,
-        reached=done.reached,
-        reason=done.reason,
-        moves=tuple(moves),
-        notes=_NOTES,
-    )
-    target = context.folder / "records" / f"{name}.json"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(target, json.dumps(asdict(result), indent=1) + "\n")
-    return target
-
-
-def centred_from(context: RunContext, name: str, action: Centre, file: Path) -> CentredStep:
-    """Return the result of a step from its file."""
-    del context, action
-    source = f"the result of step '{name}' in {file}"
-    return read_json(CentredStep, file.read_bytes(), source, _RESULT)
