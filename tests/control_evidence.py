@@ -31,9 +31,9 @@ from flexstage.control.two_degree_of_freedom import ControlRun
 from flexstage.designs import design
 from flexstage.hysteresis import DriveModel, excitation, identify
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.stage import StageSamples, VirtualStage
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
+from flexstage.virtual.stage import StageSamples, VirtualStage
 
 RATE_HZ = 10e3
 #: Age of a reading when the control compares it.

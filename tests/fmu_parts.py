@@ -16,9 +16,8 @@ from fmpy.fmi1 import FMICallException
 from fmpy.logging import addLoggerProxy
 
 from flexstage.designs import design
-from flexstage.export import DynamicModel, dynamic_model
 from flexstage.export.fmu.fmu_file import fmu_files
-from flexstage.hysteresis import CreepSpectrum, LogCreep, Sensor
+from flexstage.hysteresis import CreepSpectrum, DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 
 __all__ = [

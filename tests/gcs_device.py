@@ -4,19 +4,15 @@ import dataclasses
 
 import numpy as np
 
-from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.pi.simulated.clock import FastTime
+from flexstage.instruments.pi.simulated.device import AxisDescription, Refusal, RefusedError
+from flexstage.instruments.pi.simulated.gcs_state import OWN
+from flexstage.instruments.pi.simulated.interpreter import Interpreter
+from flexstage.instruments.pi.simulated.session import ServerSession
 from flexstage.instruments.protocol import Capability, Identity
-from flexstage.instruments.servo import Notch, ServoSettings
-from flexstage.instruments.twin.clock import FastTime
-from flexstage.instruments.twin.device import (
-    AxisDescription,
-    ChannelDescription,
-    Refusal,
-    RefusedError,
-)
-from flexstage.instruments.twin.gcs_state import OWN
-from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.session import ServerSession
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import Notch, ServoSettings
+from flexstage.virtual.sensors import ChannelDescription
 
 RATE = 10e3
 #: Displacement of the drives [m/V].

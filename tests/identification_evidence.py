@@ -22,8 +22,9 @@ from typing import Any
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.hysteresis import LogCreep, Sensor, excitation, virtual_stack
+from flexstage.hysteresis import LogCreep, Sensor, excitation
 from flexstage.records import read_record
+from flexstage.virtual import virtual_stack
 
 HERE = Path(__file__).resolve().parents[1]
 PICMA = HERE.parent / "shared" / "data" / "picma-p885" / "Test_Vi_Do_Di.dat"

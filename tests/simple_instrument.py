@@ -13,11 +13,12 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
-from flexstage.instruments.limits import AxisLimits, check_position, check_voltage, check_waveform
+from flexstage.instruments.limits import check_position, check_voltage, check_waveform
 from flexstage.instruments.protocol import Capability, Identity, Signal
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
 
 GAINS = {"x": 4.8e-7, "y": 4.3e-7}  # m/V
 PIEZO = AxisLimits(position=(-1e-6, 58e-6), voltage=(0.0, 120.0), slew=4e4)

@@ -9,10 +9,11 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.device import ChannelDescription
-from flexstage.instruments.twin.stage import Blow, StageSamples, VirtualStage
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
+from flexstage.virtual.hammer import Blow
+from flexstage.virtual.sensors import ChannelDescription
+from flexstage.virtual.stage import StageSamples, VirtualStage
 
 GAIN = np.array([4.7e-7, 3.9e-7])  # m/V
 POLE = np.array([0.62, 0.71])  # of the first-order lag, a sample

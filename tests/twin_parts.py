@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 
 from flexstage.designs import design
+from flexstage.hysteresis import Duhem, ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import LogCreep
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
-from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.piezo_stage import PiezoAxis, PiezoStage
-from flexstage.instruments.twin.sensors import SensorBench
 from flexstage.instruments.twin.stack import ChargeDrive
 from flexstage.lumped import lumped_system
+from flexstage.stage.limits import AxisLimits
 from flexstage.system import MechanicalSystem, ModalDamping
+from flexstage.system.servo import ServoSettings
+from flexstage.virtual.sensors import SensorBench
+from flexstage.virtual.stack import VirtualStack, virtual_stack
 
 #: Slopes of stacks without hysteresis, by axis [m/V].
 SLOPES = {"x": 3.1e-7, "y": 2.6e-7}

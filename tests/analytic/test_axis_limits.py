@@ -7,8 +7,8 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.waveform import Waveform
+from flexstage.stage.limits import AxisLimits, stage_limits
 
 
 def _with_drive(stage, name, **changes):

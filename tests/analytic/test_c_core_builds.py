@@ -9,9 +9,8 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.export import DynamicModel, dynamic_model
 from flexstage.export.source.render import render_source
-from flexstage.hysteresis import BoucWen, LogCreep, Sensor
+from flexstage.hysteresis import BoucWen, DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 from tests.c_compiler import EXACT, STRICT, compile_program, load_library
 from tests.c_stage import CStage, stepped, wandering

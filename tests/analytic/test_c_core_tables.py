@@ -9,12 +9,19 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.export import DynamicModel, dynamic_model
-from flexstage.export.model import ModelDrive
 from flexstage.export.source.render import render_source
 from flexstage.export.source.variables import c_variables
-from flexstage.hysteresis import BoucWen, Creep, CreepSpectrum, LogCreep, Sensor
+from flexstage.hysteresis import (
+    BoucWen,
+    Creep,
+    CreepSpectrum,
+    DynamicModel,
+    LogCreep,
+    Sensor,
+    dynamic_model,
+)
 from flexstage.hysteresis.chain.modal import unit_step
+from flexstage.hysteresis.dynamic_model import ModelDrive
 from flexstage.hysteresis.model import Array
 from flexstage.lumped import lumped_system
 from tests.c_compiler import load_library

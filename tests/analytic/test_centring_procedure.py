@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from flexstage.centring.centre_reading import CentreReading, centre_reading, table_reading
 from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ARCSEC
 from flexstage.centring.head_averaging import against_reference
@@ -17,17 +18,12 @@ from flexstage.centring.move import (
     planned_move,
     unknown_moves,
 )
-from flexstage.centring.positioner import Positioner, VirtualPositioner
+from flexstage.centring.positioner import Positioner
 from flexstage.centring.procedure import Centring, centre
-from flexstage.centring.rotary_table import (
-    CentreReading,
-    VirtualBench,
-    centre_reading,
-    table_reading,
-)
-from flexstage.centring.virtual_table import ScaleErrors, VirtualTable, scale_errors
 from flexstage.designs import design
 from flexstage.errors import ModelError, RecordError
+from flexstage.virtual.positioner import VirtualPositioner
+from flexstage.virtual.table import ScaleErrors, VirtualBench, VirtualTable, scale_errors
 from tests.tiers import limits, sizes
 
 PIEZO, SCREW = design("vgtu-piezo"), design("vgtu-mechanical")
@@ -70,7 +66,7 @@ def bench(seed, *, stage=PIEZO, heads=(0.3,), method="reference", mode="open loo
 def run(seed, *, procedure=None, **settings) -> tuple[Centring, float, bool]:
     """Centre; return the result, the true eccentricity that is left, and if its region holds it."""
     made, positioner = bench(seed, **settings)
-    done = centre(made, positioner, **(procedure or {}))
+    done = centre(made.measure, positioner, **(procedure or {}))
     truth = made.true_eccentricity
     return done, float(np.hypot(*truth)), done.reading.covers(truth)
 
@@ -102,7 +98,7 @@ def test_with_sensors_one_trial_move_and_two_moves_do() -> None:
     for seed in range(6):
         made, positioner = bench(seed, heads=FOUR, mode="closed loop")
         mirrored = bool(np.linalg.det(positioner.matrix) < 0.0)
-        done = centre(made, positioner, trials=1, mirrored=mirrored, approach="direct")
+        done = centre(made.measure, positioner, trials=1, mirrored=mirrored, approach="direct")
         assert done.reached
         assert done.trials + done.moves <= 3
         assert np.hypot(*made.true_eccentricity) < 0.1e-6
@@ -169,7 +165,7 @@ def test_what_the_limits_do_not_reach_is_said() -> None:
     positioner = VirtualPositioner(PIEZO, mode="closed loop", mounting_angle=0.3)
     table = VirtualTable(radius=RADIUS, heads=FOUR, eccentricity=(70e-6, 5e-6), noise=ARCSEC)
     made = VirtualBench(table, positioner)
-    done = centre(made, positioner, approach="direct")
+    done = centre(made.measure, positioner, approach="direct")
     left = float(np.hypot(*made.true_eccentricity))
     assert not done.reached
     assert "limits of the stage leave" in done.reason
@@ -373,7 +369,7 @@ def test_the_region_of_few_degrees_of_freedom() -> None:
 def test_a_centred_scale_is_left_alone() -> None:
     positioner = VirtualPositioner(SCREW, noise=0.0)
     table = VirtualTable(radius=RADIUS, heads=FOUR, eccentricity=(2e-9, -3e-9), noise=ARCSEC)
-    done = centre(VirtualBench(table, positioner), positioner)
+    done = centre(VirtualBench(table, positioner).measure, positioner)
     assert (done.trials, done.moves) == (0, 0)
     assert done.reached
     assert done.predicted is None
@@ -392,7 +388,7 @@ def test_a_centred_scale_is_left_alone() -> None:
 def test_procedures_that_cannot_be(settings, sentence) -> None:
     made, positioner = bench(0)
     with pytest.raises(ModelError, match=sentence):
-        centre(made, positioner, **settings)
+        centre(made.measure, positioner, **settings)
 
 
 def test_stages_and_benches_that_cannot_be() -> None:

@@ -18,7 +18,7 @@ from flexstage.hysteresis import (
     StageModes,
     ValidityRange,
 )
-from flexstage.instruments.servo import Notch, ServoSettings
+from flexstage.system.servo import Notch, ServoSettings
 
 RATE = 9.7e3
 GAIN = 5.3e-7

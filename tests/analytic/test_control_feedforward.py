@@ -26,11 +26,11 @@ from flexstage.hysteresis import (
     StageModes,
     ValidityRange,
 )
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.protocol import Capability, Signal
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
 from tests.simple_instrument import SimpleInstrument
 
 PLAYS = PrandtlIshlinskii(

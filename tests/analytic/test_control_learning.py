@@ -10,10 +10,10 @@ from flexstage.control.learning_axis import mean_error
 from flexstage.control.periodic import steady_output
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Lag, PrandtlIshlinskii, StageModes, ValidityRange
-from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import Notch, ServoSettings
 
 RATE = 2e3
 WANTED = sine("x", 9e-6, 43e-6, 20.0, sample_rate_hz=RATE)

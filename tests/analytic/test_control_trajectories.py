@@ -14,8 +14,8 @@ from flexstage.control import (
     triangle,
 )
 from flexstage.errors import LimitError, ModelError, RecordError
-from flexstage.instruments.limits import AxisLimits
 from flexstage.records import Channel, Record
+from flexstage.stage.limits import AxisLimits
 
 LOW, HIGH = 3.1e-6, 58.7e-6
 

@@ -7,12 +7,12 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.export import dynamic_model
 from flexstage.export.diagram.axis_diagram import axis_chain
 from flexstage.export.diagram.equivalent_bodies import equivalent_parts
 from flexstage.export.diagram.graph import DiagramBuilder, identifier
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.state_space import diagram_state_space
+from flexstage.hysteresis import dynamic_model
 from flexstage.lumped import lumped_system, mechanism
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.mechanical import AxisPort, DrivePort, ProbePort

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.export import DynamicModel, dynamic_model
 from flexstage.export.diagram.graph import Diagram
 from flexstage.export.diagram.grid import route
 from flexstage.export.diagram.markup import SMALL, plain, text_width
@@ -18,7 +17,7 @@ from flexstage.export.diagram.page import PageLayout, PlacedBlock, PlacedLine, l
 from flexstage.export.diagram.shapes import Cell, Net, Pin
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.svg import diagram_files, diagram_svg
-from flexstage.hysteresis import LogCreep, Sensor
+from flexstage.hysteresis import DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 
 Box = tuple[float, float, float, float]

@@ -12,9 +12,9 @@ from flexstage.centring.geometry import ARCSEC, exact_error
 from flexstage.centring.head_averaging import against_reference, head_averaging
 from flexstage.centring.self_calibration import order_visibility, self_calibration
 from flexstage.centring.turn_spectrum import turn_spectrum
-from flexstage.centring.virtual_table import ScaleErrors, VirtualTable, scale_errors
 from flexstage.errors import ModelError, RecordError
 from flexstage.records import read_record, write_record
+from flexstage.virtual.table import ScaleErrors, VirtualTable, scale_errors
 
 HEADS = np.radians([7.0, 44.3, 158.1, 229.2])
 EVEN = 2.0 * np.pi * np.arange(7) / 7 + 0.11

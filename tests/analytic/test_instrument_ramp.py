@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from flexstage.errors import ControllerError, LimitError, ModelError
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.ramp import lead_to, to_safe
+from flexstage.stage.limits import AxisLimits
 from tests.simple_instrument import GAINS, PIEZO, SCREW, SimpleInstrument
 
 SLOW = AxisLimits(voltage=(-10.0, 130.0), slew=40.0, safe_voltage=3.0)

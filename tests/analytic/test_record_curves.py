@@ -8,9 +8,9 @@ import pytest
 
 from flexstage.cli.drive_records import read_drive
 from flexstage.errors import RecordError
-from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.records import Channel, Record, read_record
 from flexstage.records.curves import from_branches
+from flexstage.virtual.stack import virtual_stack
 
 #: Plays with a curved gain: a memory that is wiped out, of no class that is fitted.
 STACK = virtual_stack((0.0, 120.0), 37e-6, 0.12).bent

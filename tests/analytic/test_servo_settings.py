@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from flexstage.errors import ModelError
-from flexstage.instruments.servo import Notch, ServoSettings
+from flexstage.system.servo import Notch, ServoSettings
 
 RATE = 9.7e3
 

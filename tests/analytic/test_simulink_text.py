@@ -11,7 +11,6 @@ from scipy.io import loadmat
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.export import dynamic_model
 from flexstage.export.diagram.graph import Block, Diagram, SignalLine
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.simulink.files import simulink_files
@@ -25,7 +24,14 @@ from flexstage.export.simulink.matlab_text import (
     plain,
     quoted,
 )
-from flexstage.hysteresis import Amplifier, BoucWen, HysteresisModel, LogCreep, Sensor
+from flexstage.hysteresis import (
+    Amplifier,
+    BoucWen,
+    HysteresisModel,
+    LogCreep,
+    Sensor,
+    dynamic_model,
+)
 from flexstage.lumped import lumped_system
 
 LOOP = BoucWen(gain=0.593e-6, hysteresis_gain=0.441e-6, beta=0.05, gamma=0.03)

@@ -8,11 +8,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from flexstage.errors import ModelError
+from flexstage.instruments.pi.simulated.axis_state import Ramp
+from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
 from flexstage.instruments.protocol import Capability
-from flexstage.instruments.servo import Notch, ServoSettings
-from flexstage.instruments.twin.axis_state import Ramp
-from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.device import Refusal, RefusedError
+from flexstage.system.servo import Notch, ServoSettings
 from tests.simple_stage import ACROSS, GAIN, PIEZO, RANGE, SCREW, STEP, SimpleStage
 
 T = 1e-4  # a sample of the loop [s]

@@ -5,11 +5,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from flexstage.designs import design
+from flexstage.instruments.pi.simulated.clock import FastTime
+from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.clock import FastTime
-from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.stage import VirtualStage
+from flexstage.virtual.stage import VirtualStage
 
 KINDS = (("position", "1"), ("voltage", "1"), ("target", "2"), ("position", "2"), ("channel", "7"))
 

@@ -8,11 +8,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from flexstage.errors import ControllerError, ModelError
+from flexstage.instruments.pi.simulated.clock import Clock, FastTime, Pace, Pacemaker
+from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.controller_core import duration
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
 from flexstage.instruments.protocol import Signal
-from flexstage.instruments.twin.clock import Clock, FastTime, Pace, Pacemaker
-from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.controller_core import duration
-from flexstage.instruments.twin.device import Refusal, RefusedError
 from tests.simple_stage import SimpleStage
 
 

@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import resample
 
+from flexstage.instruments.pi.simulated.controller import VirtualController, resampled
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
 from flexstage.instruments.protocol import Signal
-from flexstage.instruments.twin.controller import VirtualController, resampled
-from flexstage.instruments.twin.device import Refusal, RefusedError
 from tests.simple_stage import ACROSS, GAIN, SimpleStage, pulse, ring
 
 TABLE = np.linspace(0.0, 9.0, 31)

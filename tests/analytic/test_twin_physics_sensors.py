@@ -9,8 +9,7 @@ from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.sensors import Disturbances, SensorBench, kinds_of
-from flexstage.virtual.bench import SimulatedSensor
+from flexstage.virtual.sensors import Disturbances, SensorBench, SimulatedSensor, kinds_of
 from tests.twin_parts import small_stage
 
 BENCH = SensorBench(

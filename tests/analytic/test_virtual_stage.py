@@ -7,18 +7,11 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.experiments.virtual_campaign import true_figures, virtual_campaign
+from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.lumped import lumped_system
 from flexstage.system import frequency_response, modes
 from flexstage.virtual.as_built import as_built
-from flexstage.virtual.bench import (
-    HammerBench,
-    Laboratory,
-    motion_record,
-    sphere_record,
-    staircase_record,
-    workspace_record,
-)
+from flexstage.virtual.hammer import HammerBench
 from flexstage.virtual.imperfections import (
     GuideErrors,
     Scatter,
@@ -27,6 +20,14 @@ from flexstage.virtual.imperfections import (
     manufactured,
     random_guide,
 )
+from flexstage.virtual.laboratory import (
+    Laboratory,
+    motion_record,
+    sphere_record,
+    staircase_record,
+    workspace_record,
+)
+from flexstage.virtual.true_figures import true_figures
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def screw():
 
 def quiet(**changes: float) -> Laboratory:
     """A laboratory whose sensors are right."""
-    from flexstage.virtual.bench import SimulatedSensor
+    from flexstage.virtual.sensors import SimulatedSensor
 
     perfect = SimulatedSensor(noise_rms=0.0)
     turn = SimulatedSensor(noise_rms=0.0, unit="rad")

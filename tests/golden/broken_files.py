@@ -24,7 +24,7 @@ from flexstage.errors import FlexstageError
 from flexstage.experiments import plan_stage, read_campaign, read_plan
 from flexstage.experiments.state import read_state
 from flexstage.hysteresis.model_file import read_model_file
-from flexstage.instruments.recording.attributes import file_summary
+from flexstage.instruments.recording.archive import file_summary
 from flexstage.instruments.recording.recovery import examine
 from flexstage.measure import read_budget
 from tests.golden.broken_cases import (
@@ -90,11 +90,11 @@ def notes_of_model(path: Path) -> Any:
     return read_model_file(path).notes
 
 
-def stream(path: Path, text: bytes, *, version: int = 1) -> None:
+def stream(path: Path, text: bytes, *, version: int = 2) -> None:
     """Write a stream of one channel without samples, with what is said of its run."""
     head = b'{"channels": [["x", "m"]], "sample_rate_hz": 1000.0, "run": ' + text + b"}"
     covered = struct.pack("<8sII", b"\x8eFXSTRM\n", version, len(head)) + head
-    path.write_bytes(2 * (covered + struct.pack("<I", zlib.crc32(covered))))
+    path.write_bytes(covered + struct.pack("<I", zlib.crc32(covered)))
 
 
 def recording(path: Path, text: bytes) -> None:
@@ -178,7 +178,7 @@ def kinds() -> dict[str, Kind]:
                 **PLACES,
                 "an empty file": lambda path: path.write_bytes(b""),
                 "a text file": lambda path: path.write_bytes(b"hello\n"),
-                "a version to come": lambda p: stream(p, run_metadata.TEXT.encode(), version=2),
+                "a version to come": lambda p: stream(p, run_metadata.TEXT.encode(), version=3),
             },
         ),
         "plan-state": Kind(

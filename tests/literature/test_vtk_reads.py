@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.export.fields import field_files
+from flexstage.export.vtu.fields import field_files
 from flexstage.fem import MeshSettings, StageModel, plane_model, solid_model
 from flexstage.hinges import Leaf
 from flexstage.lumped import lumped_system

@@ -10,7 +10,7 @@ from flexstage.control.loop_plant import LoopPlant
 from flexstage.control.periodic import delayed, steady_input
 from flexstage.control.trajectories.triangle import there_and_back
 from flexstage.hysteresis import DriveModel, PrandtlIshlinskii, StageModes, ValidityRange
-from flexstage.instruments.servo import ServoSettings
+from flexstage.system.servo import ServoSettings
 
 unit = st.floats(0.0, 1.0)
 

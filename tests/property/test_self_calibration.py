@@ -8,7 +8,7 @@ from flexstage.centring.cross_calibration import cross_calibration
 from flexstage.centring.head_averaging import against_reference, head_averaging
 from flexstage.centring.move import nearest_in_box
 from flexstage.centring.self_calibration import order_visibility, self_calibration
-from flexstage.centring.virtual_table import ScaleErrors, scale_errors
+from flexstage.virtual.table import ScaleErrors, scale_errors
 
 TURN = 2.0 * np.pi
 ANGLE = TURN * np.arange(96) / 96

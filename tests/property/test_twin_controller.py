@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
+from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.device import RefusedError
 from flexstage.instruments.protocol import Signal
-from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.device import RefusedError
+from flexstage.system.servo import ServoSettings
 from tests.simple_stage import PIEZO, RANGE, SCREW, SimpleStage
 
 Command = tuple[str, tuple[Any, ...]]

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from flexstage.designs import design
 from flexstage.instruments.twin.build import virtual_stage
 from flexstage.instruments.twin.piezo_stage import PiezoStage
-from flexstage.instruments.twin.screw_stage import ScrewStage
-from flexstage.instruments.twin.stage import StageSamples, VirtualStage
+from flexstage.virtual.screw_stage import ScrewStage
+from flexstage.virtual.stage import StageSamples, VirtualStage
 
 FIELDS = ("time", "reading", "position", "voltage", "command")
 # past the end of a block of drawn noise

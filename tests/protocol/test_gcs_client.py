@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
-from flexstage.instruments.gcs.client import GcsClient
-from flexstage.instruments.gcs.replies import (
+from flexstage.instruments.pi.client import GcsClient
+from flexstage.instruments.pi.replies import (
     SENTENCES,
     assignments,
     error_sentence,
@@ -22,14 +22,14 @@ from flexstage.instruments.gcs.replies import (
     take_lines,
     whole_number,
 )
-from flexstage.instruments.gcs.transport import (
+from flexstage.instruments.pi.simulated import errors_gcs
+from flexstage.instruments.pi.transport import (
     GatewayLink,
     InProcess,
     NoAnswerError,
     SerialLink,
     TcpLink,
 )
-from flexstage.instruments.twin import errors_gcs
 from tests.gcs_script import InMemory, ScriptedController, served
 
 

@@ -8,7 +8,7 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ModelError, NotConnectedError, StageError
 from flexstage.instruments.connect import connect
-from flexstage.instruments.gcs.controller import PiController
+from flexstage.instruments.pi.controller import PiController
 from tests.gcs_script import ScriptedController, served
 
 STAGE = design("vgtu-piezo")

@@ -5,11 +5,11 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError, ModelError
-from flexstage.instruments.gcs.controller import PiController
-from flexstage.instruments.gcs.profile import TransferLimits
-from flexstage.instruments.gcs.transport import InProcess
-from flexstage.instruments.gcs.units import VOLTS, WireUnit, axis_unit
-from flexstage.instruments.gcs.waves import point_lines
+from flexstage.instruments.pi.controller import PiController
+from flexstage.instruments.pi.profile import TransferLimits
+from flexstage.instruments.pi.transport import InProcess
+from flexstage.instruments.pi.units import VOLTS, WireUnit, axis_unit
+from flexstage.instruments.pi.waves import point_lines
 from flexstage.instruments.protocol import (
     Capability,
     Instrument,
@@ -18,8 +18,8 @@ from flexstage.instruments.protocol import (
     Signal,
     WaveGenerator,
 )
-from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.waveform import Waveform
+from flexstage.system.servo import Notch, ServoSettings
 from tests.gcs_script import COMMANDS, InMemory, ScriptedController
 
 STAGE = design("vgtu-piezo")

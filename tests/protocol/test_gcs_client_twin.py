@@ -11,20 +11,20 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError
-from flexstage.instruments.gcs.controller import PiController
-from flexstage.instruments.gcs.profile import TransferLimits
-from flexstage.instruments.gcs.transport import InProcess, TcpLink
+from flexstage.instruments.pi.controller import PiController
+from flexstage.instruments.pi.profile import TransferLimits
+from flexstage.instruments.pi.simulated.clock import FastTime
+from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN, ControllerModel
+from flexstage.instruments.pi.simulated.interpreter import Interpreter
+from flexstage.instruments.pi.simulated.server import GcsServer
+from flexstage.instruments.pi.simulated.session import Loopback
+from flexstage.instruments.pi.transport import InProcess, TcpLink
 from flexstage.instruments.protocol import Capability, Instrument, Signal
-from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.clock import FastTime
-from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.gcs_state import MODELS, OWN, ControllerModel
-from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.server import GcsServer
-from flexstage.instruments.twin.session import Loopback
-from flexstage.instruments.twin.stage import VirtualStage
 from flexstage.instruments.waveform import Waveform
+from flexstage.system.servo import Notch, ServoSettings
+from flexstage.virtual.stage import VirtualStage
 
 STAGE = design("vgtu-piezo")
 LONG = TransferLimits(line_limit=16384)

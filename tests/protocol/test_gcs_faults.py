@@ -9,10 +9,10 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ControllerError, FlexstageError, LimitError, NotConnectedError
-from flexstage.instruments.gcs.client import GcsClient
-from flexstage.instruments.gcs.controller import PiController
-from flexstage.instruments.gcs.profile import TransferLimits
-from flexstage.instruments.gcs.transport import InProcess, NoAnswerError, TcpLink
+from flexstage.instruments.pi.client import GcsClient
+from flexstage.instruments.pi.controller import PiController
+from flexstage.instruments.pi.profile import TransferLimits
+from flexstage.instruments.pi.transport import InProcess, NoAnswerError, TcpLink
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.waveform import Waveform
 from tests.gcs_script import CutError, InMemory, ScriptedController, served
@@ -230,7 +230,7 @@ def test_after_a_key_the_answer_that_was_not_read_is_not_taken_for_another():
 
 
 def test_an_answer_without_end_is_cut_off(monkeypatch):
-    monkeypatch.setattr("flexstage.instruments.gcs.conversation._LARGEST", 4096)
+    monkeypatch.setattr("flexstage.instruments.pi.conversation._LARGEST", 4096)
     controller, script, _ = opened()
     script.faults["HPA?"] = b"more \n" * 1000
     with pytest.raises(NotConnectedError, match="sends without end"):

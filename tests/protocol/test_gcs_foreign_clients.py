@@ -11,12 +11,12 @@ import socket
 import numpy as np
 import pytest
 
-from flexstage.instruments.gcs.profile import parse_identity
-from flexstage.instruments.twin.clock import Pacemaker
-from flexstage.instruments.twin.gcs_state import MODELS
-from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.server import GcsServer
-from flexstage.instruments.twin.session import ServerSession
+from flexstage.instruments.pi.profile import parse_identity
+from flexstage.instruments.pi.simulated.clock import Pacemaker
+from flexstage.instruments.pi.simulated.gcs_state import MODELS
+from flexstage.instruments.pi.simulated.interpreter import Interpreter
+from flexstage.instruments.pi.simulated.server import GcsServer
+from flexstage.instruments.pi.simulated.session import ServerSession
 from tests.gcs_device import RATE, FormulaDevice, controller, opened
 
 NUMBER = rb"-?\d\.\d{9}e[+-]\d\d"

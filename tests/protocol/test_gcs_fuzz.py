@@ -10,9 +10,9 @@ import time
 
 import pytest
 
-from flexstage.instruments.twin.clock import FastTime
-from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.session import ServerSession
+from flexstage.instruments.pi.simulated.clock import FastTime
+from flexstage.instruments.pi.simulated.interpreter import Interpreter
+from flexstage.instruments.pi.simulated.session import ServerSession
 from tests.gcs_device import FormulaDevice
 from tests.tiers import sizes
 
@@ -217,8 +217,8 @@ def test_random_bytes_cut_anywhere():
 def test_random_lines_to_the_simulated_stage(name):
     """Nothing breaks down, and no command leaves the limits, with the real simulation below."""
     from flexstage.designs import design
+    from flexstage.instruments.pi.simulated.controller import VirtualController
     from flexstage.instruments.twin.build import virtual_stage
-    from flexstage.instruments.twin.controller import VirtualController
 
     device = VirtualController(virtual_stage(design(name), model="lumped", seed=2))
     session = ServerSession(Interpreter(device, FastTime(device)))

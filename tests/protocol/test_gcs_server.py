@@ -6,7 +6,7 @@ so that every number below follows from the speeds of the device by hand.
 
 import pytest
 
-from flexstage.instruments.twin.session import ServerSession
+from flexstage.instruments.pi.simulated.session import ServerSession
 from tests.gcs_device import RATE, controller, opened, talk
 
 IDENTITY = b"flexstage, formula (simulated), 7, 1.2\n"

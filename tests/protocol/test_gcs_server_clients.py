@@ -5,9 +5,9 @@ import threading
 import pytest
 
 from flexstage.errors import NotConnectedError
-from flexstage.instruments.twin.clock import FastTime
-from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.session import LONGEST_LINE, Loopback, ServerSession
+from flexstage.instruments.pi.simulated.clock import FastTime
+from flexstage.instruments.pi.simulated.interpreter import Interpreter
+from flexstage.instruments.pi.simulated.session import LONGEST_LINE, Loopback, ServerSession
 from tests.gcs_device import FormulaDevice, controller, opened, talk
 
 
@@ -225,7 +225,7 @@ def test_a_simulation_that_breaks_down_is_a_hardware_error():
 
 
 def test_simulated_time_is_not_led_on_where_it_is_real():
-    from flexstage.instruments.twin.clock import Pacemaker
+    from flexstage.instruments.pi.simulated.clock import Pacemaker
 
     device = FormulaDevice()
     session = ServerSession(Interpreter(device, Pacemaker(device)))

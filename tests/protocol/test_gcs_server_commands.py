@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from flexstage.instruments.twin.device import Refusal
-from flexstage.instruments.twin.errors_gcs import CODES
+from flexstage.instruments.pi.simulated.device import Refusal
+from flexstage.instruments.pi.simulated.errors_gcs import CODES
 from tests.gcs_device import controller, opened, talk
 
 E = "{:.9e}".format

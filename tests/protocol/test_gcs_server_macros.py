@@ -1,6 +1,6 @@
 """Macros of the simulated GCS controller: written, listed, started, and never without end."""
 
-from flexstage.instruments.twin.session import ServerSession
+from flexstage.instruments.pi.simulated.session import ServerSession
 from tests.gcs_device import controller, opened
 
 

@@ -1,8 +1,8 @@
 """The recorder of the simulated GCS controller: what starts it, and what a record is read as."""
 
-from flexstage.instruments.twin.clock import FastTime
-from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.session import ServerSession
+from flexstage.instruments.pi.simulated.clock import FastTime
+from flexstage.instruments.pi.simulated.interpreter import Interpreter
+from flexstage.instruments.pi.simulated.session import ServerSession
 from tests.gcs_device import FormulaDevice, opened, talk
 
 

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from flexstage.instruments.servo import Notch, ServoSettings
-from flexstage.instruments.twin.session import ServerSession
+from flexstage.instruments.pi.simulated.session import ServerSession
+from flexstage.system.servo import Notch, ServoSettings
 from tests.gcs_device import controller, opened, talk
 
 E = "{:.9e}".format

@@ -13,7 +13,7 @@ import time
 import numpy as np
 import pytest
 
-from flexstage.instruments.twin.server import GcsServer
+from flexstage.instruments.pi.simulated.server import GcsServer
 from tests.gcs_device import controller
 
 PATIENCE = 5.0
@@ -123,8 +123,8 @@ GONE = """
 import signal, socket, time
 signal.signal(signal.SIGPIPE, signal.SIG_DFL)
 from flexstage.errors import NotConnectedError
-from flexstage.instruments.gcs.transport import TcpLink
-from flexstage.instruments.twin.server import GcsServer
+from flexstage.instruments.pi.transport import TcpLink
+from flexstage.instruments.pi.simulated.server import GcsServer
 from tests.gcs_device import controller
 
 server = GcsServer(controller(), patience=0.3)
@@ -277,7 +277,7 @@ def test_closing_ends_all_links_and_can_be_repeated(interpreter):
 
 def test_what_breaks_down_sends_one_client_away(connect, server, interpreter, caplog, monkeypatch):
     # a library that sets up its own logging may have switched all others off
-    log = logging.getLogger("flexstage.instruments.twin.server")
+    log = logging.getLogger("flexstage.instruments.pi.simulated.server")
     monkeypatch.setattr(log, "disabled", False)
     first, second = connect(), connect()
     assert answer(second, b"CSV?\n") == b"2.0\n"

@@ -12,7 +12,6 @@ from nidaqmx.error_codes import DAQmxErrors
 
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.guard import guarded
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.ni import address, daqmx
 from flexstage.instruments.ni.acquisition import NiAcquisition
 from flexstage.instruments.ni.address import open_address
@@ -21,6 +20,7 @@ from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.record_run import record_now, run_waveform
 from flexstage.instruments.waveform import Waveform
+from flexstage.stage.limits import AxisLimits
 from tests.daqmx_stand_in import Card, value
 
 SETUP = NiSetup(

@@ -12,7 +12,6 @@ from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.guard import guarded
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.ni.acquisition import NiAcquisition
 from flexstage.instruments.ni.address import open_address
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
@@ -21,6 +20,7 @@ from flexstage.instruments.protocol import Capability, Instrument, MotionAxis, R
 from flexstage.instruments.protocol import WaveGenerator as Generator
 from flexstage.instruments.record_run import record_now, run_waveform
 from flexstage.instruments.waveform import Waveform
+from flexstage.stage.limits import AxisLimits
 
 #: Volts at each input for a volt at each output; both drives reach the third sensor.
 WIRING = {

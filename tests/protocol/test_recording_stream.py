@@ -12,40 +12,32 @@ import pytest
 
 from flexstage.errors import RecordError
 from flexstage.instruments.recording import archive
-from flexstage.instruments.recording.archive import archived
-from flexstage.instruments.recording.attributes import file_summary, read_metadata
-from flexstage.instruments.recording.files import in_use
-from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.instruments.recording.archive import archived, file_summary
+from flexstage.instruments.recording.metadata import RunMetadata, read_metadata
 from flexstage.instruments.recording.recovery import examine, recover
-from flexstage.instruments.recording.writer import Irregularity, RunWriter
+from flexstage.instruments.recording.stream import Irregularity, in_use
+from flexstage.instruments.recording.writer import RunWriter
 from flexstage.records import read_record
 from tests.recordings import CHANNELS, RATE, assert_true, metadata, truth, writer, written
 
 
 def frames_by_hand(data):
     """Read a whole stream by the layout alone: the description, and number, first, columns."""
-    heads = []
-    at = 0
-    for _ in range(2):
-        magic, version, length = struct.unpack_from("<8sII", data, at)
-        assert (magic, version) == (b"\x8eFXSTRM\n", 1)
-        end = at + 16 + length
-        (checksum,) = struct.unpack_from("<I", data, end)
-        assert checksum == zlib.crc32(data[at:end])
-        heads.append((json.loads(data[at + 16 : end]), checksum))
-        at = end + 4
-    assert heads[0] == heads[1]
-    described, salt = heads[0]
-    frames, before = [], 0
+    magic, version, length = struct.unpack_from("<8sII", data)
+    assert (magic, version) == (b"\x8eFXSTRM\n", 2)
+    end = 16 + length
+    (checksum,) = struct.unpack_from("<I", data, end)
+    assert checksum == zlib.crc32(data[:end])
+    described = json.loads(data[16:end])
+    at = end + 4
+    frames = []
     while at < len(data):
-        mark, number, first, rows, previous, checksum = struct.unpack_from("<4sIQIII", data, at)
-        payload = data[at + 28 : at + 28 + 8 * rows * len(described["channels"])]
-        assert previous == before
-        assert checksum == zlib.crc32(data[at : at + 24] + payload, salt)
+        mark, number, first, rows, checksum = struct.unpack_from("<4sIQII", data, at)
+        payload = data[at + 24 : at + 24 + 8 * rows * len(described["channels"])]
+        assert checksum == zlib.crc32(data[at : at + 20] + payload)
         columns = np.frombuffer(payload).reshape(len(described["channels"]), rows)
         frames.append((mark, number, first, columns))
-        before = checksum
-        at += 28 + len(payload)
+        at += 24 + len(payload)
     return described, frames
 
 
@@ -124,7 +116,7 @@ def test_a_gap_is_told_kept_and_never_closed_up(tmp_path):
     run, _ = written(tmp_path / "run.stream", [40], leave=False)
     told = run.append(53, truth(53, 20))
     assert told == Irregularity(kind="gap", first=40, count=13)
-    assert str(told) == "samples 40 to 52 were never given"
+    assert str(told) == "samples 40 to 52 never given by the instrument"
     assert run.append(73, truth(73, 2)) is None
     assert run.irregularities == (told,)
     numbers = [*range(40), *range(53, 75)]
@@ -362,6 +354,7 @@ def test_a_stream_has_its_ending_and_its_folder(tmp_path):
         ({"identifier": "XYZ"}, "must be 32 hexadecimal digits"),
         ({"started": "yesterday"}, "must be a date and time such as 2"),
         ({"started": "2031-05-17T09:30:00"}, "must have a time zone"),
+        ({"started": "0001-01-01T00:00:00+05:00"}, "must be a date and time such as 2"),
     ],
 )
 def test_a_run_says_only_what_can_be(words, said):
@@ -427,13 +420,31 @@ def test_files_of_others_are_told_apart(tmp_path):
         file_summary(tmp_path / "b.h5")
 
 
-def test_a_later_version_of_streams_is_not_guessed_at(tmp_path):
+@pytest.mark.parametrize(
+    ("version", "mend"), [(3, "wrote it, or a later one$"), (1, "with the version that wrote it$")]
+)
+def test_streams_of_another_version_are_not_guessed_at(tmp_path, version, mend):
     path = tmp_path / "run.stream"
     written(path, [4])
     data = bytearray(path.read_bytes())
     length = struct.unpack_from("<I", data, 12)[0]
-    data[8] = 2
+    data[8] = version
     struct.pack_into("<I", data, 16 + length, zlib.crc32(data[: 16 + length]))
     path.write_bytes(data)
-    with pytest.raises(RecordError, match="of version 2, and this flexstage reads version 1"):
+    said = f"of version {version}, and this flexstage reads version 2: read it .*{mend}"
+    with pytest.raises(RecordError, match=said):
         recover(path)
+
+
+def test_a_stream_as_it_was_before_the_first_release_is_refused(tmp_path):
+    """Version 1: the head twice, frames with a checksum of the one before."""
+    head = json.dumps({"channels": [["x", "m"]], "sample_rate_hz": 10.0, "run": metadata().plain()})
+    covered = struct.pack("<8sII", b"\x8eFXSTRM\n", 1, len(head)) + head.encode()
+    salt = zlib.crc32(covered)
+    samples = np.arange(4.0).tobytes()
+    frame = struct.pack("<4sIQII", b"\xf5FX\x8e", 0, 0, 4, 0)
+    frame += struct.pack("<I", zlib.crc32(samples, zlib.crc32(frame, salt))) + samples
+    path = tmp_path / "run.stream"
+    path.write_bytes(2 * (covered + struct.pack("<I", salt)) + frame)
+    with pytest.raises(RecordError, match="is of version 1, and this flexstage reads version 2"):
+        examine(path)

@@ -9,8 +9,8 @@ import pytest
 from flexstage.cli import main
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model_file import read_model_text
-from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.records import read_record
+from flexstage.virtual.stack import virtual_stack
 
 RATE = 250.0
 STACK = virtual_stack((0.0, 120.0), 38e-6, 0.12)

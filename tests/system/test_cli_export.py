@@ -12,8 +12,8 @@ from scipy.io import loadmat
 
 from flexstage.characteristic import Characteristics
 from flexstage.cli import main
-from flexstage.cli.export_formats import FORMATS
 from flexstage.designs import design
+from flexstage.export.formats import FORMATS
 from flexstage.hysteresis import BoucWen, DriveModel, ModelFile, model_text
 from flexstage.stage.file import write_stage
 

@@ -11,7 +11,7 @@ from scipy.io import savemat
 
 from flexstage.cli import main
 from flexstage.hysteresis.model_file import read_model_text
-from flexstage.hysteresis.virtual_stack import virtual_stack
+from flexstage.virtual.stack import virtual_stack
 
 RATE = 200.0
 SIZE = 2200

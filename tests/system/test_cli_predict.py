@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.hysteresis.virtual_stack import virtual_stack
+from flexstage.virtual.stack import virtual_stack
 
 RATE = 200.0
 OPTIONS = ("--input", "0", "--output", "1", "--sample-rate", "200")

@@ -9,7 +9,7 @@ import pytest
 from flexstage.cli import main
 from flexstage.cli.drive_records import read_drive, train_range
 from flexstage.errors import RecordError
-from flexstage.hysteresis.virtual_stack import virtual_stack
+from flexstage.virtual.stack import virtual_stack
 
 RATE = 100.0
 MODEL = ("--model", "prandtl-ishlinskii", "--delay", "0 s", "--json")

@@ -9,20 +9,21 @@ import pytest
 from rich.console import Console
 
 from flexstage.cli import main
-from flexstage.cli.output import make_table
+from flexstage.cli.output import on_terminal
+from flexstage.table import table
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "parallelogram.yaml"
 
 
 def test_a_name_is_beside_the_first_line_of_its_text() -> None:
-    table = make_table("drift", "quantity", "published\nFEM", "<condition")
-    table.add_row("Thermal drift", "2.75", "drives in place, and a text that has to be broken")
+    row = ("Thermal drift", "2.75", "drives in place, and a text that has to be broken")
+    shown = table("drift", ("quantity", "published\nFEM", "<condition"), [row])
     written = io.StringIO()
-    Console(width=48, file=written).print(table)
+    Console(width=48, file=written).print(on_terminal(shown))
     lines = written.getvalue().splitlines()
-    row = next(line for line in lines if "Thermal drift" in line)
-    assert "2.75" in row
-    assert "drives in place" in row
+    first = next(line for line in lines if "Thermal drift" in line)
+    assert "2.75" in first
+    assert "drives in place" in first
     head = next(line for line in lines if "quantity" in line)
     assert "FEM" in head, "a heading is just above its column"
 

@@ -40,8 +40,9 @@ _LIMIT = 300.0
 
 def measured(file: Path, rates: tuple[float, ...] = (0.5, 5.0)) -> None:
     """A drive record of a virtual stack, as a bench has it."""
-    from flexstage.hysteresis import LogCreep, Sensor, excitation, virtual_stack
+    from flexstage.hysteresis import LogCreep, Sensor, excitation
     from flexstage.records import Channel, Record, write_record
+    from flexstage.virtual import virtual_stack
 
     drive = excitation(
         (0.0, 120.0), sample_rate_hz=1000.0, duration=25.0, rates_hz=rates,
@@ -82,7 +83,7 @@ def logged(file: Path) -> None:
     rng = np.random.default_rng(1)
     t = np.cumsum(0.1 * (1.0 + 0.1 * rng.uniform(-1.0, 1.0, 2400)))
     u = 60.0 - 60.0 * np.cos(2.0 * math.pi * 0.05 * t)
-    from flexstage.hysteresis import virtual_stack
+    from flexstage.virtual import virtual_stack
 
     y = 1e6 * virtual_stack((0.0, 120.0), 38e-6, 0.13).simulate(u).values
     y += rng.normal(0.0, 0.02, y.size)

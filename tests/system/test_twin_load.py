@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
+from flexstage.instruments.pi.simulated.clock import Pacemaker
+from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.interpreter import Interpreter
+from flexstage.instruments.pi.simulated.server import GcsServer
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.clock import Pacemaker
-from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.server import GcsServer
 
 pytestmark = [pytest.mark.slow, pytest.mark.alone]
 

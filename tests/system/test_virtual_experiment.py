@@ -9,11 +9,11 @@ from flexstage.designs import design
 from flexstage.errors import ModelError, RecordError
 from flexstage.fem import superelement_model
 from flexstage.hysteresis import MODELS
-from flexstage.hysteresis.virtual_experiment import AxisExperiment, virtual_experiment
-from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.lumped import lumped_system
 from flexstage.report import report_html
 from flexstage.studies import run_study, study_results
+from flexstage.studies.compensation import AxisExperiment, virtual_experiment
+from flexstage.virtual.stack import virtual_stack
 
 # Published for the stage: loop widths, and the largest error of its Bouc-Wen model [m].
 PUBLISHED = {"x": (63.12e-6, 7.91e-6, 1.05e-6), "y": (60.90e-6, 7.55e-6, 0.83e-6)}
@@ -126,7 +126,7 @@ def test_an_axis_that_cannot_be_tried_leaves_the_rest(monkeypatch: pytest.Monkey
         raise RecordError(f"axis {axis} & its <record> cannot serve")
 
     # the room has a function of the module's name
-    module = importlib.import_module("flexstage.hysteresis.virtual_experiment")
+    module = importlib.import_module("flexstage.studies.compensation")
     monkeypatch.setattr(module, "virtual_experiment", fail)
     study = run_study(design("vgtu-piezo"), ["lumped"], hysteresis=True)
     assert study.experiments == {}

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from flexstage.designs import design
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
+from flexstage.export import field_files
 from flexstage.fem import MeshSettings, StageModel
-from flexstage.fem.vtu import vtu_files
 from flexstage.system import Analysis
 from tests import meshed_stages
 
@@ -83,7 +83,7 @@ def test_statics_of_the_plane_are_those_of_the_continuum(
     plane: tuple[StageModel, Analysis],
 ) -> None:
     model, analysis = plane
-    files = vtu_files(model, analysis)
+    files = field_files(STAGE, analysis, mesh=model)
     assert set(files) == {
         "static-x.vtu", "modes.pvd", "regions.csv", *(f"mode-{k:02d}.vtu" for k in range(1, 13)),
     }  # fmt: skip
@@ -119,7 +119,7 @@ def test_statics_of_the_plane_are_those_of_the_continuum(
 
 def test_stress_has_its_components_in_their_places(plane: tuple[StageModel, Analysis]) -> None:
     model, analysis = plane
-    grid = Grid(vtu_files(model, analysis, divisions=3)["static-x.vtu"])
+    grid = Grid(field_files(STAGE, analysis, mesh=model, divisions=3)["static-x.vtu"])
     half = model.problems[0]
     mesh = half.continuum.mesh
     vertices = np.array([v.point for v in mesh.vertices])
@@ -141,7 +141,7 @@ def test_cells_of_three_dimensions_fill_the_whole_plate(
     solid: tuple[StageModel, Analysis],
 ) -> None:
     model, analysis = solid
-    grid = Grid(vtu_files(model, analysis)["static-x.vtu"])
+    grid = Grid(field_files(STAGE, analysis, mesh=model)["static-x.vtu"])
     assert set(grid.cells["types"]) == {13}
     a, b, c, d, e, f = np.moveaxis(grid.points[grid.corners()], 1, 0)
     # three tetrahedra each; the first face of a wedge looks outwards
@@ -165,7 +165,7 @@ def test_cells_of_three_dimensions_fill_the_whole_plate(
 
 def test_modes_are_scaled_and_named(solid: tuple[StageModel, Analysis]) -> None:
     model, analysis = solid
-    files = vtu_files(model, analysis)
+    files = field_files(STAGE, analysis, mesh=model)
     found = analysis.modes["removed"]
     sets = ET.fromstring(files["modes.pvd"]).findall(".//DataSet")
     assert [s.get("file") for s in sets] == [f"mode-{k + 1:02d}.vtu" for k in range(12)]
@@ -188,7 +188,7 @@ def test_modes_are_scaled_and_named(solid: tuple[StageModel, Analysis]) -> None:
 
 def test_cells_know_their_body(plane: tuple[StageModel, Analysis]) -> None:
     model, analysis = plane
-    files = vtu_files(model, analysis)
+    files = field_files(STAGE, analysis, mesh=model)
     grid = Grid(files["static-x.vtu"])
     rows = list(csv.DictReader(io.StringIO(files["regions.csv"].decode())))
     assert [int(r["region"]) for r in rows] == list(range(len(rows)))
@@ -215,9 +215,10 @@ def test_names_of_axes_become_names_of_files(plane: tuple[StageModel, Analysis])
     named = replace(
         analysis, axes=tuple(replace(axis, axis=n) for n in ("../a", "x+", "X+", "θ z"))
     )
-    files = [n for n in vtu_files(model, named, divisions=1) if n.startswith("static")]
-    assert files == ["static-_a.vtu", "static-x+.vtu", "static-X+-2.vtu", "static-θ_z.vtu"]
+    files = [
+        n for n in field_files(STAGE, named, mesh=model, divisions=1) if n.startswith("static")
+    ]
+    assert files == ["static-a.vtu", "static-x+.vtu", "static-X+-2.vtu", "static-θ-z.vtu"]
+    few = replace(analysis, modes={"removed": analysis.modes["removed"]})
     with pytest.raises(ModelError, match="no modes with drives locked"):
-        vtu_files(
-            model, replace(analysis, modes={"removed": analysis.modes["removed"]}), drives="locked"
-        )
+        field_files(STAGE, few, mesh=model, drives="locked")

@@ -7,6 +7,7 @@ from flexstage.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.centring.asynchronous_motion import axis_motion
     from flexstage.centring.calibration_table import CalibrationTable
+    from flexstage.centring.centre_reading import CentreReading
     from flexstage.centring.cross_calibration import cross_calibration
     from flexstage.centring.eccentricity import (
         HeadReadings,
@@ -24,28 +25,23 @@ if TYPE_CHECKING:
     from flexstage.centring.harmonics import fit_harmonics, fit_many
     from flexstage.centring.head_averaging import against_reference, head_averaging
     from flexstage.centring.indicators import IndicatorReadings, run_out
-    from flexstage.centring.positioner import Positioner, VirtualPositioner
+    from flexstage.centring.positioner import Positioner
     from flexstage.centring.procedure import Centring, centre
-    from flexstage.centring.rotary_table import RotaryTable, VirtualBench
     from flexstage.centring.self_calibration import order_visibility, self_calibration
     from flexstage.centring.trial_moves import response_to_moves
     from flexstage.centring.turns import Turns, mean_turn
-    from flexstage.centring.virtual_table import VirtualTable, scale_errors
 
 __all__ = [
     "ARCSEC",
     "CalibrationTable",
+    "CentreReading",
     "Centring",
     "Eccentricity",
     "Harmonic",
     "HeadReadings",
     "IndicatorReadings",
     "Positioner",
-    "RotaryTable",
     "Turns",
-    "VirtualBench",
-    "VirtualPositioner",
-    "VirtualTable",
     "against_reference",
     "as_readings",
     "axis_motion",
@@ -62,7 +58,6 @@ __all__ = [
     "order_visibility",
     "response_to_moves",
     "run_out",
-    "scale_errors",
     "self_calibration",
 ]
 

@@ -309,8 +309,8 @@ def planned_move(
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.centring.positioner import VirtualPositioner
     >>> from flexstage.centring.move import unknown_moves
+    >>> from flexstage.virtual import VirtualPositioner
     >>> stage = VirtualPositioner(design("vgtu-mechanical"))
     >>> model = unknown_moves(
     ...     (-30e-6, 9e-6), 1e-16 * np.eye(2), matrix=np.eye(2), matrix_uncertainty=0.01

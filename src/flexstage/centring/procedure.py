@@ -1,12 +1,14 @@
 """The whole procedure: measure, try, move, and measure again, until the scale is centred."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexstage.centring.centre_reading import CentreReading
 from flexstage.centring.move import (
     Approach,
     MoveModel,
@@ -16,7 +18,6 @@ from flexstage.centring.move import (
     unknown_moves,
 )
 from flexstage.centring.positioner import Positioner
-from flexstage.centring.rotary_table import CentreReading, RotaryTable
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 
@@ -85,7 +86,7 @@ class Centring:
 
 
 def centre(
-    table: RotaryTable,
+    measure: Callable[[], CentreReading],
     positioner: Positioner,
     *,
     target: float = 0.1e-6,
@@ -105,8 +106,8 @@ def centre(
 
     Parameters
     ----------
-    table : RotaryTable
-        What measures the eccentricity.
+    measure : callable
+        Turns the table and returns the eccentricity of the scale.
     positioner : Positioner
         What moves the scale.
     target : float
@@ -145,10 +146,8 @@ def centre(
 
     Examples
     --------
-    >>> from flexstage.centring.rotary_table import VirtualBench
-    >>> from flexstage.centring.positioner import VirtualPositioner
-    >>> from flexstage.centring.virtual_table import VirtualTable
     >>> from flexstage.designs import design
+    >>> from flexstage.virtual import VirtualBench, VirtualPositioner, VirtualTable
     >>> stage = VirtualPositioner(
     ...     design("vgtu-piezo"), start=(-1.0, -1.0), mounting_angle=0.7, mirrored=True
     ... )
@@ -156,7 +155,7 @@ def centre(
     >>> table = VirtualTable(
     ...     radius=50e-3, heads=(0.0, 1.6, 3.1, 4.8), eccentricity=(x, y), noise=4.8e-6
     ... )
-    >>> done = centre(VirtualBench(table, stage), stage)
+    >>> done = centre(VirtualBench(table, stage).measure, stage)
     >>> print(done.reached, done.moves, f"{1e6 * done.steps[0].reading.length.value:.1f} um")
     True 3 50.0 um
     """
@@ -164,7 +163,7 @@ def centre(
     errors = move_errors(positioner, approach)
     # the start belongs to the same branch as all that follows
     _go(positioner, positioner.position, approach)
-    first = table.measure()
+    first = measure()
     steps = [CentringStep(kind="start", command=positioner.position, reading=first)]
     model = unknown_moves(
         first.vector, first.covariance, matrix=matrix, matrix_uncertainty=matrix_uncertainty
@@ -174,7 +173,7 @@ def centre(
     for axis in range(trials):
         command = _trial(positioner, axis, first)
         by = _go(positioner, command, approach)
-        model, step = _measured(table, positioner, model.moved(by, errors), "trial", None)
+        model, step = _measured(measure, positioner, model.moved(by, errors), "trial", None)
         steps.append(step)
         if trials == 1:
             model = model.square(mirrored=mirrored)
@@ -183,7 +182,8 @@ def centre(
         if not _worth_while(plan, steps[-1].reading):
             break
         by = _go(positioner, plan.command, approach)
-        model, step = _measured(table, positioner, model.moved(by, errors), "move", plan.remaining)
+        expected = model.moved(by, errors)
+        model, step = _measured(measure, positioner, expected, "move", plan.remaining)
         steps.append(step)
         # what was expected as well, so that a lucky measurement alone does not end it
         if _good(step.reading, target) and plan.remaining.interval()[1] < target:
@@ -230,13 +230,13 @@ def _go(positioner: Positioner, command: tuple[float, float], approach: Approach
 
 
 def _measured(
-    table: RotaryTable,
+    measure: Callable[[], CentreReading],
     positioner: Positioner,
     model: MoveModel,
     kind: Literal["trial", "move"],
     predicted: Estimate | None,
 ) -> tuple[MoveModel, CentringStep]:
-    reading = table.measure()
+    reading = measure()
     step = CentringStep(
         kind=kind, command=positioner.position, reading=reading, predicted=predicted
     )

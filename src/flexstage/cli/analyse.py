@@ -19,14 +19,14 @@ from flexstage.cli.output import (
     console,
     figure_option,
     folder_option,
-    make_table,
-    name_for_files,
     picture,
     print_json,
     print_notes,
+    print_table,
     progress_bar,
 )
 from flexstage.errors import FlexstageError, ModelError
+from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -162,9 +162,10 @@ def _written(
             results = results_json(_results(run))
             files += write_files(within, {"analysis.json": results} | _diagrams(run.analysis))
             if vtu and run.mesh is not None:
-                from flexstage.fem.vtu import vtu_files
+                from flexstage.export import field_files
 
-                files += write_files(within / "vtu", vtu_files(run.mesh, run.analysis))
+                fields = field_files(run.analysis.stage, run.analysis, mesh=run.mesh)
+                files += write_files(within / "vtu", fields)
         if figure is not None:
             drawn = _diagrams(run.analysis, figure, name if len(runs) > 1 else "")
             files += write_files(figure.parent, drawn)
@@ -196,9 +197,7 @@ def _diagrams(
 
     stem = f"{figure.stem}-{model}" if model else figure.stem
     return {
-        f"{stem}-{name_for_files(a.axis)}{figure.suffix}": picture(
-            figure, draw_bode(analysis, a.axis)
-        )
+        f"{stem}-{file_name(a.axis)}{figure.suffix}": picture(figure, draw_bode(analysis, a.axis))
         for a in analysis.axes
     }
 
@@ -211,15 +210,15 @@ def _characteristics(screen: "Console", analysis: "Analysis") -> None:
     known = any(row.uncertainty is not None for row in analysis.characteristics)
     if known:
         head.insert(3, "± mesh")
-    table = make_table(f"{analysis.stage.name}: {model}", *head)
+    rows = []
     for row in analysis.characteristics:
         shown = display(row.quantity)
         cells = [shown.label, row.axis, shown.text(row.value), shown.shown_unit, row.note]
         if known:
             cells.insert(3, "" if row.uncertainty is None else _spread(row.uncertainty, shown))
-        table.add_row(*cells)
-    if analysis.characteristics:
-        screen.print(table)
+        rows.append(cells)
+    if rows:
+        print_table(screen, f"{analysis.stage.name}: {model}", head, rows)
 
 
 def _spread(uncertainty: float, shown: "Quantity") -> str:
@@ -231,28 +230,31 @@ def _spread(uncertainty: float, shown: "Quantity") -> str:
 def _modes(screen: "Console", analysis: "Analysis") -> None:
     from flexstage.quantities import number
 
-    table = make_table(
-        "natural frequencies in Hz", "mode", *(f"drives {name}" for name in analysis.modes)
-    )
     columns = [found.frequency_hz[:6] for found in analysis.modes.values()]
-    for k in range(max((column.size for column in columns), default=0)):
-        cells = [number(float(c[k])) if k < c.size else "–" for c in columns]
-        table.add_row(str(k + 1), *cells)
-    screen.print(table)
+    print_table(
+        screen,
+        "natural frequencies in Hz",
+        ("mode", *(f"drives {name}" for name in analysis.modes)),
+        (
+            (k + 1, *(number(float(c[k])) if k < c.size else "–" for c in columns))
+            for k in range(max((column.size for column in columns), default=0))
+        ),
+    )
 
 
 def _stress(screen: "Console", analysis: "Analysis") -> None:
     stress = analysis.hinge_stress
     if not any(stress.values()):
         return
-    table = make_table(
+    print_table(
+        screen,
         "largest equivalent stress at full stroke in MPa",
-        "hinge",
-        *(f"drive of {axis}" for axis in stress),
+        ("hinge", *(f"drive of {axis}" for axis in stress)),
+        (
+            (hinge.name, *(f"{of[hinge.name] * 1e-6:.1f}" for of in stress.values()))
+            for hinge in analysis.stage.hinges
+        ),
     )
-    for hinge in analysis.stage.hinges:
-        table.add_row(hinge.name, *(f"{stress[axis][hinge.name] * 1e-6:.1f}" for axis in stress))
-    screen.print(table)
 
 
 def _loads(screen: "Console", analysis: "Analysis") -> None:
@@ -263,20 +265,17 @@ def _loads(screen: "Console", analysis: "Analysis") -> None:
     if not found or not any(found.values()):
         return
     probes = list(next(iter(found.values())))
-    table = make_table(
-        "motion of the probes under loads on the whole stage, drives removed, in µm",
-        "one unit of",
-        "<unit",
-        *probes,
-    )
+    rows = []
     for load in analysis.system.loads:
-        if load.name not in found:
-            continue
-        cells = (
-            number(1e6 * found[load.name][p], 3) if found[load.name][p] else "0" for p in probes
-        )
-        table.add_row(load.name, load.unit, *cells)
-    screen.print(table)
+        if (read := found.get(load.name)) is not None:
+            cells = (number(1e6 * read[p], 3) if read[p] else "0" for p in probes)
+            rows.append((load.name, load.unit, *cells))
+    print_table(
+        screen,
+        "motion of the probes under loads on the whole stage, drives removed, in µm",
+        ("one unit of", "<unit", *probes),
+        rows,
+    )
 
 
 def _bars(screen: "Console", bars: "Mapping[str, float]") -> None:
@@ -284,10 +283,12 @@ def _bars(screen: "Console", bars: "Mapping[str, float]") -> None:
 
     if not bars:
         return
-    table = make_table("axial load at which bars between two notches buckle", "body", "load in N")
-    for body, load in bars.items():
-        table.add_row(body, number(load))
-    screen.print(table)
+    print_table(
+        screen,
+        "axial load at which bars between two notches buckle",
+        ("body", "load in N"),
+        ((body, number(load)) for body, load in bars.items()),
+    )
 
 
 def _responses(screen: "Console", analysis: "Analysis") -> None:
@@ -295,28 +296,13 @@ def _responses(screen: "Console", analysis: "Analysis") -> None:
 
     if not analysis.responses:
         return
-    table = make_table(
-        "frequency responses (all points with --json or --folder)",
-        "drive",
-        "<probe",
-        "<input",
-        "<drives",
-        "at the lowest frequency",
-        "largest",
-        "at, Hz",
-        "<unit",
-    )
+    heads = "drive", "<probe", "<input", "<drives", "at the lowest frequency", "largest", "at, Hz"
+    rows = []
     for response in analysis.responses:
         size = abs(response.value)
         peak = int(size.argmax())
-        table.add_row(
-            response.drive,
-            response.probe,
-            response.input_kind,
-            response.drives,
-            number(float(size[0])),
-            number(float(size[peak])),
-            number(float(response.frequency_hz[peak])),
-            response.unit,
-        )
-    screen.print(table)
+        figures = (number(float(v)) for v in (size[0], size[peak], response.frequency_hz[peak]))
+        named = (response.drive, response.probe, response.input_kind, response.drives)
+        rows.append((*named, *figures, response.unit))
+    title = "frequency responses (all points with --json or --folder)"
+    print_table(screen, title, (*heads, "<unit"), rows)

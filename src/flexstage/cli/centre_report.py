@@ -4,7 +4,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from flexstage.cli.centre_heads import TURN_WORDS
-from flexstage.cli.output import console, make_table, print_notes
+from flexstage.cli.output import console, print_notes, print_table
+from flexstage.files.plain import picked
 
 if TYPE_CHECKING:
     from flexstage.centring import Eccentricity, Harmonic
@@ -165,15 +166,9 @@ def change(
 
 
 def _plain(estimate: "Estimate | None") -> dict[str, Any] | None:
-    if estimate is None:
-        return None
-    low, high = estimate.interval()
-    return {
-        "value": estimate.value,
-        "uncertainty": estimate.uncertainty,
-        "interval": [low, high],
-        "unit": estimate.unit,
-    }
+    return (
+        None if estimate is None else picked(estimate, "value", "uncertainty", "interval", "unit")
+    )
 
 
 def joined(reports: list[dict[str, Any]], notes: tuple[str, ...]) -> dict[str, Any]:
@@ -215,19 +210,14 @@ def _print_harmonics(
 ) -> None:
     radial = any(h["amplitude_um"] is not None for h in harmonics)
     unit, key = ("µm", "amplitude_um") if radial else ("arcsec", "amplitude_arcsec")
-    columns = ["order", f"amplitude, {unit}", "95 % interval", "phase, deg"]
-    table = make_table(title, *columns, *([] if whole is None else ["with all samples"]))
+    heads = ["order", f"amplitude, {unit}", "95 % interval", "phase, deg"]
+    rows = []
     for i, h in enumerate(harmonics):
         per = h[key] / h["amplitude"] if h["amplitude"] else 0.0
         low, high = (per * end for end in h["amplitude_interval"])
-        table.add_row(
-            str(h["order"]),
-            f"{h[key]:.5g}",
-            f"{low:.4g} to {high:.4g}",
-            f"{h['phase_deg']:.2f}",
-            *([] if whole is None else [f"{whole[i][key]:.5g}"]),
-        )
-    console().print(table)
+        row = [h["order"], f"{h[key]:.5g}", f"{low:.4g} to {high:.4g}", f"{h['phase_deg']:.2f}"]
+        rows.append(row if whole is None else [*row, f"{whole[i][key]:.5g}"])
+    print_table(console(), title, heads if whole is None else [*heads, "with all samples"], rows)
 
 
 def _outliers(found: list[dict[str, Any]]) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexstage.cli.centre_heads import MAGNET
 from flexstage.cli.options import quantity
-from flexstage.cli.output import console, make_table, print_notes
+from flexstage.cli.output import console, print_notes, print_table
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
@@ -123,20 +123,26 @@ def print_trial(result: dict[str, Any]) -> None:
     """Print how the harmonics follow the positions."""
     screen = console()
     unit, size = ("arcsec", _ARCSEC) if result["harmonic_unit"] == "rad" else ("µm", 1e-6)
-    table = make_table(
-        f"what follows {len(result['positions'])} positions of the stage",
-        "order", f"change, {unit}", f"left, {unit}", "<follows", "<gain", "centre x, µm", "y, µm",
-    )  # fmt: skip
+    rows = []
     for row in result["orders"]:
         gain = ""
         if row["follows"] is not None:
             power = 2 if row["follows"] == "as the square" else 1
             gain = f"{row['gain'] / size * 1e-6**power:.4g} {unit}/{_UNITS[row['follows']]}"
-        table.add_row(
-            str(row["order"]), f"{row['change'] / size:.4g}", f"{row['left'] / size:.4g}",
-            row["follows"] or "no", gain, *(_place(row, k) for k in ("x", "y")),
-        )  # fmt: skip
-    screen.print(table)
+        sizes = (f"{row[key] / size:.4g}" for key in ("change", "left"))
+        places = (_place(row, axis) for axis in ("x", "y"))
+        rows.append((row["order"], *sizes, row["follows"] or "no", gain, *places))
+    heads = (
+        "order",
+        f"change, {unit}",
+        f"left, {unit}",
+        "<follows",
+        "<gain",
+        "centre x, µm",
+        "y, µm",
+    )
+    title = f"what follows {len(result['positions'])} positions of the stage"
+    print_table(screen, title, heads, rows)
     if "centre" in result:
         c = result["centre"]
         dx, dy = (1e6 * v for v in c["move_from_last"])

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.output import make_table, print_notes
+from flexstage.cli.output import print_notes, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -18,7 +18,7 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
 
     columns = list(result.references)
     titles = [f"published\n{column_title(c)}" if c.startswith("published") else c for c in columns]
-    table = make_table(result.title, "quantity", "<axis", "value", "± (95 %)", "<unit", *titles)
+    rows = []
     for row in result.rows:
         shown = display(row.figure.quantity)
         estimate = row.figure.estimate
@@ -30,8 +30,9 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
         for name in columns:
             found = row.differences.get(name)
             cells.append("" if found is None else _difference(found))
-        table.add_row(shown.label, row.figure.axis, *cells)
-    screen.print(table)
+        rows.append((shown.label, row.figure.axis, *cells))
+    heads = "quantity", "<axis", "value", "± (95 %)", "<unit"
+    print_table(screen, result.title, (*heads, *titles), rows)
     if columns:
         screen.print(
             "Differences of what was measured to each model and publication; * significant at 95 %."
@@ -46,16 +47,9 @@ def _print_positioning(screen: "Console", result: "TestResult") -> None:
     from flexstage.report.positioning import positioning_tables
 
     tables = positioning_tables(result.details["positioning"])
-    first, second, *others = tables.axis_heads
     title = f"{result.test.name}, axis {result.test.axis}: ISO 230-2, values in {tables.unit}"
-    for heads, rows in (
-        ((first, f"<{second}", *others), tables.axis),
-        (tables.target_heads, tables.targets),
-    ):
-        table = make_table(title, *heads)
-        for row in rows:
-            table.add_row(*row)
-        screen.print(table)
+    for found in (tables.axis, tables.targets):
+        print_table(screen, title, found.columns, found.rows)
         title = ""
 
 

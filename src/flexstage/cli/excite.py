@@ -20,13 +20,14 @@ from flexstage.cli.output import (
     console,
     count,
     file_option,
-    make_table,
     print_json,
     print_notes,
+    print_table,
     write_file,
 )
 from flexstage.cli.reading import record_format
 from flexstage.errors import ModelError, StageError
+from flexstage.files.plain import picked
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.excitations.design import Excitation
@@ -218,21 +219,22 @@ def _result(made: "Excitation", plant: _Plant, out: Path | None) -> dict[str, An
         "stage": plant.stage,
         "axis": plant.axis,
         "natural_frequency_hz": plant.natural_frequency_hz,
-        "shape": made.shape,
-        "sample_rate_hz": made.sample_rate_hz,
+        **picked(made, "shape", "sample_rate_hz"),
         "sampled_for": made.sampled_for or None,
-        "samples": int(made.time.size),
-        "duration": made.duration,
-        "rates_hz": list(made.rates_hz),
+        "samples": made.time.size,
+        **picked(made, "duration", "rates_hz"),
         "voltage_range": [float(made.voltage.min()), float(made.voltage.max())],
-        "rest_voltage": made.rest_voltage,
-        "largest_slope": made.largest_slope,
-        "largest_current": made.largest_current,
-        "rms_current": made.rms_current,
-        "coverage": made.coverage,
-        "parts": [dataclasses.asdict(part) for part in made.parts],
-        "left_out": list(made.left_out),
-        "warnings": list(made.warnings),
+        **picked(
+            made,
+            "rest_voltage",
+            "largest_slope",
+            "largest_current",
+            "rms_current",
+            "coverage",
+            "parts",
+            "left_out",
+            "warnings",
+        ),
         "file": None if out is None else str(out),
     }
 
@@ -242,29 +244,19 @@ def _print(result: dict[str, Any]) -> None:
     low, high = result["voltage_range"]
     where = f"{result['stage']}, axis {result['axis']}: " if result["stage"] else ""
     screen = console()
-    table = make_table(
+    rows = []
+    for part in result["parts"]:
+        ends = (f"{v:.1f}" for v in part["voltage_range"])
+        times = (f"{part['start']:.2f}", f"{part['duration']:.2f}", f"{part['rate_hz']:.3g}")
+        slope = f"{part['largest_slope']:.4g}"
+        rows.append((part["name"], *times, *ends, part["turning_points"], slope))
+    print_table(
+        screen,
         f"{where}{low:g} V to {high:g} V in {result['duration']:.4g} s, {result['shape']}, "
         f"{count(result['samples'], 'sample')} at {result['sample_rate_hz']:g} Hz",
-        "part",
-        "start, s",
-        "time, s",
-        "rate, Hz",
-        "from, V",
-        "to, V",
-        "turns",
-        "slope, V/s",
+        ("part", "start, s", "time, s", "rate, Hz", "from, V", "to, V", "turns", "slope, V/s"),
+        rows,
     )
-    for part in result["parts"]:
-        table.add_row(
-            part["name"],
-            f"{part['start']:.2f}",
-            f"{part['duration']:.2f}",
-            f"{part['rate_hz']:.3g}",
-            *(f"{v:.1f}" for v in part["voltage_range"]),
-            str(part["turning_points"]),
-            f"{part['largest_slope']:.4g}",
-        )
-    screen.print(table)
     if result["sampled_for"]:
         screen.print(f"sample rate     {result['sample_rate_hz']:g} Hz for {result['sampled_for']}")
     screen.print(f"largest slope   {result['largest_slope']:.4g} V/s")

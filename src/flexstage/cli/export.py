@@ -1,12 +1,12 @@
 """`flexstage export`: a stage for other programs."""
 
+from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
-from flexstage.cli.export_formats import FORMATS, ExportRequest
 from flexstage.cli.options import (
     CurrentOption,
     JsonOption,
@@ -22,12 +22,20 @@ from flexstage.cli.options import (
 from flexstage.cli.output import (
     console,
     folder_option,
-    make_table,
     print_json,
     print_notes,
+    print_table,
     progress_bar,
 )
 from flexstage.errors import ModelError, StageError
+from flexstage.export.formats import FORMATS
+
+if TYPE_CHECKING:
+    from flexstage.export.request import ExportRequest
+    from flexstage.fem import StageModel
+    from flexstage.hysteresis import DriveModel
+    from flexstage.stage import Stage
+    from flexstage.system import Analysis
 
 _Fmi = Literal["2.0", "3.0"]
 _FMI: dict[str, tuple[_Fmi, ...]] = {"2.0": ("2.0",), "3.0": ("3.0",), "both": ("2.0", "3.0")}
@@ -110,20 +118,22 @@ def export(
         raise ModelError(f"--fmi is 2.0, 3.0 or both, got '{fmi[:40]}'")
     if precision not in _PRECISIONS:
         raise ModelError(f"--precision is double or single, got '{precision[:40]}'")
+    from flexstage.export.request import ExportRequest
     from flexstage.files.write import write_files
 
+    described = find_stage(stage)
     request = ExportRequest(
-        stage=find_stage(stage),
-        model=model,
+        stage=described,
+        analyse=lambda: _analysed(described, model, plane),
+        hysteresis=lambda: _read_hysteresis(hysteresis or ["usual"]),
         plane=plane,
         step=_number("--time-step", time_step, "time", "s"),
-        hysteresis=hysteresis or ["usual"],
         creep=creep,
         bandwidth_hz=_optional("--bandwidth", bandwidth, "frequency", "Hz"),
         current_limit=_optional("--current", current, "current", "A"),
         sensor_bandwidth_hz=_optional("--sensor-bandwidth", sensor_bandwidth, "frequency", "Hz"),
         mode_count=keep_modes,
-        precision=precision,
+        precision=precision,  # type: ignore[arg-type]
         fmi=_FMI[fmi],
         source_only=source_only,
         kerf=None if kerf is None else positive_length(kerf, "--kerf", "m"),
@@ -159,10 +169,12 @@ def export(
         print_json(_results(request, made, files, notes))
         return
     screen = console()
-    table = make_table(f"{request.stage.name} for other programs", "format", "<what", "<files")
-    for name, paths in files.items():
-        table.add_row(name, FORMATS[name].about, _shown(paths))
-    screen.print(table)
+    print_table(
+        screen,
+        f"{request.stage.name} for other programs",
+        ("format", "<what", "<files"),
+        ((name, FORMATS[name].about, _shown(paths)) for name, paths in files.items()),
+    )
     print_notes(screen, notes)
 
 
@@ -178,6 +190,36 @@ def _formats(text: str) -> list[str]:
                 f"'{name[:40]}'"
             )
     return names
+
+
+def _analysed(stage: "Stage", model: str, plane: str) -> "tuple[Analysis, StageModel | None]":
+    from flexstage.studies import run_model
+    from flexstage.studies.models import ModelOptions
+
+    run = run_model(stage, model, ModelOptions(plane=plane))  # type: ignore[arg-type]
+    return run.analysis, run.mesh
+
+
+def _read_hysteresis(given: Sequence[str]) -> "Mapping[str, DriveModel] | Literal['usual', 'none']":
+    """Return the identified model of each drive, of texts ``NAME=FILE``.
+
+    A text may be ``usual`` or ``none`` alone, which is returned.
+    """
+    from flexstage.hysteresis.model_file import read_model_file
+
+    if len(given) == 1 and given[0] in ("usual", "none"):
+        return cast(Literal["usual", "none"], given[0])
+    models: dict[str, DriveModel] = {}
+    for text in given:
+        name, sign, path = text.partition("=")
+        if not (name and sign and path):
+            raise ModelError(
+                f"--hysteresis is usual, none, or NAME=FILE for each drive, got '{text[:80]}'"
+            )
+        if name in models:
+            raise ModelError(f"--hysteresis gives a model for '{name}' twice: give it once")
+        models[name] = read_model_file(Path(path)).model
+    return models
 
 
 def _shown(paths: list[Path]) -> str:
@@ -200,7 +242,7 @@ def _optional(option: str, text: str | None, dimension: str, unit: str) -> float
 
 
 def _results(
-    request: ExportRequest,
+    request: "ExportRequest",
     made: dict[str, dict[str, bytes]],
     files: dict[str, list[Path]],
     notes: list[str],

@@ -2,7 +2,8 @@
 
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.output import make_table, print_notes
+from flexstage.cli.output import print_notes, print_table
+from flexstage.files.plain import picked
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -76,9 +77,7 @@ def response_result(
         notes += estimate.notes
     result: dict[str, Any] = {
         "records": [r.source for r in read],
-        "inputs": list(response.inputs),
-        "outputs": list(response.outputs),
-        "estimator": response.estimator,
+        **picked(response, "inputs", "outputs", "estimator"),
         "excitation": "" if estimate is None else estimate.excitation,
         "averages": response.averages,
         "lines": int(response.frequency_hz.size),
@@ -117,42 +116,24 @@ def mode_result(mode: Any, outputs: list[str]) -> dict[str, Any]:
 
 
 def _estimate(estimate: "Estimate") -> dict[str, Any]:
-    low, high = estimate.interval()
-    nu = estimate.degrees_of_freedom
-    return {
-        "value": estimate.value,
-        "uncertainty": estimate.uncertainty,
-        "degrees_of_freedom": None if nu == float("inf") else nu,
-        "interval": [low, high],
-        "unit": estimate.unit,
-    }
+    names = "value", "uncertainty", "degrees_of_freedom", "interval", "unit"
+    return picked(estimate, *names)
 
 
 def print_modes(screen: "Console", result: dict[str, Any]) -> None:
     """Print the modes, how the response was estimated, notes and files."""
-    table = make_table(
-        f"modes: {', '.join(result['records'])}",
-        "mode",
-        "frequency [Hz]",
-        "± (95 %)",
-        "damping ratio [%]",
-        "± (95 %)",
-        "<shape",
-    )
+    rows = []
     for i, mode in enumerate(result["modes"], start=1):
         f, zeta = mode["frequency_hz"], mode["damping_ratio"]
         shape = ", ".join(
             f"{s['output']} {s['real']:+.3f}" for s in mode["shape"] if s["real"] is not None
         )
-        table.add_row(
-            str(i),
-            f"{f['value']:.4f}",
-            f"{0.5 * (f['interval'][1] - f['interval'][0]):.2g}",
-            f"{100.0 * zeta['value']:.4f}",
-            f"{50.0 * (zeta['interval'][1] - zeta['interval'][0]):.2g}",
-            shape.replace("-", "−"),
-        )
-    screen.print(table)
+        (low, high), (least, most) = f["interval"], zeta["interval"]
+        frequency = (f"{f['value']:.4f}", f"{0.5 * (high - low):.2g}")
+        damping = (f"{100.0 * zeta['value']:.4f}", f"{50.0 * (most - least):.2g}")
+        rows.append((i, *frequency, *damping, shape.replace("-", "−")))
+    heads = "mode", "frequency [Hz]", "± (95 %)", "damping ratio [%]", "± (95 %)", "<shape"
+    print_table(screen, f"modes: {', '.join(result['records'])}", heads, rows)
     if "averages" in result:
         averages = f"{result['averages']:g} averages, " if result["averages"] else ""
         kind = f"{result['excitation']}, " if result["excitation"] else ""

@@ -8,7 +8,7 @@ import typer
 
 from flexstage.choose import did_you_mean
 from flexstage.cli.options import JsonOption, PlaneOption, option, positive_length, quantity
-from flexstage.cli.output import console, make_table, print_json
+from flexstage.cli.output import console, print_json, print_table
 from flexstage.errors import HingeError
 
 if TYPE_CHECKING:
@@ -133,47 +133,45 @@ def _print(result: dict[str, Any]) -> None:
         + ", ".join(f"{name} {text}" for name, text in sizes.items()),
         markup=False,
     )
-    table = make_table(
-        "Stiffness about the neck",
-        "quantity",
-        "<method",
-        "stiffness",
-        "<unit",
-        "to wedge",
-        "<valid",
-    )
+    rows = []
     last = ""
     for row in result["stiffness"]:
         value, difference = row["stiffness"], row["difference_percent"]
         in_um = row["unit"] == "N/m"
-        table.add_row(
-            row["quantity"] if row["quantity"] != last else "",
-            row["method"],
-            "-" if value is None else f"{value * (1e-6 if in_um else 1.0):.5g}",
-            "N/um" if in_um else row["unit"],
-            ""
-            if row["method"] == "wedge"
-            else "-"
-            if difference is None
-            else f"{difference:+.2f} %",
-            row["validity"],
+        against = "-" if difference is None else f"{difference:+.2f} %"
+        rows.append(
+            (
+                row["quantity"] if row["quantity"] != last else "",
+                row["method"],
+                "-" if value is None else f"{value * (1e-6 if in_um else 1.0):.5g}",
+                "N/um" if in_um else row["unit"],
+                "" if row["method"] == "wedge" else against,
+                row["validity"],
+            )
         )
         last = row["quantity"]
-    out.print(table)
+    heads = "quantity", "<method", "stiffness", "<unit", "to wedge", "<valid"
+    print_table(out, "Stiffness about the neck", heads, rows)
     factors = result["concentration"]
-    stress = make_table("Stress concentration at the neck", "load", "left surface", "right surface")
-    for load in ("axial", "bending"):
-        stress.add_row(load, *(f"{value:.4f}" for value in factors[load]))
-    out.print(stress)
+    print_table(
+        out,
+        "Stress concentration at the neck",
+        ("load", "left surface", "right surface"),
+        ((load, *(f"{v:.4f}" for v in factors[load])) for load in ("axial", "bending")),
+    )
     out.print(f"source: {factors['source']}", markup=False)
     out.print(f"valid: {factors['validity']}\n", markup=False)
     turn = result["largest_rotation"]
-    rotation = make_table("Largest rotation under a pure moment", "before", "mrad", "deg")
     cycles = turn["fatigue_cycles"]
     fatigue = "fatigue limit" + (f" ({cycles:.0e} cycles)" if cycles else "")
-    for name, value in (("yield", turn["before_yield"]), (fatigue, turn["before_fatigue"])):
-        if value is None:
-            rotation.add_row(name, "-", "-")
-        else:
-            rotation.add_row(name, f"{1e3 * value:.2f}", f"{math.degrees(value):.3f}")
-    out.print(rotation)
+    print_table(
+        out,
+        "Largest rotation under a pure moment",
+        ("before", "mrad", "deg"),
+        (
+            (name, "-", "-")
+            if value is None
+            else (name, f"{1e3 * value:.2f}", f"{math.degrees(value):.3f}")
+            for name, value in (("yield", turn["before_yield"]), (fatigue, turn["before_fatigue"]))
+        ),
+    )

@@ -1,13 +1,13 @@
 """What `flexstage identify` finds, as data and for people; how it fits the drive's description."""
 
-import dataclasses
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.output import make_table, print_notes
+from flexstage.cli.output import print_notes, print_table
 from flexstage.cli.predict import start_value
 from flexstage.errors import StageError
+from flexstage.files.plain import picked, plain
 from flexstage.units import readable
 
 if TYPE_CHECKING:
@@ -24,14 +24,17 @@ def identification_result(
     """Return an identification as plain data."""
     return {
         "records": [r.source for r in read],
-        "model": found.kind,
-        "rms_percent": found.rms_percent,
-        "max_percent": found.max_percent,
-        "heldout_rms_percent": found.heldout_rms_percent,
-        "heldout_free_constant_rms_percent": found.heldout_free_rms_percent,
-        "heldout_standard_error_percent": found.heldout_standard_error,
-        "heldout_max_percent": found.heldout_max_percent,
-        "heldout_band_percent": found.heldout_band_percent,
+        **picked(
+            found,
+            "model=kind",
+            "rms_percent",
+            "max_percent",
+            "heldout_rms_percent",
+            "heldout_free_constant_rms_percent=heldout_free_rms_percent",
+            "heldout_standard_error_percent=heldout_standard_error",
+            "heldout_max_percent",
+            "heldout_band_percent",
+        ),
         "start": start_value(found.model.start),
         "settling": {"value": found.settling, "unit": found.model.output_unit},
         "noise_percent": found.noise_percent,
@@ -41,17 +44,13 @@ def identification_result(
         "chain": _chain_values(found),
         "candidates": [
             {
-                "model": c.kind,
-                "parameters": c.size,
-                "rms_percent": c.rms_percent,
-                "heldout_rms_percent": c.heldout_rms_percent,
+                **picked(c, "model=kind", "parameters=size", "rms_percent", "heldout_rms_percent"),
                 "heldout_free_constant_rms_percent": c.heldout_free_rms_percent,
                 "failed": c.failed or None,
             }
             for c in found.candidates
         ],
-        "verdict": dataclasses.asdict(found.verdict),
-        "warnings": list(found.warnings),
+        **picked(found, "verdict", "warnings"),
         "notes": sorted({note for r in read for note in r.notes}),
         "files": [str(file) for file in files],
     }
@@ -75,22 +74,10 @@ def _parameters(found: "Identification") -> dict[str, Any]:
                 error[place] = estimate.standard_error
         made[name] = {
             "value": array.tolist(),
-            "standard_error": _without_nan(error),
+            "standard_error": None if np.isnan(error).all() else plain(error),
             "unit": parameter_unit(found.kind, name, m.input_unit, m.output_unit),
         }
     return made
-
-
-def _without_nan(value: Any) -> Any:
-    """Numbers as JSON can hold them, which has none that is no number; None where all are none."""
-    import numpy as np
-
-    array = np.asarray(value, dtype=np.float64)
-    if np.isnan(array).all():
-        return None
-    made = array.astype(object)
-    made[np.isnan(array)] = None
-    return made.tolist()
 
 
 def _chain_values(found: "Identification") -> dict[str, Any]:
@@ -99,17 +86,17 @@ def _chain_values(found: "Identification") -> dict[str, Any]:
     return {
         "delay": {
             "value": m.lag.delay if m.lag is not None else 0.0,
-            "standard_error": _finite(errors.get("delay")),
+            "standard_error": plain(errors.get("delay")),
             "unit": "s",
         },
         "creep_per_decade": {
             "value": m.creep.rate_per_decade if m.creep is not None else 0.0,
-            "standard_error": _finite(errors.get("creep_per_decade")),
+            "standard_error": plain(errors.get("creep_per_decade")),
             "unit": "1",
         },
         "resonance": {
             "value": m.modes.frequency_hz[0] if m.modes is not None else None,
-            "standard_error": _finite(errors.get("resonance_hz")),
+            "standard_error": plain(errors.get("resonance_hz")),
             "unit": "Hz",
         },
         "offset": {
@@ -121,34 +108,24 @@ def _chain_values(found: "Identification") -> dict[str, Any]:
     }
 
 
-def _finite(error: float | None) -> float | None:
-    return None if error is None or math.isinf(error) else error  # JSON has no infinity
-
-
 def print_identification(
     screen: "Console", found: "Identification", result: dict[str, Any]
 ) -> None:
     """Print candidates, how well the best one fits, parameters, warnings and files."""
-    table = make_table(
+    errors = "fitted, % rms", "held out, as predicted, % rms", "with a free constant, % rms"
+    print_table(
+        screen,
         f"{found.kind}: {', '.join(result['records'])}",
-        "model",
-        "parameters",
-        "fitted, % rms",
-        "held out, as predicted, % rms",
-        "with a free constant, % rms",
+        ("model", "parameters", *errors),
+        ((c.kind, c.size, *_percents(c)) for c in found.candidates),
     )
-    for c in found.candidates:
-        table.add_row(c.kind, str(c.size), *_percents(c))
-    screen.print(table)
     for c in found.candidates:
         if c.failed:
             screen.print(f"{c.kind}: {c.failed}", style="yellow", markup=False)
     for line in _in_words(found):
         screen.print(line, markup=False)
-    values = make_table("parameters", "name", "value", "standard error", "<unit")
-    for row in _rows(found, result):
-        values.add_row(*row)
-    screen.print(values)
+    heads = "name", "value", "standard error", "<unit"
+    print_table(screen, "parameters", heads, _rows(found, result))
     for warning in found.warnings:
         screen.print(f"warning: {warning}", style="yellow", markup=False)
     print_notes(screen, result["notes"], result["files"])

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from matplotlib.figure import Figure
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Table as RichTable
+
+    from flexstage.table import Cell, Column, Table
 import errno
 from pathlib import Path
 
@@ -29,31 +31,45 @@ def console() -> "Console":
     return Console(highlight=False, width=None if sys.stdout.isatty() else 140)
 
 
-def make_table(title: str, *columns: str) -> "Table":
-    """Start a table.
+def print_table(
+    screen: "Console",
+    caption: str,
+    headings: "Iterable[str | Column]",
+    rows: "Iterable[Sequence[str | int | Cell]]",
+) -> None:
+    """Print a table, as `flexstage.table.table` makes it of headings and cells."""
+    from flexstage.table import table
 
-    The first column is text; the others are numbers and stand at the right, unless they begin with
-    ``<``, which is taken off.
-    """
+    screen.print(on_terminal(table(caption, headings, rows)))
+
+
+def on_terminal(shown: "Table") -> "RichTable":
+    """Return a table as the terminal shows it: its notes below it, groups above the headings."""
     from rich import box
     from rich.align import Align
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=Text(title), box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    for i, column in enumerate(columns):
-        left = i == 0 or column.startswith("<")
-        head = Text(column.removeprefix("<"))
-        table.add_column(
+    out = Table(
+        title=Text(shown.caption), box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False
+    )
+    for i, column in enumerate(shown.columns):
+        side = "right" if column.kind == "figures" else "left"
+        head = f"{column.group}\n{column.heading}" if column.group else column.heading
+        out.add_column(
             # a heading is beside its column, a cell beside the first line of its row
-            Align(head, "left" if left else "right", vertical="bottom"),
-            justify="left" if left else "right",
+            Align(Text(head), side, vertical="bottom"),
+            justify=side,
             # where there is no room a line is broken; no digit is ever left out
             overflow="fold",
             no_wrap=i == 0,
             vertical="top",
         )
-    return table
+    for row in shown.rows:
+        out.add_row(*(Text(cell.text) for cell in row))
+    if shown.notes:
+        out.caption, out.caption_justify = Text("; ".join(shown.notes)), "left"
+    return out
 
 
 def count(number: int, noun: str) -> str:
@@ -195,22 +211,6 @@ def _folder(text: str | Path) -> Path:
     path = output_path(text)
     require_writable(path)
     return path
-
-
-def name_for_files(name: str) -> str:
-    """Return a name that a directory can have.
-
-    What is special to some system becomes a dash, and none begins it, where programs take it for an
-    option.
-
-    Examples
-    --------
-    >>> name_for_files("a/b: c")
-    'a-b--c'
-    """
-    kept = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".").lstrip("-.")
-    # no system takes a name of more than 255 bytes, and endings are put behind it
-    return kept[:60].encode()[:180].decode(errors="ignore") or "stage"
 
 
 def write_file(path: Path, content: bytes) -> None:

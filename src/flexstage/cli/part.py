@@ -11,13 +11,14 @@ from flexstage.cli.options import JsonOption, QuietOption, option, quantity
 from flexstage.cli.output import (
     console,
     figure_option,
-    make_table,
     picture,
     print_json,
+    print_table,
     progress_bar,
     write_file,
 )
 from flexstage.cli.part_materials import DEFAULT, materials_of
+from flexstage.files.plain import picked
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -177,12 +178,15 @@ def _millimetres(read: "Part", point: Sequence[float]) -> str:
 
 def _faces(screen: "Console", read: "Part") -> None:
     several = len(read.bodies) > 1
-    columns = ("face", "<kind", "area, mm²", "<centre, mm", *(("<of",) if several else ()))
-    table = make_table(f"faces of {read.source}", *columns)
-    for face in read.faces:
-        row = [face.name, face.kind, f"{face.area * 1e6:.4g}", _millimetres(read, face.centre)]
-        table.add_row(*row, *((" and ".join(face.bodies),) if several else ()))
-    screen.print(table)
+    heads = ["face", "<kind", "area, mm²", "<centre, mm"]
+    rows = [
+        [face.name, face.kind, f"{face.area * 1e6:.4g}", _millimetres(read, face.centre)]
+        for face in read.faces
+    ]
+    if several:
+        heads.append("<of")
+        rows = [[*row, " and ".join(f.bodies)] for row, f in zip(rows, read.faces, strict=True)]
+    print_table(screen, f"faces of {read.source}", heads, rows)
 
 
 def _bodies(screen: "Console", read: "Part", of: Mapping[str, "Material"]) -> None:
@@ -193,12 +197,12 @@ def _bodies(screen: "Console", read: "Part", of: Mapping[str, "Material"]) -> No
             markup=False,
         )
         return
-    table = make_table("solids", "solid", "<material", "volume, mm³", "mass, g")
-    for name, solid in zip(read.bodies, read.shape.solids, strict=True):
-        mass = of[name].density * solid.mass * 1e-9
-        table.add_row(name, of[name].name, f"{solid.mass:.6g}", f"{mass * 1e3:.5g}")
-    table.add_row("all", "", f"{read.volume * 1e9:.6g}", f"{read.mass(of) * 1e3:.5g}")
-    screen.print(table)
+    rows = [
+        (name, of[name].name, f"{solid.mass:.6g}", f"{of[name].density * solid.mass * 1e-6:.5g}")
+        for name, solid in zip(read.bodies, read.shape.solids, strict=True)
+    ]
+    rows.append(("all", "", f"{read.volume * 1e9:.6g}", f"{read.mass(of) * 1e3:.5g}"))
+    print_table(screen, "solids", ("solid", "<material", "volume, mm³", "mass, g"), rows)
     joints = [f for f in read.faces if len(f.bodies) > 1]
     said = "; ".join(f"{' and '.join(f.bodies)} at {f.name}" for f in joints)
     screen.print(f"joined, as if bonded: {said or 'none'}", markup=False)
@@ -214,27 +218,27 @@ def _found(screen: "Console", found: "PartAnalysis") -> None:
     count = max(len(r.frequency_hz) for r in found.results.values())
     if count:
         columns = kinds if found.held else ["frequency"]
-        table = make_table(f"natural frequencies in Hz, {how}", "mode", *columns)
-        for k in range(count):
-            row = [number(float(r.frequency_hz[k])) for r in found.results.values()]
-            table.add_row(str(k + 1), *row)
-        screen.print(table)
+        rows = (
+            (k + 1, *(number(float(r.frequency_hz[k])) for r in found.results.values()))
+            for k in range(count)
+        )
+        print_table(screen, f"natural frequencies in Hz, {how}", ("mode", *columns), rows)
     at = _millimetres(found.part, found.at)
     for kind, result in found.results.items():
         if result.stiffness is not None:
-            table = make_table(
+            scale = abs(result.stiffness).max()
+            shown = [
+                (name, *("≈ 0" if abs(v) < _NOTHING * scale else number(v) for v in row))
+                for name, row in zip(_MOTIONS, result.stiffness, strict=True)
+            ]
+            alone = 1.0 / np.diag(np.linalg.inv(result.stiffness))
+            print_table(
+                screen,
                 f"stiffness of {', '.join(found.moved)} about ({at}) mm, in N, m and rad, "
                 f"{kind} interfaces",
-                "force \\ motion",
-                *_MOTIONS,
+                ("force \\ motion", *_MOTIONS),
+                (*shown, ("others free", *(number(float(v)) for v in alone))),
             )
-            scale = abs(result.stiffness).max()
-            for name, row in zip(_MOTIONS, result.stiffness, strict=True):
-                shown = ("≈ 0" if abs(v) < _NOTHING * scale else number(v) for v in row)
-                table.add_row(name, *shown)
-            alone = 1.0 / np.diag(np.linalg.inv(result.stiffness))
-            table.add_row("others free", *(number(float(v)) for v in alone))
-            screen.print(table)
     _ratio(screen, found)
     kinds_said = (
         "; what is built is as a rule between rigid and mean interfaces" if len(kinds) > 1 else ""
@@ -254,18 +258,18 @@ def _ratio(screen: "Console", found: "PartAnalysis") -> None:
     if not rows:
         return
     axis = ", ".join(f"{c + 0.0:.4g}" for c in next(iter(rows.values())).direction.round(6))
-    table = make_table(
-        f"motion of the output for each metre that the ends move apart along ({axis})",
-        "interfaces",
-        *(f"{m}, {'rad/m' if 'about' in m else 'm/m'}" for m in _MOTIONS),
-        "ratio",
-        "stiffness at the ends, N/m",
-    )
+    motions = (f"{m}, {'rad/m' if 'about' in m else 'm/m'}" for m in _MOTIONS)
+    shown = []
     for kind, found_ratio in rows.items():
         size = abs(found_ratio.motion).max()
         motion = ("≈ 0" if abs(v) < 1e-6 * size else number(v) for v in found_ratio.motion)
-        table.add_row(kind, *motion, number(found_ratio.ratio), number(found_ratio.stiffness))
-    screen.print(table)
+        shown.append((kind, *motion, number(found_ratio.ratio), number(found_ratio.stiffness)))
+    print_table(
+        screen,
+        f"motion of the output for each metre that the ends move apart along ({axis})",
+        ("interfaces", *motions, "ratio", "stiffness at the ends, N/m"),
+        shown,
+    )
 
 
 def _plain(
@@ -282,51 +286,26 @@ def _plain(
                 "name": name,
                 "volume": solid.mass * 1e-9,
                 "material": of[name].name,
-                "youngs_modulus": of[name].youngs_modulus,
-                "poissons_ratio": of[name].poissons_ratio,
-                "density": of[name].density,
+                **picked(of[name], "youngs_modulus", "poissons_ratio", "density"),
             }
             for name, solid in zip(read.bodies, read.shape.solids, strict=True)
         ],
         "faces": [
-            {
-                "name": f.name,
-                "kind": f.kind,
-                "area": f.area,
-                "centre": list(f.centre),
-                "solids": list(f.bodies),
-            }
-            for f in read.faces
+            picked(face, "name", "kind", "area", "centre", "solids=bodies") for face in read.faces
         ],
     }
     if found is None:
         return out
-    expected = found.expected
     return out | {
-        "order": found.order,
-        "elements": found.elements,
-        "unknowns": found.unknowns,
-        "expected": {
-            "elements": expected.elements,
-            "unknowns": expected.unknowns,
-            "memory": expected.memory,
-            "seconds": expected.seconds,
-        },
-        "held": list(found.held),
-        "moved": list(found.moved),
-        "at": list(found.at),
+        **picked(found, "order", "elements", "unknowns"),
+        "expected": picked(found.expected, "elements", "unknowns", "memory", "seconds"),
+        **picked(found, "held", "moved", "at"),
         "interfaces": {
-            kind: {
-                "natural_frequency_hz": r.frequency_hz.tolist(),
-                "stiffness": None if r.stiffness is None else r.stiffness.tolist(),
+            kind: picked(r, "natural_frequency_hz=frequency_hz", "stiffness")
+            | {
                 "ratio": None
                 if r.ratio is None
-                else {
-                    "direction": r.ratio.direction.tolist(),
-                    "motion": r.ratio.motion.tolist(),
-                    "ratio": r.ratio.ratio,
-                    "stiffness": r.ratio.stiffness,
-                },
+                else picked(r.ratio, "direction", "motion", "ratio", "stiffness")
             }
             for kind, r in found.results.items()
         },

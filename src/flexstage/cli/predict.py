@@ -1,6 +1,5 @@
 """`flexstage predict`: an identified model on a record that it was not made from."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,10 +17,10 @@ from flexstage.cli.options import (
 from flexstage.cli.output import (
     console,
     figure_option,
-    make_table,
     picture,
     print_json,
     print_notes,
+    print_table,
     write_file,
 )
 from flexstage.cli.reading import (
@@ -31,6 +30,7 @@ from flexstage.cli.reading import (
     TimeOptions,
 )
 from flexstage.errors import ModelError, UnitError
+from flexstage.files.plain import picked
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -198,12 +198,8 @@ def start_value(start: "Start") -> str | float:
 def prediction_result(found: "Prediction") -> dict[str, Any]:
     """Return a prediction as plain values."""
     return {
-        "record": found.source,
-        "as_predicted_rms_percent": found.as_predicted_rms_percent,
-        "free_constant_rms_percent": found.free_constant_rms_percent,
-        "constant_percent": found.constant_percent,
-        "largest_percent": found.largest_percent,
-        "stroke": found.stroke,
+        **picked(found, "record=source", "as_predicted_rms_percent", "free_constant_rms_percent"),
+        **picked(found, "constant_percent", "largest_percent", "stroke"),
         "start": start_value(found.start),
         "samples_not_counted": found.warm_up,
         "rates": [
@@ -215,8 +211,7 @@ def prediction_result(found: "Prediction") -> dict[str, Any]:
             }
             for rate, many, predicted, free in found.rates
         ],
-        "cycles": [asdict(cycle) for cycle in found.cycles],
-        "notes": list(found.notes),
+        **picked(found, "cycles", "notes"),
     }
 
 
@@ -224,27 +219,15 @@ def print_predictions(
     screen: "Console", found: "Sequence[Prediction]", model: "DriveModel", title: str
 ) -> None:
     """Print a table of how a model predicts records."""
-    table = make_table(
-        title,
-        "record",
-        "<rate, Hz",
-        "cycles",
-        "as predicted, % rms",
-        "with a free constant, % rms",
-        "largest, %",
-    )
+    errors = "as predicted, % rms", "with a free constant, % rms", "largest, %"
+    rows = []
     for p in found:
-        table.add_row(
-            Path(p.source).name or "record",
-            "all",
-            str(len(p.cycles)),
-            f"{p.as_predicted_rms_percent:.3f}",
-            f"{p.free_constant_rms_percent:.3f}",
-            f"{p.largest_percent:.2f}",
-        )
+        both = (p.as_predicted_rms_percent, p.free_constant_rms_percent)
+        figures = (*(f"{e:.3f}" for e in both), f"{p.largest_percent:.2f}")
+        rows.append((Path(p.source).name or "record", "all", len(p.cycles), *figures))
         for rate, many, predicted, free in p.rates if len(p.rates) > 1 else ():
-            table.add_row("", f"{rate:.3g}", str(many), f"{predicted:.3f}", f"{free:.3f}", "")
-    screen.print(table)
+            rows.append(("", f"{rate:.3g}", many, f"{predicted:.3f}", f"{free:.3f}", ""))
+    print_table(screen, title, ("record", "<rate, Hz", "cycles", *errors), rows)
     from flexstage.hysteresis.drive_model import start_in_words
     from flexstage.units import readable
 

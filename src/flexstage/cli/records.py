@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.options import JsonOption, with_groups
-from flexstage.cli.output import console, make_table, print_json, print_notes
+from flexstage.cli.output import console, print_json, print_notes, print_table
 from flexstage.cli.reading import (
     WHOLE_FILE,
     FileOptions,
@@ -115,17 +115,14 @@ def _found(record: "Record", said: str) -> dict[str, Any]:
 
 
 def _print(screen: "Console", one: dict[str, Any]) -> None:
-    table = make_table(one["file"], "no.", "<column", "<unit", "smallest", "largest", "missing")
+    heads = "no.", "<column", "<unit", "smallest", "largest", "missing"
+    rows = []
     for channel in one["columns"]:
         ends = (channel["smallest"], channel["largest"])
-        table.add_row(
-            str(channel["number"]),
-            channel["name"],
-            channel["unit"],
-            *("" if end is None else f"{end:.6g}".replace("-", "−") for end in ends),
-            str(channel["missing"] or ""),
-        )
-    screen.print(table)
+        figures = ("" if end is None else f"{end:.6g}".replace("-", "−") for end in ends)
+        named = (channel[key] for key in ("number", "name", "unit"))
+        rows.append((*named, *figures, channel["missing"] or ""))
+    print_table(screen, one["file"], heads, rows)
     screen.print(_length(one), markup=False, soft_wrap=True)
     gaps = one.get("gaps", [])
     for gap in gaps[:5]:

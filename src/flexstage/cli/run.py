@@ -2,6 +2,7 @@
 
 import datetime
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,18 +12,19 @@ from flexstage.cli.options import JsonOption, QuietOption, option
 from flexstage.cli.output import (
     console,
     folder_option,
-    make_table,
-    name_for_files,
+    on_terminal,
     print_json,
     print_notes,
+    print_table,
     progress_bar,
     write_file,
 )
 from flexstage.errors import FlexstageError, PlanError
+from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
     from flexstage.experiments import DryRun, PlanResult
-    from flexstage.experiments.dry_run import PlannedMotion
+    from flexstage.experiments.verb import PlannedMotion
 
 
 def run(
@@ -126,18 +128,16 @@ def run(
 
     write_file(result.folder / "report.html", run_text(result).encode("utf-8"))
     if json:
-        from flexstage.experiments.results_file import plain_results
-
-        print_json(plain_results(result))
+        print_json(result.plain())
         return
     _print(result)
 
 
 def _new_folder(stage: str, plan: str) -> Path:
     now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    words = [now, name_for_files(stage)]
+    words = [now, file_name(stage)]
     if plan != stage:
-        words.append(name_for_files(plan))
+        words.append(file_name(plan))
     made = Path("runs") / "-".join(words)
     k = 2
     while made.exists():
@@ -221,26 +221,17 @@ def _plain_dry(found: "DryRun") -> dict[str, Any]:
 
 def _print_dry(found: "DryRun", title: str) -> None:
     screen = console()
-    table = make_table(
-        f"{title}, {found.stage}: {found.duration:.0f} s of motion and records",
-        "step",
-        "<verb",
-        "<what",
-        "time, s",
-        "<axis",
-        "from",
-        "to",
-        "slope",
-        "<allowed",
-    )
+    planned: list[tuple[str, ...]] = []
     for step in found.steps:
         lasting = step.duration or step.command_duration
         time = f"{lasting:.4g}" if lasting else ""
         rows: list[PlannedMotion | None] = [*step.motions] if step.verb == "excite" else []
         for k, motion in enumerate(rows or [None]):
             head = (step.name, step.verb, step.what, time) if k == 0 else ("", "", "", "")
-            table.add_row(*head, *_motion(motion))
-    screen.print(table)
+            planned.append((*head, *_motion(motion)))
+    heads = "step", "<verb", "<what", "time, s", "<axis", "from", "to", "slope", "<allowed"
+    caption = f"{title}, {found.stage}: {found.duration:.0f} s of motion and records"
+    print_table(screen, caption, heads, planned)
     for step in found.steps:
         print_notes(screen, (f"{step.name}: {note}" for note in step.notes))
 
@@ -263,66 +254,20 @@ def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
 
 def _print(result: "PlanResult") -> None:
     from flexstage.characteristic import in_order
-    from flexstage.experiments import VerifiedStep
-    from flexstage.experiments.results import CentredStep, IdentifiedStep
 
     screen = console()
-    table = make_table(
-        f"{result.stage.name}, {result.origin}",
-        "quantity",
-        "<axis",
-        "value",
-        "95 %",
-        "<unit",
-        "<step",
-        "published",
-    )
-    for figure in in_order((*result.figures, *result.further_figures)):
-        table.add_row(*_figure(result, figure))
     if result.figures:
-        screen.print(table)
+        every = in_order((*result.figures, *result.further_figures))
+        heads = "quantity", "<axis", "value", "95 %", "<unit", "<step", "published"
+        rows = (_figure(result, figure) for figure in every)
+        print_table(screen, f"{result.stage.name}, {result.origin}", heads, rows)
     for step in result.steps:
-        if isinstance(step, IdentifiedStep):
-            rms = step.errors_percent.get("rms", float("nan"))
-            said = f"{step.name}: {step.kind}, {rms:.3g} % of the stroke rms"
-            screen.print(said, markup=False)
-        elif isinstance(step, VerifiedStep):
-            _print_verified(step)
-        elif isinstance(step, CentredStep):
-            last = step.moves[-1]
-            screen.print(
-                f"{step.name}: {1e6 * step.moves[0].length:.2f} um became "
-                f"{1e6 * last.length:.3f} um: {step.reason}",
-                markup=False,
-            )
+        if step.line:
+            screen.print(step.line, markup=False)
+        if (shown := step.table) is not None:
+            screen.print(on_terminal(replace(shown, notes=())))
+            print_notes(screen, shown.notes)
     print_notes(screen, result.notes, [result.folder / "report.html"])
-
-
-def _print_verified(step: Any) -> None:
-    table = make_table(
-        f"{step.name}: {1e6 * step.stroke:.2f} um, {step.rate_hz:g} Hz, {step.kind}",
-        "way",
-        "loop, nm",
-        "narrower, %",
-        "rms, nm",
-        "rms, %",
-        "largest, nm",
-    )
-    for run_ in step.runs:
-        t = run_.tracking
-        less = run_.reduction_percent
-        table.add_row(
-            run_.way,
-            f"{1e9 * t.loop_width:.1f}",
-            "" if less is None or run_.way == "open loop" else f"{less:.2f}",
-            f"{1e9 * t.rms:.1f}",
-            f"{100.0 * t.rms / step.stroke:.3f}",
-            f"{1e9 * t.largest:.1f}",
-        )
-    screen = console()
-    screen.print(table)
-    for run_ in step.runs:
-        print_notes(screen, (f"{step.name}, {run_.way}: {note}" for note in run_.notes))
 
 
 def _figure(result: "PlanResult", figure: Any) -> tuple[str, ...]:

@@ -13,12 +13,13 @@ from flexstage.cli.output import (
     console,
     count,
     file_option,
-    make_table,
     output_path,
     print_json,
     print_notes,
+    print_table,
 )
 from flexstage.errors import RecordError
+from flexstage.files.plain import picked
 
 if TYPE_CHECKING:
     from flexstage.instruments.catalogue.entries import CalibrationEntry, RunEntry
@@ -108,23 +109,20 @@ def show(
     result = {
         **_plain(entry),
         "file_is": state,
-        "models": [
-            {"kind": m.kind, "file": m.file, "axis": m.axis, "figures": dict(m.figures)}
-            for m in models
-        ],
+        "models": [picked(model, "kind", "file", "axis", "figures") for model in models],
     }
     if json:
         print_json(result)
         return
-    screen = console()
-    table = make_table(f"run {entry.identifier}", "", "<")
-    for name, value in result.items():
-        if name not in ("identifier", "models") and value not in ("", None):
-            table.add_row(name.replace("_", " "), str(value))
+    rows = [
+        (name.replace("_", " "), str(value))
+        for name, value in result.items()
+        if name not in ("identifier", "models") and value not in ("", None)
+    ]
     for model in models:
         figures = ", ".join(f"{k} {v:.4g}" for k, v in model.figures.items())
-        table.add_row("model", f"{model.kind} {model.axis}: {model.file} {figures}".strip())
-    screen.print(table)
+        rows.append(("model", f"{model.kind} {model.axis}: {model.file} {figures}".strip()))
+    print_table(console(), f"run {entry.identifier}", ("", "<"), rows)
 
 
 @runs.command(cls=CliCommand)
@@ -201,8 +199,8 @@ def recover(
     It is written as HDF5.
     """
     from flexstage.instruments.recording.archive import archived
-    from flexstage.instruments.recording.files import in_use
     from flexstage.instruments.recording.recovery import examine
+    from flexstage.instruments.recording.stream import in_use
 
     found = examine(file)
     target = None
@@ -271,13 +269,9 @@ def calibrations(
         rows = [_plain_calibration(entry) for entry in found]
         print_json({"catalogue": where, "calibrations": rows})
         return
-    table = make_table(
-        f"{count(len(found), 'calibration')} in {where}",
-        "what", "value", "standard uncertainty", "<unit", "<stage", "<serial number",
-        "<valid from, UTC", "<run",
-    )  # fmt: skip
-    for entry in found:
-        table.add_row(
+    heads = "what", "value", "standard uncertainty", "<unit", "<stage", "<serial number"
+    rows = (
+        (
             entry.what,
             f"{entry.value:.9g}",
             f"{entry.standard_uncertainty:.3g}",
@@ -287,7 +281,10 @@ def calibrations(
             _shown(entry.valid_from),
             entry.run[:8],
         )
-    console().print(table)
+        for entry in found
+    )
+    title = f"{count(len(found), 'calibration')} in {where}"
+    print_table(console(), title, (*heads, "<valid from, UTC", "<run"), rows)
 
 
 def _time(text: str | None) -> datetime | None:
@@ -340,16 +337,13 @@ def _plain(entry: "RunEntry") -> dict[str, Any]:
 
 
 def _plain_calibration(entry: "CalibrationEntry") -> dict[str, Any]:
+    stage = picked(entry.stage, "stage=name", "serial_number")
+    own = picked(entry, "what", "value", "standard_uncertainty", "unit")
     return {
-        "what": entry.what,
-        "value": entry.value,
-        "standard_uncertainty": entry.standard_uncertainty,
-        "unit": entry.unit,
-        "stage": entry.stage.name,
-        "serial_number": entry.stage.serial_number,
+        **own,
+        **stage,
         "valid_from": entry.valid_from.isoformat(),
-        "run": entry.run,
-        "note": entry.note,
+        **picked(entry, "run", "note"),
     }
 
 
@@ -371,22 +365,21 @@ def _shown(time: datetime) -> str:
 
 
 def _print_list(found: "list[RunEntry]", where: str) -> None:
-    table = make_table(
-        f"{count(len(found), 'run')} in {where}",
-        "run", "<start, UTC", "<stage", "<serial", "<kind", "<axis", "samples", "<status",
-        "<origin", "<step",
-    )  # fmt: skip
-    for entry in found:
-        table.add_row(
+    heads = "run", "<start, UTC", "<stage", "<serial", "<kind", "<axis", "samples", "<status"
+    rows = (
+        (
             entry.identifier[:8],
             _shown(entry.started),
             entry.stage.name,
             entry.stage.serial_number,
             entry.kind,
             entry.axis,
-            str(entry.samples),
+            entry.samples,
             entry.status,
             "virtual" if entry.simulated else "measured",
             entry.step,
         )
-    console().print(table)
+        for entry in found
+    )
+    title = f"{count(len(found), 'run')} in {where}"
+    print_table(console(), title, (*heads, "<origin", "<step"), rows)

@@ -6,8 +6,9 @@ from typing import Annotated
 import typer
 
 from flexstage.cli.options import JsonOption, StageArgument
-from flexstage.cli.output import file_option, name_for_files, print_json, writable, write_file
+from flexstage.cli.output import file_option, print_json, writable, write_file
 from flexstage.errors import ModelError
+from flexstage.files.names import file_name
 
 
 def show(
@@ -24,7 +25,7 @@ def show(
     from flexstage.report.figures.style import FORMATS, encode
 
     described = find_stage(stage)
-    path = out if out is not None else writable(Path(f"{name_for_files(described.name)}.svg"))
+    path = out if out is not None else writable(Path(f"{file_name(described.name)}.svg"))
     kind = path.suffix.removeprefix(".").casefold()
     if kind not in FORMATS:
         endings = ", ".join(f".{name}" for name in FORMATS)

@@ -17,17 +17,16 @@ from flexstage.cli.options import (
 from flexstage.cli.output import (
     console,
     folder_option,
-    make_table,
-    name_for_files,
+    on_terminal,
     print_json,
     print_notes,
     progress_bar,
 )
+from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from flexstage.studies import Comparison
+    from flexstage.table import Table
 
 _LABELS = 38  # characters of a row's quantity and axis
 _COLUMN = 12  # and of a value, with the space beside it
@@ -69,7 +68,7 @@ def study(
     """
     from flexstage.designs import find_stage
     from flexstage.files.write import require_writable, write_files
-    from flexstage.report.html import report_pages
+    from flexstage.report.study import report_pages
     from flexstage.studies import results_json, run_study, study_results
     from flexstage.studies.results import characteristic_row
 
@@ -77,7 +76,7 @@ def study(
     names = model_names(models)
     directory = out
     if directory is None:
-        directory = Path("out") / name_for_files(described.name)
+        directory = Path("out") / file_name(described.name)
         require_writable(directory)
     with progress_bar("study", quiet=quiet):
         found = None
@@ -114,7 +113,7 @@ def study(
     screen = console()
     title = f"{described.name}: {described.title}" if described.title else described.name
     for table in comparison_tables(result.comparison, title, width=screen.width):
-        screen.print(table)
+        screen.print(on_terminal(table))
     if not described.axes:
         screen.print("note: the stage names no axis, so there are modes only; see the report")
     for model, why in result.left_out.items():
@@ -130,10 +129,9 @@ def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> li
     A row for each quantity and axis: the values, and the difference of our best column to each
     published one. `width` is that of the terminal in characters.
     """
-    from rich.text import Text
-
     from flexstage.quantities import display
     from flexstage.report.tables import column_title, percent
+    from flexstage.table import table
 
     published, first = comparison.published, comparison.best
     ours = comparison.ours
@@ -145,13 +143,14 @@ def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> li
     differences = [f"{first} to\n{column_title(c)}" for c in published]
     split = _COLUMN * (2 * len(published) + len(ours)) > room and bool(published)
     head = ["quantity", "<axis"]
-    tables = [make_table(title, *head, *values, *(() if split else differences))]
+    beside = differences
     if split:
         differences = [f"{m} to\n{column_title(c)}" for c in published for m in comparison.models]
         if _COLUMN * len(differences) > room:
             differences = [f"{first} to\n{column_title(c)}" for c in published]
-        tables.append(make_table("differences", *head, *differences))
     remarks: list[str] = []
+    figures: list[tuple[str, ...]] = []
+    apart: list[tuple[str, ...]] = []
     for row in comparison.rows:
         shown = display(row.quantity)
         label = f"{shown.label} ({shown.shown_unit})" if shown.shown_unit else shown.label
@@ -161,12 +160,13 @@ def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> li
         texts = [shown.text(row.value(column)) for column in (*published, *ours)]
         models = comparison.models if len(differences) > len(published) else (first,)
         signed = [percent(row.difference_percent(m, c)) for c in published for m in models]
-        label = Text(label)
-        tables[0].add_row(label, row.axis, *texts, *(() if split else signed))
-        if split and any(signed):
-            tables[1].add_row(label, row.axis, *signed)
-    if remarks:
-        words = "; ".join(f"[{i}] {remark}" for i, remark in enumerate(remarks, start=1))
-        tables[0].caption = Text(words)
-        tables[0].caption_justify = "left"
-    return tables
+        figures.append((label, row.axis, *texts, *(() if split else signed)))
+        if any(signed):
+            apart.append((label, row.axis, *signed))
+    notes = (f"[{i}] {remark}" for i, remark in enumerate(remarks, start=1))
+    if not split:
+        return [table(title, (*head, *values, *beside), figures, notes=notes)]
+    return [
+        table(title, (*head, *values), figures, notes=notes),
+        table("differences", (*head, *differences), apart),
+    ]

@@ -16,7 +16,7 @@ from flexstage.errors import NotConnectedError, UnitError
 if TYPE_CHECKING:
     import socket
 
-    from flexstage.instruments.twin.server import GcsServer
+    from flexstage.instruments.pi.simulated.server import GcsServer
 
 _MODELS = ("lumped", "superelement")
 _AMPLIFIERS = ("voltage", "charge")
@@ -89,12 +89,12 @@ def twin(
     described = find_stage(stage)
 
     with _ended_by_signals() as ended, _reserved(host, port) as listener:
+        from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker
+        from flexstage.instruments.pi.simulated.controller import VirtualController
+        from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN
+        from flexstage.instruments.pi.simulated.interpreter import Interpreter
+        from flexstage.instruments.pi.simulated.server import GcsServer
         from flexstage.instruments.twin.build import virtual_stage
-        from flexstage.instruments.twin.clock import FastTime, Pacemaker
-        from flexstage.instruments.twin.controller import VirtualController
-        from flexstage.instruments.twin.gcs_state import MODELS, OWN
-        from flexstage.instruments.twin.interpreter import Interpreter
-        from flexstage.instruments.twin.server import GcsServer
 
         made = virtual_stage(
             described,
@@ -141,7 +141,7 @@ def _rate(text: str) -> float:
 
 
 def _reserved(host: str, port: int) -> "socket.socket":
-    from flexstage.instruments.twin.server import reserve
+    from flexstage.instruments.pi.simulated.server import reserve
 
     with _taken(host, port):
         return reserve(host, port)

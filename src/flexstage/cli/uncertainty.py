@@ -10,14 +10,15 @@ from flexstage.cli.options import JsonOption, QuietOption, option
 from flexstage.cli.output import (
     console,
     figure_option,
-    make_table,
     picture,
     print_json,
     print_notes,
+    print_table,
     progress_bar,
     write_file,
 )
 from flexstage.errors import ModelError
+from flexstage.files.plain import picked, plain
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -119,17 +120,11 @@ def _result(
         "confidence": drawn.confidence,
         "influences": [
             {
-                "name": line.name,
-                "value": line.value,
-                "standard_uncertainty": line.uncertainty,
-                "unit": line.unit,
-                "degrees_of_freedom": _finite(line.degrees_of_freedom),
-                "distribution": line.distribution,
-                "kind": line.kind,
+                **picked(line, "name", "value", "standard_uncertainty=uncertainty"),
+                **picked(line, "unit", "degrees_of_freedom", "distribution", "kind"),
                 "sensitivity": scale * line.sensitivity,
                 "contribution": scale * line.contribution,
-                "share": line.share,
-                "source": line.source,
+                **picked(line, "share", "source"),
             }
             for line in propagated.lines
         ],
@@ -139,7 +134,7 @@ def _result(
         "gum": {
             "value": scale * propagated.value,
             "standard_uncertainty": scale * u,
-            "degrees_of_freedom": _finite(propagated.degrees_of_freedom),
+            "degrees_of_freedom": plain(propagated.degrees_of_freedom),
             "coverage_factor": 0.5 * (ends[1] - ends[0]) / u if u > 0.0 else None,
             "expanded_uncertainty": scale * 0.5 * (ends[1] - ends[0]),
             "interval": scaled(ends),
@@ -172,27 +167,12 @@ def _constants(budget: "Budget") -> list[str]:
     return [f"{', '.join(exact)} {are}, known exactly"]
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None  # JSON has no infinite number
-
-
 def _print(screen: "Console", result: dict[str, Any]) -> None:
     unit = "" if result["unit"] == "1" else f" {result['unit']}"
-    table = make_table(
-        f"{result['quantity']} = {result['equation']}",
-        "influence",
-        "value",
-        "std. uncertainty",
-        "<unit",
-        "<distribution",
-        "<kind",
-        "dof",
-        "sensitivity",
-        f"contribution,{unit or ' 1'}",
-        "share, %",
-    )
-    for row in result["influences"]:
-        table.add_row(
+    heads = "influence", "value", "std. uncertainty", "<unit", "<distribution", "<kind", "dof"
+    shares = "sensitivity", f"contribution,{unit or ' 1'}", "share, %"
+    rows = (
+        (
             row["name"],
             f"{row['value']:.8g}",
             f"{row['standard_uncertainty']:.3g}",
@@ -204,16 +184,11 @@ def _print(screen: "Console", result: dict[str, Any]) -> None:
             f"{row['contribution']:.3g}",
             f"{100.0 * row['share']:.1f}",
         )
-    screen.print(table)
-    percent = f"{100.0 * result['confidence']:g} %"
-    summary = make_table(
-        f"{result['quantity']}{',' if unit else ''}{unit}, intervals of {percent}",
-        "by",
-        "value",
-        "std. uncertainty",
-        "from",
-        "to",
+        for row in result["influences"]
     )
+    print_table(screen, f"{result['quantity']} = {result['equation']}", (*heads, *shares), rows)
+    percent = f"{100.0 * result['confidence']:g} %"
+    summary = []
     gum, drawn = result["gum"], result["monte_carlo"]
     digits = _decimals(gum["standard_uncertainty"] or drawn["standard_uncertainty"])
     for name, one, ends in (
@@ -222,8 +197,10 @@ def _print(screen: "Console", result: dict[str, Any]) -> None:
         ("Monte Carlo, shortest", drawn, drawn["shortest_interval"]),
     ):
         numbers = (one["value"], one["standard_uncertainty"], *ends)
-        summary.add_row(name, *(f"{n:.{digits}f}" if digits < 16 else f"{n:.8g}" for n in numbers))
-    screen.print(summary)
+        shown = (f"{n:.{digits}f}" if digits < 16 else f"{n:.8g}" for n in numbers)
+        summary.append((name, *shown))
+    title = f"{result['quantity']}{',' if unit else ''}{unit}, intervals of {percent}"
+    print_table(screen, title, ("by", "value", "std. uncertainty", "from", "to"), summary)
     freedom = gum["degrees_of_freedom"]
     if freedom is not None:
         screen.print(f"effective degrees of freedom {freedom:.1f}", markup=False)

@@ -16,7 +16,7 @@ from flexstage.control.loop_plant import (
 )
 from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel, StageModes
-from flexstage.instruments.servo import Notch, ServoSettings
+from flexstage.system.servo import Notch, ServoSettings
 
 #: Damping of the poles of a notch that is tried, and corners of the controller in integral times.
 _WIDTHS = (0.3, 0.5, 0.7, 1.0)

@@ -20,8 +20,8 @@ from flexstage.control.periodic import (
 from flexstage.control.trajectories.trajectory import Trajectory, smooth_step
 from flexstage.errors import LimitError, ModelError
 from flexstage.hysteresis import DriveModel
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.waveform import Waveform
+from flexstage.stage.limits import AxisLimits
 
 #: How a drive is conditioned: rate of the cycles [Hz], their number, and the way to the start [s].
 _RATE_HZ = 1.0

@@ -36,10 +36,10 @@ from flexstage.control.learning_axis import (
 )
 from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.hysteresis import DriveModel
-from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
 
 
 def learn(

@@ -14,10 +14,10 @@ from flexstage.control.tracking_run import at_times
 from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel
-from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel, StageModes
-from flexstage.instruments.servo import ServoSettings
+from flexstage.system.servo import ServoSettings
 
 #: Frequencies at which a loop is looked at: over this part of half the rate, and this many.
 _LOWEST = 1e-5

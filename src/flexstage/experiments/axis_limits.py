@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from flexstage.characteristic import measured_value
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
-from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.waveform import Quantity
 from flexstage.stage import PiezoStack, Screw, Stage
+from flexstage.stage.limits import AxisLimits, stage_limits
 
 #: Of a stroke that is only estimated, the middle part that a command under control keeps to.
 _CLEAR = 0.03

@@ -1,7 +1,6 @@
 """A stage for other programs: block diagram, Simulink, FMU, C, MATLAB, STEP, DXF, ParaView.
 
-`dynamic_model` puts a stage together with its amplifiers, hysteresis, creep and sensors; what
-simulates it elsewhere is made from that `DynamicModel`: `fmu_files`, `realtime_files`,
+What simulates a stage elsewhere is made from its `DynamicModel`: `fmu_files`, `realtime_files`,
 `simulink_files`, `matlab_files`, `control_system`. What is made of the stage itself: `step_files`,
 `dxf_files`; of its equations: `stage_diagram`, `diagram_files`; of an analysis: `field_files`,
 `universal_files`, `table_files`. Functions that end in ``_files`` return the content of each file
@@ -13,27 +12,23 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.export.build_model import dynamic_model
     from flexstage.export.control_object import control_system
     from flexstage.export.diagram.stage_diagram import stage_diagram
     from flexstage.export.diagram.svg import diagram_files
     from flexstage.export.drawing.dxf import dxf_files
-    from flexstage.export.fields import field_files
     from flexstage.export.fmu.fmu_file import fmu_files
     from flexstage.export.matlab.files import matlab_files
     from flexstage.export.modal_file import universal_files
-    from flexstage.export.model import DynamicModel
     from flexstage.export.realtime.files import realtime_files
     from flexstage.export.simulink.files import simulink_files
     from flexstage.export.step import step_files
     from flexstage.export.tables.files import table_files
+    from flexstage.export.vtu.fields import field_files
 
 __all__ = [
-    "DynamicModel",
     "control_system",
     "diagram_files",
     "dxf_files",
-    "dynamic_model",
     "field_files",
     "fmu_files",
     "matlab_files",

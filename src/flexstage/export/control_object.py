@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.export.model import DynamicModel
+from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.hysteresis.model import Array
 from flexstage.system import MechanicalSystem, StateSpace, state_space
 
@@ -25,7 +25,7 @@ def linear_part(model: DynamicModel) -> StateSpace:
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.export import dynamic_model
+    >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
     >>> form = linear_part(dynamic_model(stage, lumped_system(stage), mode_count=6))

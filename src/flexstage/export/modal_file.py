@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 import flexstage
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.export.file_names import NO_TIME, file_name
+from flexstage.export.request import ExportRequest
+from flexstage.export.time_stamp import NO_TIME
 from flexstage.export.universal_format import (
     DISPLACEMENT,
     FORCE,
@@ -26,6 +27,7 @@ from flexstage.export.universal_format import (
     si_units,
     trace_lines,
 )
+from flexstage.files.names import file_name
 from flexstage.stage import Circle, Stage
 from flexstage.stage.contour import body_contour
 from flexstage.stage.mass import mass_properties
@@ -319,3 +321,8 @@ def modal_points(stage: Stage) -> ModalPoints:
         lines=tuple(lines),
         numbers=numbers,
     )
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the format."""
+    return universal_files(request.stage, request.analysis.system)

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import flexstage
 from flexstage.errors import StageError
-from flexstage.export.file_names import NO_TIME, file_name, read_time
+from flexstage.export.request import ExportRequest
+from flexstage.export.time_stamp import NO_TIME, read_time
+from flexstage.files.names import file_name
 from flexstage.stage import Circle, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour
 
@@ -185,3 +187,8 @@ def _ascii(text: str) -> str:
         lambda found: f"\\X2\\{found.group().encode('utf-16-be').hex().upper()}\\X0\\",
         text,
     )
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the format."""
+    return step_files(request.stage)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.export.file_names import read_time
+from flexstage.export.time_stamp import read_time
 
 #: Numbers of kinds of quantities.
 DISPLACEMENT, FORCE = 8, 13

@@ -9,8 +9,8 @@ from flexstage.instruments.protocol import Instrument
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
-    from flexstage.instruments.gcs.controller import PiController
-    from flexstage.instruments.gcs.profile import TransferLimits
+    from flexstage.instruments.pi.controller import PiController
+    from flexstage.instruments.pi.profile import TransferLimits
 
 _FORMS = (
     "gcs://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, twin://?seed=3&model=lumped, or ni://Dev1"
@@ -76,8 +76,8 @@ def _network(
     axes: Mapping[str, str] | None,
     timeout: float | None,
 ) -> Instrument:
-    from flexstage.instruments.gcs.controller import PiController
-    from flexstage.instruments.gcs.transport import DEFAULT_PORT, TcpLink
+    from flexstage.instruments.pi.controller import PiController
+    from flexstage.instruments.pi.transport import DEFAULT_PORT, TcpLink
 
     _options(address, parts, ())
     try:
@@ -102,8 +102,8 @@ def _serial(
     axes: Mapping[str, str] | None,
     timeout: float | None,
 ) -> Instrument:
-    from flexstage.instruments.gcs.controller import PiController
-    from flexstage.instruments.gcs.transport import DEFAULT_BAUD, SerialLink
+    from flexstage.instruments.pi.controller import PiController
+    from flexstage.instruments.pi.transport import DEFAULT_BAUD, SerialLink
 
     options = _options(address, parts, ("baud",))
     baud = options.get("baud", str(DEFAULT_BAUD))
@@ -119,8 +119,8 @@ def _serial(
 def _gateway(
     gateway: object, stage: Stage, axes: Mapping[str, str] | None, timeout: float | None
 ) -> Instrument:
-    from flexstage.instruments.gcs.controller import PiController
-    from flexstage.instruments.gcs.transport import GatewayLink, is_gateway
+    from flexstage.instruments.pi.controller import PiController
+    from flexstage.instruments.pi.transport import GatewayLink, is_gateway
 
     if not is_gateway(gateway):
         raise ModelError(
@@ -138,7 +138,7 @@ def _twin(
     timeout: float | None,
 ) -> Instrument:
     from flexstage.designs import design
-    from flexstage.instruments.gcs.profile import TransferLimits
+    from flexstage.instruments.pi.profile import TransferLimits
 
     options = _options(address, parts, _TWIN)
     name = parts.netloc + parts.path
@@ -168,13 +168,13 @@ def _simulated(
     timeout: float,
     transfer: "TransferLimits",
 ) -> "PiController":
-    from flexstage.instruments.gcs.controller import PiController
-    from flexstage.instruments.gcs.transport import InProcess
+    from flexstage.instruments.pi.controller import PiController
+    from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker
+    from flexstage.instruments.pi.simulated.controller import VirtualController
+    from flexstage.instruments.pi.simulated.interpreter import Interpreter
+    from flexstage.instruments.pi.simulated.session import Loopback
+    from flexstage.instruments.pi.transport import InProcess
     from flexstage.instruments.twin.build import virtual_stage
-    from flexstage.instruments.twin.clock import FastTime, Pacemaker
-    from flexstage.instruments.twin.controller import VirtualController
-    from flexstage.instruments.twin.interpreter import Interpreter
-    from flexstage.instruments.twin.session import Loopback
 
     fast = _flag(options, "fast", True, address)
     seed = int(_number(options, "seed", 0, address, whole=True))

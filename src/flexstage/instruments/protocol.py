@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
-from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
 
 
 class Capability(StrEnum):

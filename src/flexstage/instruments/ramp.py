@@ -7,9 +7,10 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError
-from flexstage.instruments.limits import AxisLimits, check_position, check_voltage
+from flexstage.instruments.limits import check_position, check_voltage
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.instruments.waveform import Quantity, Waveform
+from flexstage.stage.limits import AxisLimits
 
 _KNOTS = 64  # of a smooth ramp: its corners turn by 1/12 of its mean slope at most
 _STEP_TIME = 0.01  # between the steps of a staircase [s]

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.studies.comparison import Comparison, compare
+    from flexstage.comparison import Comparison, compare
+    from flexstage.studies.compensation import virtual_experiment
     from flexstage.studies.measurement import MeasurementComparison, compare_measurement
     from flexstage.studies.models import MODELS, ModelRun, analyse_model, run_model
     from flexstage.studies.results import results_json, study_results
@@ -24,6 +25,7 @@ __all__ = [
     "run_model",
     "run_study",
     "study_results",
+    "virtual_experiment",
 ]
 
 import_on_use(__name__)

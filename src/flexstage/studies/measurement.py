@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 from flexstage.characteristic import Characteristic, Characteristics, MeasuredCharacteristic
 from flexstage.estimate import Estimate
 from flexstage.experiments.campaign.results import Difference, difference
+from flexstage.files.plain import picked, plain
 from flexstage.measure.motion.positioning import Positioning
 from flexstage.quantities import display
 
 if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import Characterisation, TestResult
+    from flexstage.experiments.results import PlanResult
     from flexstage.stage import Stage
 
 
@@ -120,6 +122,41 @@ def compare_with_references(
     )
 
 
+def compare_plan(result: "PlanResult") -> MeasurementComparison:
+    """Compare all figures of a plan with what is published of the stage."""
+    from flexstage.experiments.campaign.plan import Campaign, Test
+    from flexstage.experiments.campaign.results import Characterisation, TestResult
+    from flexstage.experiments.verbs.characterise import CharacterisedStep
+    from flexstage.experiments.verbs.verify import VerifiedStep
+
+    found: list[TestResult] = []
+    instruments, sources = {}, {}
+    for step in result.steps:
+        if isinstance(step, CharacterisedStep):
+            taken = {r.test.name for r in found}
+            found += [r for r in step.found.results if r.test.name not in taken]
+            instruments |= {i.name: i for i in step.found.campaign.instruments}
+            sources |= step.found.sources
+        elif isinstance(step, VerifiedStep) and step.figures:
+            record = str(step.runs[0].file.name)
+            test = Test(name=step.name, kind="motion", axis=step.axis, records=(record,))
+            found.append(TestResult(test=test, figures=step.figures))
+    campaign = Campaign(
+        stage=result.plan.stage,
+        origin=result.origin,
+        instruments=tuple(instruments.values()),
+        tests=tuple(r.test for r in found),
+        notes=(),
+    )
+    whole = Characterisation(campaign=campaign, results=tuple(found), sources=sources)
+    # a mode with the drives in place is another than that which was published
+    in_place = {(f.quantity, f.axis) for f in whole.figures if result.drives_in_place(f)}
+    published = Characteristics(
+        row for row in result.stage.published if (row.quantity, row.axis) not in in_place
+    )
+    return compare_with_references(whole, result.stage, published)
+
+
 def _compared(own: Characteristic, other: Characteristic) -> Difference:
     if own.quantity in _RANGES:
         # what was measured is largest less smallest, a model gives the end of it with its sign
@@ -162,39 +199,20 @@ def _details(result: "TestResult") -> dict[str, Any]:
 def _row(row: MeasuredRow) -> dict[str, Any]:
     figure = row.figure
     return {
-        "quantity": figure.quantity,
-        "axis": figure.axis,
-        "value": figure.value,
-        "unit": figure.unit,
-        "uncertainty": figure.uncertainty,
-        "degrees_of_freedom": figure.degrees_of_freedom,
-        "interval": list(figure.estimate.interval()),
-        "test": figure.test,
-        "note": figure.note,
+        **picked(figure, "quantity", "axis", "value", "unit", "uncertainty", "degrees_of_freedom"),
+        **picked(figure, "interval=estimate.interval", "test", "note"),
         "budget": [
-            {
-                "name": c.name,
-                "uncertainty": c.uncertainty,
-                "degrees_of_freedom": _finite(c.degrees_of_freedom),
-                "kind": c.kind,
-            }
+            picked(c, "name", "uncertainty", "degrees_of_freedom", "kind")
             for c in figure.components
         ],
         "differences": {
             origin: {
                 "reference": row.references[origin].value,
-                "difference": d.value,
-                "percent": d.percent,
-                "expanded": d.expanded,
-                "significant": d.significant,
+                **picked(d, "difference=value", "percent", "expanded", "significant"),
             }
             for origin, d in row.differences.items()
         },
     }
-
-
-def _finite(value: float) -> float | None:
-    return None if value == float("inf") else value
 
 
 def positioning_data(found: Positioning) -> dict[str, Any]:
@@ -219,13 +237,8 @@ def positioning_data(found: Positioning) -> dict[str, Any]:
     return {
         "runs": found.runs,
         "figures": {
-            name: {
-                "value": e.value,
-                "unit": e.unit,
-                "uncertainty": e.uncertainty,
-                "interval": list(e.interval()),
-            }
+            name: picked(e, "value", "unit", "uncertainty", "interval")
             for name, e in figures.items()
         },
-        "targets": {name: values.tolist() for name, values in at_targets.items()},
+        "targets": plain(at_targets),
     }

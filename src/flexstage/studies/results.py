@@ -1,18 +1,16 @@
 """A study as plain data: what `results.json` holds."""
 
-import json
-import math
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from flexstage.characteristic import Characteristic
+from flexstage.files.plain import json_text, picked, plain
 from flexstage.studies.models import ModelRun
 from flexstage.system import Analysis, load_readings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from flexstage.hysteresis.virtual_experiment import AxisExperiment
+    from flexstage.studies.compensation import AxisExperiment
     from flexstage.studies.measurement import MeasurementComparison
     from flexstage.studies.study import Study
     from flexstage.studies.virtual_experiments import CentringTrial
@@ -20,15 +18,7 @@ if TYPE_CHECKING:
 
 def characteristic_row(row: Characteristic) -> dict[str, Any]:
     """Return a characteristic as a row of the tidy table."""
-    return {
-        "quantity": row.quantity,
-        "axis": row.axis,
-        "origin": row.origin,
-        "value": _finite(row.value),
-        "unit": row.unit,
-        "uncertainty": _finite(row.uncertainty),
-        "note": row.note,
-    }
+    return picked(row, "quantity", "axis", "origin", "value", "unit", "uncertainty", "note")
 
 
 def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str, Any]:
@@ -43,35 +33,32 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
         "characteristics": [characteristic_row(row) for row in analysis.characteristics],
         "modes": {
             condition: [
-                {"natural_frequency_hz": _finite(f), "damping_ratio": _finite(zeta)}
+                {"natural_frequency_hz": plain(f), "damping_ratio": plain(zeta)}
                 for f, zeta in zip(found.frequency_hz, found.damping_ratio, strict=True)
             ]
             for condition, found in analysis.modes.items()
         },
-        "hinge_stress": {
-            axis: {hinge: _finite(value) for hinge, value in stress.items()}
-            for axis, stress in analysis.hinge_stress.items()
-        },
+        **picked(analysis, "hinge_stress"),
         "loads": {
             load.name: {"unit": load.unit, "readings": readings[load.name]}
             for load in analysis.system.loads
             if load.name in readings
         },
-        "validity": list(analysis.validity),
-        "provenance": asdict(analysis.provenance),
+        **picked(analysis, "validity", "provenance"),
     }
     if responses:
         out["responses"] = [
-            {
-                "drive": response.drive,
-                "probe": response.probe,
-                "drives": response.drives,
-                "input": response.input_kind,
-                "unit": response.unit,
-                "frequency_hz": [_finite(f) for f in response.frequency_hz],
-                "real": [_finite(value.real) for value in response.value],
-                "imaginary": [_finite(value.imag) for value in response.value],
-            }
+            picked(
+                response,
+                "drive",
+                "probe",
+                "drives",
+                "input=input_kind",
+                "unit",
+                "frequency_hz",
+                "real=value.real",
+                "imaginary=value.imag",
+            )
             for response in analysis.responses
         ]
     return out
@@ -86,17 +73,14 @@ def run_results(run: ModelRun) -> dict[str, Any]:
     out: dict[str, Any] = {}
     if run.refinement is not None:
         out["refinement"] = {
-            "quantity": run.refinement.quantity,
-            "accuracy": run.refinement.accuracy,
-            "estimate": _finite(run.refinement.estimate),
+            **picked(run.refinement, "quantity", "accuracy", "estimate"),
             "steps": [
                 {
-                    "order": step.settings.order,
-                    "neck_size": step.settings.neck_size,
+                    **picked(step.settings, "order", "neck_size"),
                     "unknowns": step.unknowns,
                     "seconds": round(step.seconds, 3),
                     "values": [
-                        {"quantity": quantity, "axis": axis, "value": _finite(value)}
+                        {"quantity": quantity, "axis": axis, "value": plain(value)}
                         for (quantity, axis), value in step.values.items()
                     ],
                 }
@@ -105,19 +89,20 @@ def run_results(run: ModelRun) -> dict[str, Any]:
         }
     if run.strokes:
         out["strokes"] = {
-            path.axis: {
-                "displacement": path.displacement.tolist(),
-                "force": path.force.tolist(),
-                "along": path.along.tolist(),
-                "across": path.across.tolist(),
-                "rotation": path.rotation.tolist(),
-                "natural_frequency_hz_at_full_stroke": _finite(path.frequency_hz),
-                "ratio_change": _finite(path.ratio_change),
-            }
+            path.axis: picked(
+                path,
+                "displacement",
+                "force",
+                "along",
+                "across",
+                "rotation",
+                "natural_frequency_hz_at_full_stroke=frequency_hz",
+                "ratio_change",
+            )
             for path in run.strokes
         }
     if run.bars:
-        out["bar_buckling_load"] = {body: _finite(load) for body, load in run.bars.items()}
+        out["bar_buckling_load"] = plain(run.bars)
     return out
 
 
@@ -128,7 +113,7 @@ def study_results(study: "Study") -> dict[str, Any]:
     """
     stage = study.stage
     return {
-        "stage": {"name": stage.name, "title": stage.title, "notes": list(stage.notes)},
+        "stage": picked(stage, "name", "title", "notes"),
         "characteristics": [characteristic_row(row) for row in study.characteristics],
         "models": {
             name: _without_table(a) | run_results(study.runs.get(name, ModelRun(analysis=a)))
@@ -158,15 +143,11 @@ def centring_results(found: "CentringTrial | str | None") -> dict[str, Any]:
         return {"left_out": found}
     return {
         "kind": "virtual experiment",
-        "left": found.left,
-        "reached": found.done.reached,
-        "reason": found.done.reason,
+        **picked(found, "left", "reached=done.reached", "reason=done.reason"),
         "steps": [
             {
-                "kind": step.kind,
-                "command": list(step.command),
-                "eccentricity": step.reading.length.value,
-                "interval": list(step.reading.length.interval()),
+                **picked(step, "kind", "command"),
+                **picked(step.reading.length, "eccentricity=value", "interval"),
                 "predicted": None if step.predicted is None else step.predicted.value,
             }
             for step in found.done.steps
@@ -182,15 +163,13 @@ def experiment_results(experiments: "Mapping[str, AxisExperiment]") -> dict[str,
     return {
         axis: {
             "kind": "virtual experiment",
-            "stroke": made.stroke,
-            "loop_width": made.width,
-            "model_deviation": made.deviation,
+            **picked(made, "stroke", "loop_width=width", "model_deviation=deviation"),
             "open_loop": _errors(made.open_loop),
             "runs": [
                 {
-                    "model": run.identification.kind,
-                    "rms_percent": run.identification.rms_percent,
-                    "heldout_rms_percent": run.identification.heldout_rms_percent,
+                    **picked(
+                        run.identification, "model=kind", "rms_percent", "heldout_rms_percent"
+                    ),
                     "reduction_percent": run.reduction_percent,
                     **_errors(run.tracking),
                 }
@@ -202,17 +181,12 @@ def experiment_results(experiments: "Mapping[str, AxisExperiment]") -> dict[str,
 
 
 def _errors(tracked: Any) -> dict[str, float]:
-    return {
-        "loop_width": tracked.loop_width,
-        "tracking_rms": tracked.rms,
-        "tracking_max": tracked.largest,
-    }
+    return picked(tracked, "loop_width", "tracking_rms=rms", "tracking_max=largest")
 
 
 def results_json(results: dict[str, Any]) -> bytes:
     """Write plain data, such as `study_results` gives, as indented JSON in UTF-8."""
-    text = json.dumps(results, indent=2, ensure_ascii=False, allow_nan=False)
-    return f"{text}\n".encode()
+    return json_text(results).encode()
 
 
 def _is_held(analysis: Analysis) -> bool:
@@ -226,8 +200,3 @@ def _without_table(analysis: Analysis) -> dict[str, Any]:
     results = analysis_results(analysis)
     del results["characteristics"]
     return results
-
-
-def _finite(value: float | None) -> float | None:
-    """JSON knows no infinity."""
-    return None if value is None or not math.isfinite(value) else float(value)

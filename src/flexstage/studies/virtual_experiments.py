@@ -16,7 +16,7 @@ from flexstage.system import MechanicalSystem
 if TYPE_CHECKING:
     from flexstage.centring.harmonic_fit import HarmonicFit
     from flexstage.centring.procedure import Centring
-    from flexstage.hysteresis.virtual_experiment import AxisExperiment
+    from flexstage.studies.compensation import AxisExperiment
 
 #: The scale that is centred: where it is read [m], how far it is off at first [m], and its heads.
 SCALE_RADIUS, ECCENTRICITY = 50e-3, 50e-6
@@ -47,13 +47,12 @@ def run_measurement(stage: Stage, *, seed: int) -> MeasurementComparison | str:
     It is made from published values and random errors, so that its figures are compared with none.
     The seed is that of the virtual stage and of its measurement.
     """
-    from flexstage.experiments.campaign.evaluate import evaluate
     from flexstage.experiments.virtual_campaign import virtual_campaign
     from flexstage.virtual.as_built import as_built
 
     try:
         made = virtual_campaign(as_built(stage, seed=seed), seed=seed)
-        found = evaluate(made.campaign, lambda test: [made.records[n] for n in test.records])
+        found = made.evaluated()
     except FlexstageError as error:
         return str(error)
     return compare_with_references(found, stage, Characteristics())
@@ -65,10 +64,9 @@ def run_centring(stage: Stage, *, seed: int) -> CentringTrial | str:
     The seed is that of noise and of the lines of the scale.
     """
     from flexstage.centring import ARCSEC, fit_harmonics
-    from flexstage.centring.positioner import VirtualPositioner
     from flexstage.centring.procedure import centre
-    from flexstage.centring.rotary_table import VirtualBench
-    from flexstage.centring.virtual_table import VirtualTable, scale_errors
+    from flexstage.virtual.positioner import VirtualPositioner
+    from flexstage.virtual.table import VirtualBench, VirtualTable, scale_errors
 
     try:
         positioner = VirtualPositioner(
@@ -93,7 +91,7 @@ def run_centring(stage: Stage, *, seed: int) -> CentringTrial | str:
             return angle, fit_harmonics(angle, error, orders=12)
 
         before = turn(1000)
-        done = centre(bench, positioner)
+        done = centre(bench.measure, positioner)
         after = turn(1001)
     except FlexstageError as error:
         return str(error)
@@ -113,7 +111,7 @@ def run_experiments(
     Returns the experiment by axis, and why it could not be made, by axis; both are empty where no
     axis has a stack.
     """
-    from flexstage.hysteresis.virtual_experiment import virtual_experiment
+    from flexstage.studies.compensation import virtual_experiment
 
     stacks = {a.name: stage.drive(a.drive) for a in stage.axes}
     stacks = {name: d for name, d in stacks.items() if isinstance(d, PiezoStack)}

@@ -13,12 +13,20 @@ from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.virtual_stack import USUAL_LOOP_WIDTH, virtual_stack
 from flexstage.lumped import hinge_springs
 from flexstage.lumped.assemble import hinge_matrix, layout_of
 from flexstage.measure.updating.parameters import UpdateParameter
 from flexstage.measure.updating.update import update_stage
 from flexstage.stage import PiezoStack, Stage
+from flexstage.stage.assumptions import (
+    DAMPING_RATIO,
+    DIRECTION_SPREAD,
+    GUIDE_LENGTH,
+    LOOP_WIDTH,
+    REPEATABILITY,
+    REVERSAL,
+    STRAIGHTNESS,
+)
 from flexstage.system import AxisAnalysis, MechanicalSystem, ModalDamping, analyse, modes
 from flexstage.system.analysis import axis_mode
 from flexstage.virtual.imperfections import (
@@ -29,20 +37,8 @@ from flexstage.virtual.imperfections import (
     manufactured,
     random_guide,
 )
+from flexstage.virtual.stack import FINE_PLAYS, virtual_stack
 
-#: Straightness over the stroke where nobody has measured one [1].
-_USUAL_STRAIGHTNESS = 2e-3
-#: Spread of the position from cycle to cycle, and what differs by direction, both over the stroke
-#: [1].
-_REPEATABILITY = 1.5e-4
-_REVERSAL = 5e-4
-#: Rotations belong to the same errors of the guides as straightness, over this length [m].
-_GUIDE_LENGTH = 50e-3
-#: Spread of the direction of a path about the one that the model gives [rad].
-_DIRECTION = 2e-4
-_DAMPING = 0.0087
-#: Plays of a stack: so many that their kinks, below a nanometre, drown in any noise.
-_PLAYS = 192
 #: Samples of a cycle that is gone through before.
 _SETTLING = 100
 
@@ -172,7 +168,7 @@ def as_built(
         notes.append(
             "necks are set so that the natural frequencies are the published measured ones"
         )
-    system = displaced_system(made, moved).with_damping(ModalDamping(ratio=_DAMPING))
+    system = displaced_system(made, moved).with_damping(ModalDamping(ratio=DAMPING_RATIO))
     analysis = analyse(made, system)
     axes = []
     for state in analysis.axes:
@@ -197,7 +193,7 @@ def _axis(
 ) -> AsBuiltAxis:
     drive = made.drive(state.drive)
     stroke = known.get("output_displacement", state.output_displacement)
-    usual = _USUAL_STRAIGHTNESS * stroke
+    usual = STRAIGHTNESS * stroke
     sideways = known.get("straightness", usual)
     upwards = known.get("straightness_out_of_plane", usual)
     others = [a.probe for a in system.axes if a.name != state.axis]
@@ -209,13 +205,13 @@ def _axis(
             "along": known.get("linearity", usual),
             "across": sideways,
             "vertical": upwards,
-            "roll": upwards / _GUIDE_LENGTH,
-            "pitch": upwards / _GUIDE_LENGTH,
-            "yaw": sideways / _GUIDE_LENGTH,
+            "roll": upwards / GUIDE_LENGTH,
+            "pitch": upwards / GUIDE_LENGTH,
+            "yaw": sideways / GUIDE_LENGTH,
         },
         {
-            "across": coupling + _DIRECTION * float(rng.standard_normal()),
-            "vertical": _DIRECTION * float(rng.standard_normal()),
+            "across": coupling + DIRECTION_SPREAD * float(rng.standard_normal()),
+            "vertical": DIRECTION_SPREAD * float(rng.standard_normal()),
             "yaw": turned,
         },
         rng,
@@ -225,8 +221,8 @@ def _axis(
     if isinstance(drive, PiezoStack) and drive.voltage_range is not None:
         commands, unit = drive.voltage_range, "V"
         width = known.get("hysteresis_loop_width")
-        share = USUAL_LOOP_WIDTH if width is None else width / stroke
-        hysteresis = virtual_stack(commands, stroke, share, plays=_PLAYS)
+        share = LOOP_WIDTH if width is None else width / stroke
+        hysteresis = virtual_stack(commands, stroke, share, plays=FINE_PLAYS)
     step = drive.smallest_displacement
     axis = AsBuiltAxis(
         name=state.axis,
@@ -234,8 +230,8 @@ def _axis(
         command_unit=unit,
         guide=guide,
         hysteresis=hysteresis,
-        reversal=_REVERSAL * stroke,
-        repeatability=_REPEATABILITY * stroke,
+        reversal=REVERSAL * stroke,
+        repeatability=REPEATABILITY * stroke,
         mode=mode,
         smallest_step=None if step is None else step * stroke / state.input_displacement,
     )

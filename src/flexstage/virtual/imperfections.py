@@ -19,6 +19,8 @@ from flexstage.system import MechanicalSystem
 #: Motions beside the one along the axis: sideways in the plane, out of it, and the rotations about
 #: the axis, about the sideways direction and about the normal of the plane.
 MOTIONS: tuple[str, ...] = ("across", "vertical", "roll", "pitch", "yaw")
+#: Those that are angles.
+ANGLES: tuple[str, ...] = ("roll", "pitch", "yaw")
 
 #: Highest order of a curve: what bending and manufacture leave is smooth.
 _ORDER = 5

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import LimitError, ModelError
-from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.waveform import Waveform
+from flexstage.stage.limits import AxisLimits
 
 #: A period is cut to whole samples; a change of the rate above this share is told.
 _TOLD = 1e-9

@@ -9,7 +9,7 @@ from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Diagram, DiagramBuilder
 from flexstage.export.diagram.port_blocks import add_drive_chain, add_probe_chain
 from flexstage.export.diagram.springs import DriveSpring
-from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.system import MechanicalSystem, RayleighDamping, modes
 from flexstage.system.mechanical import AxisPort
 

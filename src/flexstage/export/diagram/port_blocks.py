@@ -8,7 +8,7 @@ from flexstage.arrays import Array
 from flexstage.export.diagram.body_blocks import BodyBlocks, per_second, point_of_body
 from flexstage.export.diagram.graph import DiagramBuilder
 from flexstage.export.diagram.springs import DriveSpring
-from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.lumped import Mechanism, Sight
 from flexstage.system import RayleighDamping, modes
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
-from flexstage.export.build_model import dynamic_model
 from flexstage.export.diagram.axis_diagram import axis_blocks, axis_chain
 from flexstage.export.diagram.body_blocks import BodyBlocks, add_body, add_hinge
 from flexstage.export.diagram.equivalent_bodies import EquivalentParts, equivalent_parts
@@ -18,7 +17,8 @@ from flexstage.export.diagram.port_blocks import (
     add_reading,
 )
 from flexstage.export.diagram.springs import DriveSpring, drive_springs, fitted_damping
-from flexstage.export.model import DynamicModel
+from flexstage.hysteresis.build_model import dynamic_model
+from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.lumped import Mechanism, lumped_system, mechanism
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, RayleighDamping, modes
@@ -43,7 +43,7 @@ def stage_diagram(
     stage : Stage
         The stage.
     model : DynamicModel, optional
-        Amplifiers, hysteresis, creep and sensors; those of `flexstage.export.dynamic_model` where
+        Amplifiers, hysteresis, creep and sensors; those of `hysteresis.dynamic_model` where
         not given.
     axis : str, optional
         Name of an axis: two masses with springs and a lever, on one page, instead of the whole

@@ -10,9 +10,10 @@ from flexstage.export.diagram.page import Frame, PageLayout, PlacedBlock, Placed
 from flexstage.export.diagram.shapes import branches
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.symbols import inset, symbol
-from flexstage.export.file_names import file_names
-from flexstage.export.model import DynamicModel
+from flexstage.export.request import ExportRequest
 from flexstage.export.svg_elements import attributes
+from flexstage.files.names import file_names
+from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.stage import Stage
 from flexstage.system import RayleighDamping
 
@@ -84,7 +85,7 @@ def diagram_files(
     """Draw a stage and each of its axes.
 
     ``diagram.svg`` and, for each axis, ``diagram-AXIS.svg``. Where no model is given, amplifiers,
-    hysteresis, creep and sensors are those of `flexstage.export.dynamic_model`; damping is fitted
+    hysteresis, creep and sensors are those of `hysteresis.dynamic_model`; damping is fitted
     to the two lowest modes where none is given.
 
     Examples
@@ -166,3 +167,8 @@ def _arrow(placed: PlacedBlock, port: int, kind: SignalKind) -> str:
         [(x, y), (x + 8.0 * back, y - 3.4), (x + 8.0 * back, y + 3.4)], closed=True, fill=colour
     )
     return (stem if into > 4.0 else "") + head
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the format."""
+    return diagram_files(request.stage, model=request.dynamic_of_bodies)

@@ -10,7 +10,8 @@ from flexstage.export.drawing.cuts import CUT_ORDER_RULE, Cut, cuts
 from flexstage.export.drawing.notes import millimetres, notes, title_lines
 from flexstage.export.drawing.offset import offset_contours
 from flexstage.export.drawing.smooth import smooth_notches
-from flexstage.export.file_names import file_name
+from flexstage.export.request import ExportRequest
+from flexstage.files.names import file_name
 from flexstage.stage import Circle, Loop, Stage
 
 #: Layers by name: what they hold, colour index, line width in 1/100 mm.
@@ -194,3 +195,8 @@ def _written(document: Any) -> bytes:
     stream = io.StringIO()
     document.write(stream)
     return document.encode(stream.getvalue())
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the format."""
+    return dxf_files(request.stage, kerf=request.kerf)

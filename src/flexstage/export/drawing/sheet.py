@@ -17,6 +17,7 @@ from flexstage.export.drawing.plate_view import (
     scale_bar,
 )
 from flexstage.export.drawing.smooth import smooth_notches
+from flexstage.export.request import ExportRequest
 from flexstage.export.svg_elements import in_lines
 from flexstage.stage import Stage
 
@@ -336,3 +337,8 @@ def _fitting(text: str, width: float) -> str:
 def wrapped(text: str, width: float, size: float = SIZE) -> list[str]:
     """Break a text into lines no wider than a width [mm]; a word longer than a line is broken."""
     return in_lines(text, lambda line: text_width(line, size) <= width, break_words=True)
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the format."""
+    return {f"{request.name}-drawing.svg": drawing_svg(request.stage)}

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from flexstage.export.fmu.layout import FmuLayout, FmuVariable
-from flexstage.export.model import DynamicModel
+from flexstage.hysteresis.dynamic_model import DynamicModel
 
 #: The file to compile, by version; it includes all others.
 MAIN = {"2.0": "fmi2.c", "3.0": "fmi3.c"}

@@ -23,9 +23,10 @@ from flexstage.export.fmu.compiled import OPTIONS, binary_folder, compiler, shar
 from flexstage.export.fmu.description import MAIN, model_description
 from flexstage.export.fmu.documentation import LICENSE, documentation
 from flexstage.export.fmu.layout import INDICATORS, FmuLayout, fmu_layout
-from flexstage.export.model import DynamicModel
+from flexstage.export.request import ExportRequest
 from flexstage.export.source.arrays import c_comment, c_number
 from flexstage.export.source.render import render_source
+from flexstage.hysteresis.dynamic_model import DynamicModel
 
 _SHARED = ("fmu_export.h", "me.h", "fmu_body.h")
 _OWN = {"2.0": ("fmi2_types.h", "fmi2.c"), "3.0": ("fmi3_types.h", "fmi3.c")}
@@ -62,7 +63,7 @@ def fmu_files(
     --------
     >>> import io, zipfile
     >>> from flexstage.designs import design
-    >>> from flexstage.export import dynamic_model
+    >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("parallelogram")
     >>> made = fmu_files(dynamic_model(stage, lumped_system(stage)), binary=False)
@@ -290,3 +291,25 @@ def _reals(name: str, sizes: str, values: np.ndarray, comment: str) -> str:
     lines = ["{" + ",\n     ".join(c_number(v) for v in row.tolist()) + "}" for row in rows]
     body = lines[0] if values.ndim == 1 else "{\n    " + ",\n    ".join(lines) + "}"
     return f"/* {comment} */\nstatic const double {name}{sizes} = {body};"
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the format."""
+    if not request.source_only and compiler() is None:
+        request.remarks.append(
+            "No C compiler was found: the FMU holds its sources alone, which few programs run. "
+            "Install gcc or clang and export again."
+        )
+    files: dict[str, bytes] = {}
+    for version in request.fmi:
+        made = fmu_files(
+            request.dynamic,
+            version=version,
+            binary=False if request.source_only else None,
+            stage=request.stage,
+        )
+        for name, content in made.items():
+            # both versions may be asked for at once
+            stem, dot, suffix = name.rpartition(".")
+            files[f"{stem}-fmi{version[0]}{dot}{suffix}"] = content
+    return files

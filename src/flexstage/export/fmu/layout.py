@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.export.model import DynamicModel, ModelDrive
 from flexstage.export.simulink.matlab_text import plain
 from flexstage.export.source.variables import c_variables
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 
 _SMALLEST_SHARE = 1e-6  # of the largest usual size, for modes that hardly move
 

@@ -10,11 +10,12 @@ import numpy as np
 
 import flexstage
 from flexstage.errors import ModelError
-from flexstage.export.build_model import dynamic_model
 from flexstage.export.control_object import linear_part, rest_shape, state_names
-from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.export.request import ExportRequest
 from flexstage.export.simulink.matlab_text import KEYWORDS, mat_file
 from flexstage.hysteresis import Amplifier
+from flexstage.hysteresis.build_model import dynamic_model
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis.model import Array
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, modes
@@ -358,3 +359,8 @@ def sampled_form(model: DynamicModel) -> SampledForm:
         constant[rows] = e[i, :size, size : size + m] * scale[i][:, None]
         rise[rows] = e[i, :size, size + m :] * scale[i][:, None]
     return SampledForm(transition=transition, start=constant - rise, end=rise)
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the format."""
+    return matlab_files(request.stage, request.analysis.system, model=request.dynamic)

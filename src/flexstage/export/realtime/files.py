@@ -12,7 +12,6 @@ import numpy as np
 
 import flexstage
 from flexstage.errors import ModelError
-from flexstage.export.model import DynamicModel, ModelDrive
 from flexstage.export.realtime.comment import (
     CheckSamples,
     check_samples,
@@ -20,8 +19,10 @@ from flexstage.export.realtime.comment import (
     opening,
     rounding_bound,
 )
+from flexstage.export.request import ExportRequest
 from flexstage.export.source.arrays import c_array, c_comment, c_number
 from flexstage.export.source.render import render_source
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 
 _LONGEST = 40
 # A weight that is this much smaller than the largest is far below what single precision resolves;
@@ -54,7 +55,7 @@ def realtime_files(
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.export import dynamic_model
+    >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
     >>> list(realtime_files(dynamic_model(stage, lumped_system(stage))))
@@ -266,3 +267,8 @@ def _single(number: str) -> str:
         return "0.0f"
     text = str(value)
     return f"{text}f" if "." in text or "e" in text else f"{text}.0f"
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the format."""
+    return realtime_files(request.dynamic, precision=request.precision)

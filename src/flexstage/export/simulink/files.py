@@ -7,13 +7,15 @@ import numpy as np
 from flexstage import __version__
 from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Diagram
+from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.state_space import diagram_state_space
-from flexstage.export.model import DynamicModel
+from flexstage.export.request import ExportRequest
 from flexstage.export.simulink.bench import Bench, bench
 from flexstage.export.simulink.functions import Functions
 from flexstage.export.simulink.matlab_text import Variables, identifier, plain, valid_name
 from flexstage.export.simulink.script import build_script
 from flexstage.export.simulink.system import System
+from flexstage.hysteresis.dynamic_model import DynamicModel
 
 # Longest name of a model: names of functions and variables are made of it.
 _LONGEST = 30
@@ -223,3 +225,10 @@ def _counts(system: System) -> tuple[int, int]:
             inner, nested = _counts(node.inside)
             blocks, subsystems = blocks + inner, subsystems + 1 + nested
     return blocks, subsystems
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the format."""
+    model = request.dynamic_of_bodies
+    diagram = stage_diagram(request.stage, model=model, collapse=False)
+    return simulink_files(diagram, name=model_name(request.stage.name), model=model)

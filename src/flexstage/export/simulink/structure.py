@@ -7,12 +7,12 @@ import numpy as np
 
 from flexstage.export.control_object import linear_part
 from flexstage.export.diagram.graph import Block, Diagram
-from flexstage.export.model import DynamicModel, ModelDrive
 from flexstage.export.simulink import chains
 from flexstage.export.simulink.functions import Functions
 from flexstage.export.simulink.matlab_text import Variables, identifiers, literal
 from flexstage.export.simulink.system import Node, System, Wiring
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 
 _ROUND = 3  # inputs of a sum that is still drawn as a circle
 

@@ -4,9 +4,9 @@ import math
 from dataclasses import KW_ONLY, dataclass
 from typing import Literal
 
-from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
-from flexstage.export.source.hysteresis_code import hysteresis_code
 from flexstage.hysteresis import Sensor
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.hysteresis.models.source_code import hysteresis_code
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ def c_variables(model: DynamicModel) -> tuple[CVariable, ...]:
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.export import dynamic_model
+    >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
     >>> found = c_variables(dynamic_model(stage, lumped_system(stage)))

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import fields
 
 from flexstage.characteristic import Characteristic
-from flexstage.export.tables.side_by_side import SideBySide
+from flexstage.comparison import Comparison
 from flexstage.quantities import QUANTITIES
 
 
@@ -16,18 +16,18 @@ def values_csv(characteristics: Iterable[Characteristic]) -> bytes:
     return _csv(names, ([getattr(c, n) for n in names] for c in characteristics))
 
 
-def comparison_csv(table: SideBySide) -> bytes:
+def comparison_csv(table: Comparison) -> bytes:
     """Write one line for each quantity and axis, with a column of values for each origin.
 
     An origin of which an uncertainty is known has a column for it as well.
     """
     head = ["quantity", "axis", "unit", "condition"]
-    for origin in table.origins:
+    for origin in table.columns:
         head += [origin, f"{origin} uncertainty"] if origin in table.uncertain else [origin]
     lines = []
     for row in table.rows:
-        line: list[object] = [row.quantity, row.axis, QUANTITIES[row.quantity].unit, row.condition]
-        for origin in table.origins:
+        line: list[object] = [row.quantity, row.axis, QUANTITIES[row.quantity].unit, row.remark]
+        for origin in table.columns:
             cell = row.cells.get(origin)
             line.append(None if cell is None else cell.value)
             if origin in table.uncertain:

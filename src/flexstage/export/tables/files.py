@@ -4,12 +4,13 @@ from collections.abc import Callable, Iterable, Sequence
 
 import flexstage
 from flexstage.characteristic import Characteristic
-from flexstage.errors import ModelError
-from flexstage.export.file_names import file_name
+from flexstage.comparison import compare
+from flexstage.errors import ModelError, StageError
+from flexstage.export.request import ExportRequest
 from flexstage.export.tables.comma import comparison_csv, values_csv
 from flexstage.export.tables.latex import latex
-from flexstage.export.tables.side_by_side import side_by_side
 from flexstage.export.tables.workbook import workbook
+from flexstage.files.names import file_name
 from flexstage.provenance import Provenance
 from flexstage.quantities import Quantity, display
 
@@ -61,7 +62,7 @@ def table_files(
         about[f"on{mark}"] = f"{source.created}, {source.machine}"
         about[f"from the description{mark}"] = source.input_hash
         about |= {f"{key}{mark}": value for key, value in source.settings.items()}
-    table, plain = side_by_side(rows), file_name(name)
+    table, plain = compare(rows), file_name(name)
     notes = tuple(dict.fromkeys(notes))
     return {
         f"{plain}-values.csv": values_csv(rows),
@@ -69,3 +70,35 @@ def table_files(
         f"{plain}-tables.xlsx": workbook(told, rows, table, display, about, notes),
         f"{plain}-table.tex": latex(name, told, table, display, about, notes),
     }
+
+
+def export_csv(request: ExportRequest) -> dict[str, bytes]:
+    """Write the tables for scripts."""
+    return _of_request(request, ".csv")
+
+
+def export_excel(request: ExportRequest) -> dict[str, bytes]:
+    """Write the workbook."""
+    return _of_request(request, ".xlsx")
+
+
+def export_latex(request: ExportRequest) -> dict[str, bytes]:
+    """Write the table for papers."""
+    return _of_request(request, ".tex")
+
+
+def _of_request(request: ExportRequest, suffix: str) -> dict[str, bytes]:
+    figures = (*request.stage.published, *request.analysis.characteristics)
+    if not figures:
+        raise StageError(
+            f"stage '{request.stage.name}' has no axis and so no characteristics: name a drive "
+            "and a probe under 'axes' in the stage file"
+        )
+    files = table_files(
+        figures,
+        name=request.name,
+        title=request.stage.title,
+        provenance=request.analysis.provenance,
+        notes=request.analysis.validity,
+    )
+    return {name: content for name, content in files.items() if name.endswith(suffix)}

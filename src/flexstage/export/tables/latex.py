@@ -5,7 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import flexstage
 from flexstage.characteristic import Characteristic
-from flexstage.export.tables.side_by_side import SideBySide, SideBySideRow
+from flexstage.comparison import Comparison, ComparisonRow
+from flexstage.export.tables.titles import title_of
 from flexstage.quantities import Quantity, beside, number
 
 #: Shares of the width of the text: the names of the quantities beside a few columns of figures, and
@@ -46,7 +47,7 @@ def escaped(text: str) -> str:
 def latex(
     name: str,
     title: str,
-    table: SideBySide,
+    table: Comparison,
     display: Callable[[str], Quantity],
     about: Mapping[str, str],
     notes: Sequence[str],
@@ -73,7 +74,7 @@ def latex(
     lines += [
         # a table of its own length and width: it goes on over pages, and long titles are broken
         r"{\footnotesize\setlength{\tabcolsep}{3pt}",
-        rf"\begin{{longtable}}{{{_columns(len(table.origins))}}}",
+        rf"\begin{{longtable}}{{{_columns(len(table.columns))}}}",
         rf"  \caption{{{caption}}}\label{{tab:{label}}}\\",
         r"  \toprule",
         *(f"  {line}" for line in head),
@@ -105,26 +106,26 @@ def _columns(count: int) -> str:
     return rf"@{{}}{names}l*{{{count}}}{{{figures}}}@{{}}"
 
 
-def _head(table: SideBySide) -> list[str]:
+def _head(table: Comparison) -> list[str]:
     """Write the titles of the columns, published ones below a common one."""
-    published = [o for o in table.origins if o.startswith("published")]
-    titles = [escaped(table.title(o).removeprefix("published, ")) for o in table.origins]
+    published = table.published
+    titles = [escaped(title_of(o).removeprefix("published, ")) for o in table.columns]
     lines = [" & ".join(("Quantity", "Axis", *titles)) + r" \\"]
     if published:
         last = 2 + len(published)
-        rest = " &" * (len(table.origins) - len(published))
+        rest = " &" * (len(table.columns) - len(published))
         lines.insert(0, rf" & & \multicolumn{{{len(published)}}}{{c}}{{published}}{rest} \\")
         lines.insert(1, rf"\cmidrule(lr){{3-{last}}}")
     return lines
 
 
-def _row(row: SideBySideRow, first: bool, table: SideBySide, how: Quantity) -> str:
+def _row(row: ComparisonRow, first: bool, table: Comparison, how: Quantity) -> str:
     label = f"{how.label} [{how.shown_unit}]" if how.shown_unit else how.label
     words = [label] if first else []
-    if row.condition:
-        words.append(f"({row.condition})")
+    if row.remark:
+        words.append(f"({row.remark})")
     cells = [escaped(" ".join(words)), escaped(row.axis)]
-    cells += [_cell(row.cells.get(origin), how) for origin in table.origins]
+    cells += [_cell(row.cells.get(origin), how) for origin in table.columns]
     return " & ".join(cells) + r" \\"
 
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import flexstage
 from flexstage.characteristic import Characteristic
-from flexstage.export.tables.side_by_side import SideBySide
+from flexstage.comparison import Comparison, ComparisonRow
+from flexstage.export.tables.titles import title_of
 from flexstage.quantities import Quantity
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ _FULL = ("quantity", "axis", "origin", "value", "unit", "uncertainty", "degrees 
 def workbook(
     title: str,
     characteristics: Sequence[Characteristic],
-    table: SideBySide,
+    table: Comparison,
     display: Callable[[str], Quantity],
     about: Mapping[str, str],
     notes: Sequence[str],
@@ -95,28 +96,30 @@ def _put(sheet: "Worksheet", row: int, column: int, value: object, style: Any) -
 def _figures(
     sheet: "Worksheet",
     title: str,
-    table: SideBySide,
+    table: Comparison,
     display: Callable[[str], Quantity],
     styles: dict[str, Any],
 ) -> None:
     sheet.write_string(0, 0, title, styles["title"])
     columns: list[tuple[str, str]] = []
-    for origin in table.origins:
+    for origin in table.columns:
         columns.append(("value", origin))
         if origin in table.uncertain:
             columns.append(("uncertainty", origin))
+    # of ours, what leaves least out is set against what was published
+    pairs = [(table.best, o) for o in table.published] if table.best != "virtual" else []
     head = ["Quantity", "Axis", "Unit", "Condition"]
     for kind, origin in columns:
-        name = table.title(origin)
+        name = title_of(origin)
         head.append(name if kind == "value" else f"± {name} (standard)")
-    head += [f"{table.title(a)} against {table.title(b)} [%]" for a, b in table.pairs]
+    head += [f"{title_of(a)} against {title_of(b)} [%]" for a, b in pairs]
     for column, name in enumerate(head):
         sheet.write_string(2, column, name, styles["head"])
     # only Excel makes a row as high as its text by itself
     sheet.set_row(2, _LINE * max(_lines(name) for name in head[4:] or head))
     for line, row in enumerate(table.rows, start=3):
         how = display(row.quantity)
-        for column, text in enumerate((how.label, row.axis, how.shown_unit, row.condition)):
+        for column, text in enumerate((how.label, row.axis, how.shown_unit, row.remark)):
             sheet.write_string(line, column, text, styles["wrap" if column == 3 else "text"])
         for column, (kind, origin) in enumerate(columns, start=4):
             cell = row.cells.get(origin)
@@ -131,11 +134,11 @@ def _figures(
                 _put(sheet, line, column, seen, style)
             if kind == "value" and cell is not None and cell.note:
                 sheet.write_comment(line, column, cell.note, {"x_scale": 2.0})
-        for column, (ours, other) in enumerate(table.pairs, start=4 + len(columns)):
-            if (more := _difference(row.cells, ours, other, how.zero)) is not None:
+        for column, (ours, other) in enumerate(pairs, start=4 + len(columns)):
+            if (more := _difference(row, ours, other)) is not None:
                 sheet.write_number(line, column, more, styles["percent"])
     sheet.freeze_panes(3, 2)
-    conditions = any(row.condition for row in table.rows)
+    conditions = any(row.remark for row in table.rows)
     for column, width in enumerate((34, 8, 8, 40 if conditions else 11)):
         sheet.set_column(column, column, width)
     sheet.set_column(4, len(head) - 1, _COLUMN)
@@ -150,15 +153,10 @@ def _lines(title: str) -> int:
     return max(len(textwrap.wrap(title, _COLUMN - 3)), 1)
 
 
-def _difference(
-    cells: Mapping[str, Characteristic], ours: str, other: str, zero: float
-) -> float | None:
+def _difference(row: ComparisonRow, ours: str, other: str) -> float | None:
     """Percent by which one is above another; None where that says nothing."""
-    a, b = cells.get(ours), cells.get(other)
-    if a is None or b is None or b.value == 0.0 or abs(a.value) < zero:
-        return None
-    found = 100.0 * (a.value - b.value) / abs(b.value)
-    return found if math.isfinite(found) else None
+    found = row.difference_percent(ours, other)
+    return None if found is None or not math.isfinite(found) else found
 
 
 def _values(

@@ -7,7 +7,7 @@ from pathlib import Path
 from flexstage.errors import FlexstageError, RecordError
 from flexstage.instruments.catalogue.catalogue import Catalogue
 from flexstage.instruments.catalogue.entries import RunEntry, RunStatus, StageEntry
-from flexstage.instruments.recording.attributes import file_summary
+from flexstage.instruments.recording.archive import file_summary
 from flexstage.instruments.recording.folder import RunFolder
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.recovery import examine

@@ -5,15 +5,15 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
-from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.ni.backend import NiBackend
 from flexstage.instruments.ni.outputs import NiOutputs
 from flexstage.instruments.ni.recorder import NiRecorder
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup
 from flexstage.instruments.protocol import Capability, Identity, Instrument, MotionAxis
 from flexstage.instruments.ramp import to_safe
-from flexstage.instruments.servo import ServoSettings
 from flexstage.stage import Stage
+from flexstage.stage.limits import AxisLimits, stage_limits
+from flexstage.system.servo import ServoSettings
 
 
 class NiAxis(MotionAxis):

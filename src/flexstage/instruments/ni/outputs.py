@@ -9,11 +9,12 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
-from flexstage.instruments.limits import AxisLimits, check_voltage, check_waveform
+from flexstage.instruments.limits import check_voltage, check_waveform
 from flexstage.instruments.ni.backend import InputTask, NiBackend, OutputTask
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup
 from flexstage.instruments.protocol import WaveGenerator
 from flexstage.instruments.waveform import Waveform
+from flexstage.stage.limits import AxisLimits
 
 _LARGEST = 20_000_000  # samples of all drives in memory
 _AGREES = 0.02  # by which an output that is read back may differ from what it was set to [V]

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,15 @@ import numpy as np
 
 from flexstage.errors import RecordError
 from flexstage.files.write import draft_of
-from flexstage.instruments.recording.attributes import RUN, run_attributes
-from flexstage.instruments.recording.recovery import recovery_of
-from flexstage.instruments.recording.scan import Scan, chunks, scan
+from flexstage.instruments.recording.metadata import (
+    ENDING,
+    LOST,
+    RUN,
+    RunMetadata,
+    read_description,
+    run_attributes,
+)
+from flexstage.instruments.recording.recovery import StreamRecovery, chunks, examine
 
 
 def archived(stream: Path, target: Path) -> Path:
@@ -24,7 +31,7 @@ def archived(stream: Path, target: Path) -> Path:
     if target.exists():
         raise RecordError(f"'{target}' exists: no run is written over")
     try:
-        found = scan(stream)
+        found = examine(stream)
         with draft_of(target) as draft:
             _write(draft, stream, found)
             _verify(draft, stream, found)
@@ -52,12 +59,12 @@ def _keys(names: Sequence[str]) -> list[str]:
     return keys
 
 
-def _write(draft: Path, stream: Path, found: Scan) -> None:
+def _write(draft: Path, stream: Path, found: StreamRecovery) -> None:
     import h5py
 
     head = found.head
-    total = recovery_of(found).samples
-    whole = not any(part.kind != "overlap" for part in recovery_of(found).lost)
+    total = found.samples
+    whole = not any(part.kind != "overlap" for part in found.lost)
     if total < 2:
         raise RecordError(
             f"'{stream}' holds {total} whole samples, and a record needs two: the stream stays"
@@ -86,9 +93,8 @@ def _write(draft: Path, stream: Path, found: Scan) -> None:
             at = rows.stop
 
 
-def _describe(file: Any, found: Scan) -> None:
-    state = recovery_of(found)
-    for key, value in run_attributes(found.head, state.complete, state.notes).items():
+def _describe(file: Any, found: StreamRecovery) -> None:
+    for key, value in run_attributes(found.head.run, found.complete, found.notes).items():
         if key == RUN:
             # of any length, and so no attribute
             file.create_dataset(key, data=value)
@@ -108,7 +114,7 @@ def _dataset(file: Any, key: str, label: str, unit: str, size: int) -> Any:
     return dataset
 
 
-def _verify(draft: Path, stream: Path, found: Scan) -> None:
+def _verify(draft: Path, stream: Path, found: StreamRecovery) -> None:
     """Compare every sample of the file with the stream."""
     import h5py
 
@@ -126,3 +132,48 @@ def _verify(draft: Path, stream: Path, found: Scan) -> None:
                         "be damaged, and the stream stays"
                     )
             at = rows.stop
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunFile:
+    """What an HDF5 file of a run says about itself."""
+
+    metadata: RunMetadata
+    """What is known of the run."""
+    channels: tuple[tuple[str, str], ...]
+    """Name and unit of each channel."""
+    samples: int
+    """Samples of each channel."""
+    sample_rate_hz: float
+    """Samples in a second [Hz]."""
+    complete: bool
+    """Whether its stream was ended by its writer, and nothing of it was lost."""
+    lost: str
+    """What was lost, or came twice, in words; empty where nothing was."""
+
+
+def file_summary(path: str | Path) -> RunFile:
+    """Return what an HDF5 file of a run says about itself, without reading its samples."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as opened:
+            file: Any = opened
+            metadata = read_description(file[RUN][()], path)
+            sets = [file[key] for key in file if key not in (RUN, "time")]
+            rate = file.attrs.get("sample_rate_hz", file.attrs.get("nominal_rate_hz"))
+            return RunFile(
+                metadata=metadata,
+                channels=tuple((str(d.attrs["name"]), str(d.attrs["unit"])) for d in sets),
+                samples=int(sets[0].shape[0]),
+                sample_rate_hz=float(rate),
+                complete=file.attrs[ENDING] == "complete",
+                lost=str(file.attrs.get(LOST, "")),
+            )
+    except RecordError:
+        raise
+    except (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError) as error:
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
+        raise RecordError(
+            f"'{path}' is no whole HDF5 file of a run of flexstage ({reason})"
+        ) from error

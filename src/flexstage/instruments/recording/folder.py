@@ -9,7 +9,7 @@ from typing import Self
 
 from flexstage.errors import RecordError
 from flexstage.files.write import sync_folder
-from flexstage.instruments.recording.writer import STREAM_SUFFIX
+from flexstage.instruments.recording.stream import STREAM_SUFFIX
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

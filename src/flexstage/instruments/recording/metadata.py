@@ -1,17 +1,20 @@
 """What is known of a run before its first sample: stage, instrument, settings, who and why."""
 
 import datetime
+import json
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 import flexstage
 from flexstage.errors import RecordError
-from flexstage.files.decoder import Decoder
+from flexstage.files.decoder import Decoder, read_json
 from flexstage.files.format import Format
 from flexstage.files.nodes import node_of
 from flexstage.instruments.protocol import Identity
+from flexstage.records import Record
 
 #: What is known of a run, as its files say it.
 RUN_DESCRIPTION = Format(
@@ -22,10 +25,30 @@ RUN_DESCRIPTION = Format(
     mend="give the file of a run as flexstage wrote it",
 )
 
+#: What the whole description is called, in the file and among the attributes of the record.
+RUN = "run"
+#: What else is said there: what was lost, and whether the run was ended by its writer.
+LOST, ENDING = "lost", "ending"
+# HDF5 keeps attributes in the head of the file, which has room for 64 KiB
+_LONGEST = 1000
+
 
 def utc_now() -> str:
     """Return the present date and time, UTC, ISO 8601 to the microsecond."""
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="microseconds")
+
+
+def utc_time(text: str, what: str) -> datetime.datetime:
+    """Return a date and time in UTC; `what` it is, for messages."""
+    try:
+        time = datetime.datetime.fromisoformat(text)
+        if time.tzinfo is not None:
+            return time.astimezone(datetime.UTC)
+    except (ValueError, OverflowError) as error:  # the latter at the ends of the calendar
+        raise RecordError(
+            f"{what} must be a date and time such as {utc_now()}, got {text!r}"
+        ) from error
+    raise RecordError(f"{what} must have a time zone, as in {text}+00:00, got {text!r}")
 
 
 def new_identifier() -> str:
@@ -108,19 +131,7 @@ class RunMetadata:
 
     def start_time(self) -> datetime.datetime:
         """Return the date and time of the start, in UTC."""
-        try:
-            time = datetime.datetime.fromisoformat(self.started)
-        except ValueError as error:
-            raise RecordError(
-                f"the start of a run must be a date and time such as {utc_now()}, got "
-                f"{self.started!r}"
-            ) from error
-        if time.tzinfo is None:
-            raise RecordError(
-                f"the start of a run must have a time zone, as in {self.started}+00:00, got "
-                f"{self.started!r}"
-            )
-        return time.astimezone(datetime.UTC)
+        return utc_time(self.started, "the start of a run")
 
     def plain(self) -> dict[str, Any]:
         """Return everything as plain data for JSON, by the names of the fields."""
@@ -141,3 +152,37 @@ class RunMetadata:
         lines["simulated"] = "yes" if told.simulated else "no"
         lines["seed"] = "" if self.seed is None else str(self.seed)
         return {k: v for k, v in lines.items() if v}
+
+
+def run_attributes(run: RunMetadata, complete: bool, lost: Sequence[str]) -> dict[str, str]:
+    """Return what a record of a run says about it: all as JSON (``run``), and lines of text.
+
+    `lost` says in words what was lost, or came twice.
+    """
+    lines = {k: _line(v) for k, v in run.texts().items()}
+    lines[ENDING] = "complete" if complete else "recovered"
+    if lost:
+        lines[LOST] = _line("; ".join(lost))
+    return {**lines, RUN: json.dumps(run.plain())}
+
+
+def _line(text: str) -> str:
+    """Return a text that HDF5 can hold as an attribute."""
+    line = " ".join(text.replace("\0", " ").split())[:_LONGEST]
+    return line.encode("utf-8", "replace").decode("utf-8")
+
+
+def read_metadata(record: Record) -> RunMetadata:
+    """Return what is known of a run from its record."""
+    if RUN not in record.attributes:
+        raise RecordError(
+            f"the record '{record.source}' does not say which run it is of: it was not written by "
+            "a recording of flexstage"
+        )
+    return read_description(record.attributes[RUN], record.source)
+
+
+def read_description(text: str | bytes, source: str | Path) -> RunMetadata:
+    """Return what is known of a run from the JSON that a file holds of it."""
+    where = f"the description of the run in {source}"
+    return read_json(RunMetadata, text, where, RUN_DESCRIPTION)

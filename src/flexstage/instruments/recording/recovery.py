@@ -1,40 +1,42 @@
 """Reading a stream that a crash, a full disk or a damaged disk has left behind."""
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.instruments.recording.attributes import run_attributes
-from flexstage.instruments.recording.frames import StreamHead
-from flexstage.instruments.recording.scan import Scan, chunks, scan
+from flexstage.instruments.recording.metadata import run_attributes
+from flexstage.instruments.recording.stream import (
+    END,
+    FRAME_SIZE,
+    SAMPLES,
+    Frame,
+    Irregularity,
+    StreamHead,
+    read_frame,
+)
 from flexstage.records import Channel, Record
 
+_BLOCK = 2**22
+_MARK = re.compile(b"|".join(map(re.escape, (SAMPLES, END))))
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lost:
-    """Samples that a stream does not hold, or holds twice."""
 
-    kind: str
-    """``damage`` where they were written and cannot be read, ``gap`` where they were never given,
-    ``overlap`` where they were given twice.
-    """
+class Chunk(NamedTuple):
+    """Samples of a stream that can be read."""
+
+    position: int
+    """Where the samples of their frame are in the file [bytes]."""
+    rows: int
+    """Samples of each channel in the frame."""
+    again: int
+    """How many of them came before."""
     first: int
-    """Number of the first of them."""
-    count: int
-    """How many."""
-
-    def __str__(self) -> str:
-        last = self.first + self.count - 1
-        which = f"sample {self.first}" if self.count == 1 else f"samples {self.first} to {last}"
-        said = {
-            "damage": "lost to damage of the file",
-            "gap": "never given by the instrument",
-            "overlap": "given twice: the first ones count",
-        }
-        return f"{which} {said[self.kind]}"
+    """Number of the first one after those."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,11 +45,11 @@ class StreamRecovery:
 
     head: StreamHead
     """Channels, rate, and what is known of the run."""
-    samples: int
-    """Samples of each channel that are safe."""
+    chunks: tuple[Chunk, ...]
+    """Where its samples are, each once."""
     ended: bool
     """Whether the stream was ended by its writer: nothing came after."""
-    lost: tuple[Lost, ...]
+    lost: tuple[Irregularity, ...]
     """Ranges that are missing, or came twice."""
     damaged_bytes: int
     """Bytes that belong to no whole chunk: half a chunk at the end, as a crash leaves it, among
@@ -55,8 +57,11 @@ class StreamRecovery:
     """
     tail_bytes: int
     """How many of those are at the end."""
-    notes: tuple[str, ...]
-    """All of it in words."""
+
+    @property
+    def samples(self) -> int:
+        """Samples of each channel that are safe."""
+        return sum(chunk.rows - chunk.again for chunk in self.chunks)
 
     @property
     def complete(self) -> bool:
@@ -68,10 +73,128 @@ class StreamRecovery:
         """Whether bytes before the end belong to no whole chunk: a damaged disk, and no crash."""
         return self.damaged_bytes > self.tail_bytes
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """All of it in words."""
+        return tuple(_notes(self))
+
+
+def _notes(found: StreamRecovery) -> Iterator[str]:
+    damaged, tail = found.damaged_bytes, found.tail_bytes
+    if not found.ended:
+        yield f"the stream was not ended by its writer: {found.samples} samples are safe"
+        if tail:
+            yield (
+                f"at its end are {tail} bytes that are no whole chunk: samples that were being "
+                "written, or were damaged, are lost there"
+            )
+    if damaged > tail or (tail and found.ended):
+        inside = damaged if found.ended else damaged - tail
+        yield f"{inside} bytes inside the stream belong to no whole chunk"
+    yield from (str(part) for part in found.lost)
+
 
 def examine(path: str | Path) -> StreamRecovery:
-    """Say what a stream still holds."""
-    return recovery_of(_scanned(Path(path)))
+    """Say what a stream still holds.
+
+    Every frame is checked by its checksum; where one fails, the next is looked for byte by byte.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            return _examined(file, Path(path))
+    except OSError as error:
+        raise RecordError(f"'{path}' cannot be read: {error.strerror or error}") from error
+
+
+def _examined(file: BinaryIO, path: Path) -> StreamRecovery:
+    size = file.seek(0, 2)
+    file.seek(0)
+    head = StreamHead.read(file, path)
+    position = file.tell()
+    chunks: list[Chunk] = []
+    lost: list[Irregularity] = []
+    ended = False
+    frames = following = damaged = tail = 0
+
+    def frame_at(place: int) -> Frame | None:
+        frame = read_frame(file, place, size, head.row_size)
+        # no writer puts a frame behind a later one
+        return frame if frame is not None and frame.number >= frames else None
+
+    while position < size:
+        frame = frame_at(position)
+        if frame is None:
+            after = _next_frame(file, position + 1, size, frame_at)
+            damaged, tail = damaged + after - position, tail + after - position
+            position = after
+            continue
+        _, number, first, rows = frame
+        if first > following:
+            # a last frame counts the samples that were written
+            kind = "damage" if number > frames or frame.mark == END else "gap"
+            lost.append(Irregularity(kind=kind, first=following, count=first - following))
+        if frame.mark == END:
+            ended = True
+        else:
+            again = min(max(following - first, 0), rows)
+            if again:
+                lost.append(Irregularity(kind="overlap", first=first, count=again))
+            if again < rows:
+                chunks.append(Chunk(position + FRAME_SIZE, rows, again, first + again))
+            following = max(following, first + rows)
+        position += FRAME_SIZE + rows * head.row_size
+        frames, tail = number + 1, 0
+    return StreamRecovery(
+        head=head,
+        chunks=tuple(chunks),
+        ended=ended,
+        lost=tuple(lost),
+        damaged_bytes=damaged,
+        tail_bytes=tail,
+    )
+
+
+def _next_frame(
+    file: BinaryIO, start: int, size: int, frame_at: Callable[[int], Frame | None]
+) -> int:
+    """Return where the next whole frame begins, or the end of the file."""
+    while start < size:
+        file.seek(start)
+        block = file.read(_BLOCK)
+        for found in _MARK.finditer(block):
+            if frame_at(start + found.start()) is not None:
+                return start + found.start()
+        # a mark may lie across the end of the block
+        start += max(len(block) - len(END) + 1, 1)
+    return size
+
+
+def chunks(path: Path, found: StreamRecovery) -> Iterator[tuple[int, Array]]:
+    """Give the samples of a stream, each once: number of the first, shape (channels, n).
+
+    Where samples were given twice, the ones that were written first count. Chunks that follow one
+    another are given together, up to about 4 MiB, as files take few large pieces sooner than many
+    small ones.
+    """
+    gathered: list[Array] = []
+    start = following = size = 0
+    with path.open("rb") as file:
+        for chunk in found.chunks:
+            file.seek(chunk.position)
+            data = file.read(chunk.rows * found.head.row_size)
+            if len(data) != chunk.rows * found.head.row_size:
+                raise RecordError(f"'{path}' became shorter while it was read")
+            if gathered and (chunk.first != following or size + len(data) > _BLOCK):
+                yield start, np.concatenate(gathered, axis=1)
+                gathered, size = [], 0
+            if not gathered:
+                start = chunk.first
+            part = np.frombuffer(data, dtype="<f8").reshape(len(found.head.channels), -1)
+            gathered.append(part[:, chunk.again :])
+            size += len(data)
+            following = chunk.first + chunk.rows - chunk.again
+    if gathered:
+        yield start, np.concatenate(gathered, axis=1)
 
 
 def recover(path: str | Path) -> tuple[Record, StreamRecovery]:
@@ -81,22 +204,21 @@ def recover(path: str | Path) -> tuple[Record, StreamRecovery]:
 
     Validity
     --------
-    A chunk counts only if its checksum (CRC-32, begun with that of the stream's head) is right: of
+    A chunk counts only if its checksum (CRC-32) is right: of
     damaged chunks one in 4e9 would pass. A chunk is lost whole.
     """
     file = Path(path)
-    found = _scanned(file)
-    recovery = recovery_of(found)
+    recovery = examine(file)
     if recovery.samples < 2:
         raise RecordError(
             f"'{file}' holds {recovery.samples} whole samples, and a record needs two: "
             + "; ".join(recovery.notes)
         )
-    values = np.empty((len(found.head.channels), recovery.samples))
+    values = np.empty((len(recovery.head.channels), recovery.samples))
     numbers = np.empty(recovery.samples)
     at = 0
     try:
-        for first, part in chunks(file, found):
+        for first, part in chunks(file, recovery):
             count = part.shape[1]
             values[:, at : at + count] = part
             numbers[at : at + count] = np.arange(first, first + count)
@@ -106,81 +228,11 @@ def recover(path: str | Path) -> tuple[Record, StreamRecovery]:
     record = Record(
         channels=tuple(
             Channel(name=name, values=v, unit=unit)
-            for (name, unit), v in zip(found.head.channels, values, strict=True)
+            for (name, unit), v in zip(recovery.head.channels, values, strict=True)
         ),
-        time=numbers / found.head.sample_rate_hz,
+        time=numbers / recovery.head.sample_rate_hz,
         source=str(path),
         notes=recovery.notes,
-        attributes=run_attributes(found.head, recovery.complete, recovery.notes),
+        attributes=run_attributes(recovery.head.run, recovery.complete, recovery.notes),
     )
     return record, recovery
-
-
-def _scanned(path: Path) -> Scan:
-    try:
-        return scan(path)
-    except OSError as error:
-        raise RecordError(f"'{path}' cannot be read: {error.strerror or error}") from error
-
-
-def recovery_of(found: Scan) -> StreamRecovery:
-    """Say what a stream still holds that was looked through."""
-    lost = tuple(_lost(found))
-    samples = _safe(found)
-    damaged = sum(size for _, size in found.damaged)
-    tail = next((s for at, s in found.damaged if at + s == found.size), 0)
-    ended = found.expected is not None
-    return StreamRecovery(
-        head=found.head,
-        samples=samples,
-        ended=ended,
-        lost=lost,
-        damaged_bytes=damaged,
-        tail_bytes=tail,
-        notes=tuple(_notes(found, lost, samples, damaged, tail)),
-    )
-
-
-def _safe(found: Scan) -> int:
-    following = total = 0
-    for chunk in found.chunks:
-        fresh = min(chunk.rows, max(chunk.first + chunk.rows - following, 0))
-        total += fresh
-        following = max(following, chunk.first + chunk.rows)
-    return total
-
-
-def _lost(found: Scan) -> Iterator[Lost]:
-    """Give what is between each chunk and the next, and after the last one."""
-    following, number = 0, 0
-    for chunk in found.chunks:
-        missing = chunk.number > number
-        if chunk.first > following:
-            kind = "damage" if missing else "gap"
-            yield Lost(kind=kind, first=following, count=chunk.first - following)
-        elif chunk.first < following:
-            again = min(chunk.rows, following - chunk.first)
-            yield Lost(kind="overlap", first=chunk.first, count=again)
-        following = max(following, chunk.first + chunk.rows)
-        number = chunk.number + 1
-    if found.expected is not None and found.end > following:
-        yield Lost(kind="damage", first=following, count=found.end - following)
-
-
-def _notes(
-    found: Scan, lost: Sequence[Lost], samples: int, damaged: int, tail: int
-) -> Iterator[str]:
-    if found.expected is None:
-        yield f"the stream was not ended by its writer: {samples} samples are safe"
-        if tail:
-            yield (
-                f"at its end are {tail} bytes that are no whole chunk: samples that were being "
-                "written, or were damaged, are lost there"
-            )
-    if damaged > tail or (tail and found.expected is not None):
-        inside = damaged if found.expected is not None else damaged - tail
-        yield f"{inside} bytes inside the stream belong to no whole chunk"
-    if not found.ordered or not found.joined:
-        kind = "are not in the order" if not found.ordered else "do not join as"
-        yield f"the chunks {kind} in which they were written"
-    yield from (str(part) for part in lost)

@@ -3,7 +3,6 @@
 import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -13,34 +12,21 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.instruments.recording.files import StreamFile
-from flexstage.instruments.recording.frames import END, LARGEST_PAYLOAD, SAMPLES, StreamHead
 from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.instruments.recording.stream import (
+    END,
+    LARGEST_PAYLOAD,
+    SAMPLES,
+    STREAM_SUFFIX,
+    Irregularity,
+    StreamFile,
+    StreamHead,
+)
 
-#: How the name of a stream ends.
-STREAM_SUFFIX = ".stream"
 # so much may wait for the disk at most, whatever the clock says [bytes]
 _MOST_UNSYNCED = 8 * 2**20
 # the number of the first sample, and samples of each channel
 _Chunk = tuple[int, list[Array]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Irregularity:
-    """Samples that do not follow the ones before."""
-
-    kind: str
-    """``gap`` where samples are missing, ``overlap`` where they come again."""
-    first: int
-    """Number of the first sample that is missing, or that comes again."""
-    count: int
-    """How many."""
-
-    def __str__(self) -> str:
-        last = self.first + self.count - 1
-        if self.kind == "gap":
-            return f"samples {self.first} to {last} were never given"
-        return f"samples {self.first} to {last} were given twice; the first ones count"
 
 
 class RunWriter:
@@ -209,27 +195,6 @@ class RunWriter:
             with contextlib.suppress(OSError):
                 self._file.close()
 
-    def rescue(self, path: str | Path) -> "RunWriter":
-        """Write what could not be saved into another stream, as on another disk.
-
-        Return its writer, to be continued or closed: another run, whose note names this one.
-        """
-        about = self.head.run
-        note = f"{about.note} (continues run {about.identifier})".strip()
-        other = RunWriter(
-            path,
-            self.head.channels,
-            self.head.sample_rate_hz,
-            replace(about, note=note, identifier=""),
-            sync=self._sync_after,
-            clock=self._clock,
-        )
-        for first, columns in self.unsaved:
-            other.append(first, columns)
-        other.sync()
-        self._unsaved.clear()
-        return other
-
     def __enter__(self) -> Self:
         return self
 
@@ -307,8 +272,7 @@ class RunWriter:
             safe = self._file.safe.samples
             raise RecordError(
                 f"'{self.path}' still cannot be written on: {error.strerror or error}; its first "
-                f"{safe} samples are safe, those that follow are kept in memory, and rescue writes "
-                "them elsewhere"
+                f"{safe} samples are safe, those that follow are kept in memory (unsaved)"
             ) from error
         self._unsaved.clear()
         self._state = "open"

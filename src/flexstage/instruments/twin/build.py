@@ -1,5 +1,6 @@
 """Simulated stages from their description: made with scatter, and set to what was measured."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -8,52 +9,39 @@ import numpy as np
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.loops import loop_width
-from flexstage.hysteresis.virtual_stack import (
-    USUAL_BANDWIDTH_HZ,
-    USUAL_CREEP,
-    USUAL_LOOP_WIDTH,
-    virtual_stack,
-)
-from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.twin.default_servo import delivered_settings
 from flexstage.instruments.twin.piezo_stage import PiezoAxis, PiezoStage
-from flexstage.instruments.twin.screw_stage import ScrewAxis, ScrewStage
-from flexstage.instruments.twin.sensors import SensorBench
 from flexstage.instruments.twin.stack import ChargeDrive
-from flexstage.instruments.twin.stage import Hammer
 from flexstage.stage import PiezoStack, Screw, Stage
+from flexstage.stage.assumptions import (
+    AMPLIFIER_BANDWIDTH_HZ,
+    AMPLIFIER_CURRENT,
+    BACKLASH,
+    BACKLASH_SPREAD,
+    CREEP,
+    LOOP_WIDTH,
+    LOOP_WIDTH_SPREAD,
+    STROKE_SPREAD,
+)
+from flexstage.stage.limits import AxisLimits, stage_limits
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.analysis import axis_mode
 from flexstage.virtual.as_built import AsBuilt, as_built
-from flexstage.virtual.bench import SimulatedSensor
+from flexstage.virtual.hammer import Hammer
 from flexstage.virtual.imperfections import (
     Scatter,
     displaced_system,
     displacements,
     manufactured,
 )
+from flexstage.virtual.screw_stage import ScrewAxis, ScrewStage
+from flexstage.virtual.sensors import EDDY_CURRENT_SENSORS, SensorBench
+from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, loop_share, matched_stacks, virtual_stack
 
-#: Largest current of the amplifier [A].
-_CURRENT = 0.3
-#: Widths that a loop can have over its stroke [1].
-_WIDTHS = (0.03, 0.25)
-#: So many plays that their kinks drown in any noise.
-_PLAYS = 192
-#: Spread of strokes, of widths and of backlash from one stage to the next [1].
-_STROKE_SPREAD, _WIDTH_SPREAD, _BACKLASH_SPREAD = 0.02, 0.04, 0.2
-_BACKLASH = 0.5e-6
 #: Part of the stroke that is kept free at each end.
 _KEPT_FREE = 0.015
 _CYCLES = 4
 _EXACT = Scatter(neck_common=0.0, neck_own=0.0, position=0.0, modulus=0.0)
-_EDDY_CURRENT = SensorBench(
-    along=SimulatedSensor(
-        noise_rms=20e-9, mains_amplitude=20e-9, resolution_step=1e-10, calibration=5e-4
-    ),
-    beside=SimulatedSensor(
-        noise_rms=20e-9, mains_amplitude=20e-9, resolution_step=1e-10, calibration=2e-3
-    ),
-)
 
 
 def virtual_stage(
@@ -186,36 +174,30 @@ def _piezos(
     built: AsBuilt, seed: int, rate: float, *, charge: bool, quiet: bool, scatter: bool
 ) -> PiezoStage:
     rng = _draws(seed)
-    creep = LogCreep(rate_per_decade=USUAL_CREEP)
+    creep = LogCreep(rate_per_decade=CREEP)
     aims, parts = [], []
     for state in built.axes:
         off = rng.standard_normal(2).tolist() if scatter else (0.0, 0.0)
-        width = _published_width(built.stage, state.name)
-        share = USUAL_LOOP_WIDTH if width is None else width / state.stroke
-        share *= 1.0 + _WIDTH_SPREAD * off[0]
-        aims.append(
-            (state.stroke * (1.0 + _STROKE_SPREAD * off[1]), float(np.clip(share, *_WIDTHS)))
-        )
+        share = loop_share(built.stage, state.name, state.stroke)
+        share *= 1.0 + LOOP_WIDTH_SPREAD * off[0]
+        aims.append((state.stroke * (1.0 + STROKE_SPREAD * off[1]), float(np.clip(share, *WIDTHS))))
         parts.append(_axis_of(built, state.name))
-    # creep and the stage add to both, so that the stack itself needs a little less
-    size = [
-        (built.stage.drive(p.drive).stroke or 0.0, s) for p, (_, s) in zip(parts, aims, strict=True)
-    ]
-    for _ in range(2):
-        parts = [_with_stack(p, *s) for p, s in zip(parts, size, strict=True)]
-        got = _conditioned(built, parts, creep)
-        size = [
-            (free * aim[0] / stroke, float(np.clip(own * aim[1] / width, *_WIDTHS)))
-            for (free, own), aim, (stroke, width, _) in zip(size, aims, got, strict=True)
-        ]
-    parts = [_with_stack(p, *s) for p, s in zip(parts, size, strict=True)]
+
+    def measured(sizes: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+        stacked = [_with_stack(p, *s) for p, s in zip(parts, sizes, strict=True)]
+        return [found[:2] for found in _conditioned(built, stacked, creep)]
+
+    free = [built.stage.drive(part.drive).stroke or 0.0 for part in parts]
+    start = [(f, share) for f, (_, share) in zip(free, aims, strict=True)]
+    sizes = matched_stacks(start, aims, measured)
+    parts = [_with_stack(p, *s) for p, s in zip(parts, sizes, strict=True)]
     final = []
     for part, (stroke, _, low) in zip(parts, _conditioned(built, parts, creep), strict=True):
         free = _KEPT_FREE * stroke
         guide = replace(built.axis(part.name).guide, stroke=stroke)
         limits = replace(part.limits, position=(low + free, low + stroke - free))
         final.append(replace(part, limits=limits, guide=guide, low=low))
-    final = delivered_settings(built.system, final, rate, USUAL_BANDWIDTH_HZ, creep)
+    final = delivered_settings(built.system, final, rate, AMPLIFIER_BANDWIDTH_HZ, creep)
     return PiezoStage(
         stage=built.stage,
         system=built.system,
@@ -223,7 +205,7 @@ def _piezos(
         sample_rate_hz=rate,
         seed=seed,
         creep=creep,
-        bandwidth_hz=USUAL_BANDWIDTH_HZ,
+        bandwidth_hz=AMPLIFIER_BANDWIDTH_HZ,
         charge=ChargeDrive(voltage_range=_range(final[0])) if charge else None,
         quiet=quiet,
         scatter=scatter,
@@ -243,16 +225,16 @@ def _axis_of(built: AsBuilt, name: str) -> PiezoAxis:
     limits = stage_limits(built.stage, name)
     rate = float("inf")
     if isinstance(drive, PiezoStack) and drive.capacitance is not None:
-        rate = _CURRENT / drive.capacitance
+        rate = AMPLIFIER_CURRENT / drive.capacitance
         limits = limits.within(AxisLimits(slew=rate))
     return PiezoAxis(
         name=name, drive=axis.drive, probe=axis.probe, limits=limits, largest_rate=rate,
-        stack=virtual_stack(limits.voltage or (0.0, 1.0), 1.0, USUAL_LOOP_WIDTH, plays=8),
+        stack=virtual_stack(limits.voltage or (0.0, 1.0), 1.0, LOOP_WIDTH, plays=8),
     )  # fmt: skip
 
 
 def _with_stack(part: PiezoAxis, free: float, width: float) -> PiezoAxis:
-    return replace(part, stack=virtual_stack(_range(part), free, width, plays=_PLAYS))
+    return replace(part, stack=virtual_stack(_range(part), free, width, plays=FINE_PLAYS))
 
 
 def _conditioned(
@@ -262,7 +244,7 @@ def _conditioned(
     rate = 1000.0
     stage = PiezoStage(
         stage=built.stage, system=built.system, axes=parts, sample_rate_hz=rate, creep=creep,
-        bandwidth_hz=USUAL_BANDWIDTH_HZ, quiet=True, scatter=False,
+        bandwidth_hz=AMPLIFIER_BANDWIDTH_HZ, quiet=True, scatter=False,
     )  # fmt: skip
     n = int(rate)
     swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(_CYCLES * n) / n)
@@ -275,15 +257,6 @@ def _conditioned(
     return found
 
 
-def _published_width(stage: Stage, axis: str) -> float | None:
-    from flexstage.characteristic import Characteristics
-
-    rows = Characteristics(stage.published).select(
-        "hysteresis_loop_width", axis, "published-measured"
-    )
-    return rows[0].value if rows else None
-
-
 def _screws(built: AsBuilt, seed: int, rate: float, *, quiet: bool, scatter: bool) -> ScrewStage:
     rng = _draws(seed)
     axes = []
@@ -292,8 +265,8 @@ def _screws(built: AsBuilt, seed: int, rate: float, *, quiet: bool, scatter: boo
         if not isinstance(drive, Screw):
             raise ModelError(f"drive '{drive.name}' is no screw: a twin needs screws on all axes")
         off = rng.standard_normal(2).tolist() if scatter else (0.0, 0.0)
-        stroke = state.stroke * (1.0 + _STROKE_SPREAD * off[0])
-        backlash = _BACKLASH * float(np.clip(1.0 + _BACKLASH_SPREAD * off[1], 0.3, 1.7))
+        stroke = state.stroke * (1.0 + STROKE_SPREAD * off[0])
+        backlash = BACKLASH * float(np.clip(1.0 + BACKLASH_SPREAD * off[1], 0.3, 1.7))
         axes.append(
             ScrewAxis(
                 name=state.name,
@@ -304,8 +277,11 @@ def _screws(built: AsBuilt, seed: int, rate: float, *, quiet: bool, scatter: boo
                 guide=replace(state.guide, stroke=stroke),
             )
         )
+    sensors = SensorBench(
+        along=EDDY_CURRENT_SENSORS["along"], beside=EDDY_CURRENT_SENSORS["beside"]
+    )
     return ScrewStage(
-        stage=built.stage, axes=axes, sensors=_EDDY_CURRENT, sample_rate_hz=rate, seed=seed,
+        stage=built.stage, axes=axes, sensors=sensors, sample_rate_hz=rate, seed=seed,
         quiet=quiet, scatter=scatter, hammer=Hammer(built, seed), notes=built.notes,
     )  # fmt: skip
 

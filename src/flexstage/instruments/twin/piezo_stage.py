@@ -11,9 +11,6 @@ from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.modal import unit_step
-from flexstage.hysteresis.virtual_stack import VirtualStack
-from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.loop import (
     DriveArrays,
     LoopState,
@@ -23,7 +20,14 @@ from flexstage.instruments.twin.loop import (
     run_loop,
     sampled_response,
 )
-from flexstage.instruments.twin.sensors import (
+from flexstage.instruments.twin.stack import ChargeDrive, relaxed_stacks, stack_arrays
+from flexstage.stage import Stage
+from flexstage.stage.limits import AxisLimits
+from flexstage.system import MechanicalSystem, modes
+from flexstage.system.servo import ServoSettings
+from flexstage.virtual.hammer import Blow, Hammer
+from flexstage.virtual.imperfections import GuideErrors
+from flexstage.virtual.sensors import (
     Disturbances,
     SensorBench,
     kinds_of,
@@ -32,11 +36,8 @@ from flexstage.instruments.twin.sensors import (
     readings_beside,
     sources,
 )
-from flexstage.instruments.twin.stack import ChargeDrive, relaxed_stacks, stack_arrays
-from flexstage.instruments.twin.stage import Blow, Hammer, StageSamples, VirtualStage, commands
-from flexstage.stage import Stage
-from flexstage.system import MechanicalSystem, modes
-from flexstage.virtual.imperfections import GuideErrors
+from flexstage.virtual.stack import VirtualStack
+from flexstage.virtual.stage import StageSamples, VirtualStage, commands
 
 _CONVERTER_BITS = 20
 

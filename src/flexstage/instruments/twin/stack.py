@@ -18,7 +18,7 @@ from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.models.decay import saturating
-from flexstage.hysteresis.virtual_stack import VirtualStack
+from flexstage.virtual.stack import VirtualStack
 
 _CYCLES = 3
 
@@ -174,7 +174,7 @@ def free_displacements(arrays: StackArrays, state: StackState, voltage: ArrayLik
 
     Examples
     --------
-    >>> from flexstage.hysteresis import virtual_stack
+    >>> from flexstage.virtual import virtual_stack
     >>> made = stack_arrays([virtual_stack((0.0, 120.0), 38e-6, 0.125)], 1e3)
     >>> found = free_displacements(made, relaxed_stacks(made), [[120.0, 0.0, 120.0, 0.0]])
     >>> round(float(np.ptp(found[0, 2:])) * 1e6, 1)

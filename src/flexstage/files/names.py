@@ -1,0 +1,43 @@
+"""Names that files can have."""
+
+from collections.abc import Iterable
+
+# No system takes a name of more than 255 bytes, and endings are put behind it.
+_CHARACTERS, _BYTES = 60, 180
+# What Windows keeps for devices, whatever follows behind a dot.
+_DEVICES = frozenset(
+    ["con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt") for i in range(1, 10))]
+)
+
+
+def file_name(name: str, fallback: str = "stage") -> str:
+    """Return a name that a file can have on every system, the fallback where nothing is left.
+
+    Dashes stand for special characters; none is first, where programs take it for an option.
+
+    Examples
+    --------
+    >>> file_name("a/b: c")
+    'a-b--c'
+    """
+    kept = "".join(c if c.isalnum() or c in "-_.+" else "-" for c in name).strip(".").lstrip("-.+")
+    kept = kept[:_CHARACTERS].encode()[:_BYTES].decode(errors="ignore") or fallback
+    return f"_{kept}" if kept.partition(".")[0].lower() in _DEVICES else kept
+
+
+def file_names(names: Iterable[str], fallback: str = "axis") -> list[str]:
+    """Return a name that a file can have for each name, no two alike in any case of letters.
+
+    Examples
+    --------
+    >>> file_names(["x 1", "x/1", "y"])
+    ['x-1', 'x-1-2', 'y']
+    """
+    found: list[str] = []
+    for name in names:
+        plain = file_name(name, fallback)
+        count, free = 2, plain
+        while free.lower() in {f.lower() for f in found}:
+            free, count = f"{plain}-{count}", count + 1
+        found.append(free)
+    return found

@@ -1,0 +1,61 @@
+"""Results as plain data, as JSON has them: their fields say what a program reads of them."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+
+def plain(value: Any) -> Any:
+    """Return a result as plain data: dataclasses as mappings by field, arrays as lists.
+
+    What is no finite number becomes None, which JSON has a word for; a complex number is not taken.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> plain({"noise": np.array([1.5, np.inf]), "file": Path("a") / "b.csv"})
+    {'noise': [1.5, None], 'file': 'a/b.csv'}
+    """
+    match value:
+        case None | str() | bool() | int():
+            return value
+        case float():
+            return float(value) if math.isfinite(value) else None
+        case Path():
+            return value.as_posix()
+        case Mapping():
+            return {key: plain(one) for key, one in value.items()}
+        case tuple() | list():
+            return [plain(one) for one in value]
+    if hasattr(value, "tolist"):  # an array, or a number of one
+        return plain(value.tolist())
+    assert is_dataclass(value), f"no plain data stand for a {type(value).__name__}"
+    return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+
+
+def picked(source: Any, *names: str) -> dict[str, Any]:
+    """Return some attributes of a result as plain data, in the order of their names.
+
+    A name may lead through attributes, with dots between, and what is a method is called; a key
+    that is another than the name stands before it.
+
+    Examples
+    --------
+    >>> picked(3.5 + 2j, "imag", "whole=real.is_integer")
+    {'imag': 2.0, 'whole': False}
+    """
+    data = {}
+    for name in names:
+        key, _, path = name.rpartition("=")
+        found = attrgetter(path)(source)
+        data[key or path] = plain(found() if callable(found) else found)
+    return data
+
+
+def json_text(value: Any) -> str:
+    """Write plain data as the text of a JSON file."""
+    return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

@@ -1,0 +1,254 @@
+"""One axis of a PI controller."""
+
+import contextlib
+import math
+from dataclasses import dataclass
+
+from flexstage.errors import ControllerError, FlexstageError, ModelError, NotConnectedError
+from flexstage.instruments.limits import check_position, check_voltage
+from flexstage.instruments.pi.connection import Connection
+from flexstage.instruments.pi.tuning import ServoTuning
+from flexstage.instruments.pi.units import VOLTS, WireUnit
+from flexstage.instruments.protocol import Capability, MotionAxis
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
+
+#: Time in which an amplifier makes the largest step that is commanded at once [s].
+_STEP_TIME = 1e-4
+#: First step of an axis that has not been seen to count in volts, and its tolerance [V].
+_FIRST_STEP, _VOLT_TOLERANCE = 1.0, 0.5
+#: Part of a motion by which the voltage may miss it, and how long it may take to get there [s].
+_VOLT_SHARE, _VOLT_TIME = 0.02, 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisFacts:
+    """What is known of an axis from the beginning."""
+
+    name: str
+    """Its name at the stage."""
+    identifier: str
+    """Its name at the controller."""
+    index: int
+    """Its place among all axes of the controller, from 0."""
+    output: str | None
+    """Number of its piezo channel; None where it has none."""
+    unit: WireUnit
+    """Unit of its positions."""
+    limits: AxisLimits
+    """What may be commanded."""
+    capabilities: frozenset[Capability]
+    """What it can do."""
+
+
+class PiAxis(MotionAxis):
+    """An axis of a controller; positions and voltages are checked before any command leaves.
+
+    Its voltage is set in steps that the amplifier makes within 0.1 ms each. A link that is lost
+    while it waits is answered by a stop, over a second link if there can be one.
+
+    Validity: voltages are commanded by ``SVA``, which counts in volts at the drive only where the
+    controller is set so. The first motion of each axis begins with a step of 1 V at most, whose
+    effect is read back, and is given up where it is another one.
+    """
+
+    def __init__(self, connection: Connection, facts: AxisFacts) -> None:
+        self._connection, self.facts = connection, facts
+        self._client = connection.client
+        self._tuning = ServoTuning(connection, facts.identifier)
+        self._volts_seen = facts.output is None
+        self._target: float | None = None
+        self._stops = connection.client.stops
+
+    @property
+    def name(self) -> str:
+        return self.facts.name
+
+    @property
+    def capabilities(self) -> frozenset[Capability]:
+        return self.facts.capabilities
+
+    @property
+    def limits(self) -> AxisLimits:
+        return self.facts.limits
+
+    @property
+    def closed_loop(self) -> bool:
+        if not self._connection.profile.knows("SVO?"):
+            return Capability.CLOSED_LOOP in self.capabilities
+        return bool(self._client.ask_values("SVO?", [self.facts.identifier])[0])
+
+    def set_closed_loop(self, on: bool) -> None:
+        self._require(Capability.CLOSED_LOOP)
+        axis = self.facts.identifier
+        if self._connection.servo.get(axis) == on and self.closed_loop == on:
+            return
+        self._connection.drives_back()
+        self._connection.servo.pop(axis, None)
+        self._connection.tell(f"SVO {axis} {int(on)}")
+        if self.closed_loop != on:
+            raise ControllerError(
+                f"the position control of axis '{self.name}' was switched {_on(on)} and is "
+                f"{_on(not on)}: look at the controller's own messages"
+            )
+        self._connection.servo[axis] = on
+        self._target = None
+
+    def position(self) -> float:
+        value = self._client.ask_values("POS?", [self.facts.identifier])[0]
+        if not math.isfinite(value):
+            raise ControllerError(
+                f"the sensor of axis '{self.name}' gives {value} instead of a position: look at "
+                "the sensor and its cable before the stage is moved"
+            )
+        return value * self.facts.unit.factor
+
+    def voltage(self) -> float:
+        value = self._client.ask_values("VOL?", [self._output()])[0]
+        if not math.isfinite(value):
+            raise ControllerError(
+                f"the voltage of axis '{self.name}' is read as {value}: look at the amplifier"
+            )
+        return value
+
+    def move_to(self, position: float, *, wait: bool = True) -> None:
+        check_position(self.limits, position, self.name)
+        self._require(Capability.CLOSED_LOOP)
+        self._connection.drives_back()
+        text = self.facts.unit.text(position, self.limits.position)
+        self._stops, self._target = self._client.stops, None
+        self._connection.tell(f"MOV {self.facts.identifier} {text}")
+        self._target = float(text)
+        if wait:
+            self.wait()
+
+    def set_voltage(self, voltage: float) -> None:
+        check_voltage(self.limits, voltage, self.name)
+        self._require(Capability.OPEN_LOOP)
+        if self._connection.servo.get(self.facts.identifier):
+            raise ControllerError(
+                f"axis '{self.name}' is under position control, which sets its voltage: switch it "
+                "off first"
+            )
+        self._connection.drives_back()
+        self._target, self._stops = None, self._client.stops
+        here = begin = self.voltage()
+        while here != voltage:
+            here = self._next(here, voltage, first=not self._volts_seen and here == begin)
+            self._refuse_stopped()
+            text = VOLTS.text(here, self.limits.voltage)
+            self._connection.tell(f"SVA {self.facts.identifier} {text}")
+            if not self._volts_seen:
+                self._see_volts(begin, here, ended=here == voltage)
+
+    def moving(self) -> bool:
+        if self._connection.profile.knows("#5"):
+            return bool(self._client.ask_whole("\x05", base=16) >> self.facts.index & 1)
+        return not self._client.ask_values("ONT?", [self.facts.identifier])[0]
+
+    def wait(self, timeout: float = 30.0) -> None:
+        patience = self._connection.patience(timeout)
+        try:
+            closed = self.closed_loop
+            while not self._arrived(closed):
+                self._refuse_stopped()
+                if patience.over():
+                    self._client.stop()
+                    off = ", its control switched off" if closed and self._let_go() else ""
+                    raise ControllerError(
+                        f"axis '{self.name}' was not {'on target' if closed else 'at rest'} after "
+                        f"{timeout:g} s and was stopped{off}: look whether it is free to move, and "
+                        "at the settings of its control"
+                    )
+                self._connection.between_questions()
+        except (KeyboardInterrupt, NotConnectedError):
+            self._client.stop()
+            raise
+        self._refuse_stopped()
+        if closed:
+            self._check_target()
+
+    def _let_go(self) -> bool:
+        """Switch control off, which may be what swings; say whether that was possible."""
+        if Capability.OPEN_LOOP not in self.capabilities:
+            return False
+        # the stop itself stands as an error, which the first command is told
+        for _ in range(2):
+            with contextlib.suppress(FlexstageError):
+                self.set_closed_loop(False)
+                return True
+        return False
+
+    def servo(self) -> ServoSettings:
+        self._require(Capability.SERVO_TUNING)
+        return self._tuning.read()
+
+    def set_servo(self, settings: ServoSettings) -> None:
+        self._require(Capability.SERVO_TUNING)
+        self._tuning.write(settings)
+
+    def _arrived(self, closed: bool) -> bool:
+        if closed and self._connection.profile.knows("ONT?"):
+            return bool(self._client.ask_values("ONT?", [self.facts.identifier])[0])
+        return not self.moving()
+
+    def _refuse_stopped(self) -> None:
+        if self._client.stops != self._stops:
+            self._stops, self._target = self._client.stops, None
+            raise ControllerError(
+                f"axis '{self.name}' was stopped before it reached its target", 10
+            )
+
+    def _check_target(self) -> None:
+        """See that the axis came to where it was sent, and not to where somebody else sent it."""
+        target, self._target = self._target, None
+        if target is None or not self._connection.profile.knows("MOV?"):
+            return
+        present = self._client.ask_values("MOV?", [self.facts.identifier])[0]
+        if not abs(present - target) <= 1e-6 * max(1.0, abs(target)):
+            self._connection.check_state()
+            raise ControllerError(
+                f"axis '{self.name}' was sent to {target:g} and its target is {present:g} now (in "
+                "units of the controller): it was stopped, or somebody else commands it"
+            )
+
+    def _next(self, here: float, voltage: float, *, first: bool) -> float:
+        slew = self.limits.slew
+        largest = math.inf if slew is None else slew * _STEP_TIME
+        if first:
+            largest = min(largest, _FIRST_STEP)
+        if abs(voltage - here) <= largest:
+            return voltage
+        return here + math.copysign(largest, voltage - here)
+
+    def _see_volts(self, begin: float, here: float, *, ended: bool) -> None:
+        """Compare the voltage at the drive with what was commanded."""
+        if abs(here - begin) < 0.9 * _FIRST_STEP:
+            return  # too small a step to tell
+        allowed = _VOLT_TOLERANCE + _VOLT_SHARE * abs(here - begin)
+        patience = self._connection.patience(_VOLT_TIME)
+        while not abs((there := self.voltage()) - here) <= allowed:
+            if patience.over():
+                raise ControllerError(
+                    f"axis '{self.name}' was sent to {here:.4g} V, and there are {there:.4g} V at "
+                    "its drive: the controller counts its open-loop commands in another unit than "
+                    "volts, or the amplifier is off; nothing more was sent"
+                )
+            self._connection.between_questions()
+        self._volts_seen = ended
+
+    def _output(self) -> str:
+        if self.facts.output is None:
+            raise ModelError(f"axis '{self.name}' has no voltage: it is no piezo axis")
+        return self.facts.output
+
+    def _require(self, capability: Capability) -> None:
+        if capability not in self.capabilities:
+            raise ModelError(
+                f"axis '{self.name}' of this controller cannot do this: there is no "
+                f"{capability.value}"
+            )
+
+
+def _on(on: bool) -> str:
+    return "on" if on else "off"

@@ -1,0 +1,228 @@
+"""The data recorder of a PI controller."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexstage.errors import ControllerError, LimitError, ModelError
+from flexstage.instruments.pi.axis import PiAxis
+from flexstage.instruments.pi.connection import Connection
+from flexstage.instruments.pi.profile import describe
+from flexstage.instruments.pi.replies import parse_array
+from flexstage.instruments.protocol import Recorder, Signal
+from flexstage.records import Channel, Record
+
+#: How options are called that record a kind of signal, the best first.
+_OPTIONS = {
+    "position": (r"^(current|real|actual) position of axis", r"^(current|real|actual) position"),
+    "target": (r"^(target|commanded) position of axis", r"^(target|commanded) position"),
+    "voltage": (r"^control voltage of output", r"^voltage of output", r"voltage"),
+    "channel": (r"sensor.*mech\.? ?linear", r"sensor.*elec\.? ?linear", r"sensor"),
+    "force": (r"hammer force",),
+    "response": (r"response to blow",),
+}
+#: Units of what is always recorded in SI, where the option does not name another in brackets.
+_PLAIN = {"voltage": "V", "force": "N", "response": "m/s^2"}
+_BRACKETS = re.compile(r"\[([^]]+)\]")
+#: What starts a recording with a waveform, and at once.
+_WITH_WAVE = (r"wave", r"any c.*chang", r"next command")
+_AT_ONCE = (r"immediate",)
+#: Part by which the time between rows may differ from the one that was set.
+_RATE_TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelFacts:
+    """What is known of a sensor."""
+
+    number: int
+    """Its number."""
+    name: str
+    """What it reads, where the controller says so; else its number."""
+    unit: str
+    """SI unit: ``m`` or ``rad``."""
+    factor: float
+    """SI value of one unit of the wire."""
+
+
+class PiRecorder(Recorder):
+    """Records in tables of the controller, each of `capacity` samples.
+
+    The highest rate is that of its loop. Nothing is available while it waits for its start,
+    whatever older records hold.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        axes: dict[str, PiAxis],
+        channels: dict[int, ChannelFacts],
+        *,
+        base_rate_hz: float,
+        capacity: int,
+        tables: int,
+    ) -> None:
+        self._connection, self._axes, self._channels = connection, axes, channels
+        self._base, self._capacity, self._tables = base_rate_hz, capacity, tables
+        self._chosen: tuple[Signal, ...] = ()
+        self._factors: tuple[float, ...] = ()
+        self._samples, self._rate = 0, base_rate_hz
+        self._used = tables
+        self._waiting = True
+
+    @property
+    def base_rate_hz(self) -> float:
+        return self._base
+
+    @property
+    def capacity(self) -> int:
+        return self._capacity
+
+    @property
+    def signals(self) -> int:
+        return self._tables
+
+    def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
+        if not 1 <= len(signals) <= self._tables:
+            raise LimitError(
+                f"the recorder has {self._tables} tables, got {len(signals)} signals: record them "
+                "in several runs"
+            )
+        if not 2 <= samples <= self._capacity:
+            raise LimitError(
+                f"a table of the recorder has 2 to {self._capacity} samples, got {samples}: record "
+                "at a slower rate, or for a shorter time"
+            )
+        if not 0.0 < rate_hz < float("inf"):
+            raise ModelError(f"the rate of a record must be positive and finite, got {rate_hz!r}")
+        told = [self._source(signal) for signal in signals]
+        divider = max(1, round(self._base / rate_hz))
+        for table, (source, option, _) in enumerate(told, 1):
+            self._connection.tell(f"DRC {table} {source} {option}")
+        if 0 in self._connection.profile.record_options:
+            # what a table recorded before, also for others, would be in the way
+            for table in range(len(told) + 1, self._used + 1):
+                self._connection.tell(f"DRC {table} 0 0")
+            self._used = len(told)
+        self._connection.divider = None
+        self._connection.tell(f"RTR {divider}")
+        self._connection.divider = divider
+        self._chosen, self._factors = tuple(signals), tuple(t[2] for t in told)
+        self._samples, self._rate, self._waiting = samples, self._base / divider, True
+        return self._rate
+
+    def arm(self) -> None:
+        self._require_choice()
+        option = self._connection.profile.trigger_option(*_WITH_WAVE)
+        self._waiting = True
+        self._connection.tell(f"DRT 0 {1 if option is None else option} 0")
+
+    def start(self) -> None:
+        self._require_choice()
+        option = self._connection.profile.trigger_option(*_AT_ONCE)
+        if option is None:
+            raise ModelError(
+                "the recorder of this controller cannot be started by itself: it starts with "
+                f"{describe(self._connection.profile.trigger_options)}"
+            )
+        self._connection.tell(f"DRT 0 {option} 0")
+        self._waiting = False
+
+    def triggered(self) -> None:
+        """Take note that something has started that starts the recorder."""
+        self._waiting = False
+
+    def available(self) -> int:
+        if self._waiting or not self._chosen:
+            return 0
+        tables = [str(t) for t in range(1, len(self._chosen) + 1)]
+        counts = self._connection.client.ask_values("DRL?", tables)
+        return min(self._samples, int(min(counts)))
+
+    def read(self, first: int, count: int) -> Record:
+        if first < 0 or count < 2 or first + count > self._samples:
+            raise ModelError(
+                f"the record has samples 0 to {self._samples - 1}, and two or more are read at "
+                f"once, got {count} from {first}"
+            )
+        parts = []
+        for start in range(first, first + count, self._connection.transfer.rows):
+            rows = min(self._connection.transfer.rows, first + count - start)
+            parts.append(self._portion(start, rows))
+        values = np.concatenate(parts, axis=1)
+        return Record(
+            channels=tuple(
+                Channel(name=s.name, values=row * factor, unit=s.unit)
+                for s, row, factor in zip(self._chosen, values, self._factors, strict=True)
+            ),
+            time=np.arange(first, first + count) / self._rate,
+            source=self._connection.client.identity,
+        )
+
+    def _portion(self, start: int, rows: int) -> np.ndarray:
+        width = len(self._chosen)
+        tables = " ".join(str(t) for t in range(1, width + 1))
+        question = f"DRR? {start + 1} {rows} {tables}"
+        array = parse_array(self._connection.client.ask(question), width, rows, question)
+        if array.sample_time is not None:
+            told = array.sample_time * self._rate
+            if not abs(told - 1.0) <= _RATE_TOLERANCE:
+                self._connection.check_state()
+                raise ControllerError(
+                    f"the recorder was set to {1.0 / self._rate:.6g} s from sample to sample, and "
+                    f"sends {array.sample_time:.6g} s: this is not the record that was asked for"
+                )
+        return array.columns
+
+    def _source(self, signal: Signal) -> tuple[str, int, float]:
+        """Return source, option and SI value of one unit of a signal."""
+        option = None
+        if signal.kind in _OPTIONS:
+            option = self._connection.profile.record_option(*_OPTIONS[signal.kind])
+        if option is None:
+            raise ModelError(
+                f"the recorder of this controller knows nothing of the kind '{signal.kind}': it "
+                f"records {describe(self._connection.profile.record_options)}"
+            )
+        if signal.kind == "channel":
+            channel = self._channel(signal.source)
+            source, factor, unit = signal.source, channel.factor, channel.unit
+        else:
+            axis = self._axis(signal.source)
+            unit, factor = "m", axis.facts.unit.factor
+            if signal.kind in _PLAIN:
+                said = _BRACKETS.search(self._connection.profile.record_options[option])
+                unit, factor = said[1] if said else _PLAIN[signal.kind], 1.0
+            source = axis.facts.identifier
+            if signal.kind == "voltage":
+                if axis.facts.output is None:
+                    raise ModelError(f"axis '{signal.source}' has no voltage to be recorded")
+                source = axis.facts.output
+        if signal.unit != unit:
+            raise ModelError(
+                f"'{signal.name}' is recorded in {unit}, and its signal says {signal.unit!r}"
+            )
+        return source, option, factor
+
+    def _axis(self, name: str) -> PiAxis:
+        if name not in self._axes:
+            raise ModelError(
+                f"there is no axis '{name}' to be recorded: they are "
+                f"{', '.join(map(repr, self._axes))}"
+            )
+        return self._axes[name]
+
+    def _channel(self, text: str) -> ChannelFacts:
+        channel = self._channels.get(int(text)) if text.isdecimal() else None
+        if channel is None:
+            raise ModelError(
+                f"there is no sensor '{text}' to be recorded: they are "
+                f"{', '.join(map(str, self._channels)) or 'none'}"
+            )
+        return channel
+
+    def _require_choice(self) -> None:
+        if not self._chosen:
+            raise ModelError("nothing was chosen to be recorded: call configure first")

@@ -1,0 +1,1 @@
+"""A simulated controller: axes, wave tables and a recorder before a stage, and its command set."""

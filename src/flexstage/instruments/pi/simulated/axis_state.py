@@ -1,0 +1,333 @@
+"""One axis of a simulated controller: what it is commanded sample by sample, where it stands.
+
+And what is looked at before the first sample of a waveform: values, slopes, and how it begins.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.hysteresis.compiled import compiled
+from flexstage.instruments.pi.simulated.device import AxisDescription, Refusal, RefusedError
+from flexstage.instruments.pi.simulated.wave_tables import WaveRun
+
+#: Time constant with which the reading is smoothed before it is compared with the target [s].
+_SMOOTHING = 1e-3
+#: A full travel takes this long as delivered [s].
+_TRAVEL_TIME = 0.1
+#: A full range of a drive whose fastest change is not known [s].
+_RANGE_TIME = 10e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ramp:
+    """A straight line from a value to another, then the other for ever.
+
+    Every sample has a closed form in its number, so that it does not matter in which portions they
+    are computed.
+
+    Examples
+    --------
+    >>> Ramp(first=10, start=2.0, end=-1.0, step=1.25).values(9, 5)
+    array([ 2.  ,  0.75, -0.5 , -1.  , -1.  ])
+    """
+
+    first: int
+    """Number of the sample with which it begins; that sample has made the first step already."""
+    start: float
+    """Value before its first step [m, or V]."""
+    end: float
+    """Value that it leads to [m, or V]."""
+    step: float
+    """Largest change from one sample to the next [m, or V]."""
+
+    @classmethod
+    def hold(cls, value: float) -> "Ramp":
+        """Return a ramp that has ended long ago."""
+        return cls(first=0, start=value, end=value, step=math.inf)
+
+    @property
+    def last(self) -> int:
+        """Number of the first sample at the end."""
+        steps = abs(self.end - self.start) / self.step
+        count = math.ceil(steps)
+        # the quotient is rounded: go by what the samples say
+        while count and (count - 1) * self.step >= abs(self.end - self.start):
+            count -= 1
+        while count * self.step < abs(self.end - self.start):
+            count += 1
+        return self.first + max(count, 1) - 1
+
+    def values(self, first: int, count: int) -> Array:
+        """Return samples."""
+        distance = abs(self.end - self.start)
+        if distance == 0.0:
+            return np.full(count, self.end)
+        steps = np.arange(first - self.first + 1, first - self.first + 1 + count, dtype=np.float64)
+        way = np.maximum(steps, 0.0) * self.step
+        return np.where(
+            way >= distance, self.end, self.start + math.copysign(1.0, self._rise) * way
+        )
+
+    @property
+    def _rise(self) -> float:
+        return self.end - self.start
+
+
+class AxisState:
+    """What a controller knows of one of its axes.
+
+    Commands and what they lead to are positions [m] under control, else voltages [V]; samples are
+    numbered as those of the loop. `index` is its place among the axes, from 0.
+    """
+
+    def __init__(self, description: AxisDescription, index: int, rate_hz: float) -> None:
+        self.description, self.index = description, index
+        self.period = 1.0 / rate_hz
+        self._window = description.window
+        self._settle = max(1, round(description.settle * rate_hz))
+        self._share = 1.0 - math.exp(-self.period / _SMOOTHING)
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to what it is when it is switched on."""
+        self.servo = self.screw
+        self.ramp = Ramp.hold(0.0)
+        self.wave: WaveRun | None = None
+        self.speed = self._first_speed()
+        self.target = 0.0  # position that was commanded last
+        self.voltage_command = 0.0  # voltage that was commanded last
+        self.reading = 0.0
+        self.volts = self.asked = 0.0  # voltage at the drive, and what its amplifier is told
+        self._smooth, self._inside = 0.0, 0
+
+    @property
+    def screw(self) -> bool:
+        """Whether it is a screw, which is always under control."""
+        return self.description.kind == "screw"
+
+    @property
+    def largest_speed(self) -> float:
+        """Largest speed of moves and waveforms [m/s].
+
+        Where the limits name none: what the largest slew of the voltage gives on average.
+        """
+        limits = self.description.limits
+        if limits.speed is not None:
+            return limits.speed
+        return _span(limits.position, 1e-4) / _span(limits.voltage, 100.0) * self.largest_slew
+
+    @property
+    def largest_slew(self) -> float:
+        """Largest rate of the voltage [V/s]; the full range in 10 ms where the limits name none."""
+        limits = self.description.limits
+        return _span(limits.voltage, 100.0) / _RANGE_TIME if limits.slew is None else limits.slew
+
+    @property
+    def largest_rate(self) -> float:
+        """Largest rate of what a waveform commands at present [m/s, or V/s]."""
+        return self.largest_speed if self.servo else self.largest_slew
+
+    def _first_speed(self) -> float:
+        if self.screw and self.description.limits.speed is not None:
+            return self.description.limits.speed
+        return min(self.largest_speed, _span(self.description.limits.position, 1e-4) / _TRAVEL_TIME)
+
+    def present(self, sample: int) -> float:
+        """Return what is commanded at a sample: a position under control, else a voltage."""
+        begun = self.wave is not None and sample >= self.wave.first
+        source = self.wave if self.wave is not None and begun else self.ramp
+        return float(source.values(sample, 1)[0])
+
+    def moving(self, sample: int) -> bool:
+        """Say whether a command or a waveform still moves it."""
+        return self.wave is not None or sample < self.ramp.last
+
+    def settled(self, sample: int) -> bool:
+        """Say whether it has come to where it was sent, and under control stays near it."""
+        if self.moving(sample):
+            return False
+        return not self.servo or self._inside >= self._settle
+
+    def go(self, value: float, sample: int, rate: float) -> None:
+        """Lead the commanded value to another one, at a rate [m/s, or V/s]."""
+        here = self.present(sample)
+        self.ramp = Ramp(first=sample + 1, start=here, end=value, step=rate * self.period)
+        self._inside = 0
+        self._note(value)
+
+    def hold(self, value: float) -> None:
+        """Command a value from the next sample on, and end what moves the axis."""
+        self.wave = None
+        self.ramp = Ramp.hold(value)
+        self._inside = 0
+        self._note(value)
+
+    def run(self, wave: WaveRun, sample: int) -> None:
+        """Follow a waveform from its first sample on."""
+        self.ramp = Ramp.hold(self.present(sample))
+        self.wave = wave
+        self._inside = 0
+
+    def stop(self, sample: int) -> None:
+        """Hold where the axis is: the present reading under control, else the present command."""
+        self.hold(self.reading if self.servo and not self.screw else self.present(sample))
+
+    def switch(self, on: bool) -> None:
+        """Switch control on, to hold what is read, or off, to hold the voltage."""
+        self.servo = on
+        self._smooth = self.reading
+        self.hold(self.reading if on else self.asked)
+
+    def fill(self, first: int, command: Array, feedforward: Array) -> None:
+        """Write what is commanded over the next samples; feedforward [V] is NaN for none."""
+        source = self.ramp if self.wave is None else self.wave
+        command[:] = source.values(first, command.size)
+        feedforward[:] = np.nan if self.wave is None else self.wave.voltages(first, command.size)
+
+    def take(self, last: int, command: Array, reading: Array) -> None:
+        """Take note of where the stage is, by what was commanded and its own sensor [m]."""
+        self.reading = float(reading[-1])
+        if self.servo:
+            share = 1.0 if self.screw else self._share
+            self._smooth, self._inside = _settle(
+                command, reading, self._window, share, self._smooth, self._inside
+            )
+        if self.wave is not None and not self.wave.running(last):
+            inside = self._inside
+            self.hold(self.wave.end)
+            self._inside = inside
+
+    def _note(self, value: float) -> None:
+        if self.servo:
+            self.target = value
+        else:
+            self.voltage_command = value
+
+
+def _span(bounds: tuple[float, float] | None, unknown: float) -> float:
+    return unknown if bounds is None else bounds[1] - bounds[0]
+
+
+@compiled
+def _settle(
+    command: Array, reading: Array, window: float, share: float, smooth: float, inside: int
+) -> tuple[float, int]:
+    """Smooth the reading by a first-order lag, and count the samples near what is commanded."""
+    for k in range(command.size):
+        smooth += share * (reading[k] - smooth)
+        inside = inside + 1 if abs(smooth - command[k]) <= window else 0
+    return smooth, inside
+
+
+#: Texts are rounded: a value may pass the end of a range by this part of the range, and is then
+#: taken as the end; a slope may pass its limit by this part.
+_VALUE, _SLOPE = 1e-6, 1e-3
+
+
+def require_within(
+    axis: str, values: Array, bounds: tuple[float, float] | None, unit: str
+) -> Array:
+    """Refuse values [m, or V] outside a range; return them, led to its ends where rounding missed.
+
+    Nothing is refused where the range is not known.
+    """
+    scale, shown = (1e6, "um") if unit == "m" else (1.0, unit)
+    if not np.isfinite(values).all():
+        raise RefusedError(Refusal.BAD_VALUE, f"axis '{axis}' cannot be sent to what is no number")
+    if bounds is None:
+        return values
+    low, high = bounds
+    slack = _VALUE * (high - low)
+    worst = values[np.argmax(np.maximum(low - values, values - high))]
+    if not low - slack <= worst <= high + slack:
+        raise RefusedError(
+            Refusal.OUT_OF_LIMITS,
+            f"axis '{axis}' cannot be sent to {worst * scale:g} {shown}: its limits are "
+            f"{low * scale:g} to {high * scale:g} {shown}",
+        )
+    return np.clip(values, low, high)
+
+
+def check_wave(
+    state: AxisState,
+    samples: Array,
+    cycles: int,
+    divider: int,
+    present: float,
+    *,
+    shift: float = 0.0,
+) -> Array:
+    """Check a waveform whole, and return what is to be run [m, or V].
+
+    It runs `cycles` times, `divider` samples of the loop for one of the table, from where the axis
+    stands at present; each cycle begins by `shift` further than the one before [m, or V].
+
+    A step between samples of the table takes the time of one of them, that from where the axis
+    stands to the first of them one sample of the loop, however slow the table is.
+    """
+    axis, unit = state.description.name, "m" if state.servo else "V"
+    limits = state.description.limits
+    bounds = limits.position if state.servo else limits.voltage
+    samples = require_within(axis, samples, bounds, unit)
+    if shift and not cycles:
+        raise RefusedError(
+            Refusal.OUT_OF_LIMITS,
+            f"the waveform of axis '{axis}' goes further with each cycle, and has no last one",
+        )
+    if shift:
+        require_within(axis, samples + shift * (cycles - 1), bounds, unit)
+    largest = state.largest_rate * state.period
+    joined = cycles if not shift else 1  # a cycle begins where the one before has ended
+    _check_steps(axis, samples, joined, largest * divider, unit)
+    jump = abs(float(samples[0]) - present)
+    if jump > largest * (1.0 + _SLOPE):
+        scale, shown = _shown(unit)
+        raise RefusedError(
+            Refusal.OUT_OF_LIMITS,
+            f"axis '{axis}' stands at {present * scale:g} {shown}, and its waveform begins at "
+            f"{samples[0] * scale:g} {shown}: move it there first",
+        )
+    return samples
+
+
+def check_feedforward(
+    state: AxisState, voltages: Array, size: int, cycles: int, divider: int
+) -> Array:
+    """Check the voltages [V] beside a waveform of positions, of as many samples."""
+    axis = state.description.name
+    if not state.servo:
+        raise RefusedError(
+            Refusal.SERVO_OFF,
+            f"axis '{axis}' has a feedforward table chosen, which runs only beside its control: "
+            "switch that on, or choose no feedforward",
+        )
+    if voltages.size != size:
+        raise RefusedError(
+            Refusal.BAD_VALUE,
+            f"the feedforward of axis '{axis}' has {voltages.size} samples and its waveform "
+            f"{size}: they must be as many",
+        )
+    voltages = require_within(axis, voltages, state.description.limits.voltage, "V")
+    _check_steps(axis, voltages, cycles, state.largest_slew * state.period * divider, "V")
+    return voltages
+
+
+def _check_steps(axis: str, values: Array, cycles: int, largest: float, unit: str) -> None:
+    steps = np.abs(np.diff(values if cycles == 1 else np.append(values, values[0])))
+    if not steps.size or (worst := float(steps.max())) <= largest * (1.0 + _SLOPE):
+        return
+    k = int(steps.argmax())
+    scale, shown = _shown(unit)
+    where = f"sample {k + 1}" if k + 1 < values.size else "its last sample, to the first,"
+    raise RefusedError(
+        Refusal.OUT_OF_LIMITS,
+        f"axis '{axis}' cannot follow a step of {worst * scale:g} {shown} from {where} on: "
+        f"{largest * scale:g} {shown} is the most in the time of one sample",
+    )
+
+
+def _shown(unit: str) -> tuple[float, str]:
+    return (1e6, "um") if unit == "m" else (1.0, unit)

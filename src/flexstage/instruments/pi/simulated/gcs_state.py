@@ -1,0 +1,306 @@
+"""What a GCS controller knows beside its device, in the units of the wire, for all its clients."""
+
+import copy
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.instruments.pi.simulated import errors_gcs as code
+from flexstage.instruments.pi.simulated.clock import Pace
+from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.device import AxisDescription
+from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.record_store import RecordStore
+from flexstage.system.servo import Notch, ServoSettings
+
+#: Commands of controllers with reference or limit switches; of stepping drives.
+_REFERENCE = frozenset({"FNL", "FPL", "FRF", "LIM?", "RON", "RON?"})
+_ENABLE = frozenset({"EAX", "EAX?"})
+_STATUS = frozenset({"SRG?", "TRS?"})
+#: Commands of analogue amplifiers with a digital interface.
+_ANALOGUE = frozenset({"DCO", "DCO?", "NLM", "ONL", "ONL?", "PLM", "VCO", "VCO?", "VMA", "VMI"})
+#: Commands of digital controllers only.
+_DIGITAL = frozenset(
+    {"AOS?", "ATZ", "ATZ?", "CTO", "CTO?", "IDN?", "IFC?", "OVF?", "SSN?", "TAD?", "TNS?", "TWC",
+     "TWS", "TWS?", "WOS", "WOS?"}
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControllerModel:
+    """A type of controller."""
+
+    name: str
+    """As ``*IDN?`` tells it; none for the simulation's own."""
+    lacks: frozenset[str] = frozenset()
+    """Commands that it answers with error 2."""
+    syntax: str = "2.0"
+    """Version of the command set, as ``CSV?`` tells it."""
+    unit: str = "um"
+    """Unit of positions, as it is written."""
+    inputs: int | None = None
+    """How many inputs it lists where none is named; all of them where not given."""
+
+    @property
+    def one_line(self) -> bool:
+        """Whether the axes are listed in one line, as before version 2 of the command set."""
+        return self.syntax.startswith("1")
+
+
+#: Answers as itself, and knows all commands.
+OWN = ControllerModel(name="")
+
+_DIGITAL_PIEZO = _REFERENCE | _ENABLE | _ANALOGUE
+_AMPLIFIER = _REFERENCE | _ENABLE | _STATUS | _DIGITAL
+
+#: The models by name, the usual one first.
+MODELS = {
+    model.name: model
+    for model in (
+        ControllerModel(name="E-727", lacks=_DIGITAL_PIEZO | _STATUS | {"FRF?"}),
+        ControllerModel(name="E-709", lacks=_DIGITAL_PIEZO),
+        ControllerModel(name="E-712", lacks=_ANALOGUE),
+        ControllerModel(name="E-725", lacks=_DIGITAL_PIEZO),
+        ControllerModel(name="E-753", lacks=_DIGITAL_PIEZO | {"HLT"}, unit="\xb5M", inputs=2),
+        ControllerModel(name="E-754", lacks=_DIGITAL_PIEZO, inputs=3),
+        ControllerModel(name="E-516", lacks=_AMPLIFIER, syntax="1.0"),
+        ControllerModel(name="E-517", lacks=_AMPLIFIER),
+    )
+}
+
+
+#: Micrometres, and microradians, of the wire in SI.
+MICRO = 1e-6
+#: Notches that a client can set.
+NOTCHES = 4
+Range = tuple[float, float]
+
+
+class WaveStore:
+    """Tables whose numbers are um where they run as positions, and V where they run as voltages.
+
+    What they are is known when an axis starts: under control, and of a screw, positions. So the
+    device gets its tables only then. Parts that are appended are joined when they are asked for:
+    a long table comes in thousands of lines.
+    """
+
+    def __init__(self, device: VirtualController) -> None:
+        self._device = device
+        self._parts: dict[int, list[Array]] = {}
+        self._sizes: dict[int, int] = {}
+        #: What is added to the waveform of an axis, in the unit of the wire.
+        self.offsets: dict[str, float] = dict.fromkeys(device.axes, 0.0)
+        #: Unit in SI, and offset, in which the device has a table; none where it has not got it.
+        self._given: dict[int, tuple[float, float]] = {}
+
+    def size(self, table: int) -> int:
+        """Return the number of samples of a table."""
+        return self._sizes.get(table, 0)
+
+    def filled(self) -> list[int]:
+        """Return the tables that have samples."""
+        return sorted(table for table, size in self._sizes.items() if size)
+
+    def room(self, table: int) -> int:
+        """Return how many samples a table can have beside the others."""
+        others = sum(size for number, size in self._sizes.items() if number != table)
+        return self._device.wave_capacity - others
+
+    def samples(self, table: int) -> Array:
+        """Return the samples of a table in the unit of the wire."""
+        parts = self._parts.get(table, [])
+        if len(parts) > 1:
+            parts[:] = [np.concatenate(parts)]
+        return parts[0] if parts else np.empty(0)
+
+    def in_use(self, table: int) -> bool:
+        """Say whether an axis runs a table now."""
+        return any(
+            table in self._device.wave_choice(axis)
+            for axis in self._device.axes
+            if self._device.wave_running(axis)
+        )
+
+    def replace(self, table: int, samples: Array) -> None:
+        """Replace the samples of a table, in the unit of the wire; none clears it."""
+        self._change(table)
+        self._parts[table] = [samples] if samples.size else []
+        self._sizes[table] = samples.size
+
+    def append(self, table: int, samples: Array) -> None:
+        """Append samples, in the unit of the wire, to a table."""
+        self._change(table)
+        self._parts.setdefault(table, []).append(samples)
+        self._sizes[table] = self.size(table) + samples.size
+
+    def give(self, axes: Sequence[str]) -> None:
+        """Give the device, in SI, the tables that some axes are about to run.
+
+        Two axes cannot read one table as different quantities, or with different offsets.
+        """
+        wanted: dict[int, tuple[float, float]] = {}
+        for axis in axes:
+            table, feedforward = self._device.wave_choice(axis)
+            if not table:
+                raise GcsError(code.NO_WAVE_CHOSEN)
+            screw = self._device.axes[axis].kind == "screw"
+            unit = MICRO if screw or self._device.servo_on(axis) else 1.0
+            for number, its in ((table, (unit, self.offsets[axis])), (feedforward, (1.0, 0.0))):
+                if number and not self.size(number):
+                    raise GcsError(code.WAVE_NOT_DEFINED)
+                if number and wanted.setdefault(number, its) != its:
+                    raise GcsError(code.WAVE_OUT_OF_RANGE)
+        missing = {table: how for table, how in wanted.items() if self._given.get(table) != how}
+        if any(self.in_use(table) for table in missing):
+            raise GcsError(code.WAVE_RUNNING)
+        # what is no longer in a table must not take the room of what is in another one
+        for table in range(1, self._device.wave_tables + 1):
+            if table not in self._given and self._device.wave(table).size:
+                self._device.set_wave(table, np.empty(0))
+        for table, (unit, offset) in missing.items():
+            self._device.set_wave(table, (self.samples(table) + offset) * unit)
+            self._given[table] = unit, offset
+
+    def _change(self, table: int) -> None:
+        if self.in_use(table):
+            raise GcsError(code.WAVE_RUNNING)
+        self._given.pop(table, None)
+
+
+class ServoDraft:
+    """Settings while they are changed one by one.
+
+    A notch whose frequency is 0 is none; its other two numbers are kept for when it gets one.
+
+    Notes
+    -----
+    `proportional` [V/um], `integral` [V/(um s)] and `lowpass` [Hz, 0 for none] are numbers.
+    `frequency` [Hz], `rejection` (the gain at it) [1] and `bandwidth` (twice the damping ratio of
+    the poles) [1] are lists, one entry for each notch.
+
+    Examples
+    --------
+    >>> draft = ServoDraft(ServoSettings(integral=1.9e9, notches=(Notch(frequency_hz=800.0),)))
+    >>> draft.integral, draft.frequency[0], draft.rejection[0], draft.bandwidth[0]
+    (1900.0, 800.0, 0.02, 1.0)
+    """
+
+    def __init__(self, settings: ServoSettings) -> None:
+        self.proportional = settings.proportional * MICRO
+        self.integral = settings.integral * MICRO
+        self.lowpass = settings.lowpass_hz or 0.0
+        notches = settings.notches[:NOTCHES]
+        idle = NOTCHES - len(notches)
+        self.frequency = [n.frequency_hz for n in notches] + [0.0] * idle
+        self.rejection = [n.zero_damping / n.pole_damping for n in notches] + [0.02] * idle
+        self.bandwidth = [2.0 * n.pole_damping for n in notches] + [1.0] * idle
+        self._more = settings.notches[NOTCHES:]
+
+    def settings(self) -> ServoSettings:
+        """Return the settings."""
+        notches = [
+            Notch(frequency_hz=f, zero_damping=0.5 * r * b, pole_damping=0.5 * b)
+            for f, r, b in zip(self.frequency, self.rejection, self.bandwidth, strict=True)
+            if f != 0.0
+        ]
+        return ServoSettings(
+            proportional=self.proportional / MICRO,
+            integral=self.integral / MICRO,
+            notches=(*notches, *self._more),
+            lowpass_hz=self.lowpass or None,
+        )
+
+
+class ControllerState:
+    """State of a controller that is shared by all its clients."""
+
+    def __init__(self, device: VirtualController, pace: Pace, model: ControllerModel = OWN) -> None:
+        self.device, self.pace, self.model = device, pace, model
+        #: Where it is reached.
+        self.host, self.port = "127.0.0.1", 0
+        #: How often motion was stopped.
+        self.stops = 0
+        self.axes: dict[str, AxisDescription] = dict(device.axes)
+        piezo = [name for name, axis in self.axes.items() if axis.kind == "piezo"]
+        #: Axis by output channel, by wave generator; description by input channel.
+        self.outputs = {str(i): name for i, name in enumerate(piezo, 1)}
+        self.generators = {str(i): name for i, name in enumerate(self.axes, 1)}
+        self.channels = {str(channel.number): channel for channel in device.channels}
+        #: Texts of the parameters as delivered, by item and number.
+        self.delivered: dict[tuple[str, int], str] = {}
+        self.forget()
+
+    def forget(self) -> None:
+        """Be as when it was switched on."""
+        self.waves = WaveStore(self.device)
+        self.recorder = RecordStore(self.device, self.outputs)
+        #: Drafts with the settings that they gave.
+        self._drafts: dict[str, tuple[ServoDraft, ServoSettings]] = {}
+        #: Narrower limits that clients have set, by axis [m], [V].
+        self.soft_positions: dict[str, Range] = {}
+        self.soft_voltages: dict[str, Range] = {}
+        #: Outputs that take commands; axes that are switched off; axes on their way to zero; speeds
+        #: of axes without control of speed [m/s]; axes with compensation of drift.
+        self.online = dict.fromkeys(self.outputs, True)
+        self.disabled: set[str] = set()
+        self.zeroing: set[str] = set()
+        self.free_speeds: dict[str, float] = {}
+        self.drift_compensation = dict.fromkeys(self.axes, False)
+        #: Start mode of each wave generator; settings of the digital outputs, by line and number.
+        self.start_modes = dict.fromkeys(self.generators, 0)
+        self.trigger_points: dict[tuple[int, int], bool] = {}
+        self.trigger_settings: dict[tuple[int, int], str] = {}
+
+    # positions ------------------------------------------------------------------------------
+
+    def position_range(self, axis: str) -> tuple[float, float]:
+        """Return the reachable positions of an axis [m]; wide open where it says none."""
+        return self.axes[axis].limits.position or (-1.0, 1.0)
+
+    def voltage_range(self, axis: str) -> tuple[float, float]:
+        """Return the voltages of an axis [V]; both 0 where it has none."""
+        return self.axes[axis].limits.voltage or (0.0, 0.0)
+
+    def require_ready(self, targets: Mapping[str, float], *, voltages: bool = False) -> None:
+        """Refuse a motion of axes that take none, or beyond limits that clients have set."""
+        limits = self.soft_voltages if voltages else self.soft_positions
+        offline = {self.outputs[name] for name, on in self.online.items() if not on}
+        for axis, value in targets.items():
+            if axis in self.disabled:
+                raise GcsError(code.SWITCHED_OFF)
+            if axis in offline:
+                raise GcsError(code.NOT_POSSIBLE)
+            low, high = limits.get(axis, (-math.inf, math.inf))
+            if not low <= value <= high and math.isfinite(value):
+                raise GcsError(code.VOLTAGE_OUT_OF_LIMITS if voltages else code.OUT_OF_LIMITS)
+
+    # position control -----------------------------------------------------------------------
+
+    def servo_draft(self, axis: str) -> ServoDraft:
+        """Return the settings of an axis's position control as numbers that can be changed."""
+        settings = self.device.servo(axis)
+        draft, gave = self._drafts.get(axis, (None, None))
+        # they may have been changed beside this conversation
+        return ServoDraft(settings) if draft is None or gave != settings else copy.deepcopy(draft)
+
+    def apply_draft(self, axis: str, draft: ServoDraft) -> None:
+        """Change the settings of an axis's position control."""
+        settings = draft.settings()
+        settings.sections(self.device.sample_rate_hz)
+        self.device.set_servo_settings(axis, settings)
+        self._drafts[axis] = draft, self.device.servo(axis)
+
+    # time -----------------------------------------------------------------------------------
+
+    def pass_time(self, seconds: float) -> Iterator[str]:
+        """Let simulated time [s] pass in pieces, between which other clients are heard."""
+        left = seconds
+        while left > 0.0:
+            piece = min(left, 0.05)
+            with self.pace.lock:
+                self.pace.pass_time(piece)
+            left -= piece
+            yield ""

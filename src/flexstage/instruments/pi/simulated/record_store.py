@@ -1,0 +1,166 @@
+"""What the data recorder of a controller is to record, and what it has recorded."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.instruments.pi.simulated import errors_gcs as code
+from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.protocol import Signal
+
+#: Micrometres, and microradians, of the wire in SI.
+_MICRO = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class RecordOption:
+    """Something that the data recorder offers."""
+
+    kind: str
+    """Kind of the signal."""
+    text: str
+    """How it is listed."""
+    source: str
+    """What its source is a number of."""
+    unit: str
+    """SI unit; that of the sensor for a channel."""
+
+
+#: What can be recorded, by number. From 200 on it is the simulated controller's own.
+RECORD_OPTIONS = {
+    1: RecordOption("target", "Target Position of axis", "axis", "m"),
+    2: RecordOption("position", "Current Position of axis", "axis", "m"),
+    7: RecordOption("voltage", "Control Voltage of output chan", "output", "V"),
+    20: RecordOption("channel", "Sensor mech.linear of input chan", "channel", ""),
+    200: RecordOption("force", "Hammer Force [N] at axis", "axis", "N"),
+    201: RecordOption("response", "Response to Blow [m/s^2] of axis", "axis", "m/s^2"),
+}
+_OPTION_OF = {option.kind: number for number, option in RECORD_OPTIONS.items()}
+
+
+class RecordStore:
+    """Tables of the recorder in the terms of the wire; `outputs` is the axis by output channel."""
+
+    def __init__(self, device: VirtualController, outputs: Mapping[str, str]) -> None:
+        self._device, self._outputs = device, outputs
+        self._units = {str(channel.number): channel.unit for channel in device.channels}
+        #: The trigger option, and how many tables are in use.
+        self.trigger = 0
+        self.tables = device.record_tables
+        #: What the last recording holds, by table, and the step of its samples [s].
+        self.kept: dict[int, Signal] = {}
+        self.kept_step = 0.0
+        self._by_client = False
+
+    def sources(self, option: RecordOption) -> Iterable[str]:
+        """Return what an option can be recorded of."""
+        known = {"axis": self._device.axes, "output": self._outputs, "channel": self._units}
+        return tuple(known[option.source])
+
+    def choice(self, table: int) -> tuple[str, int]:
+        """Return source and number of the option of a table; ``"0"`` and 0 for nothing."""
+        return self.source_and_option(self._device.record_signal(table))
+
+    def source_and_option(self, signal: Signal | None) -> tuple[str, int]:
+        """Return by which source and option a signal is chosen."""
+        if signal is None:
+            return "0", 0
+        option = _OPTION_OF[signal.kind]
+        if RECORD_OPTIONS[option].source == "output":
+            return next(k for k, axis in self._outputs.items() if axis == signal.source), option
+        return signal.source, option
+
+    def signal(self, source: str, number: int) -> Signal | None:
+        """Return the signal of a source and an option."""
+        if number == 0:
+            return None
+        option = RECORD_OPTIONS.get(number)
+        if option is None:
+            raise GcsError(code.UNKNOWN_RECORD_OPTION)
+        if source not in self.sources(option):
+            raise GcsError(code.UNKNOWN_RECORD_SOURCE)
+        unit = option.unit
+        if option.source == "output":
+            source = self._outputs[source]
+        elif option.source == "channel":
+            unit = self._units[source]
+        return Signal(kind=option.kind, source=source, name=f"{option.kind} {source}", unit=unit)
+
+    def choose(self, table: int, signal: Signal | None) -> None:
+        """Choose what a table of the recorder records; what it has recorded is forgotten.
+
+        A recording that runs ends, so that the next one records what was chosen in all tables.
+        """
+        self._device.arm_recorder("wave")
+        self._device.set_record_signal(table, signal)
+        self.kept.pop(table, None)
+
+    def use(self, tables: int) -> None:
+        """Choose how many tables are in use; those behind them record nothing."""
+        if not 1 <= tables <= self._device.record_tables:
+            raise GcsError(code.OUT_OF_RANGE)
+        for table in range(tables + 1, self._device.record_tables + 1):
+            self.choose(table, None)
+        self.tables = tables
+
+    def column(self, table: int, first: int, count: int) -> Array:
+        """Return samples of a table in `kept`, counted from 0, in the unit of the wire.
+
+        These are um, urad, V, N, or what a blow is answered in.
+        """
+        values = np.array(self._device.record(table, first, count), dtype=np.float64)
+        if self.kept[table].unit in ("m", "rad"):
+            values /= _MICRO
+        return values
+
+    def move(self, command: Callable[[], None]) -> None:
+        """Command a motion, which starts the recorder where this is chosen.
+
+        Each motion starts it anew, also while it still records the one before.
+        """
+        command()
+        if self.trigger == 1:
+            self.now(by_client=False)
+
+    def run(self, command: Callable[[], None]) -> None:
+        """Start a waveform, or strike a blow, which starts the recorder.
+
+        A recording that a client started at a moment of its own is not interrupted.
+        """
+        armed = not (self._by_client and self._device.recording())
+        if armed:
+            self._device.arm_recorder("wave")
+        command()
+        if armed:
+            self._keep(by_client=False)
+
+    def set_trigger(self, trigger: int) -> None:
+        """Choose what starts the recorder next; a recording that runs ends.
+
+        What it has recorded can be read until the next start, unless a motion, a command, or this
+        moment is to start it: then the tables are empty until it has, and none is taken for new.
+        """
+        self.trigger = trigger
+        self._by_client = False
+        self._device.arm_recorder("wave")
+        if trigger:
+            self.kept = {}
+        if trigger == 4:
+            self.now()
+
+    def now(self, *, by_client: bool = True) -> None:
+        """Start the recorder."""
+        self._device.arm_recorder("now")
+        self._keep(by_client=by_client)
+
+    def _keep(self, *, by_client: bool) -> None:
+        """Remember what the recording that has begun holds, and at which rate."""
+        if self._device.recording():
+            tables = range(1, self._device.record_tables + 1)
+            signals = {table: self._device.record_signal(table) for table in tables}
+            self.kept = {table: signal for table, signal in signals.items() if signal is not None}
+            self.kept_step = self._device.record_divider() / self._device.sample_rate_hz
+            self._by_client = by_client

@@ -1,0 +1,275 @@
+"""The wave generator of a PI controller."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexstage.errors import ControllerError, LimitError, ModelError
+from flexstage.instruments.limits import check_waveform
+from flexstage.instruments.pi.axis import PiAxis
+from flexstage.instruments.pi.connection import Connection
+from flexstage.instruments.pi.replies import parse_array
+from flexstage.instruments.pi.units import VOLTS, WireUnit
+from flexstage.instruments.protocol import Capability, WaveGenerator
+from flexstage.instruments.waveform import Waveform
+from flexstage.stage.limits import AxisLimits
+
+#: Samples that are read back at each of the places that are looked at.
+_LOOK = 3
+#: What may lie between where an axis stands and a first sample beside its slew: part of its range.
+_START = 1e-3
+#: Least part of a step of the wire by which a sample that was read back may differ.
+_STEPS = 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Table:
+    """One table as it was sent."""
+
+    number: int
+    axis: str
+    texts: list[str]
+    unit: WireUnit
+
+
+class PiWaves(WaveGenerator):
+    """Runs tables of points.
+
+    Axis number i of the controller gets table i, and its feedforward table number of axes + i. The
+    tables are written point by point; a few points are read back, so that a controller that
+    understood them otherwise shows before anything moves. The highest rate is that of the loop;
+    `capacity` counts the samples of all tables. `on_start` is called when a waveform starts.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        axes: Mapping[str, PiAxis],
+        *,
+        base_rate_hz: float,
+        capacity: int,
+        tables: int,
+        on_start: Callable[[], None],
+    ) -> None:
+        self._connection, self._axes = connection, axes
+        self._base, self._capacity, self._tables = base_rate_hz, capacity, tables
+        self._on_start = on_start
+        self._feedforward = connection.profile.parameter(r"feed-?forward wave table")
+        self._loaded: Waveform | None = None
+        self._sent: tuple[_Table, ...] = ()
+
+    @property
+    def base_rate_hz(self) -> float:
+        return self._base
+
+    @property
+    def capacity(self) -> int:
+        return self._capacity
+
+    def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
+        self._check(waveform, feedforward)
+        divider = self._divider(waveform.sample_rate_hz)
+        tables = self._made(waveform, 0)
+        if feedforward is not None:
+            tables += self._made(feedforward, self._count)
+        self._loaded, self._sent = None, ()
+        self._connection.tell(f"WTR 0 {divider} 1")
+        if self._connection.profile.knows("WOS"):
+            # a generator may have an offset from an earlier user
+            ids = [str(self._index(name) + 1) for name in waveform.values]
+            self._connection.tell("WOS " + " ".join(f"{g} 0" for g in ids))
+        for table in tables:
+            for line in point_lines(
+                table.number, table.texts, self._connection.transfer.line_limit
+            ):
+                self._connection.tell(line)
+        for table in tables:
+            self._read_back(table)
+        self._choose(waveform, feedforward)
+        self._loaded, self._sent = waveform, tables
+
+    def start(self, cycles: int = 1) -> None:
+        waveform = self._loaded
+        if waveform is None:
+            raise ControllerError("no waveform was loaded: load one before it is started")
+        self._connection.check_state()
+        check_waveform(self._limits, waveform, cycles=cycles)
+        for name in waveform.values:
+            self._check_start(waveform, name)
+        generators = [str(self._index(name) + 1) for name in waveform.values]
+        self._connection.drives_back()
+        self._connection.tell("WGC " + " ".join(f"{g} {cycles}" for g in generators))
+        self._connection.tell("WGO " + " ".join(f"{g} 1" for g in generators))
+        self._on_start()
+
+    def running(self) -> bool:
+        if self._connection.profile.knows("#9"):
+            return bool(self._connection.client.ask_whole("\x09", base=16))
+        names = [str(i + 1) for i in range(self._count)]
+        return any(int(v) & 1 for v in self._connection.client.ask_values("WGO?", names))
+
+    def stop(self) -> None:
+        names = self._axes if self._loaded is None else self._loaded.values
+        self._connection.tell("WGO " + " ".join(f"{self._index(name) + 1} 0" for name in names))
+
+    @property
+    def _limits(self) -> dict[str, AxisLimits]:
+        return {name: axis.limits for name, axis in self._axes.items()}
+
+    @property
+    def _count(self) -> int:
+        return 1 + max(axis.facts.index for axis in self._axes.values())
+
+    def _index(self, name: str) -> int:
+        return self._axes[name].facts.index
+
+    def _check(self, waveform: Waveform, feedforward: Waveform | None) -> None:
+        check_waveform(self._limits, waveform)
+        needed = waveform.size * len(waveform.values)
+        if feedforward is not None:
+            if waveform.quantity != "position" or feedforward.quantity != "voltage":
+                raise ModelError(
+                    "a feedforward is of voltages, beside a waveform of positions, got "
+                    f"{feedforward.quantity} beside {waveform.quantity}"
+                )
+            if self._feedforward is None or 2 * self._count > self._tables:
+                raise ModelError(
+                    "this controller has no table of voltages beside its position control: run the "
+                    "positions alone, or the voltages in open loop"
+                )
+            if (
+                feedforward.size != waveform.size
+                or feedforward.sample_rate_hz != waveform.sample_rate_hz
+                or not set(feedforward.values) <= set(waveform.values)
+            ):
+                raise ModelError(
+                    "a feedforward has the samples, the rate and no other axes than its waveform"
+                )
+            check_waveform(self._limits, feedforward)
+            needed += feedforward.size * len(feedforward.values)
+        if needed > self._capacity:
+            raise LimitError(
+                f"the wave tables hold {self._capacity} samples, and {needed} are asked for: use a "
+                "lower rate or a shorter waveform"
+            )
+
+    def _divider(self, rate_hz: float) -> int:
+        divider = round(self._base / rate_hz)
+        if divider < 1 or abs(self._base / divider - rate_hz) > 1e-9 * rate_hz:
+            nearest = self._base / max(divider, 1)
+            raise ModelError(
+                f"a waveform runs at a whole part of {self._base:g} Hz, got {rate_hz:.9g} Hz: "
+                f"the nearest is {nearest:.9g} Hz"
+            )
+        return divider
+
+    def _made(self, waveform: Waveform, offset: int) -> tuple[_Table, ...]:
+        made = []
+        for name, values in waveform.values.items():
+            axis = self._axes[name]
+            voltage = waveform.quantity == "voltage"
+            unit = VOLTS if voltage else axis.facts.unit
+            bounds = axis.limits.voltage if voltage else axis.limits.position
+            made.append(
+                _Table(
+                    number=offset + axis.facts.index + 1,
+                    axis=name,
+                    texts=unit.texts(values, bounds),
+                    unit=unit,
+                )
+            )
+        return tuple(made)
+
+    def _choose(self, waveform: Waveform, feedforward: Waveform | None) -> None:
+        places = {name: self._index(name) + 1 for name in waveform.values}
+        self._connection.tell("WSL " + " ".join(f"{i} {i}" for i in places.values()))
+        if self._feedforward is None:
+            return
+        with_it = () if feedforward is None else feedforward.values
+        for name, place in places.items():
+            # a screw takes no voltages, and no choice of their table either
+            if Capability.FEEDFORWARD_TABLE not in self._axes[name].capabilities:
+                continue
+            table = self._count + place if name in with_it else 0
+            identifier = self._axes[name].facts.identifier
+            self._connection.tell(f"SPA {identifier} 0x{self._feedforward:08X} {table}")
+
+    def _read_back(self, table: _Table) -> None:
+        """Compare the beginning, the extreme and the end of a table with what was sent."""
+        if not self._connection.profile.knows("GWD?"):
+            return
+        sent = np.array([float(text) for text in table.texts])
+        places = {0, int(np.argmax(np.abs(sent))), sent.size - 1}
+        for place in sorted({min(p, max(sent.size - _LOOK, 0)) for p in places}):
+            rows = min(_LOOK, sent.size - place)
+            question = f"GWD? {place + 1} {rows} {table.number}"
+            lines = self._connection.client.ask(question)
+            held = parse_array(lines, 1, rows, question).columns[0]
+            wanted = sent[place : place + rows]
+            # it may print ten digits, or be of single precision
+            allowed = _STEPS * 10.0**-table.unit.decimals + 1e-6 * float(np.max(np.abs(sent)))
+            if not np.all(np.abs(held - wanted) <= allowed):
+                k = int(np.argmax(~(np.abs(held - wanted) <= allowed)))
+                self._forget(table.number)
+                raise ControllerError(
+                    f"wave table {table.number} of axis '{table.axis}' holds {held[k]:.9g} at "
+                    f"point {place + k + 1}, where {wanted[k]:.9g} was written: the controller "
+                    "counts in other units or changed the points, so the waveform is not run"
+                )
+
+    def _forget(self, table: int) -> None:
+        if self._connection.profile.knows("WCL"):
+            self._connection.tell(f"WCL {table}")
+
+    def _check_start(self, waveform: Waveform, name: str) -> None:
+        axis = self._axes[name]
+        closed, voltage = axis.closed_loop, waveform.quantity == "voltage"
+        if closed == voltage:
+            raise ControllerError(
+                f"axis '{name}' has its position control {'on' if closed else 'off'}, and the "
+                f"waveform is of {'voltages' if voltage else 'positions'}: switch the control "
+                f"{'off' if voltage else 'on'} first"
+            )
+        bounds = axis.limits.voltage if voltage else axis.limits.position
+        span = 0.0 if bounds is None else bounds[1] - bounds[0]
+        here = axis.voltage() if voltage else self._target(axis)
+        # the jump from end to start was looked at before; here only where the axis stands counts
+        one = Waveform(
+            values={name: waveform.values[name]},
+            sample_rate_hz=waveform.sample_rate_hz,
+            quantity=waveform.quantity,
+        )
+        check_waveform(self._limits, one, start={name: here}, tolerance=_START * span)
+
+    def _target(self, axis: PiAxis) -> float:
+        if not self._connection.profile.knows("MOV?"):
+            return axis.position()
+        value = self._connection.client.ask_values("MOV?", [axis.facts.identifier])[0]
+        return value * axis.facts.unit.factor
+
+
+def point_lines(table: int, texts: Sequence[str], limit: int) -> list[str]:
+    """Return the commands, of `limit` characters at most, that write points to a table.
+
+    The first replaces what is in the table, the others append.
+
+    Examples
+    --------
+    >>> point_lines(2, ["0.5", "1.25", "2"], 24)
+    ['WAV 2 X PNT 1 2 0.5 1.25', 'WAV 2 & PNT 3 1 2']
+    """
+    lines: list[str] = []
+    begin = 0
+    while begin < len(texts):
+        head = len(f"WAV {table} X PNT {begin + 1} {len(texts)}")
+        end = begin
+        size = head
+        while end < len(texts) and (end == begin or size + 1 + len(texts[end]) <= limit):
+            size += 1 + len(texts[end])
+            end += 1
+        how = "&" if begin else "X"
+        points = " ".join(texts[begin:end])
+        lines.append(f"WAV {table} {how} PNT {begin + 1} {end - begin} {points}")
+        begin = end
+    return lines

@@ -1,0 +1,128 @@
+"""One axis of a virtual piezo stage on its bench: its whole dynamics, driven by a voltage."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.characteristic import measured_value
+from flexstage.errors import ModelError
+from flexstage.hysteresis.build_model import dynamic_model
+from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.chain.sensor import Sensor
+from flexstage.hysteresis.dynamic_model import DynamicModel
+from flexstage.hysteresis.loops import loop_width
+from flexstage.records import Channel, Record
+from flexstage.stage import PiezoStack, Stage
+from flexstage.stage.assumptions import (
+    AMPLIFIER_BANDWIDTH_HZ,
+    CREEP,
+    LOOP_WIDTH,
+    POSITION_NOISE,
+)
+from flexstage.system import MechanicalSystem, modes
+from flexstage.virtual.stack import matched_stacks, virtual_stack
+
+#: Samples in a second [Hz].
+SAMPLE_RATE_HZ = 1000.0
+#: Rate of the loops that are compared [Hz], and how many of them; the first ones are left out.
+RATE_HZ = 1.0
+CYCLES, _FIRST = 6, 3
+#: The samples of those that are compared, and where each of them begins.
+LATE = slice(int(_FIRST * SAMPLE_RATE_HZ / RATE_HZ), None)
+BOUNDS = np.arange(CYCLES - _FIRST) * int(SAMPLE_RATE_HZ / RATE_HZ)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DrivenAxis:
+    """A virtual stage on its bench, one axis of it wired."""
+
+    model: DynamicModel
+    """The entire dynamic model."""
+    drive: str
+    """Drive of the axis."""
+    probe: str
+    """Probe that reads it."""
+    limits: tuple[float, float]
+    """Range of its voltage [V]."""
+    resonance_hz: float
+    """Lowest natural frequency with the drives in place [Hz]."""
+
+    def run(self, voltage: Array) -> Array:
+        """Condition the stage by two cycles, and return the reading under a command [m]."""
+        before = self.cosine(2)
+        whole = np.concatenate((before, voltage))
+        return self.model.simulate({self.drive: whole}).readings[self.probe][before.size :]
+
+    def record(self, voltage: Array) -> Record:
+        """Return command and reading as a record: ``voltage``, and the name of the probe."""
+        return Record(
+            channels=(
+                Channel(name="voltage", values=voltage, unit="V"),
+                Channel(name=self.probe, values=self.run(voltage), unit="m"),
+            ),
+            time=np.arange(voltage.size) / SAMPLE_RATE_HZ,
+            source="virtual stage",
+        )
+
+    def cosine(self, cycles: int, share: float = 1.0) -> Array:
+        """Cycles about the middle of the range, begun and ended at their low end [V]."""
+        low, high = self.limits
+        t = np.arange(int(cycles * SAMPLE_RATE_HZ / RATE_HZ)) / SAMPLE_RATE_HZ
+        swing = 0.5 * share * (high - low)
+        return 0.5 * (low + high) - swing * np.cos(2.0 * np.pi * RATE_HZ * t)
+
+
+def driven_axis(stage: Stage, system: MechanicalSystem, axis: str, *, seed: int = 0) -> DrivenAxis:
+    """Wire an axis: amplifier, virtual stack, creep, all modes of the stage, and a noisy sensor.
+
+    Its stroke and the width of its loop are set to what was measured of the stage, where that is
+    published, since no model knows them; everything else follows. `system` is a model of the stage,
+    `seed` that of the noise of its sensor.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.lumped import lumped_system
+    >>> stage = design("vgtu-piezo")
+    >>> made = driven_axis(stage, lumped_system(stage), "x")
+    >>> print(f"{np.ptp(made.run(made.cosine(3))) * 1e6:.1f} um")
+    63.2 um
+    """
+    port = stage.axis(axis)
+    drive = stage.drive(port.drive)
+    if not isinstance(drive, PiezoStack) or drive.voltage_range is None:
+        raise ModelError(
+            f"axis '{axis}' of {stage.name} has no piezo stack with a voltage range: its "
+            "hysteresis cannot be tried"
+        )
+    limits = drive.voltage_range
+    lowest = float(modes(system, drives="in place", count=1).frequency_hz[0])
+    stroke = measured_value(stage.published, "output_displacement", axis)
+    width = measured_value(stage.published, "hysteresis_loop_width", axis)
+    share = LOOP_WIDTH if stroke is None or width is None else width / stroke
+
+    def wired(free: float, own: float) -> DrivenAxis:
+        model = dynamic_model(
+            stage,
+            system,
+            step=1.0 / SAMPLE_RATE_HZ,
+            hysteresis={drive.name: virtual_stack(limits, free, own)},
+            creep=LogCreep(rate_per_decade=CREEP),
+            bandwidth_hz=AMPLIFIER_BANDWIDTH_HZ,
+            sensors={port.probe: Sensor(noise_rms=POSITION_NOISE, seed=seed)},
+        )
+        return DrivenAxis(
+            model=model, drive=drive.name, probe=port.probe, limits=limits, resonance_hz=lowest
+        )
+
+    def measured(sizes: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+        made = wired(*sizes[0])
+        voltage = made.cosine(CYCLES)
+        reading = made.run(voltage)[LATE]
+        got = float(np.ptp(reading))
+        return [(got, loop_width(voltage[LATE], reading, BOUNDS) / got)]
+
+    (size,) = matched_stacks([(drive.free_stroke, share)], [(stroke, share)], measured)
+    return wired(*size)

@@ -1,0 +1,125 @@
+"""A virtual stage sample by sample, as the controller that is simulated around it sees it."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+from flexstage.stage import Stage
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
+from flexstage.virtual.hammer import Blow, Hammer
+from flexstage.virtual.sensors import ChannelDescription, beside_channels
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StageSamples:
+    """What a stage did over some samples of its loop.
+
+    All values of a sample belong to its time: a reading is what the sensor sees then, though a loop
+    gets it one sample later.
+    """
+
+    time: Array
+    """Times since the stage was relaxed [s], shape (n,)."""
+    reading: Array
+    """What each sensor reads [m, or rad], in the order of `VirtualStage.channels`, shape (channels,
+    n).
+    """
+    position: Array
+    """True motion of the platform along each axis, from where it is relaxed [m], shape (axes, n).
+    """
+    voltage: Array
+    """Voltage at each stack [V]; zeros for screws, shape (axes, n)."""
+    command: Array
+    """What the drive is told: the voltage asked of each amplifier [V], after its range and its
+    steps; the advance that each screw has [m], shape (axes, n).
+    """
+
+
+class VirtualStage(ABC):
+    """A stage that is simulated sample by sample, its feedback inside."""
+
+    stage: Stage
+    """The stage as drawn."""
+    kind: Literal["piezo", "screw"]
+    """What drives it."""
+    axes: tuple[str, ...]
+    """Names of its axes."""
+    limits: Mapping[str, AxisLimits]
+    """What may be commanded, by axis."""
+    channels: tuple[ChannelDescription, ...]
+    """Its sensors: those of the axes first."""
+    sample_rate_hz: float
+    """Rate of its loop [Hz]."""
+    notes: tuple[str, ...]
+    """What was drawn, set and left out, as sentences."""
+
+    def __init__(
+        self,
+        stage: Stage,
+        limits: Mapping[str, AxisLimits],
+        sample_rate_hz: float,
+        hammer: Hammer | None,
+        notes: Sequence[str],
+    ) -> None:
+        self.stage, self.limits, self.sample_rate_hz = stage, limits, sample_rate_hz
+        self.axes, self.notes = tuple(limits), tuple(notes)
+        self.channels = beside_channels(self.axes)
+        self._hammer = hammer
+
+    @abstractmethod
+    def servo_settings(self, axis: str) -> ServoSettings:
+        """Return the settings of an axis's position control.
+
+        `ModelError` where it has none.
+        """
+
+    @abstractmethod
+    def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
+        """Change them; the filters keep their state where their number stays."""
+
+    @abstractmethod
+    def run(
+        self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
+    ) -> StageSamples:
+        """Let samples of the loop pass.
+
+        A command is, where control is on, the position wanted [m], else the voltage of a stack [V];
+        of a screw always its advance [m]; shape (axes, n). Where control is switched on the voltage
+        does not jump. A feedforward is a voltage that is added under control [V], shape (axes, n),
+        NaN where there is none; where it begins and ends the integral takes over its value, so that
+        the voltage does not jump.
+
+        A run that is cut in two gives the same numbers. What is commanded at a sample is at the
+        amplifier one sample later; what is read at a sample is two samples later in the voltage.
+        """
+
+    def strike(self, axis: str) -> Blow:
+        """Strike the platform along an axis with a hammer, the drives taken out for it.
+
+        The next blow differs from it.
+        """
+        if self._hammer is None:
+            raise ModelError(f"there is no hammer beside this model of {self.stage.name}")
+        return self._hammer.strike(axis)
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Relax the stage: time and all memory back to 0, the same noise once more."""
+
+
+def commands(command: ArrayLike, axes: int) -> Array:
+    """Return a copy of commands as a loop takes them, shape (axes, n)."""
+    given = np.array(command, dtype=np.float64, order="C")
+    if given.ndim != 2 or given.shape[0] != axes:
+        raise ModelError(f"a command of {axes} axes has the shape ({axes}, n), got {given.shape}")
+    if not np.all(np.isfinite(given)):
+        a, k = np.argwhere(~np.isfinite(given))[0]
+        raise ModelError(f"the command of axis {a} is {given[a, k]} at sample {k}: not finite")
+    return given

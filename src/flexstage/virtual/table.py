@@ -1,0 +1,350 @@
+"""A virtual rotary table: an axis that wanders, a scale with errors, heads that are noisy."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.arrays import Array
+from flexstage.centring.centre_reading import CentreReading, centre_reading, table_reading
+from flexstage.centring.eccentricity import HeadReadings, eccentricity
+from flexstage.centring.geometry import ScaleKind, exact_error
+from flexstage.centring.head_averaging import against_reference
+from flexstage.centring.self_calibration import self_calibration
+from flexstage.centring.turn_spectrum import whole_orders
+from flexstage.errors import ModelError, RecordError
+from flexstage.records import Channel, Record
+from flexstage.stage.assumptions import ASYNCHRONOUS_ORDERS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ScaleErrors:
+    r"""Errors of the lines of a scale, :math:`g(s) = \sum_n a_n \cos n s + b_n \sin n s`."""
+
+    orders: tuple[int, ...] = ()
+    """The orders n."""
+    cosine: Array = field(default_factory=lambda: np.zeros(0))
+    """Amplitudes a of the cosines [rad], shape (n,)."""
+    sine: Array = field(default_factory=lambda: np.zeros(0))
+    """Amplitudes b of the sines [rad], shape (n,)."""
+
+    def __post_init__(self) -> None:
+        if not self.cosine.shape == self.sine.shape == (len(self.orders),):
+            raise ModelError(
+                f"the errors of a scale need a cosine and a sine for each of {len(self.orders)} "
+                f"orders, got {self.cosine.size} and {self.sine.size}"
+            )
+
+    def at(self, angle: ArrayLike) -> Array:
+        """Return the errors at lines of the scale [rad]: reading less angle."""
+        s = np.asarray(angle, dtype=np.float64)
+        out = np.zeros_like(s)
+        for n, a, b in zip(self.orders, self.cosine, self.sine, strict=True):
+            out += a * np.cos(n * s) + b * np.sin(n * s)
+        return out
+
+
+def scale_errors(orders: Iterable[int], rms: float, *, seed: int = 0) -> ScaleErrors:
+    """Return errors of a scale as a divided circle has them: random, and less at higher orders.
+
+    Parameters
+    ----------
+    orders : iterable of int
+        Their orders.
+    rms : float
+        Root mean square over the turn [rad].
+    seed : int
+        Seed of amplitudes and phases.
+
+    Returns
+    -------
+    ScaleErrors
+        The errors.
+
+    Validity
+    --------
+    An invention for trials: normal amplitudes that fall as one over the order.
+
+    Raises
+    ------
+    ModelError
+        The errors are not finite or negative.
+
+    Examples
+    --------
+    >>> errors = scale_errors(range(2, 30), 5e-6, seed=3)
+    >>> s = 2.0 * np.pi * np.arange(1000) / 1000
+    >>> print(f"{1e6 * np.std(errors.at(s)):.3f} urad")
+    5.000 urad
+    """
+    if not 0.0 <= rms < math.inf:
+        raise ModelError(f"the errors of a scale must be 0 or more and finite, got {rms!r} rad")
+    asked = whole_orders(orders)
+    random = np.random.default_rng(seed)
+    parts = random.standard_normal((2, len(asked))) / np.asarray(asked, dtype=np.float64)
+    parts *= rms / math.sqrt(0.5 * float(np.sum(parts**2)))
+    return ScaleErrors(orders=asked, cosine=parts[0], sine=parts[1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VirtualTable:
+    r"""A rotary table with a scale and heads on it, simulated by its exact geometry.
+
+    Head j stands at the angle alpha_j and reads the line s = theta + alpha_j + d_j, where d_j is
+    the exact error of the eccentric scale; its error is d_j + g(s) and noise.
+
+    Raises
+    ------
+    ModelError
+        Figures do not belong together, or one is impossible.
+
+    Examples
+    --------
+    >>> table = VirtualTable(radius=50e-3, heads=(0.0,), eccentricity=(50e-6, 0.0), noise=0.0)
+    >>> error = table.record().channel("head 1").values
+    >>> print(f"{np.degrees(np.ptp(error)) * 1800.0:.2f} arcsec")
+    206.26 arcsec
+    """
+
+    radius: float
+    """Radius at which the scale is read [m]."""
+    heads: tuple[float, ...] = (0.0,)
+    """Angles at which the heads are thought to stand [rad]."""
+    eccentricity: tuple[float, float] = (0.0, 0.0)
+    """Centre of the scale with the stage in the middle of its stroke, x and y in the frame that
+    turns with the table [m].
+    """
+    noise: float = 0.0
+    """Standard deviation of each reading [rad]."""
+    head_angle_errors: tuple[float, ...] = ()
+    """How much further each head really stands [rad]; none where empty."""
+    head_radius_errors: tuple[float, ...] = ()
+    """How much further out each head reads [m]; none where empty."""
+    scale: ScaleErrors = field(default_factory=ScaleErrors)
+    """Errors of the lines of the scale."""
+    kind: ScaleKind = "disc"
+    """Kind of scale."""
+    ellipticity: float = 0.0
+    """Relative stretch of the scale in one direction, and shortening across [1]."""
+    ellipticity_direction: float = 0.0
+    """Direction of the stretch in the scale [rad]."""
+    axis_orders: tuple[int, ...] = ()
+    """Orders of the motion of the axis that repeats from turn to turn, 1 or more."""
+    axis_motion: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    """Its amplitudes in the room: cosine and sine in x, then in y [m], shape (n, 4)."""
+    asynchronous: float = 0.0
+    """Root mean square of the motion of the axis that does not repeat, in each direction [m]."""
+    reference_noise: float = 0.0
+    """Standard deviation of the reference of angle, or of the table's position where nothing
+    measures it; all heads have it in common [rad].
+    """
+    samples: int = 360
+    """Samples in a turn."""
+    turns: int = 1
+    """Number of turns."""
+    start: float = 0.0
+    """Angle of the first sample [rad]."""
+    seed: int = 0
+    """Seed of everything random."""
+
+    def __post_init__(self) -> None:
+        if not self.heads:
+            raise ModelError("a table needs at least one head")
+        for name in ("head_angle_errors", "head_radius_errors"):
+            given = getattr(self, name)
+            if given and len(given) != len(self.heads):
+                raise ModelError(
+                    f"{name} must be one for each of {len(self.heads)} heads, got {len(given)}"
+                )
+        for name in ("noise", "asynchronous", "reference_noise"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ModelError(f"{name} must be 0 or more and finite")
+        if self.axis_motion.shape != (len(self.axis_orders), 4):
+            raise ModelError(
+                f"the motion of the axis needs four amplitudes for each of {len(self.axis_orders)} "
+                f"orders, got shape {self.axis_motion.shape}"
+            )
+        if self.samples < 3 or self.turns < 1:
+            raise ModelError(
+                f"a record needs 3 samples in a turn and one turn at least, got {self.samples} and "
+                f"{self.turns}"
+            )
+
+    @property
+    def apparent_eccentricity(self) -> Array:
+        """Eccentricity and the scale's own errors of order 1 together, x and y [m], shape (2,).
+
+        No head can tell the two apart, as to first order they read the same: b sin s and a cos s
+        count like an eccentricity of R b in x and -R a in y.
+        """
+        e = np.array(self.eccentricity, dtype=np.float64)
+        for n, a, b in zip(self.scale.orders, self.scale.cosine, self.scale.sine, strict=True):
+            if n == 1:
+                e += self.radius * np.array([b, -a])
+        return e
+
+    def moved(self, x: float, y: float) -> "VirtualTable":
+        """Return the same table with the scale elsewhere.
+
+        Parameters
+        ----------
+        x, y : float
+            How the stage moved it [m].
+
+        Returns
+        -------
+        VirtualTable
+            The table.
+        """
+        return replace(self, eccentricity=(self.eccentricity[0] + x, self.eccentricity[1] + y))
+
+    def record(self, *, index: int = 0) -> Record:
+        """Turn the table and return what the heads read.
+
+        Parameters
+        ----------
+        index : int
+            Number of the measurement, which has noise of its own.
+
+        Returns
+        -------
+        Record
+            Column ``angle`` of the reference [rad], and ``head 1``... : reading less angle [rad],
+            over the points.
+        """
+        random = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(index,)))
+        count = self.samples * self.turns
+        nominal = self.start + 2.0 * np.pi * np.arange(count) / self.samples
+        offset = self.reference_noise * random.standard_normal(count)
+        theta = nominal + offset
+        motion = self._motion(theta, random)
+        columns = [Channel(name="angle", values=nominal, unit="rad")]
+        for j, alpha in enumerate(self.heads):
+            at = alpha + (self.head_angle_errors[j] if self.head_angle_errors else 0.0)
+            out = self.head_radius_errors[j] if self.head_radius_errors else 0.0
+            d = exact_error(
+                theta,
+                self.eccentricity,
+                self.radius + out,
+                head_angle=at,
+                kind=self.kind,
+                axis_motion=motion,
+                ellipticity=self.ellipticity,
+                ellipticity_direction=self.ellipticity_direction,
+            )
+            error = d + self.scale.at(theta + at + d) + offset
+            error = error + self.noise * random.standard_normal(count)
+            columns.append(Channel(name=f"head {j + 1}", values=error, unit="rad"))
+        return Record(
+            channels=tuple(columns),
+            time=np.arange(count, dtype=np.float64),
+            source="virtual table",
+            notes=("simulated by the exact geometry of a table with a scale, not measured",),
+            attributes={"seed": str(self.seed), "index": str(index)},
+            over="point",
+        )
+
+    def _motion(self, theta: Array, random: np.random.Generator) -> Array:
+        """Where the axis is in the room, shape (k, 2)."""
+        motion = np.zeros((theta.size, 2))
+        for n, (cx, sx, cy, sy) in zip(self.axis_orders, self.axis_motion, strict=True):
+            c, s = np.cos(n * theta), np.sin(n * theta)
+            motion += np.stack((cx * c + sx * s, cy * c + sy * s), axis=1)
+        if self.asynchronous:
+            share = self.asynchronous * math.sqrt(2.0 / len(ASYNCHRONOUS_ORDERS))
+            for n in ASYNCHRONOUS_ORDERS:
+                phase = random.uniform(0.0, 2.0 * np.pi, 2)
+                motion += share * np.sin(n * theta[:, np.newaxis] + phase)
+        return motion
+
+
+class Carrier(Protocol):
+    """A stage on a virtual table, simulated or real, that carries the scale."""
+
+    @property
+    def true_position(self) -> Array:
+        """Where it has carried the scale, x and y on the table [m], shape (2,)."""
+        ...
+
+
+class VirtualBench:
+    """A simulated table with a stage on it that carries the scale.
+
+    Parameters
+    ----------
+    table : VirtualTable
+        The table, with the eccentricity of the scale for the stage in the middle of its stroke.
+    stage : Carrier
+        The stage, such as a `flexstage.virtual.VirtualPositioner`.
+    method : {"reference", "heads alone", "eccentricity"}
+        How the readings are evaluated: compared with the reference of angle, by
+        `flexstage.centring.head_averaging.against_reference`; with one another, of two heads or
+        more; or by `flexstage.centring.eccentricity.eccentricity`, which looks for outliers and
+        correlated noise and takes longer.
+    orders : iterable of int
+        Orders of the errors that are solved for beside the eccentricity.
+
+    Raises
+    ------
+    RecordError
+        One head is to be read alone, or the method is none.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.virtual import VirtualPositioner
+    >>> stage = VirtualPositioner(design("vgtu-mechanical"))
+    >>> table = VirtualTable(radius=50e-3, eccentricity=(30e-6, 40e-6), noise=5e-6)
+    >>> print(f"{1e6 * VirtualBench(table, stage).measure().length.value:.2f} um")
+    49.98 um
+    """
+
+    def __init__(
+        self,
+        table: VirtualTable,
+        stage: Carrier,
+        *,
+        method: Literal["reference", "heads alone", "eccentricity"] = "reference",
+        orders: Iterable[int] = range(1, 25),
+    ) -> None:
+        if method not in ("reference", "heads alone", "eccentricity"):
+            raise RecordError(
+                f"the method is 'reference', 'heads alone' or 'eccentricity', got '{method}'"
+            )
+        if method == "heads alone" and len(table.heads) < 2:
+            raise RecordError("one head needs a reference of angle to be compared with")
+        self._table, self._stage = table, stage
+        self._orders = tuple(orders)
+        self._method = method
+        #: Length of the true eccentricity at each measurement [m].
+        self.true_lengths: list[float] = []
+
+    @property
+    def true_eccentricity(self) -> Array:
+        """Where the centre really appears to be [m], shape (2,): the scale's order 1 is in it."""
+        return self._table.apparent_eccentricity + self._stage.true_position
+
+    def measure(self) -> CentreReading:
+        """Turn the table and return the eccentricity of the scale."""
+        x, y = self._stage.true_position
+        turned = self._table.moved(float(x), float(y))
+        record = turned.record(index=len(self.true_lengths))
+        self.true_lengths.append(float(np.hypot(*turned.apparent_eccentricity)))
+        angle, *errors = (channel.values for channel in record.channels)
+        heads = self._table.heads
+        if self._method != "eccentricity":
+            separate = against_reference if self._method == "reference" else self_calibration
+            found = separate(angle, np.stack(errors), heads=heads, orders=self._orders)
+            return table_reading(found, self._table.radius)
+        readings = [
+            HeadReadings(angle=angle, error=error, head_angle=alpha)
+            for alpha, error in zip(heads, errors, strict=True)
+        ]
+        return centre_reading(
+            eccentricity(
+                readings, radius=self._table.radius, kind=self._table.kind, orders=self._orders
+            )
+        )
