@@ -174,7 +174,7 @@ def _simulated(
     from flexstage.instruments.pi.simulated.interpreter import Interpreter
     from flexstage.instruments.pi.simulated.session import Loopback
     from flexstage.instruments.pi.transport import InProcess
-    from flexstage.instruments.twin.build import virtual_stage
+    from flexstage.virtual.build import virtual_stage
 
     fast = _flag(options, "fast", True, address)
     seed = int(_number(options, "seed", 0, address, whole=True))
