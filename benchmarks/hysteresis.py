@@ -21,16 +21,19 @@ from benchmarks import hysteresis_peers as peers
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
 from flexstage.arrays import Array
+from flexstage.hysteresis import (
+    BoucWen,
+    Dahl,
+    Duhem,
+    GeneralisedMaxwellSlip,
+    ModifiedPrandtlIshlinskii,
+    PrandtlIshlinskii,
+    Preisach,
+    simulate_bouc_wen_batch,
+)
 from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach
 
 __all__ = ["Route", "batch", "growth", "hysteresis", "models", "rows", "stage", "stepping"]
 

@@ -20,19 +20,17 @@ from benchmarks.cases import Row
 from benchmarks.timing import Timed
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.hysteresis import BoucWen, Preisach
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.identification.chain_search import find_chain
-from flexstage.hysteresis.identification.families import FAMILIES
-from flexstage.hysteresis.identification.families.bouc_wen import BoucWenFamily, shape_at
-from flexstage.hysteresis.identification.families.family import Data, behind_chain
-from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.fit_rows import rows_of
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.misfit import cross_validate, misfit
-from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.models.preisach import Preisach
+from flexstage.hysteresis.identification.model_fit import FitData, behind_chain, fits
+from flexstage.hysteresis.models.bouc_wen.fit import BoucWenFit, shape_at
+from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.records import Channel, Record
 from flexstage.virtual.stack import virtual_stack
 
@@ -69,11 +67,11 @@ def record(count: int = SAMPLES, seed: int = 11) -> Record:
     )
 
 
-def _data(given: Record) -> Data:
+def _data(given: Record) -> FitData:
     m = measurement([given], "voltage", "displacement")
     rows = rows_of(m)
     use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
-    return Data(measurement=m, chain=find_chain(m).values, rows=rows, use=use)
+    return FitData(measurement=m, chain=find_chain(m).values, rows=rows, use=use)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,17 +106,17 @@ def _least(work: Callable[[], Any], runs: int = 3) -> tuple[float, Any]:
 
 def _stages(kind: str, given: Record) -> list[Taken]:
     """Time identification as a whole and in its parts."""
-    family = FAMILIES[kind]
+    method = fits()[kind]
     m = measurement([given], "voltage", "displacement")
     identify(given, "voltage", "displacement", model=kind)
     whole, found = _least(lambda: identify(given, "voltage", "displacement", model=kind))
     chain, _ = _least(lambda: find_chain(m))
     data = _data(given)
-    fit, made = _least(lambda: family.fit(replace(data, memo={})))
+    fit, made = _least(lambda: method.fit(replace(data, memo={})))
 
     def validate() -> object:
-        family.fit(data)
-        return cross_validate(family, data, made.search)
+        method.fit(data)
+        return cross_validate(method, data, made.search)
 
     folds = _least(validate)[0]
     within = len(data.memo) > 0
@@ -143,11 +141,11 @@ def auto(count: int = SAMPLES) -> Iterator[Row]:
     """Choose a model of all, against global searches for two of them alone."""
     given = record(count)
     data = _data(given)
-    problem, family = _FourParameters(data), PreisachFamily(smoothing=WEIGHT)
+    problem, method = _FourParameters(data), PreisachFit(smoothing=WEIGHT)
     identify(given, "voltage", "displacement")
 
     def by_nnls() -> Array:
-        matrix, target, _ = _full_matrix(family, data)
+        matrix, target, _ = _full_matrix(method, data)
         return nnls(matrix, target, maxiter=50 * matrix.shape[1])[0]
 
     seconds, found = _least(lambda: identify(given, "voltage", "displacement"))
@@ -170,7 +168,7 @@ def auto(count: int = SAMPLES) -> Iterator[Row]:
 class _FourParameters:
     """The misfit as a function of all four parameters of Bouc-Wen."""
 
-    def __init__(self, data: Data) -> None:
+    def __init__(self, data: FitData) -> None:
         self._data = data
         (section,), (rows,) = data.measurement.sections, data.rows
         self._section, self._y = section, section.y[rows.at]
@@ -226,7 +224,7 @@ def bouc_wen(count: int = SAMPLES, starts: int = STARTS) -> Iterator[Row]:
     begins = draw.uniform(BOUNDS[0], BOUNDS[1], (starts, 4))
 
     def ours(begin: Array) -> float:
-        left = misfit(BoucWenFamily().fit(data, begin[:2]).model, data).at(data.use)
+        left = misfit(BoucWenFit().fit(data, begin[:2]).model, data).at(data.use)
         return float(np.sqrt(np.mean(left**2))) / data.measurement.stroke
 
     def within(begin: Array) -> float:
@@ -283,13 +281,13 @@ def _evolved(problem: _FourParameters, begin: Array) -> float:
 WEIGHT = 3e-7
 
 
-def _full_matrix(family: PreisachFamily, data: Data) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _full_matrix(method: PreisachFit, data: FitData) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Columns without nuisance and their penalty below them; the output; which columns move."""
     (section,), (rows,) = data.measurement.sections, data.rows
-    quasi = np.concatenate(list(family.columns(section, data)), axis=1)
+    quasi = np.concatenate(list(method.columns(section, data)), axis=1)
     columns = behind_chain([quasi], data)[0]
     moving = np.ptp(columns, axis=0) > 1e-9 * np.ptp(columns, axis=0).max()
-    penalty = family.smoothing(data, moving)
+    penalty = method.smoothing(data, moving)
     assert penalty is not None
     values, vectors = np.linalg.eigh(penalty * rows.at.size * data.input_scale**2)
     below = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
@@ -304,27 +302,27 @@ def preisach(count: int = SAMPLES, size: int = 16) -> Iterator[Row]:
     """Identify Preisach: time, and the optimum against solvers of the full matrix."""
     given = record(count)
     data = _data(given)
-    family = PreisachFamily(size, size, WEIGHT)
-    matrix, target, moving = _full_matrix(family, data)
+    method = PreisachFit(size, size, WEIGHT)
+    matrix, target, moving = _full_matrix(method, data)
 
     def cost(x: Array) -> float:
         return float(np.sum((matrix @ x - target) ** 2))
 
     def ours() -> Array:
-        model = family.fit(replace(data, memo={})).model
+        model = method.fit(replace(data, memo={})).model
         assert isinstance(model, Preisach)
         return model.slopes.ravel()[moving]
 
     def by_trf() -> Array:
-        built, y, _ = _full_matrix(family, data)
+        built, y, _ = _full_matrix(method, data)
         return lsq_linear(built, y, bounds=(0.0, np.inf), tol=1e-10, max_iter=200).x
 
     def by_bvls() -> Array:
-        built, y, _ = _full_matrix(family, data)
+        built, y, _ = _full_matrix(method, data)
         return lsq_linear(built, y, bounds=(0.0, np.inf), method="bvls", tol=1e-10).x
 
     def by_nnls() -> Array:
-        built, y, _ = _full_matrix(family, data)
+        built, y, _ = _full_matrix(method, data)
         return nnls(built, y, maxiter=50 * built.shape[1])[0]
 
     ours()
@@ -366,8 +364,8 @@ def growth(
     data = _data(record())
     taken = []
     for size in sizes:
-        family = PreisachFamily(size, size, WEIGHT)
-        seconds, _ = _least(lambda: family.fit(replace(data, memo={})), runs=2)  # noqa: B023
+        method = PreisachFit(size, size, WEIGHT)
+        seconds, _ = _least(lambda: method.fit(replace(data, memo={})), runs=2)  # noqa: B023
         taken.append(Taken(name=f"{size} x {size}", seconds=seconds, words=""))
     yield from _rows(f"fitting Preisach to {SAMPLES} samples, number of operators", taken)
 

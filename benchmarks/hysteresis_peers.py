@@ -8,8 +8,8 @@ from numba import njit
 from scipy.integrate import solve_ivp
 
 from flexstage.arrays import Array
+from flexstage.hysteresis import BoucWen
 from flexstage.hysteresis.chain.stage_modes import StageModes
-from flexstage.hysteresis.models.bouc_wen import BoucWen
 
 __all__ = [
     "in_30_digits",

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from flexstage.experiments.results import VerifiedStep
+    from flexstage.experiments import VerifiedStep
 
 IMAGES = Path(__file__).parent / "images"
 _MM = 1e3
@@ -265,14 +265,13 @@ def piezo_stage() -> "Figure":
 def _followed() -> "dict[str, VerifiedStep]":
     """How the twin followed references in the plan of the study, by step."""
     from flexstage.experiments import find_plan, plan_stage, read_plan, run_plan
-    from flexstage.experiments.results import VerifiedStep
     from flexstage.instruments.connect import connect
 
     plan = read_plan(find_plan("vgtu-piezo"))
     stage = plan_stage(plan)
     with in_new_folder(), connect("twin://?seed=0", stage) as twin:
-        steps = run_plan(plan, twin, "run", stage=stage).steps
-    return {step.name: step for step in steps if isinstance(step, VerifiedStep)}
+        result = run_plan(plan, twin, "run", stage=stage)
+    return {step.name: step for step in cast("tuple[VerifiedStep, ...]", result.of("verify"))}
 
 
 def inverse_on_twin() -> "Figure":

@@ -4,25 +4,27 @@ import ctypes
 import functools
 import tempfile
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.export.source.hysteresis_code import HysteresisCode, hysteresis_code
+from flexstage.hysteresis import (
+    AsymmetricBoucWen,
+    BoucWen,
+    Dahl,
+    Duhem,
+    GeneralisedBoucWen,
+    GeneralisedMaxwellSlip,
+    ModifiedPrandtlIshlinskii,
+    PrandtlIshlinskii,
+    Preisach,
+)
 from flexstage.hysteresis.model import HysteresisModel, Segments
-from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
-from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach
+from flexstage.hysteresis.models.source_code import HysteresisCode, hysteresis_code, source_file
 from tests.c_compiler import EXACT, load_library
+from tests.hysteresis_vectors import VECTORS
 
 #: Numbers in double or single precision.
 Array = NDArray[Any]
@@ -60,8 +62,7 @@ def program(code: HysteresisCode) -> str:
 
 def headers(code: HysteresisCode) -> dict[str, bytes]:
     """Return the headers that a model needs, and no others."""
-    folder = resources.files("flexstage.export.source") / "c"
-    return {name: folder.joinpath(name).read_bytes() for name in code.headers}
+    return {name: source_file(name) for name in code.headers}
 
 
 @functools.cache
@@ -283,4 +284,5 @@ CASES: dict[str, HysteresisModel] = {
     "preisach 6 x 5": preisach(5, 6, 5),
     "preisach 3 x 1": preisach(6, 3, 1),
     "preisach 31 x 12": preisach(8, 31, 12),
+    **{f"{name}, of its vector": vector.model for name, vector in VECTORS.items()},
 }

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from flexstage.designs import design
+from flexstage.hysteresis import Duhem, ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import LogCreep
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
 from flexstage.instruments.twin.piezo_stage import PiezoAxis, PiezoStage
 from flexstage.instruments.twin.stack import ChargeDrive
 from flexstage.lumped import lumped_system

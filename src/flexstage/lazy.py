@@ -3,6 +3,7 @@
 import ast
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
@@ -11,21 +12,30 @@ def import_on_use(package: str) -> None:
     """Import what a package's ``if TYPE_CHECKING:`` block names when it is first used.
 
     That block is the only list: type checkers read it as imports, and so does this function.
-    A package's ``__init__`` calls it with ``__name__``; its source must be installed.
+    A package's ``__init__`` calls it with ``__name__``; its source must be installed. A star stands
+    for all that the block of that module names.
     """
-    module = sys.modules[package]
-    source = module.__spec__.loader.get_source(package)  # type: ignore[union-attr]
+    module, homes = sys.modules[package], names_for_types(package)
+    for starred in [home for home, name in homes.values() if name == "*"]:
+        homes |= names_for_types(starred)
+    module.__dict__["_homes"] = homes
+    module.__class__ = _Package
+
+
+def names_for_types(module: str) -> dict[str, tuple[str, str]]:
+    """Return what a module imports for type checkers: each name, its module and its name there."""
+    spec = find_spec(module)
+    source = None if spec is None else spec.loader.get_source(module)  # type: ignore[union-attr]
     if source is None:
-        raise ImportError(f"{package} needs the source of its '__init__.py': install the wheel")
-    module.__dict__["_homes"] = {
-        name.asname or name.name: (line.module, name.name)
+        raise ImportError(f"{module} needs the source of its file: install the wheel")
+    return {
+        name.asname or name.name: (line.module or "", name.name)
         for block in ast.parse(source).body
         if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
         for line in block.body
         if isinstance(line, ast.ImportFrom)
         for name in line.names
     }
-    module.__class__ = _Package
 
 
 class _Package(ModuleType):

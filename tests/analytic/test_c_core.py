@@ -14,20 +14,20 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.hysteresis import (
+    AsymmetricBoucWen,
     BoucWen,
+    Dahl,
+    Duhem,
     DynamicModel,
+    GeneralisedBoucWen,
+    GeneralisedMaxwellSlip,
     HysteresisModel,
     LogCreep,
+    PrandtlIshlinskii,
+    Preisach,
     Sensor,
     dynamic_model,
 )
-from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
-from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach
 from flexstage.lumped import lumped_system
 from flexstage.system import frequency_response
 from tests.c_stage import CStage, stepped, wandering
@@ -283,7 +283,7 @@ def test_a_jump_of_an_imposed_displacement_is_a_very_short_ramp(tmp_path: Path) 
         _, memory = stepped(fine, np.array([leap]))
         # the memory is in SI units, so a model of another step takes it
         held = {d.name: np.full(30, v) for d, v in zip(coarse.drives, leap, strict=True)}
-        found = coarse.simulate(held, memory)[0]
+        found = coarse.simulate(held, memory).readings
         expected = np.stack([found[p.name] for p in coarse.probes], axis=1)
         differences.append(np.abs(after - expected).max() / np.abs(expected).max())
     assert differences[0] < 0.02

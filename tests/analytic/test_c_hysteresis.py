@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from flexstage.errors import ModelError
-from flexstage.export.source.hysteresis_code import hysteresis_code
-from flexstage.hysteresis import MODELS
+from flexstage.hysteresis import MODELS, BoucWen, Dahl
 from flexstage.hysteresis.chain.stage_modes import values_at_samples
 from flexstage.hysteresis.model import Array, HysteresisModel
-from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.models.dahl import Dahl
+from flexstage.hysteresis.models.source_code import hysteresis_code
 from tests.c_hysteresis import (
     CASES,
     Compiled,

@@ -3,18 +3,15 @@
 import itertools
 import re
 import subprocess
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexstage.export.source.hysteresis_code import hysteresis_code
+from flexstage.hysteresis import BoucWen, Dahl, Duhem
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.duhem import Duhem
+from flexstage.hysteresis.models.source_code import hysteresis_code, source_file
 from tests.c_compiler import EXACT, compile_program, load_library
 from tests.c_hysteresis import CASES, Array, Compiled, bouc_wen, headers, prandtl, program, walk
 
@@ -176,11 +173,10 @@ def test_all_models_stand_side_by_side_without_a_warning(tmp_path: Path) -> None
 
 
 def test_headers_say_all_that_they_include_and_no_more() -> None:
-    folder = resources.files("flexstage.export.source") / "c"
     for model in CASES.values():
         names = hysteresis_code(model).headers
         for place, name in enumerate(names):
-            text = folder.joinpath(name).read_text("utf-8")
+            text = source_file(name).decode()
             included = {x.split('"')[1] for x in text.splitlines() if x.startswith('#include "')}
             assert included <= set(names[:place])
 

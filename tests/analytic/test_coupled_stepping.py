@@ -14,6 +14,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from flexstage.arrays import Array
+from flexstage.hysteresis import BoucWen
 from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
 from flexstage.hysteresis.chain.lag import lags_through_segments
 from flexstage.hysteresis.chain.modal import modes_through_segments, unit_step
@@ -24,7 +25,6 @@ from flexstage.hysteresis.chain.polynomial_panels import (
 )
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.model import HysteresisModel, Segments
-from flexstage.hysteresis.models.bouc_wen import BoucWen
 
 D, A, BETA, GAMMA = 0.593, 0.544, 0.05, 0.03
 F, ZETA = 339.0, 0.012

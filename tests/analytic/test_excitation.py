@@ -17,7 +17,7 @@ from flexstage.hysteresis.excitations.excitation import SHAPES, Movement, memory
 from flexstage.hysteresis.excitations.segments import ExcitationDesign, fitted, shortest
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.models.play import play_columns
-from flexstage.hysteresis.models.preisach import preisach_columns
+from flexstage.hysteresis.models.preisach.law import preisach_columns
 from flexstage.records import Record
 
 RANGE = (-17.0, 113.0)

@@ -8,39 +8,41 @@ import pytest
 from scipy.signal import lfilter
 
 from flexstage.errors import ModelError, RecordError
+from flexstage.hysteresis import (
+    AsymmetricBoucWen,
+    BoucWen,
+    Dahl,
+    Duhem,
+    ModifiedPrandtlIshlinskii,
+    PrandtlIshlinskii,
+    Preisach,
+)
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.chain_misfit import ChainMisfit
 from flexstage.hysteresis.identification.chain_search import find_chain
 from flexstage.hysteresis.identification.cycles import cycles
-from flexstage.hysteresis.identification.families import FAMILIES
-from flexstage.hysteresis.identification.families.family import (
-    Data,
-    Fit,
-    LinearFamily,
-    behind_chain,
-    equations,
-    folds_of,
-    residual,
-)
-from flexstage.hysteresis.identification.families.preisach import PreisachFamily
-from flexstage.hysteresis.identification.families.refined import RefinedFamily
-from flexstage.hysteresis.identification.families.search import SearchFamily
 from flexstage.hysteresis.identification.fit_rows import ChainValues, rows_of
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.misfit import Folds, Misfit, estimates, misfit
 from flexstage.hysteresis.identification.model_choice import FittedModel, choose
+from flexstage.hysteresis.identification.model_fit import (
+    FitData,
+    FitResult,
+    LinearFit,
+    behind_chain,
+    equations,
+    fits,
+    folds_of,
+    residual,
+)
 from flexstage.hysteresis.identification.projection import normal_equations, solve
-from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.identification.refined_fit import RefinedFit
+from flexstage.hysteresis.identification.searched_fit import SearchedFit
 from flexstage.hysteresis.models.play import play_columns
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach
+from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.records import Channel, Record
 from flexstage.virtual.stack import virtual_stack
 
@@ -150,11 +152,11 @@ def test_models_of_many_parameters_predict_the_plant(plant):
 def test_standard_errors_cover_the_truth():
     """Over 40 records 95 of 100 intervals of two standard errors hold the truth."""
     u = drive(900, dt=0.02)
-    family = FAMILIES["bouc-wen"]
+    method = fits()["bouc-wen"]
     inside = []
     for seed in range(40):
         data = whole(measurement([record(u, noisy(BOUC_WEN, u, seed), 0.02)], "u", "y"))
-        fit = family.fit(data, np.array([0.5, 0.2]))
+        fit = method.fit(data, np.array([0.5, 0.2]))
         found, _, _ = estimates(fit, data, misfit(fit.model, data), (), {})
         inside.append(
             [abs(e.value - getattr(BOUC_WEN, e.name)) < 2.0 * e.standard_error for e in found]
@@ -354,7 +356,7 @@ def test_an_input_that_was_read_too_seldom_is_named(held):
 def whole(data):
     rows = rows_of(data)
     use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
-    return Data(measurement=data, chain=NONE, rows=rows, use=use)
+    return FitData(measurement=data, chain=NONE, rows=rows, use=use)
 
 
 def test_every_row_is_held_out_once_and_in_whole_cycles():
@@ -395,7 +397,7 @@ def test_auto_prefers_the_simpler_model():
     plain = identify(record(u, noisy(DAHL, u, 3)), "u", "y", chain=NONE)
     assert plain.kind == "dahl"
     assert plain.candidates[0].kind == "dahl"
-    assert {c.kind for c in plain.candidates} == set(FAMILIES)
+    assert {c.kind for c in plain.candidates} == set(fits())
     steep = identify(record(u, noisy(BOUC_WEN, u, 3)), "u", "y", chain=NONE)
     assert steep.kind == "bouc-wen"
     assert min(c.heldout_rms_percent or 0.0 for c in steep.candidates) <= (
@@ -453,7 +455,7 @@ def test_a_model_that_cannot_be_fitted_stays_with_its_reason(monkeypatch):
     def fails(self, data, start=None):
         raise ModelError("the record has no such thing")
 
-    monkeypatch.setattr(type(FAMILIES["bouc-wen"]), "fit", fails)
+    monkeypatch.setattr(type(fits()["bouc-wen"]), "fit", fails)
     u = drive()
     given = record(u, noisy(DAHL, u, 3))
     found = identify(given, "u", "y", model=("bouc-wen", "dahl"), chain=NONE)
@@ -486,15 +488,15 @@ def chosen_of(without_inverse=(), **parts):
     percent = data.measurement.stroke / 100.0
     tried = {}
     for name, errors in parts.items():
-        family = FAMILIES[name.replace("_", "-")]
+        method = fits()[name.replace("_", "-")]
         squares = (percent * np.array(errors)) ** 2
         rms = float(np.sqrt(squares.mean()))
         folds = Folds(rms=rms, free_rms=rms, largest=0.0, band=0.0, mean_square=squares)
         nothing = (np.zeros(data.rows[0].at.size),)
         left = Misfit(left=nothing, predicted=nothing, nuisance=(), offset=0.0)
         model = FALLING if name in without_inverse else DAHL
-        tried[family.kind] = FittedModel(
-            family=family, fit=Fit(model=model), left=left, folds=folds
+        tried[method.kind] = FittedModel(
+            method=method, fit=FitResult(model=model), left=left, folds=folds
         )
     return choose(tried, data)[0]
 
@@ -523,18 +525,18 @@ def test_twenty_random_starts_end_at_one_optimum():
     u = drive()
     stack = virtual_stack((0.0, 112.0), 38e-6, 0.12)
     data = whole(measurement([record(u, noisy(stack, u, 3))], "u", "y"))
-    family = FAMILIES["bouc-wen"]
-    assert isinstance(family, SearchFamily)
-    best = family.fit(data).search
-    least = float(np.sum(family.project(best, data)[2] ** 2))
+    method = fits()["bouc-wen"]
+    assert isinstance(method, SearchedFit)
+    best = method.fit(data).search
+    least = float(np.sum(method.project(best, data)[2] ** 2))
     ends = []
     for start in np.random.default_rng(17).uniform(0.02, 0.98, (20, 2)):
-        place = family.fit(data, start).search
-        ends.append(float(np.sum(family.project(place, data)[2] ** 2)))
+        place = method.fit(data, start).search
+        ends.append(float(np.sum(method.project(place, data)[2] ** 2)))
     assert np.array(ends) == pytest.approx(least, rel=1e-6)
     # and no point of a fine grid is better
     for place in itertools.product(np.linspace(0.02, 0.98, 15), repeat=2):
-        assert np.sum(family.project(np.array(place), data)[2] ** 2) > least * (1.0 - 1e-9)
+        assert np.sum(method.project(np.array(place), data)[2] ** 2) > least * (1.0 - 1e-9)
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-9, 1e9])
@@ -563,17 +565,17 @@ def test_a_preisach_fit_is_an_optimum():
     u = drive()
     stack = virtual_stack((0.0, 112.0), 38e-6, 0.12)
     data = whole(measurement([record(u, noisy(stack, u, 3))], "u", "y"))
-    family = FAMILIES["preisach"]
-    assert isinstance(family, LinearFamily)
-    model = family.fit(data).model
+    method = fits()["preisach"]
+    assert isinstance(method, LinearFit)
+    model = method.fit(data).model
     assert isinstance(model, Preisach)
     x = model.slopes.ravel()
     (section,) = data.measurement.sections
-    columns = np.concatenate(list(family.columns(section, data)), axis=1)
+    columns = np.concatenate(list(method.columns(section, data)), axis=1)
     behind = behind_chain([columns], data)
     normal = equations(behind, data)
     moving = np.ptp(behind[0], axis=0) > 0.0
-    penalty = family.smoothing(data, moving)
+    penalty = method.smoothing(data, moving)
     gram = normal.gram.copy()
     gram[:256, :256] += penalty * normal.count * data.input_scale**2
     own = np.linalg.lstsq(normal.gram[256:, 256:], normal.right[256:] - gram[256:, :256] @ x)[0]
@@ -597,12 +599,12 @@ def test_the_search_for_a_chain_leaves_what_columns_behind_it_leave(delay: float
     sections = tuple(replace(s, start=a) for s, a in zip(m.sections, starts, strict=True))
     chain = ChainValues(delay=delay, creep_per_decade=0.023)
     data = replace(whole(replace(m, sections=sections)), chain=chain)
-    family = PreisachFamily(8, 8)
-    columns = [np.concatenate(list(family.columns(s, data)), axis=1) for s in sections]
+    method = PreisachFit(8, 8)
+    columns = [np.concatenate(list(method.columns(s, data)), axis=1) for s in sections]
     moving = np.any([np.ptp(c, axis=0) > 0.0 for c in columns], axis=0)
     assert 30 < moving.sum() < 64
     behind = behind_chain(columns, data)
-    normal, penalty = equations(behind, data), family.smoothing(data, moving)
+    normal, penalty = equations(behind, data), method.smoothing(data, moving)
     assert penalty is not None
     solution = solve(normal, smoothing=penalty * (normal.count * data.input_scale**2))
     left = residual(behind, solution, data) / m.stroke
@@ -614,12 +616,12 @@ def test_changes_in_closed_form_are_the_limit_of_differences(kind: str):
     u = drive()
     stack = virtual_stack((0.0, 112.0), 38e-6, 0.12)
     data = whole(measurement([record(u, noisy(stack, u, 3))], "u", "y"))
-    family = FAMILIES[kind]
-    assert isinstance(family, RefinedFamily)
-    p, (section,) = family.fit(data).search, data.measurement.sections
-    _, scale = family.bounds(data)
-    exact = family.changes(p, scale, section, data)
-    by_differences = RefinedFamily.changes(family, p, scale, section, data)
+    method = fits()[kind]
+    assert isinstance(method, RefinedFit)
+    p, (section,) = method.fit(data).search, data.measurement.sections
+    _, scale = method.bounds(data)
+    exact = method.changes(p, scale, section, data)
+    by_differences = RefinedFit.changes(method, p, scale, section, data)
     # the step is 1e-5 of each parameter; where a kink passes a sample in it they differ for a while
     error = np.abs(exact - by_differences).max(axis=1) / np.abs(exact).max()
     assert np.quantile(error, 0.99) < 2e-4
@@ -641,7 +643,7 @@ def test_columns_pass_the_chain_as_the_model_does():
     u = drive(600, 8.3, 0.002)
     chain = ChainValues(delay=0.0034, creep_per_decade=0.021, resonance_hz=61.0)
     data = whole(measurement([record(u, BOUC_WEN.simulate(u).values, 0.002)], "u", "y"))
-    data = Data(measurement=data.measurement, chain=chain, rows=data.rows, use=data.use)
+    data = FitData(measurement=data.measurement, chain=chain, rows=data.rows, use=data.use)
     section = data.measurement.sections[0]
     n = section.history
     every = BOUC_WEN.simulate(section.u).values

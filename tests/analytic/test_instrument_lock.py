@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 
 from flexstage.errors import ModelError, NotConnectedError
-from flexstage.instruments.lock import holder, stage_lock, state_directory
+from flexstage.files.user_folder import user_folder
+from flexstage.instruments.lock import holder, stage_lock
 
 HOLD = """
 import sys
+from flexstage.files.user_folder import user_folder
 from flexstage.instruments.lock import stage_lock
 with stage_lock(sys.argv[1]):
     print("held", flush=True)
@@ -126,7 +128,7 @@ def test_what_cannot_be_locked(tmp_path: Path) -> None:
 
 
 def test_where_the_state_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert state_directory() == tmp_path / "state"
+    assert user_folder("state") == tmp_path / "state"
     monkeypatch.delenv("FLEXSTAGE_STATE")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert state_directory() == tmp_path / "flexstage"
+    assert user_folder("state") == tmp_path / "flexstage"

@@ -7,27 +7,31 @@ import numpy as np
 import pytest
 
 from flexstage.errors import ModelError
+from flexstage.hysteresis import (
+    MODELS,
+    AsymmetricBoucWen,
+    BoucWen,
+    Dahl,
+    Duhem,
+    GeneralisedBoucWen,
+    GeneralisedMaxwellSlip,
+    ModifiedPrandtlIshlinskii,
+    PrandtlIshlinskii,
+    Preisach,
+)
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.inversion import feedforward, smoothed
 from flexstage.hysteresis.loops import loop_branches, loop_width, tracking
-from flexstage.hysteresis.models import MODELS
-from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
-from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach
 from flexstage.virtual.stack import virtual_stack
+from tests.hysteresis_vectors import of_kind
 
 LOW, HIGH = 4.0, 116.0
 THRESHOLDS = np.array([5.0, 13.0, 29.0])
 EACH = {
+    **{kind: of_kind(kind)[0].model for kind in MODELS},
     "bouc-wen": BoucWen(gain=3.1e-7, hysteresis_gain=1.1e-7, beta=0.031, gamma=0.017),
     "asymmetric-bouc-wen": AsymmetricBoucWen(
         gain=3.1e-7, quadratic=2.1e-10, cubic=-1.3e-12, hysteresis_gain=1.1e-7, beta=0.031,

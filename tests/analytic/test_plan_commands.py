@@ -6,8 +6,7 @@ import pytest
 from flexstage.errors import PlanError
 from flexstage.experiments.axis_limits import AxisSetting
 from flexstage.experiments.command import CommandWaveform, Strike
-from flexstage.experiments.design import design_command, whole_part
-from flexstage.experiments.excite import (
+from flexstage.experiments.excitations import (
     BidirectionalTargets,
     Blows,
     Chirp,
@@ -19,6 +18,7 @@ from flexstage.experiments.excite import (
     Multisine,
     RisingSteps,
 )
+from flexstage.experiments.verbs.excite import whole_part
 
 X = AxisSetting(axis="x", quantity="voltage", low=-13.0, high=107.0, largest_rate=4e4,
                 natural_frequency_hz=870.0)  # fmt: skip
@@ -28,7 +28,7 @@ SCREW = AxisSetting(axis="x", quantity="position", low=0.0, high=330e-6, largest
 
 
 def made(wanted, *settings: AxisSetting, rate: float = 1e3, **more) -> CommandWaveform:
-    found = design_command(wanted, {s.axis: s for s in settings or (X,)}, rate, **more)
+    found = wanted.command({s.axis: s for s in settings or (X,)}, rate, **more)
     assert isinstance(found, CommandWaveform)
     return found
 
@@ -137,7 +137,7 @@ def test_a_hold_rests_and_a_blow_has_no_samples():
     found = made(Hold(axis="x", at=0.25, duration=1.5, settle=0.7))
     assert np.unique(found.waveform.values["x"]) == pytest.approx([17.0])
     assert (found.first, found.waveform.size) == (700, 2200)
-    assert design_command(Blows(axis="y", hits=3), {}, 1e3) == Strike(axis="y", hits=3)
+    assert Blows(axis="y", hits=3).command({}, 1e3) == Strike(axis="y", hits=3)
 
 
 def test_corners_are_gone_round_anticlockwise_and_numbered_where_both_axes_rest():

@@ -7,7 +7,7 @@ import pytest
 
 from flexstage.errors import PlanError
 from flexstage.experiments import dry_run, find_plan, plan_stage, read_plan, ready_plans
-from flexstage.experiments.excite import EqualCycles, Multisine
+from flexstage.experiments.excitations import EqualCycles, Multisine
 from flexstage.experiments.file import plan_from_text
 from flexstage.experiments.plan import SensorEntry
 from flexstage.experiments.verbs import Identify, Measure, Verify

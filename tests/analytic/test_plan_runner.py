@@ -10,11 +10,10 @@ import pytest
 
 from flexstage.errors import ControllerError, FlexstageError, NotConnectedError, PlanError
 from flexstage.experiments import Plan, run_plan
-from flexstage.experiments.centre_step import centred_from
 from flexstage.experiments.file import plan_from_text
-from flexstage.experiments.results import MeasuredStep
 from flexstage.experiments.state import read_state
 from flexstage.experiments.verbs import Centre
+from flexstage.experiments.verbs.measure import MeasuredStep
 from flexstage.instruments.lock import stage_lock
 from flexstage.records import read_record
 from flexstage.stage.limits import AxisLimits
@@ -401,11 +400,11 @@ def test_a_result_of_centring_that_is_none_is_refused(tmp_path):
         "notes": [],
     }  # fmt: skip
     file.write_text(json.dumps(good))
-    assert centred_from(None, "fine", Centre(), file).moves[0].command == (0.0, 1e-6)
+    assert Centre().result(None, "fine", [file], now=True).moves[0].command == (0.0, 1e-6)
     good["moves"][0]["command"] = [1e-6]
     file.write_text(json.dumps(good))
     with pytest.raises(PlanError, match=r"fine\.json, moves\[0\]\.command: expected .* 2 entries"):
-        centred_from(None, "fine", Centre(), file)
+        Centre().result(None, "fine", [file], now=True)
 
 
 def test_a_missing_sensor_of_the_instrument_is_refused_before_it_moves(tmp_path):

@@ -8,14 +8,16 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from flexstage.errors import ModelError
+from flexstage.hysteresis import (
+    Duhem,
+    GeneralisedMaxwellSlip,
+    ModifiedPrandtlIshlinskii,
+    PrandtlIshlinskii,
+)
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.play_sum import dead_zone_line, dead_zones
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach, preisach_columns
+from flexstage.hysteresis.models.preisach.law import Preisach, preisach_columns
 
 STROKE = 60e-6
 

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.hysteresis import DriveModel, ValidityRange
+from flexstage.hysteresis import Dahl, DriveModel, PrandtlIshlinskii, ValidityRange
 from flexstage.hysteresis.identification.cycles import by_rate, cycles, first_moving
-from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.fit_rows import ChainValues, rows_of
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import (
@@ -15,8 +14,7 @@ from flexstage.hysteresis.identification.measurement import (
     without_history,
 )
 from flexstage.hysteresis.identification.misfit import misfit
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.records import Channel, Record
 
 DT = 0.01
@@ -89,7 +87,7 @@ def with_offsets(*offsets):
     made = measurement([record(u, after_cycles(u) + o) for o in offsets], "u", "y")
     rows = rows_of(made)
     use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
-    return Data(measurement=made, chain=ChainValues(), rows=rows, use=use)
+    return FitData(measurement=made, chain=ChainValues(), rows=rows, use=use)
 
 
 def test_the_offset_that_is_kept_is_the_mean_of_those_of_the_records():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from flexstage.errors import ModelError
+from flexstage.hysteresis import Dahl
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange, in_unit_of_model, unsuited
-from flexstage.hysteresis.models.dahl import Dahl
 
 DT = 1e-3
 DRIVE = DriveModel(

@@ -6,18 +6,17 @@ import numpy as np
 import pytest
 
 from flexstage.errors import RecordError
+from flexstage.hysteresis import Dahl, PrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.cycles import cycles
-from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.faults import butterfly, clipped, without_spikes
 from flexstage.hysteresis.identification.fit_rows import ChainValues, rows_of
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
+from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.zero_changes import zero_changes
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 from flexstage.records import Channel, Record
 from flexstage.virtual.stack import virtual_stack
 
@@ -276,7 +275,7 @@ def changes(*records, chain=CHAIN):
     m = measurement([record(u, y) for u, y in records], "u", "y")
     rows = rows_of(m)
     use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
-    return zero_changes(Data(measurement=m, chain=chain, rows=rows, use=use))
+    return zero_changes(FitData(measurement=m, chain=chain, rows=rows, use=use))
 
 
 def jumped(place, share, u=U, y=CLEAN):

@@ -7,7 +7,7 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.experiments.virtual_campaign import true_figures, virtual_campaign
+from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.lumped import lumped_system
 from flexstage.system import frequency_response, modes
 from flexstage.virtual.as_built import as_built
@@ -27,6 +27,7 @@ from flexstage.virtual.laboratory import (
     staircase_record,
     workspace_record,
 )
+from flexstage.virtual.true_figures import true_figures
 
 
 @pytest.fixture(scope="module")

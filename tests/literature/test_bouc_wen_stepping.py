@@ -10,11 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
+from flexstage.hysteresis import AsymmetricBoucWen, BoucWen, Dahl, GeneralisedBoucWen
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
 
 UM = 1e-6
 # Rounding of a displacement of 60 um alone is 7e-15 um; sums of some terms stay below this.

@@ -9,13 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import ModelError
+from flexstage.hysteresis import (
+    AsymmetricBoucWen,
+    BoucWen,
+    Dahl,
+    GeneralisedBoucWen,
+    simulate_bouc_wen_batch,
+)
 from flexstage.hysteresis.model import HysteresisModel, ModelProperty
-from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
 from flexstage.hysteresis.models.bouc_wen_steps import simulate_samples
-from flexstage.hysteresis.models.dahl import Dahl
 from flexstage.hysteresis.models.decay import decayed
-from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
 from flexstage.hysteresis.models.power_law import flow, power_table, time_to_zero
 
 # A compiled loop is slow the first time.

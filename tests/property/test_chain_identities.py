@@ -5,13 +5,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.arrays import Array
+from flexstage.hysteresis import BoucWen
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.element import ChainElement
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
-from flexstage.hysteresis.models.bouc_wen import BoucWen
 
 times = st.floats(1e-6, 10.0)
 sequences = st.lists(st.floats(-100.0, 100.0), min_size=2, max_size=30).map(np.array)

@@ -8,21 +8,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import ModelError
+from flexstage.hysteresis import (
+    MODELS,
+    AsymmetricBoucWen,
+    BoucWen,
+    Dahl,
+    Duhem,
+    GeneralisedBoucWen,
+    GeneralisedMaxwellSlip,
+    ModifiedPrandtlIshlinskii,
+    PrandtlIshlinskii,
+    Preisach,
+)
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model_file import ModelFile, model_text, read_model_text
-from flexstage.hysteresis.models import MODELS
-from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.models.bouc_wen import BoucWen
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
-from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach
+from tests.hysteresis_vectors import of_kind
 
 FEW = settings(max_examples=12, deadline=None, derandomize=True)
 slopes = st.floats(1e-9, 1e-5)
@@ -39,6 +42,7 @@ def numbers(count, least=0.0, most=1e-6):
 
 
 BUILDS = {
+    **{kind: st.sampled_from([v.model for v in of_kind(kind)]) for kind in MODELS},
     "bouc-wen": st.builds(
         BoucWen,
         gain=slopes,

@@ -7,12 +7,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from flexstage.hysteresis import (
+    Duhem,
+    GeneralisedMaxwellSlip,
+    ModifiedPrandtlIshlinskii,
+    PrandtlIshlinskii,
+    Preisach,
+)
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach
 
 STROKE = 60e-6
 RANGE = (-20.0, 130.0)

@@ -18,7 +18,7 @@ from flexstage.instruments.catalogue.entries import (
     StageEntry,
 )
 from flexstage.instruments.catalogue.folder import enter_folder, folder_entries
-from flexstage.instruments.catalogue.tables import VERSION, Base
+from flexstage.instruments.catalogue.tables import METADATA, VERSION
 from flexstage.instruments.recording.archive import archived
 from flexstage.instruments.recording.folder import RunFolder
 from tests.postgresql import database, postgresql_server  # noqa: F401
@@ -255,8 +255,8 @@ def test_an_empty_database_gets_the_tables_of_the_program(address):
         pass
     engine = catalogue_engine(address)
     found = sa.inspect(engine)
-    assert set(found.get_table_names()) == set(Base.metadata.tables)
-    for table in Base.metadata.tables.values():
+    assert set(found.get_table_names()) == set(METADATA.tables)
+    for table in METADATA.tables.values():
         columns = {c["name"]: c for c in found.get_columns(table.name)}
         assert set(columns) == {c.name for c in table.columns}
         for column in table.columns:
@@ -299,7 +299,7 @@ def test_a_database_of_another_version_is_refused_and_left_alone(address, versio
     with engine.connect() as connection, connection.begin():
         connection.execute(sa.text("DELETE FROM schema_version"))
         if version is not None:
-            table = Base.metadata.tables["schema_version"]
+            table = METADATA.tables["schema_version"]
             connection.execute(table.insert().values(version=version))
     before = contents(engine)
     with pytest.raises(RecordError) as caught:
@@ -319,7 +319,7 @@ def test_tables_that_cannot_all_be_made_are_not_made_at_all(address, monkeypatch
         connection.execute(sa.text("SELECT * FROM nowhere"))
 
     with monkeypatch.context() as patched:
-        patched.setattr(Base.metadata, "create_all", broken)
+        patched.setattr(METADATA, "create_all", broken)
         with pytest.raises((RecordError, NotConnectedError), match="nowhere"):
             Catalogue.open(address)
     engine = catalogue_engine(address)
@@ -337,6 +337,19 @@ def test_a_database_of_another_program_is_left_alone(address):
         Catalogue.open(address)
     assert sa.inspect(engine).get_table_names() == ["runs"]
     engine.dispose()
+
+
+def test_an_empty_database_that_is_only_read_stays_empty(address):
+    engine = catalogue_engine(address)
+    with engine.connect():  # where it is a file, it is there now, and empty
+        pass
+    with Catalogue.open(address, make=False) as opened:
+        assert opened.runs() == opened.calibrations() == opened.models() == opened.stages() == []
+        where = opened.address
+    assert sa.inspect(engine).get_table_names() == []
+    engine.dispose()
+    with Catalogue.open(address) as opened:
+        assert opened.address == where
 
 
 def test_opening_again_changes_nothing(address):

@@ -354,6 +354,7 @@ def test_a_stream_has_its_ending_and_its_folder(tmp_path):
         ({"identifier": "XYZ"}, "must be 32 hexadecimal digits"),
         ({"started": "yesterday"}, "must be a date and time such as 2"),
         ({"started": "2031-05-17T09:30:00"}, "must have a time zone"),
+        ({"started": "0001-01-01T00:00:00+05:00"}, "must be a date and time such as 2"),
     ],
 )
 def test_a_run_says_only_what_can_be(words, said):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.experiments.campaign.evaluate import evaluate
-from flexstage.experiments.virtual_campaign import true_figures, virtual_campaign
+from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.virtual.as_built import as_built
 from flexstage.virtual.hammer import HammerBench
 from flexstage.virtual.laboratory import Laboratory
+from flexstage.virtual.true_figures import true_figures
 from tests.tiers import limits, sizes
 
 
@@ -24,10 +24,7 @@ def covered(name: str, stages: int, measurements: int) -> dict[tuple[str, str], 
         truth = true_figures(built, laboratory)
         for i in range(measurements):
             made = virtual_campaign(built, laboratory=laboratory, bench=bench, seed=1000 * k + i)
-            result = evaluate(
-                made.campaign, lambda test, m=made: [m.records[r] for r in test.records]
-            )
-            for figure in result.figures:
+            for figure in made.evaluated().figures:
                 key = figure.quantity, figure.axis
                 found[key].append(figure.estimate.covers(truth[key]))
     return found

@@ -19,6 +19,7 @@ from flexstage.hysteresis import (
     PrandtlIshlinskii,
     Preisach,
 )
+from tests.hysteresis_vectors import VECTORS
 from tests.octave_program import OCTAVE
 from tests.simulink_recording import octave
 
@@ -105,6 +106,22 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return {k: np.ravel(v) for k, v in loadmat(folder / "found.mat").items() if k[0] != "_"}
+
+
+def test_function_gives_the_test_vectors(tmp_path: Path) -> None:
+    names = {f"v_{i}": vector for i, vector in enumerate(VECTORS.values())}
+    code, given = ["found = struct();"], {}
+    for name, vector in names.items():
+        (tmp_path / f"{name}.m").write_text(hysteresis_function(vector.model, name))
+        given[f"u_{name}"] = vector.inputs
+        code.append(f"found.{name} = arrayfun(@{name}, u_{name});")
+    code.append("save('-v7', 'found.mat', '-struct', 'found');")
+    done = octave(tmp_path, "\n".join(code), **given)
+    assert done.returncode == 0, done.stderr
+    found = loadmat(tmp_path / "found.mat")
+    for name, vector in names.items():
+        error = np.max(np.abs(np.ravel(found[name]) - vector.outputs))
+        assert error < 1e-12 * np.ptp(vector.outputs), vector.model
 
 
 @pytest.mark.parametrize("name", list(MODELS))

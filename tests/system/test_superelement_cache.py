@@ -15,10 +15,11 @@ import pytest
 
 from flexstage.fem import cache as cache_module
 from flexstage.fem import superelement
-from flexstage.fem.cache import Cache, default_directory, open_cache
+from flexstage.fem.cache import Cache, open_cache
 from flexstage.fem.condensation import condense
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.superelement import SuperelementModel, superelement_model
+from flexstage.files.user_folder import user_folder
 from flexstage.system import modes
 from tests.hinged_bars import hinged_bars
 
@@ -345,7 +346,7 @@ def test_where_the_cache_is(
         monkeypatch.delenv(name, raising=False)
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
-    assert default_directory() == expected
+    assert user_folder("cache") == expected
 
 
 def test_the_default_is_the_users_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

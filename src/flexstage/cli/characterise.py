@@ -158,7 +158,7 @@ def characterise(
     from flexstage.experiments.campaign.evaluate import characterise as run
     from flexstage.experiments.campaign.plan import Columns, read_campaign
     from flexstage.files.write import write_files
-    from flexstage.report.measurement_html import measurement_text
+    from flexstage.report.measurement import measurement_text
     from flexstage.studies import compare_measurement
     from flexstage.studies.measurement import measurement_results
 
@@ -266,7 +266,6 @@ def _beside(stage: str, folder: Path) -> str:
 
 def _virtual(stage: str, seed: int) -> "tuple[Characterisation, dict[str, bytes]]":
     from flexstage.designs import DESIGNS, find_stage
-    from flexstage.experiments.campaign.evaluate import evaluate
     from flexstage.experiments.campaign.plan import campaign_text
     from flexstage.experiments.virtual_campaign import virtual_campaign
     from flexstage.records.write import record_bytes
@@ -283,7 +282,7 @@ def _virtual(stage: str, seed: int) -> "tuple[Characterisation, dict[str, bytes]
         files["stage.yaml"] = stage_to_text(described).encode()
         campaign = replace(campaign, stage="stage.yaml")
     files["campaign.yaml"] = campaign_text(campaign).encode()
-    return evaluate(made.campaign, lambda test: [made.records[n] for n in test.records]), files
+    return made.evaluated(), files
 
 
 def _single(

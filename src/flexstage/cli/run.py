@@ -2,6 +2,7 @@
 
 import datetime
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +12,7 @@ from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     OutputFolder,
     console,
+    on_terminal,
     print_json,
     print_notes,
     print_table,
@@ -22,7 +24,7 @@ from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
     from flexstage.experiments import DryRun, PlanResult
-    from flexstage.experiments.dry_run import PlannedMotion
+    from flexstage.experiments.verb import PlannedMotion
 
 
 @from_docstring
@@ -114,9 +116,7 @@ def run(
 
     write_file(result.folder / "report.html", run_text(result).encode("utf-8"))
     if json:
-        from flexstage.experiments.results_file import plain_results
-
-        print_json(plain_results(result))
+        print_json(result.plain())
         return
     _print(result)
 
@@ -242,8 +242,6 @@ def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
 
 def _print(result: "PlanResult") -> None:
     from flexstage.characteristic import in_order
-    from flexstage.experiments import VerifiedStep
-    from flexstage.experiments.results import CentredStep, IdentifiedStep
 
     screen = console()
     if result.figures:
@@ -252,43 +250,12 @@ def _print(result: "PlanResult") -> None:
         rows = (_figure(result, figure) for figure in every)
         print_table(screen, f"{result.stage.name}, {result.origin}", heads, rows)
     for step in result.steps:
-        if isinstance(step, IdentifiedStep):
-            rms = step.errors_percent.get("rms", float("nan"))
-            said = f"{step.name}: {step.kind}, {rms:.3g} % of the stroke rms"
-            screen.print(said, markup=False)
-        elif isinstance(step, VerifiedStep):
-            _print_verified(step)
-        elif isinstance(step, CentredStep):
-            last = step.moves[-1]
-            screen.print(
-                f"{step.name}: {1e6 * step.moves[0].length:.2f} um became "
-                f"{1e6 * last.length:.3f} um: {step.reason}",
-                markup=False,
-            )
+        if step.line:
+            screen.print(step.line, markup=False)
+        if (shown := step.table) is not None:
+            screen.print(on_terminal(replace(shown, notes=())))
+            print_notes(screen, shown.notes)
     print_notes(screen, result.notes, [result.folder / "report.html"])
-
-
-def _print_verified(step: Any) -> None:
-    rows = []
-    for run_ in step.runs:
-        t = run_.tracking
-        less = run_.reduction_percent
-        rows.append(
-            (
-                run_.way,
-                f"{1e9 * t.loop_width:.1f}",
-                "" if less is None or run_.way == "open loop" else f"{less:.2f}",
-                f"{1e9 * t.rms:.1f}",
-                f"{100.0 * t.rms / step.stroke:.3f}",
-                f"{1e9 * t.largest:.1f}",
-            )
-        )
-    screen = console()
-    title = f"{step.name}: {1e6 * step.stroke:.2f} um, {step.rate_hz:g} Hz, {step.kind}"
-    heads = "way", "loop, nm", "narrower, %", "rms, nm", "rms, %", "largest, nm"
-    print_table(screen, title, heads, rows)
-    for run_ in step.runs:
-        print_notes(screen, (f"{step.name}, {run_.way}: {note}" for note in run_.notes))
 
 
 def _figure(result: "PlanResult", figure: Any) -> tuple[str, ...]:

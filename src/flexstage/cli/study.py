@@ -66,7 +66,7 @@ def study(
     """
     from flexstage.designs import find_stage
     from flexstage.files.write import require_writable, write_files
-    from flexstage.report.html import report_pages
+    from flexstage.report.study import report_pages
     from flexstage.studies import results_json, run_study, study_results
     from flexstage.studies.results import characteristic_row
 

@@ -10,7 +10,8 @@ sample old. To have the stage at the trajectory, the target has to be where the 
 trajectory as much later. For feedback alone this is the smallest part of what it lags behind.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -213,6 +214,33 @@ def carry_out(
     """
     from flexstage.instruments.record_run import run_waveform
 
+    with made_ready(instrument, run, signals, lead_in=lead_in, rate_hz=min(rate_hz, 100.0)):
+        return run_waveform(
+            instrument,
+            run.waveform,
+            signals,
+            rate_hz=rate_hz,
+            cycles=run.cycles,
+            feedforward=run.feedforward,
+        )
+
+
+@contextmanager
+def made_ready(
+    instrument: Instrument,
+    run: ControlRun,
+    signals: Sequence[Signal],
+    *,
+    lead_in: bool = True,
+    rate_hz: float = 100.0,
+) -> Iterator[None]:
+    """Condition the drives, and switch the control on where the way needs it.
+
+    Afterwards the control is on or off as before. `signals` are read along the lead-in, at a rate
+    [Hz] that nothing depends on.
+    """
+    from flexstage.instruments.record_run import run_waveform
+
     axes = [instrument.axes[_known(instrument, a)] for a in run.trajectory.axes]
     _require(instrument, run)
     before = {axis.name: axis.closed_loop for axis in axes}
@@ -222,8 +250,7 @@ def carry_out(
             for axis in axes:
                 if axis.closed_loop:
                     axis.set_closed_loop(False)
-            first = next(iter(signals))
-            run_waveform(instrument, run.lead_in, [first], rate_hz=min(rate_hz, 100.0))
+            run_waveform(instrument, run.lead_in, signals[:1], rate_hz=rate_hz)
         if run.way is not Way.FEEDFORWARD:
             for name, axis in named.items():
                 if name in run.servo:
@@ -235,14 +262,7 @@ def carry_out(
             for axis in axes:
                 if axis.closed_loop:
                     axis.set_closed_loop(False)
-        return run_waveform(
-            instrument,
-            run.waveform,
-            signals,
-            rate_hz=rate_hz,
-            cycles=run.cycles,
-            feedforward=run.feedforward,
-        )
+        yield
     finally:
         for axis in axes:
             if axis.closed_loop != before[axis.name]:

@@ -1,8 +1,10 @@
 """A command that is ready to run, and its run, recorded to disk beside what the sensors read."""
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +18,16 @@ from flexstage.instruments.record_run import record_blow, run_moves, run_wavefor
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.instruments.waveform import Quantity, Waveform
+from flexstage.provenance import content_hash
+from flexstage.stage import PiezoStack
 
+if TYPE_CHECKING:
+    from flexstage.experiments.run_context import RunContext
+    from flexstage.experiments.verbs.measure import Measure
+    from flexstage.records import Record
+
+#: What the acceleration at a blow is called.
+RESPONSE = "acceleration {}"
 #: More samples do not fit into memory.
 _MOST_SAMPLES = 5_000_000
 
@@ -28,16 +39,6 @@ def require_size(size: float, kind: str) -> None:
             f"the command '{kind}' would have {size:.0f} samples, and at most {_MOST_SAMPLES} are "
             "allowed: make it shorter, or lower command_rate"
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Strike:
-    """Blows of a hammer."""
-
-    axis: str
-    """The axis along which the stage is struck."""
-    hits: int
-    """How often."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,6 +75,47 @@ class CommandWaveform:
         """How long it takes [s]."""
         return self.waveform.duration * self.cycles
 
+    @property
+    def values(self) -> Mapping[str, Array]:
+        """Its samples by axis [V or m], each of shape (n,)."""
+        return self.waveform.values
+
+    @property
+    def unit(self) -> str:
+        """Unit of its samples."""
+        return "V" if self.quantity == "voltage" else "m"
+
+    @property
+    def time(self) -> Array:
+        """Times of its samples [s], shape (n,)."""
+        return np.arange(self.waveform.size) / self.waveform.sample_rate_hz
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of its samples."""
+        found = hashlib.sha256(f"{self.quantity} {self.waveform.sample_rate_hz!r}".encode())
+        for axis, values in self.values.items():
+            found.update(axis.encode())
+            found.update(values.tobytes())
+        return found.hexdigest()
+
+    def prepared(self, record: "Record") -> tuple[int, int]:
+        """Return how many samples of its record prepare, and how many a cycle has."""
+        rate = record.sample_rate_hz / self.waveform.sample_rate_hz
+        # a record that was taken at places has no samples between them
+        whole = abs(record.size - self.waveform.size * rate) < 3.0 * max(rate, 1.0)
+        return (round(self.first * rate), round(self.period * rate)) if whole else (0, 0)
+
+    def signals(self, context: "RunContext", wanted: "Measure") -> list[Signal]:
+        """Return what is recorded: sensors, and the voltages of the drives that have one."""
+        sensors = dict.fromkeys((*wanted.roles.values(), *wanted.output, *wanted.also))
+        found = [context.signal(sensor) for sensor in sensors]
+        for axis in self.axes:
+            if isinstance(context.stage.drive(context.stage.axis(axis).drive), PiezoStack):
+                name = _named("voltage", axis, self)
+                found.append(Signal(kind="voltage", source=axis, name=name, unit="V"))
+        return found
+
     def at(self, axis: str, time: Array) -> Array:
         """Return the command of an axis at times from its first sample [V, or m].
 
@@ -91,6 +133,53 @@ class CommandWaveform:
             return np.full(time.size, -1.0)
         k = np.clip(np.floor(time * self.waveform.sample_rate_hz + 1e-6), 0, self.corner.size - 1)
         return self.corner[k.astype(np.intp)]
+
+    def record(
+        self,
+        instrument: Instrument,
+        signals: Sequence[Signal],
+        rate_hz: float,
+        stream: Path,
+        metadata: RunMetadata,
+        *,
+        feedforward: Waveform | None = None,
+    ) -> Path:
+        """Run it and record it to disk.
+
+        Samples go to the stream while they come; the file beside it ends in ``.h5``. Where the run
+        fails, what was recorded until then is in the stream.
+        """
+        prepare_loops(instrument, self.axes, self.quantity)
+        park(instrument, self.axes)
+        if Capability.WAVE_GENERATOR not in instrument.capabilities:
+            return _by_moves(instrument, self, signals, rate_hz, stream, metadata)
+        rate = instrument.recorder.configure(signals, rate_hz, 2)
+
+        def more(number: Array) -> dict[str, Array]:
+            time = number / rate
+            made = {_named("command", a, self): self.at(a, time) for a in self.axes}
+            for a in self.reference:
+                made[_named("reference", a, self)] = self.reference_at(a, time)
+            if self.corner is not None:
+                made["corner"] = self.corner_at(time)
+            return made
+
+        channels = [(s.name, s.unit) for s in signals]
+        channels += [
+            (n, "1" if n == "corner" else "m" if n.startswith("reference") else self.unit)
+            for n in more(np.zeros(2))
+        ]
+        with RunWriter(stream, channels, rate, metadata) as writer:
+            run_waveform(
+                instrument,
+                self.waveform,
+                signals,
+                rate_hz=rate_hz,
+                cycles=self.cycles,
+                feedforward=feedforward,
+                writer=_Numbered(writer, more),
+            )
+        return stream.with_suffix(".h5")
 
     def _at(self, values: Array, time: Array) -> Array:
         k = np.asarray(time) * self.waveform.sample_rate_hz
@@ -148,55 +237,6 @@ def park(instrument: Instrument, busy: Sequence[str]) -> None:
             lead_to(instrument, {name: limits.position[0]}, "position")
 
 
-def record_command(
-    instrument: Instrument,
-    command: CommandWaveform,
-    signals: Sequence[Signal],
-    rate_hz: float,
-    stream: Path,
-    metadata: RunMetadata,
-    *,
-    feedforward: Waveform | None = None,
-) -> Path:
-    """Run a command and record it to disk.
-
-    Samples go to the stream while they come; the file beside it ends in ``.h5``. Where the run
-    fails, what was recorded until then is in the stream.
-    """
-    prepare_loops(instrument, command.axes, command.quantity)
-    park(instrument, command.axes)
-    if Capability.WAVE_GENERATOR not in instrument.capabilities:
-        return _by_moves(instrument, command, signals, rate_hz, stream, metadata)
-    rate = instrument.recorder.configure(signals, rate_hz, 2)
-    unit = "V" if command.quantity == "voltage" else "m"
-
-    def more(number: Array) -> dict[str, Array]:
-        time = number / rate
-        made = {_named("command", a, command): command.at(a, time) for a in command.axes}
-        for a in command.reference:
-            made[_named("reference", a, command)] = command.reference_at(a, time)
-        if command.corner is not None:
-            made["corner"] = command.corner_at(time)
-        return made
-
-    channels = [(s.name, s.unit) for s in signals]
-    channels += [
-        (n, "1" if n == "corner" else "m" if n.startswith("reference") else unit)
-        for n in more(np.zeros(2))
-    ]
-    with RunWriter(stream, channels, rate, metadata) as writer:
-        run_waveform(
-            instrument,
-            command.waveform,
-            signals,
-            rate_hz=rate_hz,
-            cycles=command.cycles,
-            feedforward=feedforward,
-            writer=_Numbered(writer, more),
-        )
-    return stream.with_suffix(".h5")
-
-
 def _named(what: str, axis: str, command: CommandWaveform) -> str:
     return what if len(command.axes) == 1 else f"{what} {axis}"
 
@@ -244,22 +284,76 @@ def _places(command: CommandWaveform) -> tuple[Array, float]:
     return places, dwell / command.waveform.sample_rate_hz
 
 
-def record_strikes(
-    instrument: Instrument,
-    strike: Strike,
-    signals: Sequence[Signal],
-    rate_hz: float,
-    stream: Path,
-    metadata: RunMetadata,
-) -> Path:
-    """Strike the stage some times, and record the blows one after the other."""
-    park(instrument, ())
-    rate = instrument.recorder.configure(signals, rate_hz, 2)
-    samples = round(_BLOW_TIME * rate)
-    channels = [(s.name, s.unit) for s in signals]
-    with RunWriter(stream, channels, rate, metadata) as writer:
-        for hit in range(strike.hits):
-            with progress.subtask(hit / strike.hits, (hit + 1) / strike.hits):
-                numbered = _Numbered(writer, lambda _: {}, offset=hit * samples)
-                record_blow(instrument, strike.axis, signals, rate_hz, samples, numbered)
-    return stream.with_suffix(".h5")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Strike:
+    """Blows of a hammer."""
+
+    axis: str
+    """The axis along which the stage is struck."""
+    hits: int
+    """How often."""
+
+    @property
+    def values(self) -> Mapping[str, Array]:
+        """None: nothing is commanded."""
+        return {}
+
+    @property
+    def unit(self) -> str:
+        """Unit of what acts."""
+        return "N"
+
+    @property
+    def time(self) -> Array:
+        """No times."""
+        return np.empty(0)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know: nothing."""
+        return ()
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of it."""
+        return content_hash(self)
+
+    def prepared(self, record: "Record") -> tuple[int, int]:
+        """Return that no sample of its record prepares, and that there are no cycles."""
+        del record
+        return 0, 0
+
+    def signals(self, context: "RunContext", wanted: "Measure") -> list[Signal]:
+        """Return what is recorded: the force, and accelerations."""
+        del context
+        return [
+            Signal(kind="force", source=self.axis, name="force", unit="N"),
+            *(
+                Signal(kind="response", source=a, name=RESPONSE.format(a), unit="m/s^2")
+                for a in wanted.output or (self.axis,)
+            ),
+        ]
+
+    def record(
+        self,
+        instrument: Instrument,
+        signals: Sequence[Signal],
+        rate_hz: float,
+        stream: Path,
+        metadata: RunMetadata,
+    ) -> Path:
+        """Strike the stage some times, and record the blows one after the other."""
+        park(instrument, ())
+        rate = instrument.recorder.configure(signals, rate_hz, 2)
+        samples = round(_BLOW_TIME * rate)
+        channels = [(s.name, s.unit) for s in signals]
+        with RunWriter(stream, channels, rate, metadata) as writer:
+            for hit in range(self.hits):
+                with progress.subtask(hit / self.hits, (hit + 1) / self.hits):
+                    numbered = _Numbered(writer, lambda _: {}, offset=hit * samples)
+                    record_blow(instrument, self.axis, signals, rate_hz, samples, numbered)
+        return stream.with_suffix(".h5")
+
+
+#: What a step of measure runs.
+Command = CommandWaveform | Strike

@@ -6,17 +6,13 @@ from typing import Any
 
 from flexstage.choose import nearest
 from flexstage.errors import PlanError
-from flexstage.experiments.excite import EXCITATIONS, Excite
+from flexstage.experiments.excitations import EXCITATIONS
 from flexstage.experiments.plan import Plan, SensorEntry, Step, problems
-from flexstage.experiments.verbs import Centre, Characterise, Compensate, Identify, Measure, Verify
+from flexstage.experiments.verbs import VERBS
+from flexstage.experiments.verbs.excite import Excite
 from flexstage.files.decoder import Decoder, read, read_file
 from flexstage.files.format import Form, Format, check_name
 from flexstage.files.nodes import Mapping, Node, Sequence
-
-_VERBS: dict[str, Any] = {
-    "excite": Excite,
-    **{v.verb: v for v in (Measure, Characterise, Identify, Compensate, Verify, Centre)},
-}
 
 
 def ready_plans() -> dict[str, Path]:
@@ -127,7 +123,7 @@ def _plan(decoder: Decoder, root: Mapping) -> Plan:
 def _read_step(decoder: Decoder, node: Node, path: str, _base: Any) -> Step:
     if not isinstance(node, Mapping):
         decoder.refuse(node, path, "a step is a mapping of its name and a verb")
-    decoder.check_keys(node, path, ["name", *_VERBS])
+    decoder.check_keys(node, path, ["name", *VERBS])
     if "name" not in node.items:
         decoder.refuse(node, path, "'name' is missing")
     place = node.items["name"]
@@ -145,14 +141,13 @@ def _read_step(decoder: Decoder, node: Node, path: str, _base: Any) -> Step:
         decoder.refuse(
             node,
             path,
-            f"step '{name}' needs one verb of {', '.join(_VERBS)}, got "
-            f"{', '.join(verbs) or 'none'}",
+            f"step '{name}' needs one verb of {', '.join(VERBS)}, got {', '.join(verbs) or 'none'}",
         )
     verb = verbs[0]
     inner, here = node.items[verb], f"{path}.{verb}"
     if not isinstance(inner, Mapping):
         decoder.refuse(inner, here, f"{verb} is a mapping of its options")
-    return Step(name=name, action=decoder.decode(_VERBS[verb], inner, here))
+    return Step(name=name, action=decoder.decode(VERBS[verb], inner, here))
 
 
 def _step_schema(builder: Any) -> dict[str, Any]:
@@ -161,7 +156,7 @@ def _step_schema(builder: Any) -> dict[str, Any]:
         "description": "A step: its name and one verb with its options.",
         "properties": {
             "name": {"type": "string", "description": "Its name, which names its files."},
-            **{verb: builder.of(kind) for verb, kind in _VERBS.items()},
+            **{verb: builder.of(kind) for verb, kind in VERBS.items()},
         },
         "additionalProperties": False,
         "required": ["name"],

@@ -1,27 +1,17 @@
 """A plan of experiments: sensors, and steps that use what earlier ones gave."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Annotated, Literal
 
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
-from flexstage.experiments.excite import Blows, Corners, EqualCycles, Excite
-from flexstage.experiments.verbs import (
-    Centre,
-    Characterise,
-    Compensate,
-    Identify,
-    Measure,
-    Verify,
-)
+from flexstage.experiments.verb import Verb
 from flexstage.files.ranges import Range, require_ranges
 from flexstage.sensor import SensorSpecification
 from flexstage.units import Frequency
 
 _Rate = Annotated[Frequency, Range(low=0.0, high=1e7, above=True, below=True)]
-
-Action = Excite | Measure | Characterise | Identify | Compensate | Verify | Centre
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,18 +58,18 @@ class Step:
 
     name: str
     """Its name."""
-    action: Action
+    action: Verb
     """What it does."""
 
     @property
     def verb(self) -> str:
         """What it does, in a word."""
-        return "excite" if isinstance(self.action, Excite) else self.action.verb
+        return self.action.verb
 
     @property
     def needs(self) -> tuple[str, ...]:
         """Earlier steps that it uses."""
-        return () if isinstance(self.action, Excite) else self.action.needs
+        return self.action.needs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,12 +162,7 @@ class Plan:
         str
             The axis.
         """
-        action = self.step(name).action
-        if isinstance(action, Excite):
-            return "".join(action.moved)
-        if isinstance(action, Centre):
-            return "".join(action.axes)
-        return self.axis_of(action.needs[0])
+        return self.step(name).action.axis_of(self)
 
     def chosen(self, names: tuple[str, ...] | None) -> tuple[Step, ...]:
         """Return steps with all that they use, in their order.
@@ -213,7 +198,7 @@ def problems(
     steps: tuple[Step, ...], sensors: tuple[SensorEntry, ...]
 ) -> Iterator[tuple[int, str]]:
     """Say what steps use that is not there."""
-    before: dict[str, Step] = {}
+    before: dict[str, Verb] = {}
     known = [s.name for s in sensors]
     # files are named after steps, and some systems do not tell large letters from small ones
     taken: dict[str, str] = {}
@@ -223,121 +208,6 @@ def problems(
             yield k, f"two steps are called '{step.name}': give each its own name"
         elif other != step.name:
             yield k, f"the steps '{other}' and '{step.name}' differ in capitals only: rename one"
-        for name in step.needs:
-            if name not in before:
-                listed = ", ".join(before) or "none"
-                yield (
-                    k,
-                    f"step '{step.name}' uses '{name}', which is no earlier step (there are: "
-                    f"{listed})",
-                )
-                return
-            if said := _wrong(step, before[name]):
-                yield k, said
-        for sensor in _sensors_of(step, before):
-            if sensor not in known:
-                listed = ", ".join(known) or "none"
-                yield (
-                    k,
-                    f"step '{step.name}' reads the sensor '{sensor}', which is not described "
-                    f"(there are: {listed}): list it under 'sensors'",
-                )
-        if said := _unread(step, before):
+        for said in step.action.problems(step.name, before, known):
             yield k, said
-        before[step.name] = step
-
-
-#: Cycles without which a motion and its drift cannot be told apart.
-_FEWEST_CYCLES = 3
-#: Sensors without which a test cannot be evaluated.
-_NEEDED: dict[str, tuple[str, ...]] = {
-    "motion": ("along",),
-    "positioning": ("along",),
-    "staircase": ("along",),
-    "hold": ("along",),
-    "workspace": ("x", "y"),
-}
-
-
-def _unread(step: Step, before: Mapping[str, Step]) -> str:
-    """Say what a step needs that no sensor will have read."""
-    own = step.action
-    if isinstance(own, Measure) and own.test is not None:
-        source = before[own.of].action
-        if missing := [r for r in _NEEDED.get(own.test, ()) if r not in own.roles]:
-            return (
-                f"step '{step.name}' is a test of kind {own.test} and does not say which sensor "
-                f"reads {' and '.join(missing)}"
-            )
-        if own.test == "workspace" and not isinstance(source, Corners):
-            return f"step '{step.name}' is a test of kind workspace: it needs a step of corners"
-        if own.test == "response" and not own.output and not isinstance(source, Blows):
-            return f"step '{step.name}' is a test of kind response: name its sensors as 'output'"
-    if isinstance(own, Characterise):
-        for name in own.of:
-            record = before[name].action
-            if not isinstance(record, Measure) or record.test != "motion":
-                continue
-            source = before[record.of].action
-            if isinstance(source, EqualCycles) and source.cycles < _FEWEST_CYCLES:
-                return (
-                    f"step '{step.name}' evaluates the motion '{name}', which needs "
-                    f"{_FEWEST_CYCLES} cycles at least, got {source.cycles:g}"
-                )
-    if isinstance(own, Identify):
-        for name in own.of:
-            record = before[name].action
-            if isinstance(record, Measure) and own.output not in _sensors_of(before[name], before):
-                return (
-                    f"step '{step.name}' identifies by the sensor '{own.output}', which step "
-                    f"'{name}' does not record: add it there under 'also'"
-                )
-    return ""
-
-
-#: Verbs of the steps that a step can use.
-_USES: dict[str, tuple[str, ...]] = {
-    "measure": ("excite", "compensate"),
-    "characterise": ("measure",),
-    "identify": ("measure", "characterise"),
-    "compensate": ("identify",),
-    "verify": ("identify",),
-}
-
-
-def _wrong(step: Step, used: Step) -> str:
-    """Say why a step cannot use another."""
-    if used.verb not in _USES[step.verb]:
-        allowed = " or ".join(_USES[step.verb])
-        return (
-            f"step '{step.name}' of {step.verb} uses '{used.name}', which is a step of "
-            f"{used.verb}: name one of {allowed}"
-        )
-    action, own = used.action, step.action
-    if isinstance(own, Identify) and (used.verb == "characterise") != (used.name == own.resonance):
-        return (
-            f"step '{step.name}' of identify takes records from steps of measure and its resonance "
-            f"from one of characterise, got '{used.name}' of {used.verb}"
-        )
-    if step.verb == "characterise" and isinstance(action, Measure) and action.test is None:
-        return (
-            f"step '{step.name}' evaluates '{used.name}', which does not say what kind of test it "
-            "is: give it 'test'"
-        )
-    return ""
-
-
-def _sensors_of(step: Step, before: Mapping[str, Step]) -> tuple[str, ...]:
-    action = step.action
-    if isinstance(action, Measure):
-        source = before.get(action.of)
-        struck = source is not None and isinstance(source.action, Blows)
-        # the accelerations of a blow are not the sensors of the plan
-        return (*action.roles.values(), *(() if struck else action.output), *action.also)
-    if isinstance(action, Identify):
-        return (action.output,)
-    if isinstance(action, Verify):
-        return (action.along,)
-    if isinstance(action, Centre):
-        return action.sensors
-    return ()
+        before[step.name] = step.action

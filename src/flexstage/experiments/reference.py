@@ -1,14 +1,24 @@
 """References that an axis shall follow, about the middle of what its drive reaches."""
 
 import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 
-from flexstage.control import Trajectory, sine, triangle
+from flexstage.arrays import Array
 from flexstage.errors import PlanError
-from flexstage.experiments.command import require_size
-from flexstage.experiments.verbs import Reference, Verify
-from flexstage.hysteresis import DriveModel
+from flexstage.experiments.axis_limits import axis_setting
+from flexstage.experiments.command import CommandWaveform, require_size
+from flexstage.files.ranges import Count, Range, Whole, require_ranges
+from flexstage.instruments.waveform import Waveform
+from flexstage.stage.limits import AxisLimits
+from flexstage.units import Frequency
+
+if TYPE_CHECKING:
+    from flexstage.control import Trajectory
+    from flexstage.experiments.run_context import RunContext
+    from flexstage.hysteresis import DriveModel
 
 #: Samples in a cycle, at least.
 _SAMPLES_PER_CYCLE = 200
@@ -16,10 +26,139 @@ _SAMPLES_PER_CYCLE = 200
 _FEWEST = 20.0
 #: Cycles after which the model repeats itself.
 _STEADY = 4
+#: Share of the positions that may be commanded that is kept clear at each end.
+_CLEAR = 0.002
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reference:
+    """Positions that shall be followed, over and over."""
+
+    rate: Annotated[Frequency, Range(low=0.0, high=1e6, above=True)] = 1.0
+    """Cycles in a second [Hz]."""
+    cycles: Count = 3
+    """How many are evaluated."""
+    settle: Whole = 3
+    """How many run before them."""
+    shape: Literal["cosine", "triangle"] = "cosine"
+    """How each runs; a triangle has rounded corners."""
+    share: Annotated[float, Range(low=0.0, high=1.0, above=True)] = 0.99
+    """Range, as a share of what the model was identified on [1]."""
+
+    def __post_init__(self) -> None:
+        require_ranges(self, PlanError, "a reference")
+
+    @property
+    def duration(self) -> float:
+        """How long all of its cycles take [s]."""
+        return (self.cycles + self.settle) / self.rate
+
+    def what(self, stroke: float) -> str:
+        """Say what is followed, of an axis that has a stroke [m]."""
+        return f"{self.shape} of {1e6 * self.share * stroke:.1f} um about the middle"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReferenceTrajectory:
+    """A reference for the axis of a model."""
+
+    trajectory: "Trajectory"
+    """One period."""
+    model: "DriveModel"
+    """The drive."""
+    limits: AxisLimits
+    """Of the axis, the voltage no wider than the model allows."""
+    settle: int
+    """Periods before those that are evaluated."""
+    cycles: int
+    """Periods that are evaluated."""
+
+    @property
+    def axis(self) -> str:
+        """The axis."""
+        return self.trajectory.axes[0]
+
+    @property
+    def positions(self) -> Array:
+        """One period [m]."""
+        return np.asarray(self.trajectory.positions[self.axis], dtype=np.float64)
+
+
+def reference_of(
+    context: "RunContext",
+    model: str,
+    wanted: Reference,
+    drive: "DriveModel | None" = None,
+    *,
+    controlled: bool = False,
+) -> ReferenceTrajectory:
+    """Return the reference for the axis of the model that a step identified.
+
+    A drive is given where the zero of the model has moved since. Where the reference is followed
+    under control too, it keeps within the positions that may be commanded.
+    """
+    found = context.identified(model)
+    used = found.model if drive is None else drive
+    limits = context.instrument.axes[found.axis].limits
+    setting = axis_setting(context.stage, found.axis, limits=limits)
+    voltages, readings = settled_range(used, (setting.low, setting.high), wanted.rate)
+    if controlled and limits.position is not None:
+        readings = _within(readings, limits.position, found.axis)
+    trajectory = reference_trajectory(
+        wanted, found.axis, readings, context.plan.defaults.command_rate, context.base_rate_hz
+    )
+    own = AxisLimits(
+        position=limits.position, voltage=voltages, speed=limits.speed, slew=limits.slew,
+        safe_voltage=min(max(limits.safe_voltage, voltages[0]), voltages[1]),
+    )  # fmt: skip
+    return ReferenceTrajectory(
+        trajectory=trajectory,
+        model=used,
+        limits=own,
+        settle=wanted.settle,
+        cycles=wanted.cycles,
+    )
+
+
+def _within(
+    readings: tuple[float, float], position: tuple[float, float], axis: str
+) -> tuple[float, float]:
+    """Return the readings that may be commanded as positions."""
+    room = _CLEAR * (position[1] - position[0])
+    low, high = max(readings[0], position[0] + room), min(readings[1], position[1] - room)
+    if not low < high:
+        raise PlanError(
+            f"axis '{axis}' is controlled from {1e6 * position[0]:.4g} to {1e6 * position[1]:.4g} "
+            f"um, and its drive leads it from {1e6 * readings[0]:.4g} to {1e6 * readings[1]:.4g} "
+            "um: look at the zero of its sensor"
+        )
+    return low, high
+
+
+def joined(
+    course: ReferenceTrajectory, lead_in: Waveform, voltage: Waveform, notes: tuple[str, ...]
+) -> CommandWaveform:
+    """Return voltages over all periods, after those that condition the drive."""
+    axis, period = course.axis, course.positions
+    before = lead_in.values[axis]
+    values = np.concatenate((before, voltage.values[axis], voltage.values[axis][-1:]))
+    periods = course.settle + course.cycles
+    reference = np.concatenate(
+        (np.full(before.size, period[0]), np.tile(period, periods), period[:1])
+    )
+    return CommandWaveform(
+        waveform=Waveform(
+            values={axis: values}, sample_rate_hz=voltage.sample_rate_hz, quantity="voltage"
+        ),
+        first=before.size + course.settle * period.size,
+        period=period.size,
+        reference={axis: reference},
+        notes=notes,
+    )
 
 
 def settled_range(
-    model: DriveModel, voltage_range: tuple[float, float], rate_hz: float
+    model: "DriveModel", voltage_range: tuple[float, float], rate_hz: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the voltages that a model may be asked for, and the readings that they lead to."""
     low, high = voltage_range
@@ -59,10 +198,9 @@ def reference_rate(wanted: Reference, sample_rate_hz: float, base_rate_hz: float
     return rate
 
 
-def require_whole_cycles(name: str, action: Verify, usual_rate_hz: float) -> None:
-    """Refuse a rate of samples at which cycles cannot be compared."""
-    rate = action.rate or usual_rate_hz
-    samples = rate / action.reference.rate
+def require_whole_cycles(name: str, wanted: Reference, rate: float) -> None:
+    """Refuse a rate of samples [Hz] at which cycles cannot be compared."""
+    samples = rate / wanted.rate
     if not _is_whole(samples):
         raise PlanError(
             f"step '{name}' compares cycles, which need a whole number of samples, "
@@ -76,8 +214,10 @@ def reference_trajectory(
     readings: tuple[float, float],
     sample_rate_hz: float,
     base_rate_hz: float,
-) -> Trajectory:
+) -> "Trajectory":
     """Return one period of a reference."""
+    from flexstage.control import sine, triangle
+
     rate = reference_rate(wanted, sample_rate_hz, base_rate_hz)
     middle = 0.5 * (readings[0] + readings[1])
     half = 0.5 * wanted.share * (readings[1] - readings[0])

@@ -1,9 +1,11 @@
 """What the steps of a plan gave."""
 
+import json
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from flexstage.characteristic import (
     Characteristic,
@@ -13,33 +15,18 @@ from flexstage.characteristic import (
     one_of_each,
 )
 from flexstage.errors import PlanError
-from flexstage.experiments.excite import Blows
 from flexstage.experiments.plan import Plan
-from flexstage.experiments.step_results import (
-    CentredStep,
-    CharacterisedStep,
-    CommandedStep,
-    CompensatedStep,
-    IdentifiedStep,
-    MeasuredStep,
-    VerifiedStep,
-)
-from flexstage.experiments.verbs import Measure
+from flexstage.experiments.verb import StepResult
 from flexstage.instruments.protocol import Identity
+from flexstage.provenance import provenance
 from flexstage.stage import Stage
+
+if TYPE_CHECKING:
+    from flexstage.experiments.verbs.identify import IdentifiedStep
+    from flexstage.experiments.verbs.measure import MeasuredStep
 
 #: Figures that depend on whether the drives hold the stage.
 _OF_MODES = ("natural_frequency_hz", "damping_ratio")
-
-StepResult = (
-    CommandedStep
-    | MeasuredStep
-    | CharacterisedStep
-    | IdentifiedStep
-    | CompensatedStep
-    | VerifiedStep
-    | CentredStep
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -88,26 +75,21 @@ class PlanResult:
     @property
     def all_figures(self) -> tuple[MeasuredCharacteristic, ...]:
         """The figures of all steps, in their order."""
-        found: list[MeasuredCharacteristic] = []
-        for step in self.steps:
-            if isinstance(step, CharacterisedStep | VerifiedStep):
-                found += step.figures
-        return tuple(found)
+        return tuple(figure for step in self.steps for figure in step.figures)
 
     @property
     def further_figures(self) -> tuple[MeasuredCharacteristic, ...]:
         """Figures of tests that repeat a quantity of an axis: not those of references followed."""
         own = {id(f) for f in self.figures}
         found: list[MeasuredCharacteristic] = []
-        for step in self.steps:
-            if isinstance(step, CharacterisedStep):
-                # a test that two steps evaluate has the same figures in both
-                known = {(f.quantity, f.axis, f.test) for f in (*self.figures, *found)}
-                found += [
-                    f
-                    for f in step.figures
-                    if id(f) not in own and (f.quantity, f.axis, f.test) not in known
-                ]
+        for step in self.of("characterise"):
+            # a test that two steps evaluate has the same figures in both
+            known = {(f.quantity, f.axis, f.test) for f in (*self.figures, *found)}
+            found += [
+                f
+                for f in step.figures
+                if id(f) not in own and (f.quantity, f.axis, f.test) not in known
+            ]
         return in_order(found)
 
     def drives_in_place(self, figure: MeasuredCharacteristic) -> bool:
@@ -126,9 +108,8 @@ class PlanResult:
         """
         if figure.quantity not in _OF_MODES:
             return False
-        action = self.plan.step(figure.test).action
-        source = self.plan.step(action.of).action if isinstance(action, Measure) else action
-        return not isinstance(source, Blows)
+        (source,) = self.plan.step(figure.test).needs
+        return not self.plan.step(source).action.struck
 
     def published_of(self, figure: MeasuredCharacteristic) -> tuple[Characteristic, ...]:
         """Return what was published of the same thing as a figure.
@@ -155,15 +136,19 @@ class PlanResult:
             row for row in self.stage.published if (row.quantity, row.axis) in asked
         )
 
-    @property
-    def records(self) -> tuple[MeasuredStep, ...]:
-        """The records that were taken."""
-        return tuple(step for step in self.steps if isinstance(step, MeasuredStep))
+    def of(self, verb: str) -> tuple[StepResult, ...]:
+        """Return what all steps of a verb gave."""
+        return tuple(step for step in self.steps if self.plan.step(step.name).verb == verb)
 
     @property
-    def models(self) -> tuple[IdentifiedStep, ...]:
+    def records(self) -> "tuple[MeasuredStep, ...]":
+        """The records that were taken."""
+        return cast("tuple[MeasuredStep, ...]", self.of("measure"))
+
+    @property
+    def models(self) -> "tuple[IdentifiedStep, ...]":
         """The models that were identified."""
-        return tuple(step for step in self.steps if isinstance(step, IdentifiedStep))
+        return cast("tuple[IdentifiedStep, ...]", self.of("identify"))
 
     def figure(self, quantity: str, axis: str) -> MeasuredCharacteristic:
         """Return one figure.
@@ -215,3 +200,69 @@ class PlanResult:
         raise PlanError(
             f"no step '{name}' was run: there is {', '.join(s.name for s in self.steps)}"
         )
+
+    def relative(self, file: Path) -> str:
+        """Return the name of a file from the folder of the run."""
+        return file.relative_to(self.folder).as_posix()
+
+    def plain_figure(self, figure: MeasuredCharacteristic) -> dict[str, Any]:
+        """Return a figure of this result as plain data."""
+        in_place = self.drives_in_place(figure)
+        return {
+            "quantity": figure.quantity,
+            "axis": figure.axis,
+            "value": figure.value,
+            "unit": figure.unit,
+            "uncertainty": figure.uncertainty,
+            "degrees_of_freedom": figure.degrees_of_freedom,
+            "interval": figure.estimate.interval(),
+            "origin": self.origin,
+            "step": figure.test,
+            "note": f"{figure.note}, drives in place".lstrip(", ") if in_place else figure.note,
+            "published": [
+                {"origin": r.origin, "value": r.value} for r in self.published_of(figure)
+            ],
+        }
+
+    def plain(self) -> dict[str, Any]:
+        """Return all figures as plain data."""
+        made = asdict(provenance(self.plan, dict(self.settings)))
+        return _plain(
+            {
+                "plan": self.title or self.plan.title,
+                "stage": self.stage.name,
+                "serial_number": self.serial_number,
+                "origin": self.origin,
+                "instrument": asdict(self.instrument),
+                "operator": self.operator,
+                "note": self.note,
+                "started": self.started,
+                "finished": self.finished,
+                "duration": self.duration,
+                "folder": str(self.folder),
+                "figures": [self.plain_figure(f) for f in self.figures],
+                "further_figures": [self.plain_figure(f) for f in self.further_figures],
+                "steps": [
+                    {"name": s.name, "verb": self.plan.step(s.name).verb, **s.plain(self)}
+                    for s in self.steps
+                ],
+                "notes": list(self.notes),
+                "provenance": {k: v for k, v in made.items() if k != "created"},
+            }
+        )
+
+
+def results_text(result: PlanResult) -> str:
+    """Return the figures of a plan as the text of a file."""
+    return json.dumps(result.plain(), indent=2, allow_nan=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """Return data as JSON has it: lists, and nothing for a number that is none."""
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(v) for v in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value

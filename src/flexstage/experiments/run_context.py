@@ -3,29 +3,27 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, cast
 
-from flexstage.errors import PlanError
-from flexstage.experiments.command import CommandWaveform, Strike
-from flexstage.experiments.design import BASE_RATE_HZ
-from flexstage.experiments.plan import Plan
-from flexstage.experiments.results import IdentifiedStep, MeasuredStep, StepResult
+from flexstage.experiments.command import Command
+from flexstage.experiments.verb import PlanContext, StepResult
+from flexstage.experiments.verbs.excite import BASE_RATE_HZ
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.provenance import content_hash
-from flexstage.stage import Stage
+from flexstage.stage.limits import AxisLimits
+
+if TYPE_CHECKING:
+    from flexstage.experiments.verbs.identify import IdentifiedStep
+    from flexstage.experiments.verbs.measure import MeasuredStep
 
 
 @dataclass(slots=True, kw_only=True)
-class RunContext:
+class RunContext(PlanContext):
     """A plan that is being carried out: the one thing here that changes."""
 
-    plan: Plan
-    """The plan."""
     title: str
     """What it is called."""
-    stage: Stage
-    """The stage."""
     instrument: Instrument
     """The instrument."""
     folder: Path
@@ -38,11 +36,9 @@ class RunContext:
     """What they say about it."""
     settings: Mapping[str, str] = field(default_factory=dict)
     """Settings of the instrument at the start, as text."""
-    frequency: float | None = None
-    """Lowest natural frequency that commands keep clear of [Hz]."""
     results: dict[str, StepResult] = field(default_factory=dict)
     """What the steps gave so far, by name."""
-    commands: dict[str, CommandWaveform | Strike] = field(default_factory=dict)
+    commands: dict[str, Command] = field(default_factory=dict)
     """Commands that are ready to run, by the step that made them."""
 
     @property
@@ -50,24 +46,17 @@ class RunContext:
         """``measured``, or ``virtual`` where the instrument is a simulation."""
         return "virtual" if self.instrument.identity.simulated else "measured"
 
-    @property
-    def base_rate_hz(self) -> float:
-        """Highest rate of samples of a command [Hz]."""
-        return base_rate_of(self.instrument)
+    def limits(self, axis: str) -> AxisLimits | None:
+        own = self.instrument.axes.get(axis)
+        return None if own is None else own.limits
 
-    def measured(self, name: str) -> MeasuredStep:
-        """Return what an earlier step measured."""
-        found = self.results[name]
-        if not isinstance(found, MeasuredStep):
-            raise PlanError(f"step '{name}' has measured nothing")
-        return found
+    def measured(self, name: str) -> "MeasuredStep":
+        """Return what an earlier step measured, as the plan has made sure that it did."""
+        return cast("MeasuredStep", self.results[name])
 
-    def identified(self, name: str) -> IdentifiedStep:
-        """Return the model that an earlier step identified."""
-        found = self.results[name]
-        if not isinstance(found, IdentifiedStep):
-            raise PlanError(f"step '{name}' has identified nothing")
-        return found
+    def identified(self, name: str) -> "IdentifiedStep":
+        """Return the model that an earlier step identified, as the plan has made sure."""
+        return cast("IdentifiedStep", self.results[name])
 
     def signal(self, sensor: str) -> Signal:
         """Return the signal of a sensor of the plan."""

@@ -16,13 +16,10 @@ from pathlib import Path
 import flexstage
 from flexstage import progress
 from flexstage.errors import FlexstageError, PlanError
-from flexstage.experiments.carry_out import carry_out, result_of
 from flexstage.experiments.cataloguing import enter_all
-from flexstage.experiments.command import CommandWaveform, Strike
 from flexstage.experiments.dry_run import dry_run, natural_frequency
 from flexstage.experiments.plan import Plan, SensorEntry, Step
-from flexstage.experiments.results import PlanResult
-from flexstage.experiments.results_file import results_text
+from flexstage.experiments.results import PlanResult, results_text
 from flexstage.experiments.run_context import RunContext, base_rate_of
 from flexstage.experiments.state import (
     RunState,
@@ -32,7 +29,6 @@ from flexstage.experiments.state import (
     read_state,
     write_state,
 )
-from flexstage.experiments.verbs import Characterise, Measure
 from flexstage.files.write import write_whole
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.lock import stage_lock
@@ -40,9 +36,6 @@ from flexstage.instruments.protocol import Identity, Instrument
 from flexstage.instruments.ramp import to_safe
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
-
-#: Verbs that move the stage.
-_MOVING = ("measure", "verify", "centre")
 
 
 def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> Stage:
@@ -156,6 +149,7 @@ def run_plan(
         operator=operator,
         note=note,
         settings=dict(instrument.settings()),
+        base_rate_hz=base_rate_of(instrument),
         frequency=natural_frequency(plan, own),
     )
     state = _begun(context, resume=resume)
@@ -260,7 +254,7 @@ def _run_steps(context: RunContext, state: RunState, steps: tuple[Step, ...]) ->
                 state = _carried_out(context, state, step, mark)
             files = [context.folder / name for name in state.steps[step.name].files]
             with _told(context, state, step):
-                context.results[step.name] = result_of(context, step, files, now=now)
+                context.results[step.name] = step.action.result(context, step.name, files, now=now)
             outputs[step.name] = _output(context, step, state.steps[step.name])
     return state
 
@@ -284,7 +278,7 @@ def _carried_out(context: RunContext, state: RunState, step: Step, mark: str) ->
     state = state.with_step(step.name, running)
     write_state(context.folder, state)
     with _told(context, state, step):
-        files = carry_out(context, step)
+        files = step.action.run(context, step.name)
     digits = {path.relative_to(context.folder).as_posix(): file_hash(path) for path in files}
     done = replace(running, status="complete", files=digits, finished=_now())
     state = state.with_step(step.name, done)
@@ -314,7 +308,7 @@ def _output(context: RunContext, step: Step, done: StepState) -> str:
     """Return the hash of what later steps use of a step."""
     command = context.commands.get(step.name)
     if command is not None:
-        return _command_hash(command)
+        return command.hash
     return _files_hash(done.files) if done.files else done.fingerprint
 
 
@@ -335,27 +329,13 @@ def _fingerprint(
     """Return the hash of everything that the result of a step depends on."""
     words = [step.name, content_hash(step.action), content_hash(stage), content_hash(plan.defaults)]
     words += [f"{name}={upstream[name]}" for name in step.needs]
-    if step.verb in _MOVING:
+    if step.action.moving:
         # which sensor is read where, but not how well it is known
         sensors = tuple(SensorEntry(name=s.name, channel=s.channel, unit=s.unit)
                         for s in plan.sensors)  # fmt: skip
         words += [content_hash(sensors), content_hash(replace(instrument, firmware=""))]
-    if isinstance(step.action, Characterise):
-        tests = [plan.step(name).action for name in step.action.of]
-        words += [content_hash(plan.sensors)]
-        words += [content_hash(test) for test in tests if isinstance(test, Measure)]
+    words += [content_hash(part) for part in step.action.depends_on(plan)]
     return hashlib.sha256("\n".join(words).encode()).hexdigest()
-
-
-def _command_hash(command: CommandWaveform | Strike) -> str:
-    """Return the hash of the samples of a command."""
-    if isinstance(command, Strike):
-        return content_hash(command)
-    found = hashlib.sha256(f"{command.quantity} {command.waveform.sample_rate_hz!r}".encode())
-    for axis, values in command.waveform.values.items():
-        found.update(axis.encode())
-        found.update(values.tobytes())
-    return found.hexdigest()
 
 
 def _files_hash(files: Mapping[str, str]) -> str:

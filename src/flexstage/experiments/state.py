@@ -14,6 +14,7 @@ from flexstage.errors import PlanError, RecordError
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
 from flexstage.files.write import write_whole
+from flexstage.instruments.recording.metadata import utc_time
 
 _NAME = "run.json"
 
@@ -48,6 +49,9 @@ class StepState:
     message: str = ""
     """Why it ended early."""
 
+    def __post_init__(self) -> None:
+        _require_times(self, "a step")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunState:
@@ -76,9 +80,21 @@ class RunState:
     steps: Mapping[str, StepState]
     """Steps by name."""
 
+    def __post_init__(self) -> None:
+        _require_times(self, "a run")
+
     def with_step(self, name: str, step: StepState) -> "RunState":
         """Return the same with one step changed."""
         return replace(self, steps={**self.steps, name: step})
+
+
+def _require_times(state: StepState | RunState, what: str) -> None:
+    for text, which in ((state.started, "start"), (state.finished, "end")):
+        if text:
+            try:
+                utc_time(text, f"the {which} of {what}")
+            except RecordError as error:
+                raise PlanError(str(error)) from error
 
 
 def file_hash(path: Path) -> str:

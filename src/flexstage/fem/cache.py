@@ -6,7 +6,6 @@ import json
 import logging
 import os
 import struct
-import sys
 import threading
 import time
 from collections import OrderedDict
@@ -16,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.files.user_folder import user_folder
 from flexstage.files.write import draft_of
 
 Entry = Mapping[str, NDArray]
@@ -34,23 +34,6 @@ _UNFINISHED = ".part"
 LIMIT, REMAINS = 500_000_000, 0.8
 _MEMORY = 128_000_000
 _ABANDONED = 3600.0  # a file that was being written so long ago belongs to a dead process [s]
-
-
-def default_directory() -> Path:
-    """Return where caches are kept.
-
-    It is ``$FLEXSTAGE_CACHE`` if that is set, else the platform's place for caches, where
-    ``$XDG_CACHE_HOME`` is respected.
-    """
-    if named := os.environ.get("FLEXSTAGE_CACHE"):
-        return Path(named)
-    if base := os.environ.get("XDG_CACHE_HOME"):
-        return Path(base) / "flexstage"
-    if sys.platform == "win32" and (base := os.environ.get("LOCALAPPDATA")):
-        return Path(base) / "flexstage" / "cache"
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "flexstage"
-    return Path.home() / ".cache" / "flexstage"
 
 
 class Cache:
@@ -200,12 +183,12 @@ _OPEN: dict[Path, Cache] = {}
 def open_cache(cache: "Cache | Path | str | bool | None") -> Cache | None:
     """Return a cache.
 
-    True stands for the `default_directory`, False and None for no cache; a directory has one cache
+    True stands for that of the user, False and None for no cache; a directory has one cache
     in a process.
     """
     if cache is None or cache is False:
         return None
     if isinstance(cache, Cache):
         return cache
-    directory = default_directory() / "superelements" if cache is True else Path(cache)
+    directory = user_folder("cache") / "superelements" if cache is True else Path(cache)
     return _OPEN.setdefault(directory, Cache(directory))

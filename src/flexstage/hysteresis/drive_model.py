@@ -14,6 +14,7 @@ from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
+from flexstage.hysteresis.models.registry import MODELS
 from flexstage.units import readable, si_unit
 
 #: What a drive did before the first command: it rested there for long; or it moved as it does then,
@@ -26,43 +27,8 @@ _CONDITIONING = 4
 PREFIX = 300.0
 #: Rates that differ by more than this were not identified.
 _OTHER_RATE = 1.5
-_SLOPE = "{y}/{u}"
-#: Units that parameters have in most models, ...
-_COMMON: Mapping[str, str] = {
-    "anhysteretic": "{y}, {y}/{u}, {y}/{u}^2, {y}/{u}^3",
-    "beta": "1/{u}",
-    "centre": "{u}",
-    "creep_per_decade": "1",
-    "cubic": "{y}/{u}^3",
-    "dead_zone_weights": "1",
-    "dead_zones": "{y}",
-    "delay": "s",
-    "exponent": "1",
-    "gain": _SLOPE,
-    "gamma": "1/{u}",
-    "highest_input": "{u}",
-    "hysteresis_gain": _SLOPE,
-    "input_range": "{u}",
-    "knots": "{u}",
-    "limit": "{y}",
-    "lowest_input": "{u}",
-    "quadratic": "{y}/{u}^2",
-    "rate": "1/{u}",
-    "resonance_hz": "Hz",
-    "shape": "1/{u}",
-    "slopes": _SLOPE,
-    "stiffness": _SLOPE,
-    "tangent": "{y}/{u}, {y}/{u}^2",
-    "thresholds": "{u}",
-    "weights": _SLOPE,
-}
-#: ... and in the one that goes from output to input.
-_BACKWARD: Mapping[str, str] = {
-    "dead_zone_weights": "{u}/{y}",
-    "element_stiffness": "{u}/{y}",
-    "stiffness": "{u}/{y}",
-    "thresholds": "{y}",
-}
+#: Units of what a drive has beside its hysteresis.
+_CHAIN: Mapping[str, str] = {"creep_per_decade": "1", "delay": "s", "resonance_hz": "Hz"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -344,6 +310,5 @@ def parameter_unit(kind: str, name: str, input_unit: str, output_unit: str) -> s
     >>> parameter_unit("bouc-wen", "gain", "V", "m")
     'm/V'
     """
-    table = {**_COMMON, **_BACKWARD} if kind == "maxwell-slip" else _COMMON
-    template = table.get(name.split("[", maxsplit=1)[0], "1")
+    template = {**_CHAIN, **MODELS[kind].units}.get(name.split("[", maxsplit=1)[0], "1")
     return template.format(u=input_unit or "input", y=output_unit or "output")

@@ -2,6 +2,7 @@
 
 import dataclasses
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -74,6 +75,11 @@ class HysteresisModel(ABC):
 
     #: Name of the model in files and on the command line.
     kind: ClassVar[str]
+    #: What it is called in text.
+    title: ClassVar[str]
+    #: Units of the parameters that have one, from the units {u} of the input and {y} of the output;
+    #: of a model with an exponent those for 1.
+    units: ClassVar[Mapping[str, str]]
 
     @abstractmethod
     def initial_state(self) -> Array:

@@ -22,7 +22,7 @@ from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models import MODELS
+from flexstage.hysteresis.models.registry import MODELS
 
 _CHANGED = "the file was changed since it was written"
 

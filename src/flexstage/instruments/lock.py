@@ -15,6 +15,7 @@ from pathlib import Path
 from flexstage.errors import ModelError, NotConnectedError
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
+from flexstage.files.user_folder import user_folder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,19 +33,6 @@ class Holder:
 
 
 _NOTE = Format(noun="note of who holds a stage", error=ModelError, later=True, exact=True)
-
-
-def state_directory() -> Path:
-    """Return where the state of this user's work is kept: ``$FLEXSTAGE_STATE``, if it is set."""
-    if named := os.environ.get("FLEXSTAGE_STATE"):
-        return Path(named)
-    if base := os.environ.get("XDG_STATE_HOME"):
-        return Path(base) / "flexstage"
-    if sys.platform == "win32" and (base := os.environ.get("LOCALAPPDATA")):
-        return Path(base) / "flexstage" / "state"
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Application Support" / "flexstage"
-    return Path.home() / ".local" / "state" / "flexstage"
 
 
 @contextmanager
@@ -95,7 +83,7 @@ def _files(serial_number: str, directory: Path | None) -> tuple[Path, Path]:
     name = re.sub(r"[^A-Za-z0-9.-]", "_", serial_number)[:60]
     if name != serial_number:  # two serial numbers that look alike as file names stay apart
         name += f"-{hashlib.sha256(serial_number.encode()).hexdigest()[:10]}"
-    where = state_directory() / "locks" if directory is None else directory
+    where = user_folder("state") / "locks" if directory is None else directory
     return where / f"stage-{name}.lock", where / f"stage-{name}.json"
 
 

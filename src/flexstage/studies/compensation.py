@@ -8,10 +8,10 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.excitations.design import excitation
-from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.identify import Identification, identify
 from flexstage.hysteresis.inversion import feedforward
 from flexstage.hysteresis.loops import Tracking, loop_width, tracking
+from flexstage.hysteresis.models.registry import MODELS
 from flexstage.records import Record
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
@@ -82,11 +82,12 @@ def virtual_experiment(
 ) -> AxisExperiment:
     """Measure, identify and compensate the hysteresis of one axis of a virtual stage.
 
-    The plant is the entire dynamic model: amplifier, a stack of a class that is not fitted, creep,
-    all modes of the stage with the stacks in place, and a noisy sensor. Its stroke and the width of
-    its loop are set to what was measured of the stage, where that is published, since no model
-    knows them; everything else follows. A Bouc-Wen model is identified from loops at one rate, full
-    ones and falling ones, and inverted; beside it the model that is best on a designed record.
+    It is carried out on the entire dynamic model: amplifier, a stack of a class that is not fitted,
+    creep, all modes of the stage with the stacks in place, and a noisy sensor. Its stroke and the
+    width of its loop are set to what was measured of the stage, where that is published, since no
+    model knows them; everything else follows. A Bouc-Wen model is identified from loops at one
+    rate, full ones and falling ones, and inverted; beside it the model that is best on a designed
+    record.
 
     Parameters
     ----------
@@ -141,7 +142,7 @@ def virtual_experiment(
         errors = tracking(reference, output, BOUNDS)
         runs.append(
             CompensatedRun(
-                title=FAMILIES[found.kind].title,
+                title=MODELS[found.kind].title,
                 identification=found,
                 output=output,
                 tracking=errors,

@@ -47,13 +47,12 @@ def run_measurement(stage: Stage, *, seed: int) -> MeasurementComparison | str:
     It is made from published values and random errors, so that its figures are compared with none.
     The seed is that of the virtual stage and of its measurement.
     """
-    from flexstage.experiments.campaign.evaluate import evaluate
     from flexstage.experiments.virtual_campaign import virtual_campaign
     from flexstage.virtual.as_built import as_built
 
     try:
         made = virtual_campaign(as_built(stage, seed=seed), seed=seed)
-        found = evaluate(made.campaign, lambda test: [made.records[n] for n in test.records])
+        found = made.evaluated()
     except FlexstageError as error:
         return str(error)
     return compare_with_references(found, stage, Characteristics())

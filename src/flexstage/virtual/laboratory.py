@@ -1,21 +1,21 @@
 """A virtual laboratory: its sensors, and the records of the virtual stage that it writes."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.records import Channel, Record
-from flexstage.stage.assumptions import ANGLE_NOISE, POSITION_NOISE, TRANSVERSE_NOISE
 from flexstage.virtual.as_built import AsBuilt, AsBuiltAxis
 from flexstage.virtual.imperfections import ANGLES, MOTIONS
-from flexstage.virtual.sensors import SimulatedSensor, drawn
+from flexstage.virtual.sensors import LABORATORY_SENSORS, SimulatedSensor, drawn
 
 #: Steps of a staircase over the noise of the sensor.
 _STEP_OVER_NOISE = 6.0
-#: Spheres of the plate on the platform, from its reading point [m].
-_SPHERES = np.array(
+#: Spheres of the plate on the platform, and where they are from its reading point [m].
+SPHERES = tuple(f"SPH{i}" for i in range(1, 6))
+_SPHERE_AT = np.array(
     [
         (-22e-3, -18e-3, 14e-3),
         (21e-3, -19e-3, 14e-3),
@@ -36,23 +36,11 @@ class Laboratory:
     room, and no one's own. Of what a sensor picks up of the mains, these records hold nothing.
     """
 
-    position: SimulatedSensor = field(
-        default_factory=lambda: SimulatedSensor(
-            calibration=5e-4, alignment=1e-3, drift=2e-11, noise_rms=POSITION_NOISE
-        )
-    )
+    position: SimulatedSensor = LABORATORY_SENSORS["along"]
     """Reads along the axis."""
-    transverse: SimulatedSensor = field(
-        default_factory=lambda: SimulatedSensor(
-            calibration=2e-3, alignment=5e-4, drift=2e-11, noise_rms=TRANSVERSE_NOISE
-        )
-    )
+    transverse: SimulatedSensor = LABORATORY_SENSORS["beside"]
     """Read across it, in the plane and out of it."""
-    angle: SimulatedSensor = field(
-        default_factory=lambda: SimulatedSensor(
-            calibration=2e-3, drift=1e-10, noise_rms=ANGLE_NOISE, unit="rad"
-        )
-    )
+    angle: SimulatedSensor = LABORATORY_SENSORS["angle"]
     """Reads roll, pitch and yaw [rad]."""
     cycles: int = 8
     """Cycles over the whole stroke."""
@@ -172,11 +160,14 @@ def staircase_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed:
     )
 
 
-def workspace_record(built: AsBuilt, laboratory: Laboratory, *, seed: int = 0) -> Record:
+def workspace_record(
+    built: AsBuilt, laboratory: Laboratory, axes: str = "", *, seed: int = 0
+) -> Record:
     """Go to the four corners of the workspace again and again, and read x and y.
 
-    Corners are numbered from 0 and anticlockwise.
+    Corners are numbered from 0 and anticlockwise; there is one workspace, whatever it is called.
     """
+    del axes
     first, second = built.axes[:2]
     rng = stream(seed, 40)
     corner = np.tile(np.arange(4.0), laboratory.repeats)
@@ -222,16 +213,16 @@ def sphere_record(
     x, y, z, roll, pitch, yaw = _pose(own, position, along_x=axis != "y")
     gain = 1.0 + laboratory.position.calibration * rng.standard_normal(3)
     # the plate lies a little askew, which the rigid motion does not see
-    spheres = _SPHERES @ _rotation(*(2e-3 * rng.standard_normal(3))).T
+    spheres = _SPHERE_AT @ _rotation(*(2e-3 * rng.standard_normal(3))).T
     channels: dict[str, tuple[Array, str]] = {"command": (command, own.command_unit)}
     centres = np.empty((command.size, len(spheres), 3))
     for k in range(command.size):
         turned = spheres @ _rotation(roll[k], pitch[k], yaw[k]).T
         centres[k] = gain * (turned + np.array((x[k], y[k], z[k])))
     centres += noise * rng.standard_normal(centres.shape)
-    for i in range(len(spheres)):
+    for i, name in enumerate(SPHERES):
         for j, letter in enumerate("XYZ"):
-            channels[f"SPH{i + 1}.{letter}"] = (centres[:, i, j], "m")
+            channels[f"{name}.{letter}"] = (centres[:, i, j], "m")
     return virtual_record(built, channels, np.arange(command.size, dtype=np.float64), over="point")
 
 
@@ -248,3 +239,19 @@ def _rotation(roll: float, pitch: float, yaw: float) -> Array:
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_rotvec((roll, pitch, yaw)).as_matrix()
+
+
+_RECORDS: Mapping[str, Callable[..., Record]] = {
+    "motion": motion_record,
+    "spheres": sphere_record,
+    "staircase": staircase_record,
+    "hold": hold_record,
+    "workspace": workspace_record,
+}
+
+
+def record_of(
+    kind: str, built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0
+) -> Record:
+    """Return the record that a kind of test gives of an axis, or of both for a workspace."""
+    return _RECORDS[kind](built, laboratory, axis, seed=seed)

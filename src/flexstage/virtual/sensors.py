@@ -6,7 +6,7 @@ blocks of samples, each from a stream of its own: a record does not depend on ho
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,13 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.sensor import SensorSpecification
-from flexstage.stage.assumptions import ANGLE_NOISE, GUIDE_LENGTH, POSITION_NOISE, TRANSVERSE_NOISE
+from flexstage.stage.assumptions import (
+    ANGLE_NOISE,
+    EDDY_CURRENT_NOISE,
+    GUIDE_LENGTH,
+    POSITION_NOISE,
+    TRANSVERSE_NOISE,
+)
 from flexstage.virtual.imperfections import ANGLES, MOTIONS, GuideErrors
 
 
@@ -36,6 +42,49 @@ class SimulatedSensor(SensorSpecification):
         for name in ("noise_rms", "mains_amplitude"):
             if not 0.0 <= (value := getattr(self, name)) < math.inf:
                 raise ModelError(f"the {name} of a sensor must be 0 or more, got {value!r}")
+
+
+#: Sensors that a laboratory puts around a stage: capacitive ones, and an autocollimator.
+LABORATORY_SENSORS = {
+    "along": SimulatedSensor(
+        noise_rms=POSITION_NOISE, calibration=5e-4, alignment=1e-3, drift=2e-11
+    ),
+    "beside": SimulatedSensor(
+        noise_rms=TRANSVERSE_NOISE, calibration=2e-3, alignment=5e-4, drift=2e-11
+    ),
+    "angle": SimulatedSensor(noise_rms=ANGLE_NOISE, calibration=2e-3, drift=1e-10, unit="rad"),
+}
+#: Those of a piezo stage itself, of which the first closes its loop.
+OWN_SENSORS = {
+    "along": SimulatedSensor(
+        noise_rms=POSITION_NOISE, mains_amplitude=10e-9, resolution_step=1e-10, calibration=5e-5
+    ),
+    "beside": SimulatedSensor(
+        noise_rms=TRANSVERSE_NOISE, mains_amplitude=6e-9, resolution_step=1e-10, calibration=2e-3
+    ),
+    "angle": SimulatedSensor(
+        noise_rms=ANGLE_NOISE,
+        mains_amplitude=5e-8,
+        resolution_step=1e-9,
+        calibration=2e-3,
+        unit="rad",
+    ),
+}
+#: Those of a screw-driven stage: eddy-current ones.
+EDDY_CURRENT_SENSORS = {
+    "along": SimulatedSensor(
+        noise_rms=EDDY_CURRENT_NOISE,
+        mains_amplitude=20e-9,
+        resolution_step=1e-10,
+        calibration=5e-4,
+    ),
+    "beside": SimulatedSensor(
+        noise_rms=EDDY_CURRENT_NOISE,
+        mains_amplitude=20e-9,
+        resolution_step=1e-10,
+        calibration=2e-3,
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,30 +237,11 @@ class SensorBench:
     no one's own. Noise is white up to half the rate of the loop, whatever that is.
     """
 
-    along: SimulatedSensor = field(
-        default_factory=lambda: SimulatedSensor(
-            noise_rms=POSITION_NOISE, mains_amplitude=10e-9, resolution_step=1e-10, calibration=5e-5
-        )
-    )
+    along: SimulatedSensor = OWN_SENSORS["along"]
     """Reads along an axis, and closes its loop."""
-    beside: SimulatedSensor = field(
-        default_factory=lambda: SimulatedSensor(
-            noise_rms=TRANSVERSE_NOISE,
-            mains_amplitude=6e-9,
-            resolution_step=1e-10,
-            calibration=2e-3,
-        )
-    )
+    beside: SimulatedSensor = OWN_SENSORS["beside"]
     """Reads across it, in the plane and out of it."""
-    angle: SimulatedSensor = field(
-        default_factory=lambda: SimulatedSensor(
-            noise_rms=ANGLE_NOISE,
-            mains_amplitude=5e-8,
-            resolution_step=1e-9,
-            calibration=2e-3,
-            unit="rad",
-        )
-    )
+    angle: SimulatedSensor = OWN_SENSORS["angle"]
     """Reads rotations [rad]."""
     mains_frequency_hz: float = 50.0
     """Frequency of the mains [Hz]."""

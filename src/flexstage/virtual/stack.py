@@ -19,8 +19,8 @@ from flexstage.hysteresis.model import (
     Segments,
     samples,
 )
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.duhem.law import Duhem
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii.law import ModifiedPrandtlIshlinskii
 from flexstage.stage import Stage
 from flexstage.stage.assumptions import LOOP_WIDTH
 

@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from flexstage.hysteresis import DriveModel
+from flexstage.hysteresis import DriveModel, PrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import ValidityRange
 from flexstage.hysteresis.model_file import ModelFile, model_text
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 from tests.golden.broken_cases.ways import Edits, added, without
 
 TEXT = model_text(

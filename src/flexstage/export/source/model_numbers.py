@@ -3,13 +3,13 @@
 import numpy as np
 
 from flexstage.export.source.arrays import c_array, c_comment, c_flags, c_number
-from flexstage.export.source.hysteresis_code import HysteresisCode
 from flexstage.hysteresis import Sensor
 from flexstage.hysteresis.chain.element import ORDERS
 from flexstage.hysteresis.chain.lag import decay_share, lag_moments, ramp_share
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.models.source_code import HysteresisCode
 
 
 def form_of(code: HysteresisCode | None) -> str:

@@ -3,9 +3,13 @@
 from importlib.resources import files
 
 from flexstage.errors import ModelError
-from flexstage.export.source.hysteresis_code import HysteresisCode, hysteresis_code
 from flexstage.export.source.model_numbers import form_of, model_data
 from flexstage.hysteresis.dynamic_model import DynamicModel
+from flexstage.hysteresis.models.source_code import (
+    HysteresisCode,
+    hysteresis_code,
+    source_file,
+)
 
 # Every header, each after those that it includes.
 _CORE = ("real.h", "piece.h", "amplifier.h", "sensor.h")
@@ -51,7 +55,8 @@ def render_source(model: DynamicModel) -> dict[str, bytes]:
 
 
 def _core_file(name: str) -> bytes:
-    return (files("flexstage.export.source") / "c" / name).read_bytes()
+    core = files("flexstage.export.source") / "c" / name
+    return core.read_bytes() if core.is_file() else source_file(name)
 
 
 def _origin(model: DynamicModel) -> str:

@@ -4,9 +4,9 @@ import math
 from dataclasses import KW_ONLY, dataclass
 from typing import Literal
 
-from flexstage.export.source.hysteresis_code import hysteresis_code
 from flexstage.hysteresis import Sensor
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.hysteresis.models.source_code import hysteresis_code
 
 
 @dataclass(frozen=True, slots=True)

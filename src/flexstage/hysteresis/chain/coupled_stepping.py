@@ -22,7 +22,7 @@ from flexstage.hysteresis.chain.polynomial_panels import (
 from flexstage.hysteresis.chain.stage_modes import StageModes, values_at_samples
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, HysteresisModel, Segments, samples
-from flexstage.hysteresis.models.bouc_wen import BoucWen
+from flexstage.hysteresis.models.bouc_wen.law import BoucWen
 
 # (1 - exp(-x))/x = sum of (-x)^j/(j + 1)!
 _GROWTH: Array = np.asarray(1.0 / np.cumprod(np.arange(1.0, ORDERS + 2.0)), dtype=np.float64)
@@ -289,7 +289,7 @@ def simulate_with_stage(
     Examples
     --------
     >>> import numpy as np
-    >>> from flexstage.hysteresis.models.bouc_wen import BoucWen
+    >>> from flexstage.hysteresis.models.bouc_wen.law import BoucWen
     >>> model = BoucWen(gain=0.59, hysteresis_gain=0.54, beta=0.05, gamma=0.03)
     >>> stage = StageModes(frequency_hz=[339.0], damping_ratio=[0.012])
     >>> u = 60.0 - 60.0 * np.cos(2.0 * np.pi * 37.0 * np.arange(400) * 1e-4)

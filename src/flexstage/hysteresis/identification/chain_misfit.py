@@ -12,14 +12,6 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.drive_model import Start
-from flexstage.hysteresis.identification.families.family import (
-    Data,
-    behind_chain,
-    equations,
-    folds_of,
-    moves,
-)
-from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
     Rows,
@@ -29,6 +21,13 @@ from flexstage.hysteresis.identification.fit_rows import (
 )
 from flexstage.hysteresis.identification.measurement import IdentificationData, Section
 from flexstage.hysteresis.identification.misfit import jackknife
+from flexstage.hysteresis.identification.model_fit import (
+    FitData,
+    behind_chain,
+    equations,
+    folds_of,
+    moves,
+)
 from flexstage.hysteresis.identification.projection import (
     Normal,
     Solution,
@@ -38,6 +37,7 @@ from flexstage.hysteresis.identification.projection import (
     solve,
     square_left,
 )
+from flexstage.hysteresis.models.preisach.fit import PreisachFit
 
 #: Plays and intervals of the dictionary that stands for any hysteresis.
 _DICTIONARY = (8, 8)
@@ -65,7 +65,7 @@ class ChainMisfit:
         self._quasi = [np.asfortranarray(c) for c in columns]
         # every other threshold: what that changes says what a grid of thresholds does
         coarse = np.arange(moving.size).reshape(_DICTIONARY)[::2].ravel()
-        half = PreisachFamily(_DICTIONARY[0] // 2, _DICTIONARY[1])
+        half = PreisachFit(_DICTIONARY[0] // 2, _DICTIONARY[1])
         self._coarse_penalty = _smoothing(half, self._data, moving[coarse])
         self._coarse = np.flatnonzero(np.isin(np.flatnonzero(moving), coarse))
         # creep acts on every column alike: its share of a column is found once
@@ -236,7 +236,7 @@ class ChainMisfit:
 
 def short_data(
     whole: IdentificationData, chain: ChainValues, samples: int, train: tuple[int, int] | None
-) -> Data:
+) -> FitData:
     """Return few rows of a measurement that was averaged to so many samples."""
     data = replace(whole, sections=tuple(averaged(s, samples) for s in whole.sections))
     rows = rows_of(data, _ROWS)
@@ -244,22 +244,22 @@ def short_data(
         _used_rows(r, s, round(s.dt / w.dt), train)
         for r, s, w in zip(rows, data.sections, whole.sections, strict=True)
     )
-    return Data(measurement=data, chain=chain, rows=rows, use=use)
+    return FitData(measurement=data, chain=chain, rows=rows, use=use)
 
 
-def dictionary(data: Data) -> tuple[list[Array], NDArray[np.bool_], Array]:
+def dictionary(data: FitData) -> tuple[list[Array], NDArray[np.bool_], Array]:
     """Return columns that stand for any hysteresis: those that move, which, and their penalty."""
-    family = PreisachFamily(*_DICTIONARY)
+    method = PreisachFit(*_DICTIONARY)
     columns = [
-        np.concatenate(list(family.columns(s, data)), axis=1) for s in data.measurement.sections
+        np.concatenate(list(method.columns(s, data)), axis=1) for s in data.measurement.sections
     ]
     moving = moves(columns)
-    return [c[:, moving] for c in columns], moving, _smoothing(family, data, moving)
+    return [c[:, moving] for c in columns], moving, _smoothing(method, data, moving)
 
 
-def _smoothing(family: PreisachFamily, data: Data, moving: NDArray[np.bool_]) -> Array:
+def _smoothing(method: PreisachFit, data: FitData, moving: NDArray[np.bool_]) -> Array:
     """The part of a penalty that belongs to the columns that move."""
-    return family.smoothing(data, moving)[np.ix_(moving, moving)]
+    return method.smoothing(data, moving)[np.ix_(moving, moving)]
 
 
 def _lowest(around: Array, cost: Array) -> Array:

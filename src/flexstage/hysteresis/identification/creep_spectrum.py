@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum
 from flexstage.hysteresis.identification.chain_misfit import dictionary, short_data
-from flexstage.hysteresis.identification.families.family import equations, folds_of
 from flexstage.hysteresis.identification.fit_rows import ChainValues, Rows, filtered
 from flexstage.hysteresis.identification.measurement import IdentificationData, Section
+from flexstage.hysteresis.identification.model_fit import equations, folds_of
 from flexstage.hysteresis.identification.projection import (
     Normal,
     Solution,

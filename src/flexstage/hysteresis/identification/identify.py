@@ -12,8 +12,6 @@ from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain, find_starts
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
-from flexstage.hysteresis.identification.families import FAMILIES
-from flexstage.hysteresis.identification.families.family import Data, behind_chain
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
     averaged,
@@ -44,6 +42,8 @@ from flexstage.hysteresis.identification.model_choice import (
     prediction_errors,
     verdict,
 )
+from flexstage.hysteresis.identification.model_fit import FitData, behind_chain, fits
+from flexstage.hysteresis.models.registry import MODELS
 from flexstage.records import Record
 from flexstage.short_repr import short_repr
 from flexstage.units import readable
@@ -182,13 +182,13 @@ def identify(
         There is no such model.
     """
     wanted = (model,) if isinstance(model, str) else tuple(model)
-    names = tuple(FAMILIES) if wanted == ("auto",) else wanted
+    names = tuple(fits()) if wanted == ("auto",) else wanted
     if not names:
-        raise ModelError(f"no model is named: choose from auto, {', '.join(FAMILIES)}")
+        raise ModelError(f"no model is named: choose from auto, {', '.join(fits())}")
     for name in names:
-        if name not in FAMILIES:
+        if name not in MODELS:
             raise ModelError(
-                f"the model '{name}' is not known: choose from auto, {', '.join(FAMILIES)}"
+                f"the model '{name}' is not known: choose from auto, {', '.join(fits())}"
             )
     given = [records] if isinstance(records, Record) else list(records)
     data = measurement(given, input_column, output_column, drift=drift)
@@ -207,12 +207,12 @@ def identify(
     tried: dict[str, FittedModel] = {}
     failed: list[Candidate] = []
     for i, name in enumerate(names):
-        progress.update(FAMILIES[name].title, 0.2 + 0.8 * i / len(names))
+        progress.update(MODELS[name].title, 0.2 + 0.8 * i / len(names))
         try:
-            tried[name] = fit_model(FAMILIES[name], every, validate=train is None or still)
+            tried[name] = fit_model(fits()[name], every, validate=train is None or still)
         except ModelError as error:
             failed.append(
-                failed_candidate(FAMILIES[name], f"it cannot be fitted to this record: {error}")
+                failed_candidate(fits()[name], f"it cannot be fitted to this record: {error}")
             )
     if not tried:
         raise ModelError("; ".join(f"{c.kind}: {c.failed}" for c in failed))
@@ -276,7 +276,7 @@ def _times_in_file(record: Record) -> Array:
     return since + float(numbers[0] * since[-1] / (numbers[-1] - numbers[0]))
 
 
-def _stands_still(data: Data) -> bool:
+def _stands_still(data: FitData) -> bool:
     """Whether the input hardly moves where samples are held out."""
     low, high = data.measurement.input_range
     moved = [
@@ -298,7 +298,7 @@ def _at(made: Identification, temperature: tuple[float, float]) -> Identificatio
     return replace(made, model=replace(made.model, validity=validity))
 
 
-def _data(data: IdentificationData, chain: ChainValues, train: tuple[int, int] | None) -> Data:
+def _data(data: IdentificationData, chain: ChainValues, train: tuple[int, int] | None) -> FitData:
     rows = rows_of(data)
     if train is None:
         use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
@@ -311,18 +311,18 @@ def _data(data: IdentificationData, chain: ChainValues, train: tuple[int, int] |
                 f"samples {train[0]} to {train[1]} leave {fitted} to fit and {held} to hold out, "
                 "after the warm-up: at least 50 of each are needed"
             )
-    return Data(measurement=data, chain=chain, rows=rows, use=use)
+    return FitData(measurement=data, chain=chain, rows=rows, use=use)
 
 
 def _result(
     tried: FittedModel,
     candidates: tuple[Candidate, ...],
-    data: Data,
+    data: FitData,
     found: FoundChain,
     train: tuple[int, int] | None,
 ) -> Identification:
     errors = prediction_errors(tried, data)
-    cut = cross_validate(tried.family, data, tried.fit.search, stretches=True)
+    cut = cross_validate(tried.method, data, tried.fit.search, stretches=True)
     if cut is not None and tried.folds is not None:
         percent = 100.0 / data.measurement.stroke
         own = another_stretch(
@@ -339,7 +339,7 @@ def _result(
     judged = verdict(data, error, noise)
     return Identification(
         model=drive,
-        kind=tried.family.kind,
+        kind=tried.method.kind,
         rms_percent=errors.rms,
         max_percent=errors.largest,
         heldout_rms_percent=errors.held,
@@ -371,7 +371,7 @@ def _result(
         measurement=replace(m, sections=tuple(map(_as_measured, m.sections))),
         predicted=_predicted(tried, data),
         verdict=judged,
-        settings={"model": tried.family.kind, "sections": str(len(m.sections))},
+        settings={"model": tried.method.kind, "sections": str(len(m.sections))},
     )
 
 
@@ -383,7 +383,7 @@ def _as_measured(section: Section) -> Section:
     return replace(bare, y=np.where(bare.measured, bare.y, np.nan))
 
 
-def _before(tried: FittedModel, data: Data) -> tuple[float, tuple[Start, ...]]:
+def _before(tried: FittedModel, data: FitData) -> tuple[float, tuple[Start, ...]]:
     """How much what the drive did before may change readings, and which of it fits alike."""
     sections = data.measurement.sections
     kept = sections[0].start
@@ -408,7 +408,7 @@ def _before(tried: FittedModel, data: Data) -> tuple[float, tuple[Start, ...]]:
     return settling, tuple(alike)
 
 
-def _history(settling: float, errors: PredictionErrors, data: Data) -> tuple[str, ...]:
+def _history(settling: float, errors: PredictionErrors, data: FitData) -> tuple[str, ...]:
     """Say where what the drive did before matters more than the model's own error."""
     held = errors.held if errors.held is not None else errors.rms
     own = 100.0 * settling / data.measurement.stroke
@@ -435,7 +435,7 @@ def _untold(m: IdentificationData, found: FoundChain) -> tuple[str, ...]:
     )
 
 
-def _no_motion(train: tuple[int, int] | None, data: Data) -> tuple[str, ...]:
+def _no_motion(train: tuple[int, int] | None, data: FitData) -> tuple[str, ...]:
     if train is None or not _stands_still(data):
         return ()
     return (
@@ -453,7 +453,7 @@ def _chain(found: FoundChain) -> tuple[ParameterEstimate, ...]:
     )
 
 
-def _unusual_creep(found: FoundChain, data: Data) -> tuple[str, ...]:
+def _unusual_creep(found: FoundChain, data: FitData) -> tuple[str, ...]:
     """Say that what was found is more than creep, unless the search has said so."""
     creep = data.chain.creep_per_decade
     if (
@@ -485,13 +485,13 @@ def _hidden_mode(found: FoundChain, data: IdentificationData) -> tuple[str, ...]
 
 def _broken(tried: FittedModel) -> tuple[str, ...]:
     return tuple(
-        f"{tried.family.title}: not {c.name}: {c.detail}"
+        f"{tried.fit.model.title}: not {c.name}: {c.detail}"
         for c in tried.fit.model.properties()
         if not c.holds
     )
 
 
-def _drive_model(tried: FittedModel, data: Data) -> DriveModel:
+def _drive_model(tried: FittedModel, data: FitData) -> DriveModel:
     m, chain = data.measurement, data.chain
     rates = m.rates_hz or (0.0, 0.0)
     ends = [m.sign * s.y[s.warm_up :] for s in m.sections]
@@ -513,7 +513,7 @@ def _drive_model(tried: FittedModel, data: Data) -> DriveModel:
     )
 
 
-def _predicted(tried: FittedModel, data: Data) -> tuple[Array, ...]:
+def _predicted(tried: FittedModel, data: FitData) -> tuple[Array, ...]:
     made = []
     for s in data.measurement.sections:
         quasi = tried.fit.model.simulate(s.u).values[:, None]

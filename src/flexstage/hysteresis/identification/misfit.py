@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.families.family import (
-    Data,
-    Family,
-    Fit,
+from flexstage.hysteresis.identification.model_fit import (
+    FitData,
+    FitResult,
+    ModelFit,
     behind_chain,
     folds_of,
 )
@@ -53,7 +53,7 @@ class Misfit:
         return [e[u] for e, u in zip(self.predicted, use, strict=True) if u.any()]
 
 
-def misfit(model: HysteresisModel, data: Data) -> Misfit:
+def misfit(model: HysteresisModel, data: FitData) -> Misfit:
     """Compare a model behind the chain with the output.
 
     The nuisance columns are fitted to the rows in use alone; errors are of all rows.
@@ -115,7 +115,7 @@ class Folds:
 
 
 def cross_validate(
-    family: Family, data: Data, start: Array, *, stretches: bool = False
+    method: ModelFit, data: FitData, start: Array, *, stretches: bool = False
 ) -> Folds | None:
     """Fit to all cycles but some, and compare with those, in turn.
 
@@ -132,7 +132,7 @@ def cross_validate(
     for held in folds:
         rest = tuple(u & ~h for u, h in zip(data.use, held, strict=True))
         part = data.with_use(rest)
-        found = family.refit(part, start)
+        found = method.refit(part, start)
         left = misfit(found.model, part)
         own = left.predicted_at(held)
         for row, error, of in zip(at_rows, left.predicted, held, strict=True):
@@ -152,7 +152,7 @@ def cross_validate(
     )
 
 
-def rms_standard_error(errors: Sequence[Array], data: Data) -> float | None:
+def rms_standard_error(errors: Sequence[Array], data: FitData) -> float | None:
     """Return the standard error of a root mean square, by its scatter between cycles.
 
     Errors of a model are alike in neighbouring cycles: the jackknife leaves out blocks of them in
@@ -205,7 +205,7 @@ class ParameterEstimate:
 
 
 def estimates(
-    fit: Fit, data: Data, left: Misfit, folds: Sequence[Folds], chain: Mapping[str, float]
+    fit: FitResult, data: FitData, left: Misfit, folds: Sequence[Folds], chain: Mapping[str, float]
 ) -> tuple[tuple[ParameterEstimate, ...], ParameterEstimate, tuple[str, ...]]:
     """Return the standard errors of the parameters of a model, and what cannot be told apart.
 
@@ -276,7 +276,7 @@ def _warnings(found: tuple[ParameterEstimate, ...], covariance: Array) -> tuple[
     return tuple(said)
 
 
-def _jacobian(fit: Fit, data: Data, searched: Sequence[str]) -> Array:
+def _jacobian(fit: FitResult, data: FitData, searched: Sequence[str]) -> Array:
     sections = data.measurement.sections
     parts = [fit.jacobian] if fit.jacobian is not None else []
     quasi = [fit.model.simulate(s.u).values[:, None] for s in sections]
@@ -301,7 +301,7 @@ def _jacobian(fit: Fit, data: Data, searched: Sequence[str]) -> Array:
     return np.concatenate(parts, axis=1)
 
 
-def _sums_by_cycle(scores: Array, data: Data) -> Array:
+def _sums_by_cycle(scores: Array, data: FitData) -> Array:
     labels, offset = [], 0
     for r, u in zip(data.rows, data.use, strict=True):
         labels.append(r.cycle[u] + offset)

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexstage.hysteresis.identification.families.family import Data, Family, Fit
 from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.misfit import (
     BAND,
@@ -17,6 +16,7 @@ from flexstage.hysteresis.identification.misfit import (
     rms_standard_error,
     root_mean_square,
 )
+from flexstage.hysteresis.identification.model_fit import FitData, FitResult, ModelFit
 from flexstage.hysteresis.identification.zero_changes import zero_changes
 
 #: A model that leaves more than this many times what the best one leaves is not as good, ...
@@ -59,11 +59,11 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FittedModel:
-    """A family with its fit, and what it leaves."""
+    """A method with its fit, and what it leaves."""
 
-    family: Family
+    method: ModelFit
     """How it is fitted."""
-    fit: Fit
+    fit: FitResult
     """The fit."""
     left: Misfit
     """What it leaves of all rows."""
@@ -92,18 +92,18 @@ def passed_over(
     )
 
 
-def failed_candidate(family: Family, why: str) -> Candidate:
+def failed_candidate(method: ModelFit, why: str) -> Candidate:
     """Describe a model that could not be fitted."""
     return Candidate(
-        kind=family.kind, size=family.size, rms_percent=None, heldout_rms_percent=None, failed=why
+        kind=method.kind, size=method.size, rms_percent=None, heldout_rms_percent=None, failed=why
     )
 
 
-def fit_model(family: Family, data: Data, *, validate: bool) -> FittedModel:
+def fit_model(method: ModelFit, data: FitData, *, validate: bool) -> FittedModel:
     """Fit a model; where asked, also to all cycles but some, in turn."""
-    fit = family.fit(data)
-    folds = cross_validate(family, data, fit.search) if validate else None
-    return FittedModel(family=family, fit=fit, left=misfit(fit.model, data), folds=folds)
+    fit = method.fit(data)
+    folds = cross_validate(method, data, fit.search) if validate else None
+    return FittedModel(method=method, fit=fit, left=misfit(fit.model, data), folds=folds)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +126,7 @@ class PredictionErrors:
     """Half the width of the band that holds 95 % there."""
 
 
-def prediction_errors(tried: FittedModel, data: Data) -> PredictionErrors:
+def prediction_errors(tried: FittedModel, data: FitData) -> PredictionErrors:
     """Return the errors of a model, on samples held out or else by cross-validation."""
     percent = 100.0 / data.measurement.stroke
     own = np.concatenate(tried.left.predicted_at(data.use)) * percent
@@ -159,7 +159,7 @@ def _of(error: float | None, percent: float) -> float | None:
     return None if error is None else error * percent
 
 
-def choose(tried: Mapping[str, FittedModel], data: Data) -> tuple[str, tuple[Candidate, ...]]:
+def choose(tried: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple[Candidate, ...]]:
     """Take the simplest model that is as good as the best on held-out cycles, within noise."""
     rows = {name: prediction_errors(t, data) for name, t in tried.items()}
     percent = 100.0 / data.measurement.stroke
@@ -180,12 +180,12 @@ def choose(tried: Mapping[str, FittedModel], data: Data) -> tuple[str, tuple[Can
         if score[n] <= _SAME * score[best] + _NOTHING
         and score[n] ** 2 - score[best] ** 2 <= spread[n] + _NOTHING**2
     ]
-    chosen = min(close, key=lambda n: (tried[n].family.size, score[n]))
+    chosen = min(close, key=lambda n: (tried[n].method.size, score[n]))
     order = [chosen, *sorted((n for n in score if n != chosen), key=lambda n: score[n])]
     return chosen, tuple(
         Candidate(
             kind=n,
-            size=tried[n].family.size,
+            size=tried[n].method.size,
             rms_percent=rows[n].rms,
             heldout_rms_percent=rows[n].held,
             heldout_free_rms_percent=rows[n].held_free,
@@ -200,7 +200,7 @@ def _invertible(tried: FittedModel) -> bool:
     return all(c.holds for c in tried.fit.model.properties() if c.name == "invertible")
 
 
-def _by_chance(own: Folds | None, best: Folds | None, data: Data) -> float:
+def _by_chance(own: Folds | None, best: Folds | None, data: FitData) -> float:
     """Standard error of the difference of two held-out mean squares, from part to part [%^2]."""
     if own is None or best is None:
         return 0.0
@@ -228,7 +228,7 @@ class Verdict:
         return (*own, *(f.text for f in self.findings))
 
 
-def verdict(data: Data, error_percent: float, noise_percent: float) -> Verdict:
+def verdict(data: FitData, error_percent: float, noise_percent: float) -> Verdict:
     """Compare what the best model leaves with the noise and with what a straight line leaves.
 
     The error is the rms of what the best model leaves over the stroke [%], held out where there is
@@ -257,7 +257,7 @@ def verdict(data: Data, error_percent: float, noise_percent: float) -> Verdict:
     return Verdict(fits=not reason, reason=reason, line_percent=line, findings=tuple(found))
 
 
-def _line(data: Data) -> float:
+def _line(data: FitData) -> float:
     """What a straight line with the columns beside the model leaves, in the unit of the output."""
     squares, count = 0.0, 0
     for s, r, use in zip(data.measurement.sections, data.rows, data.use, strict=True):

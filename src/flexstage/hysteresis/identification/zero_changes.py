@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum
 from flexstage.hysteresis.drive_model import Start
-from flexstage.hysteresis.identification.families.family import Data
-from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
@@ -22,7 +20,9 @@ from flexstage.hysteresis.identification.fit_rows import (
     rows_of,
 )
 from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.projection import normal_equations, solve
+from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.units import readable, readable_unit
 
 #: Plays and intervals of the dictionary that stands for any hysteresis.
@@ -51,7 +51,7 @@ _USUAL_CREEP = 0.05
 _FEWEST_ROWS = 50
 
 
-def zero_changes(data: Data) -> list[RecordFault]:
+def zero_changes(data: FitData) -> list[RecordFault]:
     r"""Find where the zero of the output jumps, or that it drifts.
 
     A model takes much of either for creep, so that both are fitted together with all that a drive
@@ -101,7 +101,7 @@ class _Solved:
 class _Fit:
     """A coarse model of all records, one below the other."""
 
-    def __init__(self, data: Data) -> None:
+    def __init__(self, data: FitData) -> None:
         m = data.measurement
         share = max(1, _SAMPLES // len(m.sections))
         short = tuple(averaged(s, share) for s in m.sections)
@@ -109,13 +109,13 @@ class _Fit:
         measured = replace(m, sections=short)
         self.rows = rows_of(measured, _ROWS)
         self._bare = replace(data.chain, creep_per_decade=0.0, spectrum=None)
-        own = Data(measurement=measured, chain=self._bare, rows=self.rows, use=())
-        family = PreisachFamily(*_DICTIONARY)
+        own = FitData(measurement=measured, chain=self._bare, rows=self.rows, use=())
+        method = PreisachFit(*_DICTIONARY)
         self._quasi = [
-            np.asfortranarray(np.concatenate(list(family.columns(s, own)), axis=1)) for s in short
+            np.asfortranarray(np.concatenate(list(method.columns(s, own)), axis=1)) for s in short
         ]
         moving = np.any([np.ptp(c, axis=0) > 0.0 for c in self._quasi], axis=0)
-        self._penalty = family.smoothing(own, moving) * own.input_scale**2
+        self._penalty = method.smoothing(own, moving) * own.input_scale**2
         plain = [filtered(c, s, r, self._bare) for c, s, r in self._each()]
         self._plain = np.concatenate(plain)
         self._creep = self._crept(short, None)
@@ -316,7 +316,7 @@ def _steps(u: Array, near: int) -> NDArray[np.bool_]:
     return made
 
 
-def _jump_fault(data: Data, record: int, at: float, size: float) -> RecordFault:
+def _jump_fault(data: FitData, record: int, at: float, size: float) -> RecordFault:
     m = data.measurement
     jump = m.sign * size
     percent = 100.0 * jump / m.stroke
@@ -333,7 +333,7 @@ def _jump_fault(data: Data, record: int, at: float, size: float) -> RecordFault:
     )
 
 
-def _drifts(data: Data, fits: Sequence[_Fit], without: float) -> list[RecordFault]:
+def _drifts(data: FitData, fits: Sequence[_Fit], without: float) -> list[RecordFault]:
     """Compare the best model without a trend with the best one with it, of every start of creep."""
     m = data.measurement
     solved = [(f, f.solve(f.trends)) for f in fits]

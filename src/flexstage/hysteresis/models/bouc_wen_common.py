@@ -3,7 +3,7 @@
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numba import prange
@@ -37,8 +37,6 @@ class BoucWenModel(HysteresisModel):
 
     __slots__ = ()
 
-    #: What it is called in a message.
-    title: ClassVar[str]
     exponent: float
 
     @abstractmethod

@@ -1,7 +1,6 @@
 """Where a catalogue is: a file of SQLite, or a server of PostgreSQL."""
 
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ from sqlalchemy import URL, Connection, Engine, NullPool, StaticPool, create_eng
 from sqlalchemy.exc import ArgumentError
 
 from flexstage.errors import RecordError
+from flexstage.files.user_folder import user_folder
 
 #: Option of a connection that is going to write.
 WRITES = "flexstage_writes"
@@ -18,17 +18,7 @@ _PATIENCE, _ANSWER = 30, 10
 
 def default_catalogue() -> str:
     """Return where the user's catalogue is: ``$FLEXSTAGE_CATALOGUE``, else the platform's place."""
-    return os.environ.get("FLEXSTAGE_CATALOGUE") or str(_data_folder() / "catalogue.sqlite")
-
-
-def _data_folder() -> Path:
-    if base := os.environ.get("XDG_DATA_HOME"):
-        return Path(base) / "flexstage"
-    if sys.platform == "win32" and (base := os.environ.get("LOCALAPPDATA")):
-        return Path(base) / "flexstage"
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Application Support" / "flexstage"
-    return Path.home() / ".local" / "share" / "flexstage"
+    return os.environ.get("FLEXSTAGE_CATALOGUE") or str(user_folder("data") / "catalogue.sqlite")
 
 
 def catalogue_engine(address: str) -> Engine:

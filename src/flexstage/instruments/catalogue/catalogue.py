@@ -1,10 +1,10 @@
 """The catalogue: which runs there are, on which stage, and what came of them."""
 
+from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import select
-from sqlalchemy.orm import Session
+from sqlalchemy import Connection, Select, Table, insert, select, update
 
 from flexstage.errors import RecordError
 from flexstage.instruments.catalogue.database import Database
@@ -16,19 +16,14 @@ from flexstage.instruments.catalogue.entries import (
     StageEntry,
 )
 from flexstage.instruments.catalogue.tables import (
-    CalibrationRow,
-    ModelRow,
-    RunRow,
-    StageRow,
-    calibration_entry,
-    clean,
-    fill,
-    model_entry,
-    of_stage,
-    run_entry,
-    run_row,
-    stage_entry,
-    stage_row,
+    CALIBRATIONS,
+    MODELS,
+    RUNS,
+    STAGES,
+    Entry,
+    entry_of,
+    question,
+    values_of,
 )
 
 
@@ -58,16 +53,9 @@ class Catalogue(Database):
     def enter_run(self, entry: RunEntry) -> bool:
         """Enter a run, or what is new of one that was entered before; say whether it is new."""
 
-        def work(session: Session) -> bool:
-            row = session.scalar(select(RunRow).where(RunRow.identifier == entry.identifier))
-            new = row is None
-            if row is None:
-                row = RunRow()
-                session.add(row)
-            with session.no_autoflush:
-                row.stage = stage_row(session, entry.stage)
-                fill(row, entry)
-            return new
+        def work(connection: Connection) -> bool:
+            asked = select(RUNS.c.id).where(RUNS.c.identifier == entry.identifier)
+            return _enter(connection, RUNS, entry, asked)
 
         return self.write(work)
 
@@ -76,15 +64,11 @@ class Catalogue(Database):
 
         The run that it comes from must be in the catalogue.
         """
-
-        def work(session: Session) -> None:
-            row = CalibrationRow()
-            fill(row, entry)
-            row.run = run_row(session, entry.run)
-            row.stage = stage_row(session, entry.stage)
-            session.add(row)
-
-        self.write(work)
+        self.write(
+            lambda connection: connection.execute(
+                insert(CALIBRATIONS).values(values_of(connection, CALIBRATIONS, entry))
+            )
+        )
 
     def enter_model(self, entry: ModelEntry) -> None:
         """Enter a model; one of the same file of the same run is replaced.
@@ -92,22 +76,17 @@ class Catalogue(Database):
         The run that it comes from must be in the catalogue.
         """
 
-        def work(session: Session) -> None:
-            run = run_row(session, entry.run)
-            asked = select(ModelRow).where(ModelRow.file == clean(entry.file))
-            row = session.scalars(asked.where(ModelRow.run == run)).first() or ModelRow()
-            with session.no_autoflush:
-                row.run = run
-                row.stage = stage_row(session, entry.stage)
-                fill(row, entry)
-                session.add(row)
+        def work(connection: Connection) -> bool:
+            asked = select(MODELS.c.id).where(MODELS.c.file == entry.file)
+            of = RUNS.c.identifier == entry.run if entry.run else MODELS.c.run_id.is_(None)
+            return _enter(connection, MODELS, entry, asked.outerjoin_from(MODELS, RUNS).where(of))
 
         self.write(work)
 
     def stages(self) -> list[StageEntry]:
         """Return all stages, by name and serial number."""
-        asked = select(StageRow).order_by(StageRow.name, StageRow.serial_number, StageRow.id)
-        return self.read(lambda session: [stage_entry(row) for row in session.scalars(asked)])
+        asked = question(STAGES).order_by(STAGES.c.name, STAGES.c.serial_number, STAGES.c.id)
+        return self._entries(StageEntry, STAGES, asked)
 
     def runs(
         self,
@@ -127,25 +106,24 @@ class Catalogue(Database):
 
         They began from `since` on and before `until`, which are times with their zones.
         """
-        asked = select(RunRow).join(RunRow.stage)
-        equal: list[tuple[Any, Any]] = [
-            (StageRow.name, stage),
-            (StageRow.serial_number, serial_number),
-            (RunRow.kind, kind),
-            (RunRow.axis, axis),
-            (RunRow.plan, plan),
-            (RunRow.status, status),
-            (RunRow.simulated, simulated),
-        ]
-        for column, value in equal:
-            if value is not None:
-                asked = asked.where(column == value)
+        asked = _where(
+            question(RUNS),
+            {
+                STAGES.c.name: stage,
+                STAGES.c.serial_number: serial_number,
+                RUNS.c.kind: kind,
+                RUNS.c.axis: axis,
+                RUNS.c.plan: plan,
+                RUNS.c.status: status,
+                RUNS.c.simulated: simulated,
+            },
+        )
         if since is not None:
-            asked = asked.where(RunRow.started >= since)
+            asked = asked.where(RUNS.c.started >= since)
         if until is not None:
-            asked = asked.where(RunRow.started < until)
-        asked = asked.order_by(RunRow.started.desc(), RunRow.id.desc()).limit(limit)
-        return self.read(lambda session: [run_entry(row) for row in session.scalars(asked)])
+            asked = asked.where(RUNS.c.started < until)
+        asked = asked.order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(limit)
+        return self._entries(RunEntry, RUNS, asked)
 
     def run(self, identifier: str) -> RunEntry:
         """Return a run by its identifier, or the beginning of it that no other has."""
@@ -155,8 +133,8 @@ class Catalogue(Database):
                 "a run is named by the beginning of its identifier, hexadecimal digits such as "
                 f"3f9a, got '{identifier[:40]}'"
             )
-        asked = select(RunRow).where(RunRow.identifier.startswith(wanted)).limit(3)
-        found = self.read(lambda session: [run_entry(row) for row in session.scalars(asked)])
+        asked = question(RUNS).where(RUNS.c.identifier.startswith(wanted)).limit(3)
+        found = self._entries(RunEntry, RUNS, asked)
         if len(found) == 1:
             return found[0]
         if found:
@@ -181,15 +159,18 @@ class Catalogue(Database):
 
         Of each only the one that holds `at` a time, where given: the latest that began before.
         """
-        asked = of_stage(select(CalibrationRow).join(CalibrationRow.stage), stage, serial_number)
-        if what is not None:
-            asked = asked.where(CalibrationRow.what == what)
-        if at is not None:
-            asked = asked.where(CalibrationRow.valid_from <= at)
-        asked = asked.order_by(CalibrationRow.valid_from.desc(), CalibrationRow.id.desc())
-        found = self.read(
-            lambda session: [calibration_entry(row) for row in session.scalars(asked)]
+        asked = _where(
+            question(CALIBRATIONS),
+            {
+                STAGES.c.name: stage,
+                STAGES.c.serial_number: serial_number,
+                CALIBRATIONS.c.what: what,
+            },
         )
+        if at is not None:
+            asked = asked.where(CALIBRATIONS.c.valid_from <= at)
+        asked = asked.order_by(CALIBRATIONS.c.valid_from.desc(), CALIBRATIONS.c.id.desc())
+        found = self._entries(CalibrationEntry, CALIBRATIONS, asked)
         if at is None:
             return found
         holding: dict[tuple[str, str, str], CalibrationEntry] = {}
@@ -207,12 +188,36 @@ class Catalogue(Database):
         run: str | None = None,
     ) -> list[ModelEntry]:
         """Return models, the latest first; `run` is the identifier of the one they come from."""
-        asked = of_stage(select(ModelRow).join(ModelRow.stage), stage, serial_number)
-        if kind is not None:
-            asked = asked.where(ModelRow.kind == kind)
-        if axis is not None:
-            asked = asked.where(ModelRow.axis == axis)
-        if run is not None:
-            asked = asked.where(ModelRow.run.has(RunRow.identifier == run))
-        asked = asked.order_by(ModelRow.created.desc(), ModelRow.id.desc())
-        return self.read(lambda session: [model_entry(row) for row in session.scalars(asked)])
+        asked = _where(
+            question(MODELS),
+            {
+                STAGES.c.name: stage,
+                STAGES.c.serial_number: serial_number,
+                MODELS.c.kind: kind,
+                MODELS.c.axis: axis,
+                RUNS.c.identifier: run,
+            },
+        )
+        asked = asked.order_by(MODELS.c.created.desc(), MODELS.c.id.desc())
+        return self._entries(ModelEntry, MODELS, asked)
+
+    def _entries(self, kind: type[Entry], table: Table, asked: Select[Any]) -> list[Entry]:
+        return self.read(
+            lambda connection: [entry_of(kind, table, row) for row in connection.execute(asked)]
+        )
+
+
+def _where(asked: Select[Any], wanted: Mapping[Any, Any]) -> Select[Any]:
+    """Narrow a question to columns of given values; None stands for any."""
+    return asked.where(*(c == value for c, value in wanted.items() if value is not None))
+
+
+def _enter(connection: Connection, table: Table, entry: Any, asked: Select[Any]) -> bool:
+    """Enter what replaces the row that is asked for, if there is one; say whether it is new."""
+    values = values_of(connection, table, entry)
+    found = connection.scalar(asked)
+    if found is None:
+        connection.execute(insert(table).values(values))
+    else:
+        connection.execute(update(table).where(table.c.id == found).values(values))
+    return found is None

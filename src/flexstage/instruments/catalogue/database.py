@@ -12,7 +12,6 @@ from sqlalchemy.exc import (
     OperationalError,
     SQLAlchemyError,
 )
-from sqlalchemy.orm import Session
 
 from flexstage.errors import NotConnectedError, RecordError
 from flexstage.instruments.catalogue.address import (
@@ -23,7 +22,7 @@ from flexstage.instruments.catalogue.address import (
     in_memory,
     is_absent_file,
 )
-from flexstage.instruments.catalogue.tables import VERSION, Base, VersionRow
+from flexstage.instruments.catalogue.tables import METADATA, VERSION, VERSIONS
 
 _T = TypeVar("_T")
 # others may enter the same stage between the question for it and the answer
@@ -43,20 +42,25 @@ class Database:
     def open(cls, address: str | None = None, *, make: bool = True) -> Self:
         """Open a catalogue, the user's own where none is named.
 
-        Its tables are made in an empty database. Where it is not to be made and is a file that is
-        absent, it is empty, and none is written. One of another version is refused.
+        Its tables are made in an empty database. Where they are not to be made, an empty database,
+        or a file that is absent, is an empty catalogue, and nothing is written. One of another
+        version is refused.
         """
         where = address or default_catalogue()
         if make or not is_absent_file(where):
-            made = cls(catalogue_engine(where))
-        else:
-            made = cls(in_memory(), address_of(where))
-        try:
-            made._make_tables()
-        except BaseException:
-            made.close()
-            raise
-        return made
+            opened = cls(catalogue_engine(where))
+            try:
+                if make:
+                    opened._make_tables()
+                if make or opened._is_made():
+                    return opened
+            except BaseException:
+                opened.close()
+                raise
+            opened.close()
+        empty = cls(in_memory(), address_of(where))
+        empty._make_tables()
+        return empty
 
     @property
     def address(self) -> str:
@@ -73,24 +77,25 @@ class Database:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def _is_made(self) -> bool:
+        return self.read(self._has_tables)
+
     def _make_tables(self) -> None:
-        with _telling(self.address):
-            with self._engine.connect() as connection, connection.begin():
-                if self._has_tables(connection):
-                    return
-            with self._writing() as connection:
-                if connection.dialect.name == "postgresql":
-                    # of two programs that make them at once the second waits, and finds them made
-                    connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
-                if not self._has_tables(connection):
-                    Base.metadata.create_all(connection, checkfirst=False)
-                    connection.execute(insert(VersionRow).values(version=VERSION))
+        if self._is_made():
+            return
+        with _telling(self.address), self._writing() as connection:
+            if connection.dialect.name == "postgresql":
+                # of two programs that make them at once the second waits, and finds them made
+                connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
+            if not self._has_tables(connection):
+                METADATA.create_all(connection, checkfirst=False)
+                connection.execute(insert(VERSIONS).values(version=VERSION))
 
     def _has_tables(self, connection: Connection) -> bool:
         """Return whether a database has the tables of this version; refuse all but an empty one."""
         there = set(inspect(connection).get_table_names())
-        if VersionRow.__tablename__ in there:
-            found = connection.scalar(select(VersionRow.version))
+        if VERSIONS.name in there:
+            found = connection.scalar(select(VERSIONS.c.version))
             if found != VERSION:
                 raise RecordError(
                     f"the catalogue {self.address} is of version {found}, and this flexstage reads "
@@ -99,18 +104,18 @@ class Database:
                     "empty database or a new file"
                 )
             return True
-        if there & set(Base.metadata.tables):
+        if there & set(METADATA.tables):
             raise RecordError(
                 "the database belongs to another program: give the catalogue one of its own"
             )
         return False
 
-    def read(self, work: Callable[[Session], _T]) -> _T:
+    def read(self, work: Callable[[Connection], _T]) -> _T:
         """Do work that only reads."""
-        with _telling(self.address), Session(self._engine) as session:
-            return work(session)
+        with _telling(self.address), self._engine.connect() as connection, connection.begin():
+            return work(connection)
 
-    def write(self, work: Callable[[Session], _T]) -> _T:
+    def write(self, work: Callable[[Connection], _T]) -> _T:
         """Do work in one transaction, again where another program was first."""
         with _telling(self.address):
             for _ in range(_TRIES - 1):
@@ -120,11 +125,9 @@ class Database:
                     continue
             return self._once(work)
 
-    def _once(self, work: Callable[[Session], _T]) -> _T:
-        with self._writing() as connection, Session(connection) as session:
-            result = work(session)
-            session.flush()
-            return result
+    def _once(self, work: Callable[[Connection], _T]) -> _T:
+        with self._writing() as connection:
+            return work(connection)
 
     @contextmanager
     def _writing(self) -> Iterator[Connection]:

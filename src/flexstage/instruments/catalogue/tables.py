@@ -1,23 +1,30 @@
-"""The tables of a catalogue, as classes; their rows from entries, and entries from rows."""
+"""The tables of a catalogue, made from its entries: a column for each of their fields."""
 
+from collections.abc import Mapping
 from dataclasses import fields
 from datetime import UTC, datetime
-from typing import Any, ClassVar
+from typing import Any, TypeVar
 
 from sqlalchemy import (
     JSON,
     BigInteger,
+    Boolean,
+    Column,
+    Connection,
     DateTime,
     Double,
     ForeignKey,
     Index,
+    Integer,
+    MetaData,
     Select,
+    Table,
     Text,
     UniqueConstraint,
+    insert,
     select,
 )
-from sqlalchemy.engine import Dialect
-from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column, relationship
+from sqlalchemy.engine import Dialect, Row
 from sqlalchemy.types import TypeDecorator
 
 from flexstage.errors import RecordError
@@ -25,11 +32,14 @@ from flexstage.instruments.catalogue.entries import (
     CalibrationEntry,
     ModelEntry,
     RunEntry,
+    RunStatus,
     StageEntry,
 )
 
 #: Which tables these are. Whoever changes them counts on: a catalogue of another number is refused.
 VERSION = 2
+
+Entry = TypeVar("Entry", StageEntry, RunEntry, CalibrationEntry, ModelEntry)
 
 
 class UtcTime(TypeDecorator[datetime]):
@@ -53,199 +63,141 @@ class UtcTime(TypeDecorator[datetime]):
 
 
 class CleanText(TypeDecorator[str]):
-    """A text that every database takes: without zeros and halves of letters."""
+    """A text that every database takes: ``?`` for halves of letters, no zeros."""
 
     impl = Text
     cache_ok = True
 
     def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
         """Return what the database keeps."""
-        return None if value is None else clean(value)
+        return None if value is None else _clean(value)
 
 
-def clean(text: str) -> str:
-    """Return a text that every database takes: ``?`` for halves of letters, no zeros."""
+class WholeNumber(TypeDecorator[int]):
+    """A whole number of any size, which no database has, as a text."""
+
+    impl = Text
+    cache_ok = True
+
+    def process_bind_param(self, value: int | None, dialect: Dialect) -> str | None:
+        """Return what the database keeps."""
+        return None if value is None else str(value)
+
+    def process_result_value(self, value: Any | None, dialect: Dialect) -> int | None:
+        """Return what the database kept."""
+        return None if value is None else int(value)
+
+
+class Figures(TypeDecorator[Mapping[str, float]]):
+    """Numbers by name."""
+
+    impl = JSON
+    cache_ok = True
+
+    def process_bind_param(self, value: Mapping[str, float] | None, dialect: Dialect) -> Any:
+        """Return what the database keeps."""
+        return None if value is None else {_clean(k): float(v) for k, v in value.items()}
+
+
+def _clean(text: str) -> str:
     return text.replace("\0", "").encode("utf-8", "replace").decode("utf-8")
 
 
-class Base(DeclarativeBase):
-    """The tables of a catalogue, on SQLite and PostgreSQL alike."""
-
-    type_annotation_map: ClassVar[dict[Any, Any]] = {
-        str: CleanText,
-        float: Double,
-        datetime: UtcTime,
-        dict[str, float]: JSON,
-    }
-
-
-class VersionRow(Base):
-    """Which tables these are: one row."""
-
-    __tablename__ = "schema_version"
-
-    version: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
-
-
-class StageRow(Base):
-    """A stage."""
-
-    __tablename__ = "stages"
-    __table_args__ = (UniqueConstraint("name", "serial_number", "hash", "design"),)
-
-    id: Mapped[int] = mapped_column(primary_key=True)
-    name: Mapped[str]
-    serial_number: Mapped[str]
-    design: Mapped[str]
-    hash: Mapped[str]
+#: How a field of an entry is kept, by its type, and whether it may be empty.
+_KEPT: dict[Any, tuple[Any, bool]] = {
+    str: (CleanText, False),
+    RunStatus: (CleanText, False),
+    float: (Double, False),
+    int: (BigInteger, False),
+    int | None: (WholeNumber, True),
+    bool: (Boolean, False),
+    datetime: (UtcTime, False),
+    Mapping[str, float]: (Figures, False),
+}
+#: The tables by name, on SQLite and PostgreSQL alike.
+METADATA = MetaData()
+VERSIONS = Table(
+    "schema_version",
+    METADATA,
+    Column("version", Integer, primary_key=True, autoincrement=False),
+)
 
 
-class RunRow(Base):
-    """A run."""
-
-    __tablename__ = "runs"
-    __table_args__ = (Index("runs_by_start", "started"),)
-
-    id: Mapped[int] = mapped_column(primary_key=True)
-    identifier: Mapped[str] = mapped_column(unique=True)
-    stage_id: Mapped[int] = mapped_column(ForeignKey("stages.id"))
-    started: Mapped[datetime]
-    plan: Mapped[str]
-    step: Mapped[str]
-    kind: Mapped[str]
-    axis: Mapped[str]
-    operator: Mapped[str]
-    note: Mapped[str]
-    version: Mapped[str]
-    instrument: Mapped[str]
-    simulated: Mapped[bool]
-    folder: Mapped[str]
-    file: Mapped[str]
-    sha256: Mapped[str]
-    status: Mapped[str]
-    samples: Mapped[int] = mapped_column(BigInteger)
-    sample_rate_hz: Mapped[float]
-    seed: Mapped[str | None]
-    lost: Mapped[str]
-    stage: Mapped[StageRow] = relationship(lazy="joined", innerjoin=True)
+def _table(name: str, kind: type[Any], *rules: Any) -> Table:
+    """Make a table of entries; the stage and the run of one are rows of tables of their own."""
+    columns = [Column("id", Integer, primary_key=True)]
+    for f in fields(kind):
+        if f.type is StageEntry:
+            columns.append(Column("stage_id", ForeignKey("stages.id"), nullable=False))
+        elif f.name == "run":
+            columns.append(Column("run_id", ForeignKey("runs.id")))
+        else:
+            how, empty = _KEPT[f.type]
+            columns.append(Column(f.name, how, nullable=empty))
+    return Table(name, METADATA, *columns, *rules)
 
 
-class CalibrationRow(Base):
-    """A calibration."""
-
-    __tablename__ = "calibrations"
-
-    id: Mapped[int] = mapped_column(primary_key=True)
-    stage_id: Mapped[int] = mapped_column(ForeignKey("stages.id"))
-    run_id: Mapped[int | None] = mapped_column(ForeignKey("runs.id"))
-    what: Mapped[str]
-    value: Mapped[float]
-    unit: Mapped[str]
-    standard_uncertainty: Mapped[float]
-    valid_from: Mapped[datetime]
-    note: Mapped[str]
-    stage: Mapped[StageRow] = relationship(lazy="joined", innerjoin=True)
-    run: Mapped[RunRow | None] = relationship(lazy="joined")
+STAGES = _table("stages", StageEntry, UniqueConstraint("name", "serial_number", "hash", "design"))
+RUNS = _table("runs", RunEntry, UniqueConstraint("identifier"), Index("runs_by_start", "started"))
+CALIBRATIONS = _table("calibrations", CalibrationEntry)
+MODELS = _table("models", ModelEntry)
 
 
-class ModelRow(Base):
-    """A model."""
-
-    __tablename__ = "models"
-
-    id: Mapped[int] = mapped_column(primary_key=True)
-    stage_id: Mapped[int] = mapped_column(ForeignKey("stages.id"))
-    run_id: Mapped[int | None] = mapped_column(ForeignKey("runs.id"))
-    kind: Mapped[str]
-    file: Mapped[str]
-    axis: Mapped[str]
-    figures: Mapped[dict[str, float]]
-    created: Mapped[datetime]
-    sha256: Mapped[str]
-    stage: Mapped[StageRow] = relationship(lazy="joined", innerjoin=True)
-    run: Mapped[RunRow | None] = relationship(lazy="joined")
+def question(table: Table) -> Select[Any]:
+    """Return the question for the entries of a table, with what they say of stage and run."""
+    if table is STAGES:
+        return select(STAGES)
+    both = table.join(STAGES, table.c.stage_id == STAGES.c.id)
+    if "run_id" not in table.c:
+        return select(table, STAGES).select_from(both)
+    joined = both.outerjoin(RUNS, table.c.run_id == RUNS.c.id)
+    return select(table, STAGES, RUNS.c.identifier).select_from(joined)
 
 
-#: What rows do not keep as their entries do.
-_SPECIAL = frozenset({"stage", "run", "seed", "figures"})
+def entry_of(kind: type[Entry], table: Table, row: Row[Any]) -> Entry:
+    """Return the entry that a row of an answer to `question` holds."""
+    given = row._mapping
+    values: dict[str, Any] = {}
+    for f in fields(kind):
+        if f.name in table.c:
+            values[f.name] = given[table.c[f.name]]
+        elif f.type is StageEntry:
+            values[f.name] = entry_of(StageEntry, STAGES, row)
+        else:
+            values[f.name] = given[RUNS.c.identifier] or ""
+    return kind(**values)
 
 
-def _plain(kind: type[Any]) -> list[str]:
-    """Return the fields of an entry that its row keeps as they are."""
-    return [f.name for f in fields(kind) if f.name not in _SPECIAL]
+def values_of(connection: Connection, table: Table, entry: Any) -> dict[str, Any]:
+    """Return the columns of an entry; its stage becomes a row where there is none."""
+    values = {c.name: getattr(entry, c.name) for c in table.c if hasattr(entry, c.name)}
+    if "stage_id" in table.c:
+        values["stage_id"] = _stage_id(connection, entry.stage)
+    if "run_id" in table.c:
+        values["run_id"] = _run_id(connection, entry.run)
+    return values
 
 
-def fill(row: Any, entry: Any) -> None:
-    """Give a row what its entry says, but for stage and run."""
-    for name in _plain(type(entry)):
-        setattr(row, name, getattr(entry, name))
-    if isinstance(entry, RunEntry):
-        # whole numbers of any size, which no database has
-        row.seed = None if entry.seed is None else str(entry.seed)
-    if isinstance(entry, ModelEntry):
-        row.figures = {clean(k): float(v) for k, v in entry.figures.items()}
+def _stage_id(connection: Connection, entry: StageEntry) -> int:
+    values = values_of(connection, STAGES, entry)
+    asked = select(STAGES.c.id)
+    for name, value in values.items():
+        asked = asked.where(STAGES.c[name] == value)
+    found = connection.scalar(asked)
+    if found is None:
+        connection.execute(insert(STAGES).values(values))
+        found = connection.scalar(asked)
+    return found
 
 
-def of_stage(asked: Select[Any], stage: str | None, serial_number: str | None) -> Select[Any]:
-    """Narrow a question to a stage."""
-    if stage is not None:
-        asked = asked.where(StageRow.name == stage)
-    if serial_number is not None:
-        asked = asked.where(StageRow.serial_number == serial_number)
-    return asked
-
-
-def stage_row(session: Session, entry: StageEntry) -> StageRow:
-    """Return the row of a stage, a new one where there is none."""
-    asked = select(StageRow)
-    for name in _plain(StageEntry):
-        asked = asked.where(getattr(StageRow, name) == getattr(entry, name))
-    row = session.scalars(asked).first()
-    if row is None:
-        row = StageRow()
-        fill(row, entry)
-        session.add(row)
-    return row
-
-
-def run_row(session: Session, identifier: str) -> RunRow | None:
-    """Return the row of a run; None where the identifier is empty."""
+def _run_id(connection: Connection, identifier: str) -> int | None:
+    """Return the number of a run; None where the identifier is empty."""
     if not identifier:
         return None
-    row = session.scalar(select(RunRow).where(RunRow.identifier == identifier))
-    if row is None:
+    found = connection.scalar(select(RUNS.c.id).where(RUNS.c.identifier == identifier))
+    if found is None:
         raise RecordError(
             f"run {identifier[:40]} is not in the catalogue: enter it first, with 'flexstage runs "
             "add FOLDER'"
         )
-    return row
-
-
-def _kept(kind: type[Any], row: Any) -> dict[str, Any]:
-    return {name: getattr(row, name) for name in _plain(kind)}
-
-
-def stage_entry(row: StageRow) -> StageEntry:
-    """Return the entry of a stage."""
-    return StageEntry(**_kept(StageEntry, row))
-
-
-def run_entry(row: RunRow) -> RunEntry:
-    """Return the entry of a run."""
-    seed = None if row.seed is None else int(row.seed)
-    return RunEntry(**_kept(RunEntry, row), seed=seed, stage=stage_entry(row.stage))
-
-
-def calibration_entry(row: CalibrationRow) -> CalibrationEntry:
-    """Return the entry of a calibration."""
-    return CalibrationEntry(**_kept(CalibrationEntry, row), **_origin(row))
-
-
-def model_entry(row: ModelRow) -> ModelEntry:
-    """Return the entry of a model."""
-    return ModelEntry(**_kept(ModelEntry, row), figures=row.figures, **_origin(row))
-
-
-def _origin(row: CalibrationRow | ModelRow) -> dict[str, Any]:
-    run = row.run.identifier if row.run else ""
-    return {"stage": stage_entry(row.stage), "run": run}
+    return found

@@ -38,6 +38,19 @@ def utc_now() -> str:
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="microseconds")
 
 
+def utc_time(text: str, what: str) -> datetime.datetime:
+    """Return a date and time in UTC; `what` it is, for messages."""
+    try:
+        time = datetime.datetime.fromisoformat(text)
+        if time.tzinfo is not None:
+            return time.astimezone(datetime.UTC)
+    except (ValueError, OverflowError) as error:  # the latter at the ends of the calendar
+        raise RecordError(
+            f"{what} must be a date and time such as {utc_now()}, got {text!r}"
+        ) from error
+    raise RecordError(f"{what} must have a time zone, as in {text}+00:00, got {text!r}")
+
+
 def new_identifier() -> str:
     """Return a name for a run that no other has."""
     return uuid.uuid4().hex
@@ -118,19 +131,7 @@ class RunMetadata:
 
     def start_time(self) -> datetime.datetime:
         """Return the date and time of the start, in UTC."""
-        try:
-            time = datetime.datetime.fromisoformat(self.started)
-        except ValueError as error:
-            raise RecordError(
-                f"the start of a run must be a date and time such as {utc_now()}, got "
-                f"{self.started!r}"
-            ) from error
-        if time.tzinfo is None:
-            raise RecordError(
-                f"the start of a run must have a time zone, as in {self.started}+00:00, got "
-                f"{self.started!r}"
-            )
-        return time.astimezone(datetime.UTC)
+        return utc_time(self.started, "the start of a run")
 
     def plain(self) -> dict[str, Any]:
         """Return everything as plain data for JSON, by the names of the fields."""

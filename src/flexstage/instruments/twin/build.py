@@ -19,7 +19,6 @@ from flexstage.stage.assumptions import (
     BACKLASH,
     BACKLASH_SPREAD,
     CREEP,
-    EDDY_CURRENT_NOISE,
     LOOP_WIDTH,
     LOOP_WIDTH_SPREAD,
     STROKE_SPREAD,
@@ -36,21 +35,13 @@ from flexstage.virtual.imperfections import (
     manufactured,
 )
 from flexstage.virtual.screw_stage import ScrewAxis, ScrewStage
-from flexstage.virtual.sensors import SensorBench, SimulatedSensor
+from flexstage.virtual.sensors import EDDY_CURRENT_SENSORS, SensorBench
 from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, loop_share, matched_stacks, virtual_stack
 
 #: Part of the stroke that is kept free at each end.
 _KEPT_FREE = 0.015
 _CYCLES = 4
 _EXACT = Scatter(neck_common=0.0, neck_own=0.0, position=0.0, modulus=0.0)
-_EDDY_CURRENT = SensorBench(
-    along=SimulatedSensor(
-        noise_rms=EDDY_CURRENT_NOISE, mains_amplitude=20e-9, resolution_step=1e-10, calibration=5e-4
-    ),
-    beside=SimulatedSensor(
-        noise_rms=EDDY_CURRENT_NOISE, mains_amplitude=20e-9, resolution_step=1e-10, calibration=2e-3
-    ),
-)
 
 
 def virtual_stage(
@@ -286,8 +277,11 @@ def _screws(built: AsBuilt, seed: int, rate: float, *, quiet: bool, scatter: boo
                 guide=replace(state.guide, stroke=stroke),
             )
         )
+    sensors = SensorBench(
+        along=EDDY_CURRENT_SENSORS["along"], beside=EDDY_CURRENT_SENSORS["beside"]
+    )
     return ScrewStage(
-        stage=built.stage, axes=axes, sensors=_EDDY_CURRENT, sample_rate_hz=rate, seed=seed,
+        stage=built.stage, axes=axes, sensors=sensors, sample_rate_hz=rate, seed=seed,
         quiet=quiet, scatter=scatter, hammer=Hammer(built, seed), notes=built.notes,
     )  # fmt: skip
 

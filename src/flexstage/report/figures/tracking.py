@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from flexstage.experiments.results import IdentifiedStep, VerifiedStep
-    from flexstage.experiments.step_results import FollowedRun
+    from flexstage.experiments.verbs.identify import IdentifiedStep
+    from flexstage.experiments.verbs.verify import FollowedRun, VerifiedStep
 
 
 _UM = 1e6
@@ -202,8 +202,6 @@ def _trials(axes: "Axes", run: "FollowedRun") -> None:
 
 def draw_drive_fit(step: "IdentifiedStep") -> "Figure":
     """Draw a record and the model identified from it, over voltage, and its rest over time."""
-    from flexstage.experiments.identify_step import SETTLED
-
     figure = new_figure(10.6, 3.2)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
     at = _thin(step.time.size)
@@ -225,8 +223,7 @@ def draw_drive_fit(step: "IdentifiedStep") -> "Figure":
         step.time[at], _NM * (step.measured - step.modelled)[at], color=CYCLE[0], linewidth=0.6
     )
     # what is drawn in grey still remembers what was before the record
-    settled = step.time[int(SETTLED * step.time.size)]
-    right.axvspan(step.time[0], settled, color=MUTED, alpha=0.18, linewidth=0.0)
+    right.axvspan(step.time[0], step.settled, color=MUTED, alpha=0.18, linewidth=0.0)
     right.set_xlabel("time [s]", color=INK)
     right.set_ylabel("reading less model [nm]", color=INK)
     entitle(right, f"model error, {_length(step.deviation)} at most after the grey part")

@@ -1,0 +1,100 @@
+"""Rests on levels, with straight ways between them."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.errors import PlanError
+from flexstage.experiments.axis_limits import AxisSetting
+from flexstage.experiments.command import CommandWaveform, require_size
+from flexstage.experiments.verbs.excite import (
+    NONE_OR_SOME,
+    OF_RATE,
+    SOME,
+    TINY,
+    Excite,
+    command_of,
+)
+from flexstage.files.ranges import Range, Share
+from flexstage.units import Length, Time, Voltage
+
+#: A step from level to level lasts this long, or longer where the limits ask for it [s].
+_STEP_TIME = 5e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RisingSteps(Excite):
+    """Small equal steps upwards, with a rest on each level."""
+
+    kind: ClassVar[str] = "staircase"
+
+    axis: str
+    """The axis."""
+    step: Annotated[Voltage, SOME] | None = None
+    """Height of a step of a piezo stack [V]."""
+    advance: Annotated[Length, Range(low=TINY, high=1.0)] | None = None
+    """Height of a step of a screw, or of a position under control [m]; the smallest step of the
+    screw where not given.
+    """
+    levels: Annotated[int, Range(low=3, high=1e6)] = 20
+    """How many levels."""
+    dwell: Annotated[Time, SOME] = 0.2
+    """Time on each [s]."""
+    at: Share = 0.5
+    """Where in the range it begins, as a share [1]."""
+    settle: Annotated[Time, NONE_OR_SOME] = 2.0
+    """Time at its beginning before it is recorded, while creep fades [s]."""
+    closed_loop: bool = False
+    """Whether positions are commanded under control, and not voltages."""
+
+    def __post_init__(self) -> None:
+        Excite.__post_init__(self)
+        if self.step is not None and self.advance is not None:
+            raise PlanError("staircase has a step in volts or an advance in metres, got both")
+
+    def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
+        del base
+        s = settings[0]
+        height = self.advance if s.quantity == "position" else self.step
+        if height is None and s.quantity == "position":
+            height = s.smallest_step
+        if height is None:
+            what = "'step' in volts" if s.quantity == "voltage" else "'advance' in metres"
+            raise PlanError(f"the staircase of axis '{s.axis}' needs its {what}")
+        top = s.place(self.at) + height * (self.levels - 1)
+        if top > s.high * (1.0 + 1e-12):
+            raise PlanError(
+                f"the staircase of axis '{s.axis}' would end at {_text(top, s)}, and its range "
+                f"ends at {_text(s.high, s)}: begin lower, or take smaller or fewer steps"
+            )
+        levels = s.place(self.at) + height * np.arange(self.levels, dtype=np.float64)
+        samples, wait = rests(self.kind, s, levels, self.dwell, fs, self.settle)
+        return command_of(s, samples, fs, first=wait)
+
+
+def rests(
+    kind: str, s: AxisSetting, levels: Array, dwell: float, fs: float, settle: float = 0.0
+) -> tuple[Array, int]:
+    """Return samples of rests with straight ways between them, and those that settle before."""
+    rest = max(round(dwell * fs), 4)
+    wait = round(settle * fs)
+    largest = float(np.max(np.abs(np.diff(levels)), initial=0.0))
+    way = round(_STEP_TIME * fs)
+    if s.largest_rate is not None:
+        way = max(way, math.ceil(largest / (OF_RATE * s.largest_rate) * fs))
+    way = max(way, 1)
+    require_size(wait + levels.size * (rest + way), kind)
+    parts = [np.full(wait + rest, levels[0])]
+    for a, b in itertools.pairwise(levels):
+        parts.append(a + (b - a) * np.arange(1, way) / way)
+        parts.append(np.full(rest, b))
+    return np.concatenate(parts), wait
+
+
+def _text(value: float, s: AxisSetting) -> str:
+    return f"{value:g} V" if s.quantity == "voltage" else f"{1e6 * value:g} um"

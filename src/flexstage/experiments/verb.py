@@ -1,0 +1,229 @@
+"""What a verb of a plan is: what a step of it describes, refuses, shows, does and gives."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+if TYPE_CHECKING:
+    from flexstage.characteristic import MeasuredCharacteristic
+    from flexstage.experiments.plan import Plan
+    from flexstage.experiments.results import PlanResult
+    from flexstage.experiments.run_context import RunContext
+    from flexstage.instruments.catalogue.entries import ModelEntry, StageEntry
+    from flexstage.section import Section
+    from flexstage.stage import Stage
+    from flexstage.stage.limits import AxisLimits
+    from flexstage.table import Table
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedMotion:
+    """What one axis would be told."""
+
+    axis: str
+    """The axis."""
+    unit: str
+    """``V`` or ``m``."""
+    low: float
+    """Smallest value [V or m]."""
+    high: float
+    """Largest value [V or m]."""
+    largest_rate: float
+    """Largest slope [V/s or m/s]."""
+    limits: tuple[float, float]
+    """Lowest and highest value that is allowed [V or m]."""
+    rate_limit: float | None
+    """Largest slope that is allowed [V/s or m/s]."""
+    estimated: bool
+    """Whether the limits are only estimated, and an instrument will tell them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedStep:
+    """What one step would do."""
+
+    name: str
+    """Name of the step."""
+    verb: str
+    """Its verb."""
+    what: str
+    """What it does, in words."""
+    duration: float = 0.0
+    """How long the stage moves or is recorded [s]; 0 of a step that only computes."""
+    command_duration: float = 0.0
+    """How long a command that is made here will take [s]."""
+    samples: int = 0
+    """Samples of the command."""
+    signals: int = 0
+    """Number of signals that are recorded."""
+    motions: tuple[PlannedMotion, ...] = ()
+    """What each axis would be told."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know."""
+    problem: str = ""
+    """Why it cannot be carried out; empty where it can."""
+
+
+@dataclass(slots=True, kw_only=True)
+class PlanContext:
+    """What the steps of a plan share while it is looked at, without an instrument."""
+
+    plan: "Plan"
+    """The plan."""
+    stage: "Stage"
+    """The stage."""
+    base_rate_hz: float
+    """Highest rate of samples of a command [Hz]."""
+    frequency: float | None = None
+    """Lowest natural frequency that commands keep clear of [Hz]."""
+    planned: dict[str, PlannedStep] = field(default_factory=dict)
+    """What the steps before would do, by name."""
+
+    def limits(self, axis: str) -> "AxisLimits | None":
+        """Return what the instrument allows an axis; None where there is none to ask."""
+        del axis
+        return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verb:
+    """What a step does.
+
+    A new verb is a subclass in a file of its own, and a line in `flexstage.experiments.verbs`.
+    """
+
+    verb: ClassVar[str]
+    """The word for it in a plan file."""
+    uses: ClassVar[tuple[str, ...]] = ()
+    """Verbs of the steps that it can use."""
+    moving: ClassVar[bool] = False
+    """Whether the stage moves: then its result depends on instrument and sensors too."""
+    needs_frequency: ClassVar[bool] = False
+    """Whether its command keeps clear of the lowest natural frequency."""
+    response: ClassVar[str] = "auto"
+    """What its command excites a response with, as `campaign.plan.EXCITATIONS` has it."""
+    corners: ClassVar[bool] = False
+    """Whether both axes rest at the corners of the workspace in its command."""
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Earlier steps that it uses."""
+        return ()
+
+    @property
+    def struck(self) -> bool:
+        """Whether the stage is struck by a hammer, its drives taken out."""
+        return self.response == "hammer"
+
+    @property
+    def motion_cycles(self) -> int | None:
+        """Equal cycles in its command; None where they are not counted."""
+        return None
+
+    def axis_of(self, plan: "Plan") -> str:
+        """Return the axis that it is about; both, such as ``xy``, where it is about two."""
+        return plan.axis_of(self.needs[0])
+
+    def reads(self, before: "Mapping[str, Verb]") -> tuple[str, ...]:
+        """Return the sensors of the plan that it reads, given the steps before it."""
+        del before
+        return ()
+
+    def problems(
+        self, name: str, before: "Mapping[str, Verb]", known: Sequence[str]
+    ) -> Iterator[str]:
+        """Say what it uses that is not there, given the steps before it and all sensors."""
+        for other in self.needs:
+            if other not in before:
+                listed = ", ".join(before) or "none"
+                yield (
+                    f"step '{name}' uses '{other}', which is no earlier step (there are: {listed})"
+                )
+                return
+            if said := self.refused(name, other, before[other]):
+                yield said
+        for sensor in self.reads(before):
+            if sensor not in known:
+                listed = ", ".join(known) or "none"
+                yield (
+                    f"step '{name}' reads the sensor '{sensor}', which is not described "
+                    f"(there are: {listed}): list it under 'sensors'"
+                )
+        if said := self.missing(name, before):
+            yield said
+
+    def refused(self, name: str, other: str, used: "Verb") -> str:
+        """Say why it cannot use another step."""
+        if used.verb in self.uses:
+            return ""
+        return (
+            f"step '{name}' of {self.verb} uses '{other}', which is a step of {used.verb}: name "
+            f"one of {' or '.join(self.uses)}"
+        )
+
+    def missing(self, name: str, before: "Mapping[str, Verb]") -> str:
+        """Say what it needs that the steps before it will not have given."""
+        del name, before
+        return ""
+
+    def preview(self, context: PlanContext, name: str) -> PlannedStep:
+        """Say what it would do; what it refuses is an error."""
+        del context
+        return PlannedStep(name=name, verb=self.verb, what=f"of {', '.join(self.needs)}")
+
+    def depends_on(self, plan: "Plan") -> tuple[object, ...]:
+        """Return parts of the plan, apart from itself and its defaults, that its result is of."""
+        del plan
+        return ()
+
+    def run(self, context: "RunContext", name: str) -> list[Path]:
+        """Do it, and return the files that it wrote."""
+        del context, name
+        return []
+
+    def result(
+        self, context: "RunContext", name: str, files: list[Path], *, now: bool
+    ) -> "StepResult":
+        """Return what it gave, from the files that it wrote now or in an earlier run."""
+        raise NotImplementedError
+
+    @staticmethod
+    def section(steps: "Sequence[Any]", result: "PlanResult") -> "Section | None":
+        """Return the section of the report on all steps of this verb."""
+        del steps, result
+        return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StepResult:
+    """What a step gave."""
+
+    name: str
+    """Name of the step."""
+
+    @property
+    def figures(self) -> "tuple[MeasuredCharacteristic, ...]":
+        """What it measured of the stage."""
+        return ()
+
+    def plain(self, result: "PlanResult") -> dict[str, Any]:
+        """Return what ``results.json`` keeps of it beside its name and verb."""
+        raise NotImplementedError
+
+    @property
+    def line(self) -> str:
+        """What a terminal says of it beside its figures."""
+        return ""
+
+    @property
+    def table(self) -> "Table | None":
+        """What a terminal shows of it beside its figures."""
+        return None
+
+    def model_entry(
+        self, context: "RunContext", stage: "StageEntry", runs: Mapping[str, str]
+    ) -> "ModelEntry | None":
+        """Return what the catalogue keeps of a model; `runs` are identifiers of records by file."""
+        del context, stage, runs
+        return None

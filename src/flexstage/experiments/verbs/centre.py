@@ -1,0 +1,225 @@
+"""The verb *centre*: an encoder scale is centred with the stage on a simulated turning table."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+from flexstage.errors import PlanError
+from flexstage.experiments.axis_limits import axis_setting
+from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
+from flexstage.files.decoder import read_json
+from flexstage.files.format import Format
+from flexstage.files.ranges import Range, Seed, require_ranges
+from flexstage.files.write import write_whole
+from flexstage.section import Bullets, Section
+from flexstage.table import Column, table
+from flexstage.units import DIMENSIONS, Angle, Length
+
+if TYPE_CHECKING:
+    from flexstage.experiments.plan import Plan
+    from flexstage.experiments.results import PlanResult
+    from flexstage.experiments.run_context import RunContext
+    from flexstage.section import Content
+
+_SIZE = Range(low=0.0, high=1e3, above=True)
+_RESULT = Format(
+    noun="result of centring",
+    error=PlanError,
+    finite=False,
+    exact=True,
+    mend="remove the file, and the step is repeated when the run is continued with --resume",
+)
+_NOTES = ("table and heads are simulated; the scale is where the stage's sensors say that it is",)
+_UM = 1e6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Centre(Verb):
+    """Centres an encoder scale on a turning table; table and heads are simulated."""
+
+    verb: ClassVar[str] = "centre"
+    moving: ClassVar[bool] = True
+
+    axes: tuple[str, str] = ("x", "y")
+    """The two axes that carry the scale."""
+    sensors: tuple[str, str] = ("x", "y")
+    """The sensors that read where they carry it."""
+    radius: Annotated[Length, _SIZE] = 50e-3
+    """Radius at which the scale is read [m]."""
+    eccentricity: Annotated[tuple[float, float], DIMENSIONS["length"]] = (14e-6, -11e-6)
+    """Centre of the scale on the table when both axes are in their middle [m]."""
+    heads: tuple[Angle, ...] = (0.0, 1.6, 3.1, 4.8)
+    """Where the heads stand [rad]."""
+    mounting_angle: Angle = 0.4
+    """Angle of the stage on the table [rad]."""
+    noise: Annotated[Angle, _SIZE] = 4.8e-6
+    """Standard deviation of a head's reading [rad]."""
+    target: Annotated[Length, _SIZE] = 0.1e-6
+    """Eccentricity that shall be reached [m]."""
+    moves: Annotated[int, Range(low=1, high=100)] = 3
+    """The most moves towards the centre."""
+    closed_loop: bool = True
+    """Whether the axes move under position control where they can."""
+    seed: Seed = 0
+    """Seed of the scale's errors and of the noise."""
+
+    def __post_init__(self) -> None:
+        require_ranges(self, PlanError, self.verb)
+        if not max(abs(e) for e in self.eccentricity) < self.radius:
+            raise PlanError(
+                f"the eccentricity of centre must be smaller than its radius of {self.radius:g} m, "
+                f"got {self.eccentricity[0]:g} and {self.eccentricity[1]:g} m"
+            )
+        for what, two in (("axes", self.axes), ("sensors", self.sensors)):
+            if two[0] == two[1]:
+                raise PlanError(f"centre needs two {what}, got '{two[0]}' twice")
+        if not self.heads:
+            raise PlanError("centre needs one head at least, got none")
+
+    def axis_of(self, plan: "Plan") -> str:
+        del plan
+        return "".join(self.axes)
+
+    def reads(self, before: Mapping[str, Verb]) -> tuple[str, ...]:
+        del before
+        return self.sensors
+
+    def preview(self, context: PlanContext, name: str) -> PlannedStep:
+        for axis in self.axes:
+            axis_setting(context.stage, axis, closed_loop=True)
+        what = f"up to {self.moves + 2} moves of {', '.join(self.axes)}"
+        return PlannedStep(name=name, verb=self.verb, what=what)
+
+    def run(self, context: "RunContext", name: str) -> list[Path]:
+        from flexstage.centring.procedure import centre
+        from flexstage.experiments.command import park
+        from flexstage.experiments.positioner import InstrumentPositioner
+        from flexstage.virtual.table import VirtualBench, VirtualTable
+
+        park(context.instrument, self.axes)
+        first, second = (context.plan.sensor(s).channel for s in self.sensors)
+        positioner = InstrumentPositioner(
+            context.instrument,
+            context.stage,
+            self.axes,
+            (first, second),
+            closed_loop=self.closed_loop,
+            angle=self.mounting_angle,
+        )
+        positioner.to_middle()
+        table = VirtualTable(
+            radius=self.radius,
+            heads=self.heads,
+            eccentricity=self.eccentricity,
+            noise=self.noise,
+            seed=self.seed,
+        )
+        bench = VirtualBench(table, positioner)
+        done = centre(bench.measure, positioner, target=self.target, moves=self.moves)
+        moves = []
+        for step, true in zip(done.steps, bench.true_lengths, strict=True):
+            length = step.reading.length
+            moves.append(
+                CentredMove(
+                    kind=step.kind,
+                    command=(float(step.command[0]), float(step.command[1])),
+                    eccentricity=(float(step.reading.vector[0]), float(step.reading.vector[1])),
+                    length=length.value,
+                    uncertainty=length.expanded,
+                    predicted=None if step.predicted is None else step.predicted.value,
+                    true_length=true,
+                )
+            )
+        result = CentredStep(
+            name=name,
+            axes=self.axes,
+            target=self.target,
+            reached=done.reached,
+            reason=done.reason,
+            moves=tuple(moves),
+            notes=_NOTES,
+        )
+        target = context.folder / "records" / f"{name}.json"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(target, json.dumps(asdict(result), indent=1) + "\n")
+        return [target]
+
+    def result(
+        self, context: "RunContext", name: str, files: list[Path], *, now: bool
+    ) -> "CentredStep":
+        del context, now
+        file = files[0]
+        return read_json(
+            CentredStep, file.read_bytes(), f"the result of step '{name}' in {file}", _RESULT
+        )
+
+    @staticmethod
+    def section(steps: "Sequence[CentredStep]", result: "PlanResult") -> Section:
+        del result
+        heads = (
+            Column("move"), "kind", "x [µm]", "y [µm]", "eccentricity [µm]", "± (95 %)",
+            "expected [µm]", "true [µm]",
+        )  # fmt: skip
+        content: list[Content] = []
+        for step in steps:
+            rows = []
+            for i, m in enumerate(step.moves):
+                lengths = (*m.command, m.length, m.uncertainty, m.predicted, m.true_length)
+                shown = ("" if length is None else f"{length * _UM:.3f}" for length in lengths)
+                rows.append((i, m.kind, *shown))
+            words = (
+                f"Step {step.name}: target {step.target * _UM:.3g} µm; {step.reason}. The scale "
+                "and its heads are simulated, so the true one is known."
+            )
+            content += [words, table("", heads, rows), Bullets(step.notes)]
+        return Section(title="Centring", key="centring", content=tuple(content))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CentredMove:
+    """One measurement of the eccentricity, and what was done before it."""
+
+    kind: str
+    """``start``, ``trial`` or ``move``."""
+    command: tuple[float, float]
+    """Commands of the axes, from the middle of their ranges [m]."""
+    eccentricity: tuple[float, float]
+    """Centre of the scale that was measured then, x and y on the table [m]."""
+    length: float
+    """Its distance from the centre [m]."""
+    uncertainty: float
+    """Expanded uncertainty of that at 95 % [m]."""
+    predicted: float | None
+    """What the move was expected to leave [m]; None before the moves were known."""
+    true_length: float
+    """Where the centre of the simulated scale really was [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CentredStep(StepResult):
+    """A scale that was centred."""
+
+    axes: tuple[str, str]
+    """The axes that moved it."""
+    target: float
+    """Eccentricity that was asked for [m]."""
+    reached: bool
+    """Whether the upper end of the 95 % interval of what was measured last is below it."""
+    reason: str
+    """Why it ended."""
+    moves: tuple[CentredMove, ...]
+    """Every measurement and move."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know."""
+
+    def plain(self, result: "PlanResult") -> dict[str, Any]:
+        del result
+        own = asdict(self)
+        return {"axis": "".join(own.pop("axes")), **{k: own[k] for k in own if k != "name"}}
+
+    @property
+    def line(self) -> str:
+        first, last = self.moves[0].length, self.moves[-1].length
+        return f"{self.name}: {_UM * first:.2f} um became {_UM * last:.3f} um: {self.reason}"

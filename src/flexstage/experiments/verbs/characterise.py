@@ -1,0 +1,207 @@
+"""The verb *characterise*: records are evaluated as the tests that they are."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, cast
+
+import numpy as np
+
+from flexstage.characteristic import MeasuredCharacteristic
+from flexstage.errors import PlanError
+from flexstage.estimate import Component
+from flexstage.experiments.campaign.plan import Campaign, Columns, Test
+from flexstage.experiments.campaign.results import Characterisation, figure_of
+from flexstage.experiments.command import RESPONSE
+from flexstage.experiments.verb import StepResult, Verb
+from flexstage.experiments.verbs.measure import Measure
+from flexstage.records import Channel, Record
+
+if TYPE_CHECKING:
+    from flexstage.experiments.plan import Plan
+    from flexstage.experiments.results import PlanResult
+    from flexstage.experiments.run_context import RunContext
+
+#: Cycles without which a motion and its drift cannot be told apart.
+_FEWEST_CYCLES = 3
+#: Roles that a kind of test reads.
+_ROLES: dict[str, tuple[str, ...]] = {
+    "motion": ("along", "across", "vertical", "roll", "pitch", "yaw"),
+    "positioning": ("along",),
+    "staircase": ("along",),
+    "hold": ("along",),
+    "workspace": ("x", "y"),
+    "response": (),
+}
+_SIMULATED = ("the instrument is a simulation: nothing was measured",)
+_COMMANDED = ("motion", "positioning", "staircase")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Characterise(Verb):
+    """Evaluates records as the tests that they are."""
+
+    verb: ClassVar[str] = "characterise"
+    uses: ClassVar[tuple[str, ...]] = ("measure",)
+
+    of: tuple[str, ...]
+    """Steps that measured, each with a kind of test."""
+
+    def __post_init__(self) -> None:
+        if not self.of:
+            raise PlanError("characterise needs one step at least that measures, got none")
+        if twice := sorted({name for name in self.of if self.of.count(name) > 1}):
+            raise PlanError(f"characterise names '{twice[0]}' twice: name it once")
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return self.of
+
+    def refused(self, name: str, other: str, used: Verb) -> str:
+        if said := Verb.refused(self, name, other, used):
+            return said
+        if cast("Measure", used).test is None:
+            return (
+                f"step '{name}' evaluates '{other}', which does not say what kind of test it is: "
+                "give it 'test'"
+            )
+        return ""
+
+    def missing(self, name: str, before: Mapping[str, Verb]) -> str:
+        for other in self.of:
+            record = cast("Measure", before[other])
+            cycles = before[record.of].motion_cycles
+            if record.test == "motion" and cycles is not None and cycles < _FEWEST_CYCLES:
+                return (
+                    f"step '{name}' evaluates the motion '{other}', which needs {_FEWEST_CYCLES} "
+                    f"cycles at least, got {cycles:g}"
+                )
+        return ""
+
+    def depends_on(self, plan: "Plan") -> tuple[object, ...]:
+        return (plan.sensors, *(plan.step(name).action for name in self.of))
+
+    def result(
+        self, context: "RunContext", name: str, files: list[Path], *, now: bool
+    ) -> "CharacterisedStep":
+        from flexstage.experiments.campaign.evaluate import evaluate
+
+        del files, now
+        campaign = Campaign(
+            stage=context.plan.stage,
+            origin=context.origin,
+            instruments=tuple(sensor.instrument for sensor in context.plan.sensors),
+            tests=tuple(_test(context, step) for step in self.of),
+            notes=(*(_SIMULATED if context.origin == "virtual" else ()), *context.plan.notes),
+        )
+
+        def load(test: Test) -> list[Record]:
+            record = context.measured(test.name).evaluated
+            if test.kind != "workspace":
+                return [record]
+            return [corner_visits(record, test.columns.x or "", test.columns.y or "")]
+
+        found = evaluate(campaign, load)
+        return CharacterisedStep(name=name, found=found, ratios=tuple(_ratios(context, found)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CharacterisedStep(StepResult):
+    """Figures of tests."""
+
+    found: Characterisation
+    """What the tests gave, with the curves behind each figure."""
+    ratios: tuple[MeasuredCharacteristic, ...] = ()
+    """Motion of the platform over that of the drive, of the motions that were commanded in metres.
+    """
+
+    @property
+    def figures(self) -> tuple[MeasuredCharacteristic, ...]:
+        """All figures, test by test."""
+        own = tuple(figure for result in self.found.results for figure in result.figures)
+        return (*own, *self.ratios)
+
+    def plain(self, result: "PlanResult") -> dict[str, Any]:
+        return {
+            "figures": [result.plain_figure(f) for f in self.figures],
+            "notes": {r.test.name: list(r.notes) for r in self.found.results if r.notes},
+        }
+
+
+def _ratios(context: "RunContext", found: Characterisation) -> Iterator[MeasuredCharacteristic]:
+    """Give the ratio of each axis that a screw drives."""
+    for result in found.results:
+        stroke = result.details.get("stroke")
+        record = context.measured(result.test.name).record
+        if stroke is None or record.channel("command").unit != "m":
+            continue
+        sensor = found.campaign.instrument(result.test.along)
+        gain = stroke.gain.times(math.copysign(1.0, stroke.gain.value), "1")
+        if sensor is not None:
+            # what a sensor is off by is a share of the stroke, and so of the ratio
+            share = math.hypot(sensor.calibration, 0.5 * sensor.alignment**2)
+            part = Component(name="sensitivity", uncertainty=share * gain.value, kind="B")
+            gain = gain.plus(part)
+        note = "slope of the platform's motion over that of the drive"
+        yield figure_of(found.campaign, result.test, "transmission_ratio", gain, note)
+
+
+def _test(context: "RunContext", name: str) -> Test:
+    """Return the description of a test that a step has measured."""
+    action = cast("Measure", context.plan.step(name).action)
+    kind = action.test or ""
+    source = context.plan.step(action.of).action
+    axis = context.plan.axis_of(name)
+    roles = {r: s for r, s in action.roles.items() if r in _ROLES[kind]}
+    given: dict[str, Any] = dict(roles)
+    if kind in _COMMANDED:
+        given["command"] = "command"
+    if kind == "workspace":
+        given["corner"] = "corner"
+    if kind == "response":
+        outputs = action.output or ((axis,) if source.struck else ())
+        given["input"] = "force" if source.struck else "voltage"
+        given["output"] = tuple(map(RESPONSE.format, outputs)) if source.struck else outputs
+    return Test(
+        name=name,
+        kind=kind,
+        axis=axis,
+        records=(context.measured(name).file.name,),
+        columns=Columns(**given),
+        along=action.along or action.x,
+        transverse=action.across or action.vertical,
+        angle=action.yaw or action.pitch or action.roll,
+        excitation=source.response if kind == "response" else "auto",
+        modes=action.modes,
+        band=action.band,
+        confidence=action.confidence,
+        smallest_steps=action.smallest_steps,
+        smallest_step=action.smallest_step,
+    )
+
+
+def corner_visits(record: Record, x: str, y: str) -> Record:
+    """Average the readings of two sensors over each rest at a corner: a row for each visit."""
+    number = record.channel("corner").values
+    edges = np.flatnonzero(np.diff(number) != 0.0) + 1
+    parts = [p for p in np.split(np.arange(number.size), edges) if p.size and number[p[0]] >= 0.0]
+    if len(parts) < 2:
+        raise PlanError("the record shows no rest at a corner")
+    return Record(
+        channels=(
+            Channel(name="corner", values=np.array([number[p[0]] for p in parts]), unit="1"),
+            *(
+                Channel(
+                    name=s,
+                    values=np.array([record.channel(s).values[p].mean() for p in parts]),
+                    unit="m",
+                )
+                for s in (x, y)
+            ),
+        ),
+        time=np.arange(float(len(parts))),
+        source=record.source,
+        notes=record.notes,
+        over="point",
+    )

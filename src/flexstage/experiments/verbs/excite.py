@@ -1,0 +1,227 @@
+"""The verb *excite*: a command of one axis or two is designed, each kind in a file of its own."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.errors import LimitError, PlanError
+from flexstage.experiments.axis_limits import AxisSetting, axis_setting
+from flexstage.experiments.command import Command, CommandWaveform, require_size
+from flexstage.experiments.verb import (
+    PlanContext,
+    PlannedMotion,
+    PlannedStep,
+    StepResult,
+    Verb,
+)
+from flexstage.files.ranges import Range, require_ranges
+from flexstage.instruments.limits import check_waveform
+from flexstage.instruments.waveform import Waveform
+from flexstage.stage.limits import AxisLimits
+
+if TYPE_CHECKING:
+    from flexstage.experiments.plan import Plan
+    from flexstage.experiments.results import PlanResult
+    from flexstage.experiments.run_context import RunContext
+
+#: What stands for above nothing.
+TINY = 1e-12
+SOME = Range(low=TINY, high=1e6)
+NONE_OR_SOME = Range(low=0.0, high=1e6)
+#: Of a largest slew or speed, this share is used.
+OF_RATE = 0.8
+#: Cycles, and lines of small sines, need this many samples.
+SAMPLES_PER_CYCLE = 10.0
+#: Highest rate of samples of an instrument that nobody has asked [Hz].
+BASE_RATE_HZ = 10e3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Excite(Verb):
+    """A command of one axis or two.
+
+    Ends and places are shares of what the axis may do, from 0 at its low end to 1 at its high end:
+    of the voltage of a piezo stack, of the travel of a screw, and under position control of the
+    positions that the axis reaches.
+    """
+
+    verb: ClassVar[str] = "excite"
+    kind: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        require_ranges(self, PlanError, self.kind)
+
+    @property
+    def moved(self) -> tuple[str, ...]:
+        """The axes that it moves."""
+        own = getattr(self, "axis", None)
+        return (own,) if own is not None else tuple(getattr(self, "axes", ()))
+
+    def axis_of(self, plan: "Plan") -> str:
+        del plan
+        return "".join(self.moved)
+
+    def settings(self, context: PlanContext) -> dict[str, AxisSetting]:
+        """Return what its axes allow."""
+        return {
+            axis: axis_setting(
+                context.stage,
+                axis,
+                closed_loop=bool(getattr(self, "closed_loop", False)),
+                limits=context.limits(axis),
+                natural_frequency_hz=context.frequency,
+            )
+            for axis in self.moved
+        }
+
+    def command(
+        self,
+        settings: Mapping[str, AxisSetting],
+        sample_rate_hz: float,
+        *,
+        base_rate_hz: float = BASE_RATE_HZ,
+    ) -> Command:
+        """Return what is run.
+
+        A faster rate is taken for small sines; every rate is a whole part of the base rate, the
+        highest of the instrument [Hz].
+
+        Examples
+        --------
+        >>> from flexstage.experiments.excitations import EqualCycles
+        >>> x = AxisSetting(axis="x", quantity="voltage", low=0.0, high=120.0)
+        >>> made = EqualCycles(axis="x", rate=0.5, cycles=3).command({"x": x}, 1000.0)
+        >>> made.duration, made.first, float(made.values["x"].max())
+        (8.001, 2000, 120.0)
+        """
+        return self.samples(settings, sample_rate_hz, base_rate_hz)
+
+    def samples(
+        self, settings: Mapping[str, AxisSetting], sample_rate_hz: float, base_rate_hz: float
+    ) -> CommandWaveform:
+        """Return its samples, no more than fit into memory."""
+        fs = whole_part(sample_rate_hz, base_rate_hz)
+        made = self.design([settings[axis] for axis in self.moved], fs, base_rate_hz)
+        require_size(made.waveform.size, self.kind)
+        return made
+
+    def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
+        """Return its samples at a rate and the highest of the instrument [Hz]."""
+        raise NotImplementedError
+
+    def preview(self, context: PlanContext, name: str) -> PlannedStep:
+        settings = self.settings(context)
+        rate = context.plan.defaults.command_rate
+        made = self.samples(settings, rate, context.base_rate_hz)
+        problem = ""
+        try:
+            check_waveform({a: _limits(s) for a, s in settings.items()}, made.waveform)
+        except LimitError as error:
+            problem = str(error)
+        return PlannedStep(
+            name=name,
+            verb=self.verb,
+            what=f"{self.kind} of {', '.join(self.moved)}",
+            command_duration=made.duration,
+            samples=made.waveform.size,
+            motions=tuple(_motion(made.waveform, s) for s in settings.values()),
+            notes=made.notes,
+            problem=problem,
+        )
+
+    def result(
+        self, context: "RunContext", name: str, files: list[Path], *, now: bool
+    ) -> "CommandedStep":
+        del files, now
+        rate = context.plan.defaults.command_rate
+        made = self.command(self.settings(context), rate, base_rate_hz=context.base_rate_hz)
+        context.commands[name] = made
+        return CommandedStep(
+            name=name,
+            axis="".join(self.moved),
+            kind=self.kind,
+            time=made.time,
+            values=made.values,
+            unit=made.unit,
+            notes=made.notes,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CommandedStep(StepResult):
+    """A command that was designed."""
+
+    axis: str
+    """The axis, or both such as ``xy``."""
+    kind: str
+    """Kind of the command."""
+    time: Array
+    """Times of its samples [s], shape (n,); empty of blows."""
+    values: Mapping[str, Array]
+    """Its samples by axis [V or m], each of shape (n,)."""
+    unit: str
+    """Unit of the samples."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know."""
+
+    def plain(self, result: "PlanResult") -> dict[str, Any]:
+        del result
+        return {
+            "axis": self.axis,
+            "kind": self.kind,
+            "unit": self.unit,
+            "samples": int(self.time.size),
+            "range": {a: [float(np.min(v)), float(np.max(v))] for a, v in self.values.items()},
+            "notes": list(self.notes),
+        }
+
+
+def require_span(kind: str, low: float, high: float) -> None:
+    """Refuse ends that are no shares of a range."""
+    if not 0.0 <= low < high <= 1.0:
+        raise PlanError(
+            f"{kind} must run from a low to a high share between 0 and 1, got {low:g} to {high:g}"
+        )
+
+
+def command_of(setting: AxisSetting, values: Array, rate: float, **more: Any) -> CommandWaveform:
+    """Return the command of one axis from its samples."""
+    waveform = Waveform(
+        values={setting.axis: values}, sample_rate_hz=rate, quantity=setting.quantity
+    )
+    return CommandWaveform(waveform=waveform, reference={}, **more)
+
+
+def whole_part(rate_hz: float, base_rate_hz: float) -> float:
+    """Return the rate nearest to another that is a whole part of the highest one.
+
+    Examples
+    --------
+    >>> whole_part(3000.0, 10e3)
+    3333.3333333333335
+    """
+    return base_rate_hz / max(round(base_rate_hz / rate_hz), 1)
+
+
+def _limits(s: AxisSetting) -> AxisLimits:
+    if s.quantity == "voltage":
+        return AxisLimits(voltage=(s.low, s.high), slew=s.largest_rate)
+    return AxisLimits(position=(s.low, s.high), speed=s.largest_rate)
+
+
+def _motion(waveform: Waveform, s: AxisSetting) -> PlannedMotion:
+    values = waveform.values[s.axis]
+    return PlannedMotion(
+        axis=s.axis,
+        unit="V" if s.quantity == "voltage" else "m",
+        low=float(np.min(values)),
+        high=float(np.max(values)),
+        largest_rate=waveform.largest_rate(s.axis),
+        limits=(s.low, s.high),
+        rate_limit=s.largest_rate,
+        estimated=s.estimated,
+    )

@@ -1,0 +1,240 @@
+"""The verb *measure*: a command is run, and what sensors read is recorded."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+from flexstage.errors import PlanError
+from flexstage.experiments.campaign.plan import KINDS
+from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
+from flexstage.files.ranges import INNER_SHARE, POSITIVE, Range, require_ranges
+from flexstage.quantities import number
+from flexstage.records import Record, read_record
+from flexstage.section import Section
+from flexstage.table import Column, table
+from flexstage.units import DIMENSIONS, Frequency, Length
+
+if TYPE_CHECKING:
+    from flexstage.experiments.plan import Plan
+    from flexstage.experiments.results import PlanResult
+    from flexstage.experiments.run_context import RunContext
+
+#: Sensors by what they read in a test.
+ROLES: tuple[str, ...] = ("along", "across", "vertical", "roll", "pitch", "yaw", "x", "y")
+_TESTS = ("motion", "positioning", "staircase", "hold", "response", "workspace")
+#: Sensors without which a test cannot be evaluated.
+_NEEDED: dict[str, tuple[str, ...]] = {
+    "motion": ("along",),
+    "positioning": ("along",),
+    "staircase": ("along",),
+    "hold": ("along",),
+    "workspace": ("x", "y"),
+}
+
+SampleRate = Annotated[Frequency, Range(low=1e-3, high=1e7)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measure(Verb):
+    """Runs a command, and records what sensors read."""
+
+    verb: ClassVar[str] = "measure"
+    uses: ClassVar[tuple[str, ...]] = ("excite", "compensate")
+    moving: ClassVar[bool] = True
+
+    of: str
+    """The earlier step whose command is run."""
+    test: str | None = None
+    """Kind of test that the record is, as `characterise` takes it; none where it is only used to
+    identify.
+    """
+    along: str | None = None
+    """The sensor that reads along the axis."""
+    across: str | None = None
+    """The sensor that reads across it, in the plane."""
+    vertical: str | None = None
+    """The sensor that reads out of the plane."""
+    roll: str | None = None
+    """The sensor that reads the roll."""
+    pitch: str | None = None
+    """The sensor that reads the pitch."""
+    yaw: str | None = None
+    """The sensor that reads the yaw."""
+    x: str | None = None
+    """The sensor that reads along x, of a workspace."""
+    y: str | None = None
+    """The sensor that reads along y, of a workspace."""
+    output: tuple[str, ...] = ()
+    """Of a response: the sensors that follow. Of a blow: the axes whose acceleration is read."""
+    also: tuple[str, ...] = ()
+    """Further sensors to record."""
+    rate: SampleRate | None = None
+    """Rate of samples [Hz]; that of the plan where not given."""
+    confidence: Annotated[float, INNER_SHARE] = 0.95
+    """Of a staircase: confidence at which steps are told apart [1]."""
+    smallest_steps: bool = False
+    """Of a staircase: whether its steps are the smallest that the drive makes."""
+    smallest_step: Annotated[Length, POSITIVE] | None = None
+    """Of a motion commanded in metres: the smallest step of the drive [m]."""
+    modes: Annotated[int, Range(low=1, high=100)] | None = None
+    """Of a response: how many modes are fitted."""
+    band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
+    """Of a response: the band that is fitted [Hz]."""
+
+    def __post_init__(self) -> None:
+        if self.test is not None and self.test not in _TESTS:
+            known = "cannot be made here" if self.test in KINDS else "is not known"
+            raise PlanError(
+                f"the kind of test '{self.test}' {known}: choose from {', '.join(_TESTS)}"
+            )
+        require_ranges(self, PlanError, self.verb)
+        if self.band is not None and not 0.0 <= self.band[0] < self.band[1]:
+            raise PlanError(
+                f"the band of a response must rise from 0 Hz or more, got {self.band[0]:g} to "
+                f"{self.band[1]:g} Hz"
+            )
+
+    @property
+    def roles(self) -> dict[str, str]:
+        """Sensors by what they read."""
+        return {r: s for r in ROLES if (s := getattr(self, r)) is not None}
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return (self.of,)
+
+    def reads(self, before: Mapping[str, Verb]) -> tuple[str, ...]:
+        # the accelerations of a blow are not the sensors of the plan
+        output = () if before[self.of].struck else self.output
+        return (*self.roles.values(), *output, *self.also)
+
+    def missing(self, name: str, before: Mapping[str, Verb]) -> str:
+        if self.test is None:
+            return ""
+        source = before[self.of]
+        if missing := [r for r in _NEEDED.get(self.test, ()) if r not in self.roles]:
+            return (
+                f"step '{name}' is a test of kind {self.test} and does not say which sensor "
+                f"reads {' and '.join(missing)}"
+            )
+        if self.test == "workspace" and not source.corners:
+            return f"step '{name}' is a test of kind workspace: it needs a step of corners"
+        if self.test == "response" and not self.output and not source.struck:
+            return f"step '{name}' is a test of kind response: name its sensors as 'output'"
+        return ""
+
+    def preview(self, context: PlanContext, name: str) -> PlannedStep:
+        source = context.planned[self.of]
+        step = PlannedStep(name=name, verb=self.verb, what="")
+        if source.problem:
+            return replace(step, problem=f"'{source.name}' cannot be made")
+        if context.plan.step(self.of).action.struck:
+            return replace(step, what=f"force and response of {source.what}", signals=2)
+        return replace(
+            step,
+            what=f"{self.test or 'for identification'}, {self.sample_rate(context.plan):g} Hz",
+            duration=source.command_duration,
+            samples=source.samples,
+            signals=len({*self.roles.values(), *self.output, *self.also}),
+            motions=source.motions,
+        )
+
+    def sample_rate(self, plan: "Plan") -> float:
+        """Return the rate of samples [Hz]."""
+        return self.rate or plan.defaults.rate
+
+    def run(self, context: "RunContext", name: str) -> list[Path]:
+        command = context.commands[self.of]
+        about = context.metadata(name, self.test or "identification", self.axis_of(context.plan))
+        signals = command.signals(context, self)
+        if not signals:
+            raise PlanError(f"step '{name}' records nothing: name a sensor")
+        stream = context.folder / "records" / f"{name}.stream"
+        rate = self.sample_rate(context.plan)
+        return [command.record(context.instrument, signals, rate, stream, about)]
+
+    def result(
+        self, context: "RunContext", name: str, files: list[Path], *, now: bool
+    ) -> "MeasuredStep":
+        record = read_record(files[0])
+        first, period = context.commands[self.of].prepared(record)
+        return MeasuredStep(
+            name=name,
+            axis=self.axis_of(context.plan),
+            test=self.test or "",
+            record=record,
+            first=first,
+            period=period,
+            file=files[0],
+            repeated=now,
+            notes=record.notes,
+        )
+
+    @staticmethod
+    def section(steps: "Sequence[MeasuredStep]", result: "PlanResult") -> Section:
+        del result
+        rows = (
+            (
+                step.name,
+                step.axis,
+                step.test or "identification",
+                len(step.record.channels),
+                step.record.size,
+                number(step.record.sample_rate_hz),
+                step.file.name,
+                "" if step.repeated else "taken by an earlier run of this plan",
+            )
+            for step in steps
+        )
+        heads = (
+            Column("Step", "title"), "<Axis", "<Serves", "Signals", "Samples", "Rate [Hz]", "<File",
+            "<",
+        )  # fmt: skip
+        return Section(title="What was recorded", key="record", content=(table("", heads, rows),))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasuredStep(StepResult):
+    """A record that was taken."""
+
+    axis: str
+    """The axis, or both such as ``xy``."""
+    test: str
+    """Kind of test that it is; empty where it only serves to identify."""
+    record: Record
+    """All samples."""
+    first: int
+    """Number of samples at its beginning that prepare, and are not evaluated."""
+    period: int
+    """Samples of a cycle; 0 where there are none."""
+    file: Path
+    """The file that holds it."""
+    repeated: bool
+    """Whether it was taken now; False where an earlier run of the same plan had taken it."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know."""
+
+    @property
+    def evaluated(self) -> Record:
+        """The record without what prepares."""
+        if self.first == 0 or self.record.over != "time":
+            return self.record
+        kept = slice(self.first, None)
+        return replace(
+            self.record,
+            channels=tuple(replace(c, values=c.values[kept]) for c in self.record.channels),
+            time=self.record.time[kept] - self.record.time[self.first],
+        )
+
+    def plain(self, result: "PlanResult") -> dict[str, Any]:
+        return {
+            "axis": self.axis,
+            "test": self.test,
+            "file": result.relative(self.file),
+            "samples": self.record.size,
+            "sample_rate_hz": self.record.sample_rate_hz,
+            "columns": {c.name: c.unit for c in self.record.channels},
+            "taken_now": self.repeated,
+            "notes": list(self.notes),
+        }

@@ -1,0 +1,286 @@
+"""Ways of following a reference: open loop, inverse, feedback, both, and learning."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexstage.control import LearningSettings, Way, compensate, control_run, learn, tune
+from flexstage.control.feedforward import conditioning_waveform, shifted_model
+from flexstage.control.two_degree_of_freedom import ControlRun, made_ready
+from flexstage.errors import ModelError, PlanError
+from flexstage.experiments.command import CommandWaveform, park, prepare_loops
+from flexstage.experiments.reference import (
+    ReferenceTrajectory,
+    joined,
+    reference_of,
+    settled_range,
+)
+from flexstage.experiments.verbs.verify import LEARNING, NOTES, Verify
+from flexstage.instruments.protocol import Capability, Signal
+from flexstage.instruments.record_run import run_waveform
+from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.instruments.waveform import Waveform
+from flexstage.records import Record
+from flexstage.system.servo import ServoSettings
+
+if TYPE_CHECKING:
+    from flexstage.experiments.run_context import RunContext
+
+#: Samples of the loop from a reading to the voltage that answers it; and from reading to target.
+_LOOP_DELAY, _READING_DELAY = 2.0, 1.0
+#: A reference slower than this does not need what is at the mains' frequency [Hz].
+_SLOW_HZ, _MAINS_HZ = 10.0, 50.0
+#: Readings that are averaged to find by how much the zero of the sensor has moved.
+_READINGS = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackingSetup:
+    """What all ways of a step share."""
+
+    name: str
+    """Name of the step."""
+    action: Verify
+    """The step."""
+    course: ReferenceTrajectory
+    """The reference, by the model with the zero that the sensor has now."""
+    signals: tuple[Signal, ...]
+    """What is recorded."""
+    rate_hz: float
+    """Rate of samples of the records [Hz]."""
+    shift: float
+    """By how much the zero of the sensor has moved since the model was identified [m]."""
+
+
+def tracking_setup(context: "RunContext", name: str, action: Verify) -> TrackingSetup:
+    """Look where the zero of the sensor is now, and make the reference for it."""
+    controlled = any(way in ("feedback", "both") for way in action.ways)
+    course = reference_of(context, action.model, action.reference, controlled=controlled)
+    axis = course.axis
+    signals = (
+        context.signal(action.along),
+        Signal(kind="voltage", source=axis, name="voltage", unit="V"),
+    )
+    rate = action.sample_rate(context.plan)
+    made = compensate(
+        {axis: course.model},
+        course.trajectory,
+        periods=course.settle + course.cycles,
+        limits={axis: course.limits},
+    )
+    prepare_loops(context.instrument, [axis], "voltage")
+    park(context.instrument, [axis])
+    record = run_waveform(context.instrument, made.lead_in, signals, rate_hz=min(rate, 1000.0))
+    reading = float(np.mean(record.channel(action.along).values[-_READINGS:]))
+    shift = reading - made.predicted[axis]
+    moved = shifted_model(course.model, shift)
+    course = reference_of(context, action.model, action.reference, moved, controlled=controlled)
+    return TrackingSetup(
+        name=name, action=action, course=course, signals=signals, rate_hz=rate, shift=shift
+    )
+
+
+def follow(context: "RunContext", own: TrackingSetup, way: str) -> Path:
+    """Follow a reference in one way, and record it."""
+    about = context.metadata(own.name, f"verify {way}", own.course.axis)
+    about = _with_settings(about, {"way": way, "shift of the zero [m]": f"{own.shift:.3e}"})
+    return _WAYS[way](context, own, about)
+
+
+def _with_settings(about: RunMetadata, more: Mapping[str, str]) -> RunMetadata:
+    return replace(about, settings={**about.settings, **more})
+
+
+def _recorded(
+    context: "RunContext",
+    own: TrackingSetup,
+    command: CommandWaveform,
+    about: RunMetadata,
+    feedforward: Waveform | None = None,
+) -> Path:
+    """Record a command with its notes, so that a run that is taken up again tells them too."""
+    if command.notes:
+        about = _with_settings(about, {NOTES: "\n".join(dict.fromkeys(command.notes))})
+    way = about.settings["way"].replace(" ", "-")
+    stream = context.folder / "records" / f"{own.name}.{way}.stream"
+    return command.record(
+        context.instrument, own.signals, own.rate_hz, stream, about, feedforward=feedforward
+    )
+
+
+def _open_loop(context: "RunContext", own: TrackingSetup, about: RunMetadata) -> Path:
+    """The voltage in proportion to the reference."""
+    course = own.course
+    axis, period = course.axis, course.positions
+    low, high = course.limits.voltage or (0.0, 0.0)
+    # the share of the stroke is that of the voltage too
+    bottom, top = float(period.min()), float(period.max())
+    span = (top - bottom) / _reach(course) * (high - low)
+    unit = (period - bottom) / (top - bottom)
+    unit = unit if course.model.sign > 0.0 else 1.0 - unit
+    one = 0.5 * (low + high) + span * (unit - 0.5)
+    rate = course.trajectory.sample_rate_hz
+    lead_in = conditioning_waveform(
+        {axis: (low, high)}, sample_rate_hz=rate, end={axis: float(one[0])}
+    )
+    whole = np.tile(one, course.settle + course.cycles)
+    voltage = Waveform(values={axis: whole}, sample_rate_hz=rate, quantity="voltage")
+    return _recorded(context, own, joined(course, lead_in, voltage, ()), about)
+
+
+def _reach(course: ReferenceTrajectory) -> float:
+    """Range of readings over all of the voltage [m]."""
+    voltage = course.limits.voltage or (0.0, 0.0)
+    _, (low, high) = settled_range(course.model, voltage, 1.0 / course.trajectory.period)
+    return high - low
+
+
+def _inverse(context: "RunContext", own: TrackingSetup, about: RunMetadata) -> Path:
+    run = _planned_run(own.course, Way.FEEDFORWARD)
+    assert run.lead_in is not None
+    return _recorded(context, own, joined(own.course, run.lead_in, run.waveform, run.notes), about)
+
+
+def _planned_run(
+    course: ReferenceTrajectory,
+    way: Way,
+    servo: ServoSettings | None = None,
+    reading_delay: float | None = None,
+    *,
+    repeat: bool = False,
+) -> ControlRun:
+    return control_run(
+        way,
+        course.trajectory,
+        periods=course.cycles,
+        models={course.axis: course.model},
+        servo=None if servo is None else {course.axis: servo},
+        limits={course.axis: course.limits},
+        reading_delay=reading_delay,
+        settling=course.settle,
+        repeat=repeat,
+    )
+
+
+def _controlled(way: Way, context: "RunContext", own: TrackingSetup, about: RunMetadata) -> Path:
+    """Follow the reference under position control, with or without voltages beside it."""
+    course = own.course
+    can = context.instrument.axes[course.axis].capabilities
+    if Capability.CLOSED_LOOP not in can:
+        name = about.settings["way"]
+        raise PlanError(
+            f"axis '{course.axis}' of the instrument has no position control: leave '{name}'"
+        )
+    if way is Way.BOTH and Capability.FEEDFORWARD_TABLE not in can:
+        raise PlanError(
+            f"axis '{course.axis}' takes no voltages under control: leave 'both' out of the ways"
+        )
+    servo, untuned = None, "the controller takes no other settings"
+    if Capability.SERVO_TUNING in can:
+        servo, untuned = _servo(course, context.base_rate_hz)
+    run = _planned_run(course, way, servo, _READING_DELAY / context.base_rate_hz)
+    if untuned:
+        said = f"the control kept the settings that the controller had: {untuned}"
+        run = replace(run, notes=(said, *run.notes))
+    if servo is not None:
+        about = _with_settings(about, {"servo": repr(servo)})
+    with _ready(context, own, run):
+        command = _command(course, run, run.waveform, run.notes)
+        return _recorded(context, own, command, about, run.feedforward)
+
+
+@contextmanager
+def _ready(context: "RunContext", own: TrackingSetup, run: ControlRun) -> Iterator[None]:
+    """Condition the drive and close the loop; settings of the control are as before after it."""
+    axis = own.course.axis
+    mover = context.instrument.axes[axis]
+    before = mover.servo() if run.servo else None
+    prepare_loops(context.instrument, [axis], "voltage")
+    park(context.instrument, [axis])
+    try:
+        with made_ready(context.instrument, run, own.signals):
+            yield
+    finally:
+        if before is not None:
+            mover.set_servo(before)
+
+
+def _command(
+    course: ReferenceTrajectory, run: ControlRun, waveform: Waveform, notes: tuple[str, ...]
+) -> CommandWaveform:
+    """Return one period, over and over, for what is wanted: the targets of a control are later."""
+    return CommandWaveform(
+        waveform=waveform,
+        cycles=run.cycles,
+        first=course.settle * course.positions.size,
+        period=course.positions.size,
+        reference={course.axis: course.positions},
+        notes=notes,
+    )
+
+
+def _servo(course: ReferenceTrajectory, loop_rate_hz: float) -> tuple[ServoSettings | None, str]:
+    """Settings by the model; or none, and why."""
+    if course.model.modes is None:
+        return None, (
+            "the model knows no natural frequency to tune to; give its step of identify a resonance"
+        )
+    lag = 0.0 if course.model.lag is None else course.model.lag.delay
+    slow = 1.0 / course.trajectory.period < _SLOW_HZ
+    try:
+        tuned = tune(
+            course.model,
+            sample_rate_hz=loop_rate_hz,
+            delay=max(lag, _LOOP_DELAY / loop_rate_hz),
+            mains_hz=_MAINS_HZ if slow else None,
+        )
+    except ModelError as error:
+        return None, f"the model gives no others ({error})"
+    return tuned.settings, ""
+
+
+def _learned(context: "RunContext", own: TrackingSetup, about: RunMetadata) -> Path:
+    """Learn the voltages of one period, then run the best ones."""
+    course, axis, action = own.course, own.course.axis, own.action
+    run = _planned_run(course, Way.FEEDFORWARD, repeat=True)
+    skip = course.settle * course.trajectory.period
+    with _ready(context, own, run):
+
+        def trial(voltage: Waveform) -> Record:
+            record = run_waveform(
+                context.instrument, voltage, own.signals, rate_hz=own.rate_hz, cycles=run.cycles
+            )
+            first = round(skip * record.sample_rate_hz)
+            return replace(
+                record,
+                channels=tuple(replace(c, values=c.values[first:]) for c in record.channels),
+                time=record.time[first:] - record.time[first],
+            )
+
+        found = learn(
+            trial,
+            course.trajectory,
+            run.waveform,
+            {axis: course.model},
+            LearningSettings(trials=action.trials - 1, periods=max(course.cycles, 2)),
+            limits={axis: course.limits},
+            columns={axis: action.along},
+        )
+        errors = " ".join(f"{t.rms:.6e}" for t in found.axes[axis].trials)
+        about = _with_settings(about, {LEARNING: errors})
+        return _recorded(context, own, _command(course, run, found.waveform, found.notes), about)
+
+
+#: What each way does.
+_WAYS: dict[str, Callable[["RunContext", TrackingSetup, RunMetadata], Path]] = {
+    "open loop": _open_loop,
+    "inverse": _inverse,
+    "feedback": partial(_controlled, Way.FEEDBACK),
+    "both": partial(_controlled, Way.BOTH),
+    "learning": _learned,
+}

@@ -1,0 +1,1 @@
+"""Bouc-Wen: its law, how it is fitted, and what it is in C and MATLAB."""

@@ -1,0 +1,1 @@
+"""Dahl: its law, how it is fitted, and what it is in C and MATLAB."""

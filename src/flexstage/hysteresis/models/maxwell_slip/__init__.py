@@ -1,0 +1,1 @@
+"""Generalised Maxwell-slip: its law, how it is fitted, and what it is in C and MATLAB."""

@@ -1,0 +1,110 @@
+"""How a generalised Maxwell-slip model is fitted."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.model_fit import FitData
+from flexstage.hysteresis.identification.refined_fit import RefinedFit, roughness
+from flexstage.hysteresis.models.maxwell_slip.law import GeneralisedMaxwellSlip
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii.fit import interior_kinks
+from flexstage.hysteresis.models.play import play_columns
+from flexstage.hysteresis.models.prandtl_ishlinskii.fit import (
+    PLAYS,
+    PrandtlIshlinskiiFit,
+)
+from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
+
+#: Kinks of the spring; there are as many elements as plays.
+_KINKS = 6
+#: Weight of the penalty on second differences against the misfit.
+_SMOOTHING = 3e-4
+#: Smallest slope after a turn of the plays that the search begins with, over the mean slope.
+_FLATTEST = 0.05
+
+
+class GeneralisedMaxwellSlipFit(RefinedFit):
+    """Springs, sliders and a bent spring; begun from the exact inverse of plays alone.
+
+    Parameters: stiffness, those of the elements, then the kinks of the spring. The penalty is on
+    second differences of stiffnesses and of kinks.
+    """
+
+    law = GeneralisedMaxwellSlip
+    size = 1 + PLAYS + _KINKS
+    penalty = _SMOOTHING * roughness(1, PLAYS, _KINKS)
+
+    def begin(self, data: FitData) -> Array:
+        stiffness, _, elements, _ = self._cached(data)
+        return np.concatenate((stiffness, elements, np.zeros(_KINKS)))
+
+    def bounds(self, data: FitData) -> tuple[Array, Array]:
+        slope = data.input_scale / data.measurement.stroke
+        low = np.zeros(self.size)
+        low[0] = 1e-3 * slope
+        low[1 + PLAYS :] = -np.inf
+        return low, np.full(self.size, slope)
+
+    def build(self, parameters: Array, data: FitData) -> GeneralisedMaxwellSlip:
+        _, thresholds, _, kinks = self._cached(data)
+        return GeneralisedMaxwellSlip(
+            stiffness=float(parameters[0]),
+            thresholds=thresholds,
+            element_stiffness=parameters[1 : 1 + PLAYS],
+            dead_zones=kinks,
+            dead_zone_weights=parameters[1 + PLAYS :],
+        )
+
+    def changes(self, p: Array, scale: Array, section: Section, data: FitData) -> Array:
+        # in closed form: the voltage is given, so that what a parameter adds to it the displacement
+        # y takes away again, by the slope of all springs at y less that of the sliders that slide;
+        # those that stick keep the change that they had where they last slid
+        model = self.build(p, data)
+        y = model.simulate(section.u).values
+        sliders = play_columns(y, model.thresholds)
+        beyond = y[:, None] - model.dead_zones
+        beyond = np.where(beyond * np.sign(model.dead_zones) > 0.0, beyond, 0.0)
+        slope = model.stiffness + (beyond != 0.0) @ model.dead_zone_weights
+        made = np.column_stack((y, y[:, None] - sliders, beyond))
+        _given_voltage(made, sliders, slope, model.element_stiffness)
+        return made * scale
+
+    def _cached(self, data: FitData) -> list[Array]:
+        """Stiffness, thresholds and stiffnesses of elements of the start, and the kinks."""
+        key = f"{self.kind} start"
+        if key not in data.memo:
+            # those of the first fit, so that they stay where they are when cycles are held out
+            plays = PrandtlIshlinskiiFit().fit(data).model
+            assert isinstance(plays, PrandtlIshlinskii)
+            kinks = interior_kinks(data, plays, _KINKS)
+            # plays that stand still after a turn, as where noise of the input or a delay blunts
+            # it, have no inverse; some slope there is enough to begin with
+            least = _FLATTEST * data.measurement.stroke / data.input_scale
+            start = replace(plays, gain=max(plays.gain, least))
+            gain, thresholds, weights = start.inverse_plays()
+            # a play is the displacement less a stop, so that negative plays are stops and a spring
+            data.memo[key] = [np.array([gain + weights.sum()]), thresholds, -weights, kinks]
+        return data.memo[key]
+
+
+@compiled
+def _given_voltage(made: Array, sliders: Array, slope: Array, stiffness: Array) -> None:
+    """Turn changes of the voltage at given displacements into those of the displacement."""
+    kept = np.zeros((sliders.shape[1], made.shape[1]))
+    before = np.zeros(sliders.shape[1])
+    for n in range(made.shape[0]):
+        now, total = made[n], slope[n]
+        for i in range(before.size):
+            if sliders[n, i] == before[i]:
+                total += stiffness[i]
+                for q in range(now.size):
+                    now[q] -= stiffness[i] * kept[i, q]
+        for q in range(now.size):
+            now[q] /= -total
+        for i in range(before.size):
+            if sliders[n, i] != before[i]:
+                before[i] = sliders[n, i]
+                kept[i] = now

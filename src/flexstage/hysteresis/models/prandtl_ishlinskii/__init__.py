@@ -1,0 +1,1 @@
+"""Prandtl-Ishlinskii: its law, how it is fitted, and what it is in C and MATLAB."""

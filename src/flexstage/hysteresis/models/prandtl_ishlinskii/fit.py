@@ -1,0 +1,42 @@
+"""How a Prandtl-Ishlinskii model is fitted."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.model_fit import FitData, LinearFit
+from flexstage.hysteresis.models.play import play_columns
+from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
+
+#: Number of plays.
+PLAYS = 20
+
+
+def _thresholds(data: FitData) -> Array:
+    """Thresholds of plays that are spread over all that the input can tell apart.
+
+    Small loops need more of them than large ones, so their distance grows; none is zero.
+    """
+    # a play of more than half of the range moves once, on the way out of rest
+    share = np.arange(1, PLAYS + 1) / (PLAYS + 1)
+    return 0.5 * data.input_scale * share**1.5
+
+
+class PrandtlIshlinskiiFit(LinearFit):
+    """Weights of plays that are not negative."""
+
+    law = PrandtlIshlinskii
+    size = 1 + PLAYS
+
+    def columns(self, section: Section, data: FitData) -> Iterator[Array]:
+        yield np.column_stack((section.u, play_columns(section.u, _thresholds(data))))
+
+    def build(self, coefficients: Array, data: FitData) -> PrandtlIshlinskii:
+        return PrandtlIshlinskii(
+            gain=float(coefficients[0]), thresholds=_thresholds(data), weights=coefficients[1:]
+        )
+
+    def names(self) -> tuple[str, ...]:
+        return ("gain", *(f"weights[{i}]" for i in range(PLAYS)))

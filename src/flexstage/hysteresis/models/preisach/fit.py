@@ -1,0 +1,122 @@
+"""How a Preisach model is fitted."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.arrays import Array
+from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.model_fit import (
+    FitData,
+    FitResult,
+    LinearFit,
+    equations,
+    folds_of,
+)
+from flexstage.hysteresis.identification.projection import Normal, square_left
+from flexstage.hysteresis.models.preisach.law import Preisach, preisach_columns
+
+#: Weights of the penalty on second differences of the density that are tried: for records with
+#: little noise, and with much.
+_SMOOTHING = (3e-8, 3e-7, 3e-6, 3e-5)
+#: Parts of the cycles that are held out in turn to choose the weight.
+_PARTS = 4
+
+
+class PreisachFit(LinearFit):
+    """A density of relays on a grid of thresholds and means, smooth and not negative.
+
+    Means are intervals of the plays' outputs. Smoothing weighs the penalty on second differences of
+    the density; where None, the one is taken that best predicts cycles which were not fitted.
+    """
+
+    law = Preisach
+
+    def __init__(
+        self, thresholds: int = 16, means: int = 16, smoothing: float | None = None
+    ) -> None:
+        self._thresholds, self._means, self._given = thresholds, means, smoothing
+        self.size = thresholds * means
+
+    def _grid(self, data: FitData) -> tuple[Array, Array]:
+        low, high = data.measurement.input_range
+        # a play of more than half of the range moves once, on the way out of rest
+        thresholds = 0.5 * (high - low) * np.arange(self._thresholds) / self._thresholds
+        return thresholds, np.linspace(low, high, self._means + 1)
+
+    def columns(self, section: Section, data: FitData) -> Iterator[Array]:
+        thresholds, knots = self._grid(data)
+        for threshold in thresholds:
+            yield preisach_columns(section.u, [threshold], knots)
+
+    def build(self, coefficients: Array, data: FitData) -> Preisach:
+        thresholds, knots = self._grid(data)
+        slopes = coefficients.reshape(self._thresholds, self._means)
+        return Preisach(thresholds=thresholds, knots=knots, slopes=slopes)
+
+    def names(self) -> tuple[str, ...]:
+        return tuple(
+            f"slopes[{i},{j}]" for i in range(self._thresholds) for j in range(self._means)
+        )
+
+    def smoothing(self, data: FitData, moving: NDArray[np.bool_]) -> Array:
+        # second differences along thresholds and along means; the first threshold, zero, is a gain
+        # without memory and no neighbour of the others
+        m, p = self._thresholds, self._means
+        along = np.kron(np.eye(m), _second_difference(p))
+        skip = np.zeros((m - 1, m))
+        skip[:, 1:] = np.eye(m - 1)
+        across = np.kron(_second_difference(m - 1) @ skip, np.eye(p))
+        rows = np.concatenate((along, across))
+        # what no record has reached is no neighbour of what one has
+        rows = rows[~np.any((rows != 0.0) & ~moving, axis=1)]
+        return self._weight(data) * (rows.T @ rows)
+
+    def fit(self, data: FitData, start: Array | None = None) -> FitResult:
+        key = f"{self.kind} smoothing"
+        if self._given is None and key not in data.memo:
+            data.memo[key] = [np.array(self._best_weight(data))]
+        return super().fit(data, start)
+
+    def _weight(self, data: FitData) -> float:
+        if self._given is not None:
+            return self._given
+        chosen = data.memo.get(f"{self.kind} smoothing")
+        return _SMOOTHING[2] if chosen is None else float(chosen[0])
+
+    def _best_weight(self, data: FitData) -> float:
+        behind, _ = self.moving(data)
+        # one run each: a density shall also hold a little beyond what it was fitted to
+        folds = folds_of(data, _PARTS, runs=1)
+        if len(folds) < 2:
+            return _SMOOTHING[2]
+        held = [equations(behind, data.with_use(fold)) for fold in folds]
+        whole = equations(behind, data, self.kind)
+        left = {w: self._held_out(w, whole, held, data) for w in _SMOOTHING}
+        best = min(_SMOOTHING, key=lambda w: left[w].sum())
+        # the smoothest that is as good within what differs from part to part by chance
+        for weight in sorted(_SMOOTHING, reverse=True):
+            worse = left[weight] - left[best]
+            if worse.mean() <= worse.std(ddof=1) / np.sqrt(worse.size):
+                return weight
+        return best
+
+    def _held_out(self, weight: float, whole: Normal, held: list[Normal], data: FitData) -> Array:
+        """Mean square that is left of each part, fitted to the others."""
+        method = PreisachFit(self._thresholds, self._means, weight)
+        left = []
+        for part in held:
+            if part.count in (0, whole.count):
+                continue
+            # the nuisance is what the fitted part says, as it will be in use
+            solution = method.solution(whole - part, data)
+            left.append(square_left(part, solution) / part.count)
+        return np.array(left)
+
+
+def _second_difference(n: int) -> Array:
+    made = np.zeros((max(n - 2, 0), n))
+    for i in range(n - 2):
+        made[i, i : i + 3] = (1.0, -2.0, 1.0)
+    return made
