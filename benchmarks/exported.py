@@ -227,16 +227,17 @@ def exported(count: int = SAMPLES) -> Iterator[Row]:
     single = realtime_files(model, name="st", precision="single")
 
     def in_one_call() -> Array:
-        read, _ = model.simulate(given)
+        read = model.simulate(given).readings
         return np.column_stack([read["x"], read["y"]])
 
     def one_by_one() -> Array:
-        memory = model.settled({"x": float(u[0, 0]), "y": float(u[0, 1])})
+        state = model.settled({"x": float(u[0, 0]), "y": float(u[0, 1])})
         out = np.empty((FEW, 2))
         for i in range(FEW):
             now = {"x": u[i : i + 1, 0], "y": u[i : i + 1, 1]}
-            read, memory = model.simulate(now, memory)
-            out[i] = read["x"][0], read["y"][0]
+            found = model.simulate(now, state)
+            state = found.state
+            out[i] = found.readings["x"][0], found.readings["y"][0]
         return out
 
     with tempfile.TemporaryDirectory() as place:

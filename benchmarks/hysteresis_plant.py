@@ -21,9 +21,9 @@ from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.fem.superelement import superelement_model
 from flexstage.hysteresis import BoucWen
+from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.sensor import Sensor
-from flexstage.hysteresis.stage_plant import stage_plant
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, modes
 from flexstage.virtual.stack import virtual_stack
@@ -130,17 +130,18 @@ def plant(count: int = SAMPLES) -> Iterator[Row]:
     stage: Stage = design("vgtu-piezo")
     system = superelement_model(stage).system
     equations = _Equations(system)
-    ours = stage_plant(stage, system, STACKS, creep=CREEP)
+    ours = dynamic_model(stage, system, step=DT, hysteresis=STACKS, creep=CREEP)
     u, few = voltages(count), voltages(FEW)
     exact = equations.integrated(few, "DOP853", 1e-12, split=True)
     invented = {
         axis: virtual_stack((0.0, 120.0), stage.drive(stage.axis(axis).drive).free_stroke, 0.12)  # type: ignore[union-attr]
         for axis in STACKS
     }
-    whole = stage_plant(
+    whole = dynamic_model(
         stage,
         system,
-        invented,
+        step=DT,
+        hysteresis=invented,
         creep=CREEP,
         bandwidth_hz=700.0,
         current_limit=0.5,
@@ -151,7 +152,7 @@ def plant(count: int = SAMPLES) -> Iterator[Row]:
         return f"error {1e6 * np.abs(y - exact).max():.1g} um"
 
     def by_flexstage(volts: dict[str, Array]) -> Array:
-        found = ours.simulate(volts, DT).readings
+        found = ours.simulate(volts).readings
         return np.column_stack([found[p.name] for p in system.probes])
 
     def integrated(method: str) -> Array:
@@ -167,7 +168,7 @@ def plant(count: int = SAMPLES) -> Iterator[Row]:
         ),
         Route(
             name="flexstage, virtual stacks, amplifiers, sensors",
-            work=lambda: whole.simulate(u, DT),
+            work=lambda: whole.simulate(u),
         ),
         Route(
             name="scipy lsim, straight between samples",

@@ -19,10 +19,10 @@ from benchmarks.hysteresis_plant import CREEP, STACKS, _Equations
 from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.fem.superelement import superelement_model
-from flexstage.hysteresis.stage_plant import stage_plant
+from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.instruments.pi.simulated.controller import VirtualController
-from flexstage.instruments.twin.build import virtual_stage
 from flexstage.system import modes
+from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.stage import VirtualStage
 
 __all__ = ["twin"]
@@ -112,7 +112,7 @@ def twin(seconds: float = SECONDS) -> Iterator[Row]:
 
     controller = VirtualController(virtual_stage(stage, model="superelement", seed=1))
 
-    plant = stage_plant(stage, system, STACKS, creep=CREEP)
+    plant = dynamic_model(stage, system, step=dt, hysteresis=STACKS, creep=CREEP)
     found = modes(system, drives="in place", count=None)
     ports = [system.drive(stage.axis(a).drive) for a in STACKS]
     push = np.array([(p.stiffness or 0.0) * (p.vector @ found.shapes) for p in ports]).T.copy()
@@ -129,7 +129,7 @@ def twin(seconds: float = SECONDS) -> Iterator[Row]:
 
     def exact(n: int) -> Array:
         given = dict(zip(STACKS, u[:, :n], strict=True))
-        read = plant.simulate(given, dt, plant.settled({}, dt)).readings
+        read = plant.simulate(given, plant.settled()).readings
         return np.array([read[p.name] for p in system.probes])
 
     equations = _Equations(system)

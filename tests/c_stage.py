@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.export.source.render import render_source
 from flexstage.export.source.variables import c_variables
-from flexstage.hysteresis.dynamic_model import DynamicModel, ModelMemory
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelState
 from tests.c_compiler import EXACT, load_library
 
 _WRAPPED = """
@@ -126,15 +126,17 @@ class CStage:
 
 
 def stepped(
-    model: DynamicModel, commands: Array, memory: ModelMemory | None = None
-) -> tuple[Array, ModelMemory]:
+    model: DynamicModel, commands: Array, memory: ModelState | None = None
+) -> tuple[Array, ModelState]:
     """Readings and memory of Python stepped one sample at a time, from rest at zero commands."""
+    model = model.as_exported()
     now = model.settled() if memory is None else memory
     rows = []
     for row in commands.tolist():
         given = {d.name: [u] for d, u in zip(model.drives, row, strict=True)}
-        found, now = model.simulate(given, now)
-        rows.append([float(found[p.name][0]) for p in model.probes])
+        found = model.simulate(given, now)
+        now = found.state
+        rows.append([float(found.readings[p.name][0]) for p in model.probes])
     return np.array(rows), now
 
 

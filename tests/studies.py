@@ -7,6 +7,8 @@ import functools
 
 from flexstage.designs import design
 from flexstage.report import report_html
+from flexstage.report.page import sections_html
+from flexstage.report.study import study_section
 from flexstage.studies import Study, run_study
 
 
@@ -20,3 +22,9 @@ def study_of(name: str) -> Study:
 def page_of(name: str) -> str:
     """The report of that study, with its figures."""
     return report_html(study_of(name))
+
+
+def sections_of(study: Study, *keys: str) -> str:
+    """Some sections of the report of a study, those that have something to show."""
+    shown = (study_section(study, key) for key in keys)
+    return sections_html(*(section for section in shown if section.content))

@@ -63,5 +63,7 @@ class Section:
     """Its title; empty for none."""
     content: tuple[Content, ...]
     """What it consists of; a section without any is left out."""
+    notes: tuple[str, ...] = ()
+    """Remarks that are set off before it."""
     key: str = ""
     """What a link names it by; empty where none does."""

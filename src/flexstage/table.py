@@ -82,7 +82,7 @@ class Table:
     @property
     def divisions(self) -> tuple[bool, ...]:
         """Whether a row begins another subject than the row before it."""
-        subjects = [row[0].names.get("quantity", row[0].text) if row else "" for row in self.rows]
+        subjects = [row[0].text if row else "" for row in self.rows]
         before = ["", *subjects[:-1]]
         return tuple(self.divided and s != b for s, b in zip(subjects, before, strict=True))
 

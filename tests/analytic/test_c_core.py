@@ -283,7 +283,7 @@ def test_a_jump_of_an_imposed_displacement_is_a_very_short_ramp(tmp_path: Path) 
         _, memory = stepped(fine, np.array([leap]))
         # the memory is in SI units, so a model of another step takes it
         held = {d.name: np.full(30, v) for d, v in zip(coarse.drives, leap, strict=True)}
-        found = coarse.simulate(held, memory)[0]
+        found = coarse.simulate(held, memory).readings
         expected = np.stack([found[p.name] for p in coarse.probes], axis=1)
         differences.append(np.abs(after - expected).max() / np.abs(expected).max())
     assert differences[0] < 0.02

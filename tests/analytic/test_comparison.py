@@ -10,6 +10,7 @@ from flexstage.comparison import difference_percent
 from flexstage.quantities import display, number
 from flexstage.report.figures.body_motion import exaggeration
 from flexstage.studies import compare
+from flexstage.table import Table
 
 
 def row(quantity: str, axis: str, origin: str, value: float, unit: str) -> Characteristic:
@@ -110,15 +111,20 @@ def test_every_model_against_what_was_published() -> None:
     table = compare(rows)
     assert table.best == "solid"
     assert table.models == ("lumped", "plane", "solid")
-    text = differences_table(table)
+
+    def texts(table: Table | None) -> list[str]:
+        assert table is not None
+        return [cell.text for row in table.rows for cell in row]
+
+    differences = texts(differences_table(table))
     for signed in ("+10.0", "−0.5", "+0.2"):
-        assert f"<td>{signed}</td>" in text
-    few = compare(rows[:3])
-    assert "<td>−0.5</td>" in differences_table(few)
-    assert "<td>+0.2</td>" not in differences_table(few)
+        assert signed in differences
+    few = texts(differences_table(compare(rows[:3])))
+    assert "−0.5" in few
+    assert "+0.2" not in few
     values_of = characteristics_table(table, ["natural_frequency_hz"], "what it is")
-    assert "<caption>what it is</caption>" in values_of
-    for value in ("200<", "220.0<", "199.0<", "200.4<"):
-        assert f">{value}" in values_of
+    assert values_of is not None
+    assert values_of.caption == "what it is"
+    assert {"200", "220.0", "199.0", "200.4"} <= set(texts(values_of))
     # nothing of ours, no row
-    assert characteristics_table(compare(rows[:1]), ["natural_frequency_hz"], "") == ""
+    assert characteristics_table(compare(rows[:1]), ["natural_frequency_hz"], "") is None

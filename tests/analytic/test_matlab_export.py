@@ -159,7 +159,7 @@ def test_states_at_rest_stand_still() -> None:
         assert np.all(np.abs(form.A @ rest + form.B) <= 1e-13 * pull)
         # and read what the model reads there
         commands = {d.name: 0.21 * (i + 1) for i, d in enumerate(model.drives)}
-        read, memory = model.simulate({key: [u] for key, u in commands.items()})
+        settled = model.simulate({key: [u] for key, u in commands.items()})
         w = [
             d.gain * commands[d.name]
             if d.hysteresis is None
@@ -167,8 +167,10 @@ def test_states_at_rest_stand_still() -> None:
             for d in model.drives
         ]
         found = (form.C @ rest + form.D) @ w
-        assert found == pytest.approx([read[p.name][0] for p in model.probes], rel=1e-11)
-        assert memory.deflections["x"] == pytest.approx(w[0], rel=1e-11)
+        assert found == pytest.approx(
+            [settled.readings[p.name][0] for p in model.probes], rel=1e-11
+        )
+        assert settled.state.deflections["x"] == pytest.approx(w[0], rel=1e-11)
 
 
 def test_the_file_names_everything() -> None:

@@ -91,12 +91,13 @@ def _run(library: ctypes.CDLL, prefix: str, commands: np.ndarray, probes: int) -
 
 
 def _stepped(model: DynamicModel, commands: np.ndarray) -> np.ndarray:
-    memory = model.settled()
+    state = model.settled()
     out = np.empty((len(commands), len(model.probes)))
     for i in range(len(commands)):
         u = {d.name: commands[i : i + 1, j] for j, d in enumerate(model.drives)}
-        read, memory = model.simulate(u, memory)
-        out[i] = [read[p.name][0] for p in model.probes]
+        found = model.simulate(u, state)
+        state = found.state
+        out[i] = [found.readings[p.name][0] for p in model.probes]
     return out
 
 
@@ -308,7 +309,7 @@ def test_the_example_follows_commands_from_its_input(tmp_path: Path) -> None:
     given = "\n".join(f"{a:.17g}, {b:.17g}" for a, b in commands)
     done = subprocess.run([program, "-"], input=given, capture_output=True, text=True, check=True)
     table = np.array(list(csv.reader(io.StringIO(done.stdout)))[1:], dtype=float)
-    wanted, _ = model.simulate({"x": commands[:, 0], "y": commands[:, 1]})
+    wanted = model.simulate({"x": commands[:, 0], "y": commands[:, 1]}).readings
     assert table[:, 1:3] == pytest.approx(commands, rel=1e-8)
     # nine digits are printed
     assert table[:, 3] == pytest.approx(wanted["x"], rel=1e-8)

@@ -9,20 +9,21 @@ from scipy.signal import lfilter
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.hysteresis.build_model import assembled_model
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.dynamic_model import ModelDrive
 from flexstage.hysteresis.loops import loop_width
-from flexstage.hysteresis.plant import DriveChain, Plant
-from flexstage.instruments.twin.piezo_stage import PiezoStage
-from flexstage.instruments.twin.stack import (
+from flexstage.system import modes, static_forces
+from flexstage.system.servo import Notch, ServoSettings
+from flexstage.virtual.piezo_stage import PiezoStage
+from flexstage.virtual.stack import virtual_stack
+from flexstage.virtual.stack_stepping import (
     ChargeDrive,
     free_displacements,
     relaxed_stacks,
     stack_arrays,
 )
-from flexstage.system import modes, static_forces
-from flexstage.system.servo import Notch, ServoSettings
-from flexstage.virtual.stack import virtual_stack
 from tests.twin_parts import SLOPES, damped_system, small_stage
 
 OPEN = (False, False)
@@ -78,14 +79,11 @@ def at_rest(free: dict[str, float]) -> dict[str, float]:
     return static_forces(system, forces, drives="in place").readings
 
 
-def readings_of_plant(stage: PiezoStage, voltage: Array, creep: LogCreep | None) -> Array:
-    """What the exact plant does under the voltages that the stage had."""
-    chains = {part.drive: DriveChain(model=part.stack, creep=creep) for part in stage.parts}
-    plant = Plant(system=stage.system, drives=chains)
-    step = 1.0 / stage.sample_rate_hz
-    response = plant.simulate(
-        dict(zip(stage.axes, voltage, strict=True)), step, plant.settled({}, step)
-    )
+def exact_readings(stage: PiezoStage, voltage: Array, creep: LogCreep | None) -> Array:
+    """What the exact model does under the voltages that the stage had."""
+    drives = [ModelDrive(name=p.drive, hysteresis=p.stack, creep=creep) for p in stage.parts]
+    model = assembled_model(stage.system, drives, step=1.0 / stage.sample_rate_hz)
+    response = model.simulate(dict(zip(stage.axes, voltage, strict=True)), model.settled())
     return np.array([response.readings[name] for name in stage.axes])
 
 
@@ -98,24 +96,24 @@ def readings_of_plant(stage: PiezoStage, voltage: Array, creep: LogCreep | None)
         (50.0, 4e-5),
     ],
 )
-def test_full_strokes_are_those_of_the_exact_plant(rate_hz: float, allowed: float) -> None:
+def test_full_strokes_are_the_exact_ones(rate_hz: float, allowed: float) -> None:
     creep = LogCreep(rate_per_decade=0.012)
     stage = small_stage(straight=False, creep=creep, plays=192)
     t = np.arange(int(2.3 / rate_hz * 10e3)) / 10e3
     u = 60.0 - 60.0 * np.cos(2.0 * np.pi * rate_hz * t)
     slower = 41.0 - 41.0 * np.cos(1.4 * np.pi * rate_hz * t)
     block = stage.run(np.array([u, slower]), OPEN)
-    wanted = readings_of_plant(stage, block.voltage, creep)
+    wanted = exact_readings(stage, block.voltage, creep)
     off = np.max(np.abs(block.position - wanted), axis=1) / np.ptp(wanted, axis=1)
     assert np.all(off < allowed)
     assert np.any(off > 1e-13)  # it is a comparison of two ways
 
 
-def test_a_straight_stage_is_the_exact_plant_to_rounding() -> None:
+def test_a_straight_stage_is_exact_to_rounding() -> None:
     stage = small_stage(straight=True)
     u = np.array([wander(900, 1, 30.0), wander(900, 2, 30.0)])
     block = stage.run(u, OPEN)
-    wanted = readings_of_plant(stage, block.voltage, None)
+    wanted = exact_readings(stage, block.voltage, None)
     assert np.max(np.abs(block.position - wanted)) < 1e-11 * np.ptp(wanted)
 
 

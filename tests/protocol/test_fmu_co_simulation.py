@@ -49,7 +49,7 @@ def _agree(found: dict[str, np.ndarray], wanted: dict[str, np.ndarray], within: 
 
 
 def _reference(made: DynamicModel, u: dict[str, np.ndarray], first: dict[str, float]) -> dict:
-    return made.simulate(u, made.settled(first))[0]
+    return made.simulate(u, made.settled(first)).readings
 
 
 @pytest.mark.parametrize("version", STEPPED)
@@ -186,9 +186,10 @@ def test_a_command_jumps_and_holds_where_nothing_else_is_said(
                 memory.hysteresis[d.name] = state
                 memory.amplifiers[d.name][:] = level
         held = {name: np.full(5, float(v[k])) for name, v in u.items()}
-        y, memory = made.simulate(held, memory)
+        moved = made.simulate(held, memory)
+        memory = moved.state
         for p, values in wanted.items():
-            values.append(float(y[p][-1]))
+            values.append(float(moved.readings[p][-1]))
     _agree(found, {p: np.array(v) for p, v in wanted.items()}, _SAME)
 
 

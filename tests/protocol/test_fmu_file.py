@@ -205,7 +205,7 @@ def test_sources_compiled_by_fmpy_give_the_same_readings(version: str, tmp_path:
     u = {"x": rng.uniform(0.0, 120.0, 200), "y": rng.uniform(0.0, 120.0, 200)}
     found = Stepper(run, made).along(u)
     run.free()
-    wanted, _ = made.simulate(u, made.settled({"x": 20.0, "y": 51.0}))
+    wanted = made.simulate(u, made.settled({"x": 20.0, "y": 51.0})).readings
     for p, y in wanted.items():
         # without -ffp-contract=off, which is a hint to this builder: rounding, and no more
         assert np.abs(found[p] - y).max() < 1e-11 * np.abs(y).max()

@@ -92,7 +92,7 @@ def _exact(name: str, version: str, here: Path, within: float) -> None:
 
     found = _solve(run, times, commands, [f"{p.name}.reading" for p in made.probes])
     run.free()
-    wanted, _ = made.simulate({d: v[1:] for d, v in u.items()}, made.settled(first))
+    wanted = made.simulate({d: v[1:] for d, v in u.items()}, made.settled(first)).readings
     for p, y in zip(made.probes, found, strict=True):
         assert np.abs(y - wanted[p.name]).max() <= within * np.abs(wanted[p.name]).max(), p.name
 
@@ -138,9 +138,10 @@ def _stairs(version: str, here: Path, tolerance: float) -> tuple[np.ndarray, np.
         levels = dict(zip(("x", "y"), first[1:], strict=True))
         for d, level in levels.items():
             memory.amplifiers[d][0] = level
-        y, memory = made.simulate({d: np.full(n, v) for d, v in levels.items()}, memory)
+        moved = made.simulate({d: np.full(n, v) for d, v in levels.items()}, memory)
+        memory = moved.state
         for p in wanted:
-            wanted[p] += y[p].tolist()
+            wanted[p] += moved.readings[p].tolist()
     found = np.array([result["x.reading"], result["y.reading"]])[:, 1:]
     return found, np.array([wanted[p][99::100] for p in ("x", "y")])
 
@@ -241,7 +242,7 @@ def test_mains_and_steps_of_a_sensor_are_those_of_the_samples(version: str, here
     level = 0.4 if made.drives[0].unit == "N" else 0.4e-5
     run = _ready(fmu_folder(here, "humming", version), {drive: level})
     held = {d.name: np.full(60, level if d.name == drive else 0.0) for d in made.drives}
-    wanted = made.simulate(held, made.settled({drive: level}))[0][probe]
+    wanted = made.simulate(held, made.settled({drive: level})).readings[probe]
     found = []
     for k in range(60):
         run.fmu.setTime((k + 1) * made.step)

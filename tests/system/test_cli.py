@@ -303,7 +303,7 @@ def test_work_that_fails_leaves_nothing(
         raise error
 
     # the last thing before the files are written
-    monkeypatch.setattr("flexstage.report.html.report_pages", fail)
+    monkeypatch.setattr("flexstage.report.study.report_pages", fail)
     assert run("study", "parallelogram", "--models", "lumped", *BRIEFLY) == status
     captured = capsys.readouterr()
     assert captured.out == ""

@@ -50,7 +50,11 @@ def _wanted(name: str, model: DynamicModel, w: np.ndarray) -> np.ndarray:
         t = np.arange(len(w)) * model.step
         read = time_response(model.system, t, {"x": w[:, 0], "y": w[:, 1]}).readings
     else:
-        read, _ = model.simulate({d.name: w[:, j] / d.gain for j, d in enumerate(model.drives)})
+        read = (
+            model.as_exported()
+            .simulate({d.name: w[:, j] / d.gain for j, d in enumerate(model.drives)})
+            .readings
+        )
     return np.column_stack([read[p.name] for p in model.probes])
 
 
@@ -144,7 +148,11 @@ def test_continuous_matrices_by_octaves_integrator(name: str, tmp_path: Path) ->
     end
     """
     found = _octave(tmp_path, model, script, w=w)["out"]
-    read, _ = model.simulate({d.name: w[:, j] / d.gain for j, d in enumerate(model.drives)})
+    read = (
+        model.as_exported()
+        .simulate({d.name: w[:, j] / d.gain for j, d in enumerate(model.drives)})
+        .readings
+    )
     wanted = np.column_stack([read[p.name] for p in model.probes])
     assert np.abs(found - wanted).max() < 1e-8 * np.ptp(wanted)
 
@@ -195,7 +203,9 @@ def test_hysteresis_amplifier_creep_and_sensor_step_by_step(case: str, tmp_path:
     model = dynamic_model(_STAGES[name], _SYSTEMS[name], **choices)
     u = _commands(model, 500)
     found = _octave(tmp_path, model, _STEPS, u=u)["out"]
-    read, _ = model.simulate({d.name: u[:, j] for j, d in enumerate(model.drives)})
+    read = (
+        model.as_exported().simulate({d.name: u[:, j] for j, d in enumerate(model.drives)}).readings
+    )
     wanted = np.column_stack([read[p.name] for p in model.probes])
     assert np.abs(found - wanted).max() < 1e-11 * np.ptp(wanted)
     assert np.ptp(wanted) > 1e-5
@@ -215,7 +225,7 @@ def test_every_way_of_an_amplifier(tmp_path: Path) -> None:
     u = rng.uniform(-60.0, 160.0, size=(400, 2))
     u[:200, 0] = np.repeat(u[:20, 0], 10)
     found = _octave(tmp_path, model, _STEPS, u=u)["out"]
-    read, _ = model.simulate({"x": u[:, 0], "y": u[:, 1]})
+    read = model.as_exported().simulate({"x": u[:, 0], "y": u[:, 1]}).readings
     wanted = np.column_stack([read["x"], read["y"]])
     voltage = amplifier.simulate(u[:, 0], model.step).values
     assert {-20.0, 120.0} <= set(voltage.tolist())
@@ -238,7 +248,9 @@ def test_the_script_runs_and_its_bode_diagram_is_the_response(name: str, tmp_pat
             wanted = frequency_response(system, f, drive.name, probe.name, drives="in place").value
             own = frequency_response(system, f, drive.name, drive.name, drives="in place").value
             assert np.all(np.abs(response[i, j] - wanted) < 1e-9 * np.abs(own).max())
-    read, _ = model.simulate({d.name: u[:, j] for j, d in enumerate(model.drives)})
+    read = (
+        model.as_exported().simulate({d.name: u[:, j] for j, d in enumerate(model.drives)}).readings
+    )
     for i, probe in enumerate(model.probes):
         assert np.abs(y[:, i] - read[probe.name]).max() < 1e-11 * np.ptp(read[probe.name])
         assert f"reading  {probe.name} [m]" in ran["text"]

@@ -22,10 +22,11 @@ from flexstage.report.figures.convergence import changes, draw_convergence
 from flexstage.report.figures.fields import draw_fe_modes, out_of_plane
 from flexstage.report.figures.neck_stress import draw_neck_stress, worst_necks
 from flexstage.report.figures.style import encode
-from flexstage.report.html import SECTIONS
+from flexstage.report.study import study_section
 from flexstage.studies import ModelRun, Study
 from flexstage.system import Analysis
 from tests import meshed_stages
+from tests.studies import sections_of
 from tests.undrawn import without_figures
 
 STAGE = design("parallelogram")
@@ -315,8 +316,8 @@ def test_sections_of_meshes_are_there_where_a_mesh_is(
     )
     bare = replace(study, runs={"plane": replace(run, mesh=None)})
     of_meshes = ("fem-stress", "fem-modes", "convergence")
-    assert not any(SECTIONS[key][1](bare) for key in of_meshes)
-    shown = [key for key in of_meshes if without_figures(SECTIONS[key][1], study)]
+    assert not any(study_section(bare, key).content for key in of_meshes)
+    shown = [key for key in of_meshes if study_section(study, key).content]
     assert shown == ["fem-stress", "fem-modes"]
     refined = replace(run, refinement=_refinement(plane, plane_analysis))
     fine = replace(study, runs={"plane": refined})
@@ -327,7 +328,7 @@ def test_sections_of_meshes_are_there_where_a_mesh_is(
     assert f"elements of order 3, {unknowns} unknowns" in page
     assert "held at their mounting holes" in page
     # the pictures of these sections alone; those of every report are in tests/system/test_report.py
-    page = "".join(SECTIONS[key][1](fine) for key in of_meshes)
+    page = sections_of(fine, *of_meshes)
     names = re.findall(r'\bid="([^"]+)"', page)
     assert len(names) == len(set(names)), "an id stands twice in the page"
     assert set(re.findall(r'(?:href="|url\()#([^")]+)', page)) <= set(names)

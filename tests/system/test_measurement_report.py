@@ -14,12 +14,12 @@ from flexstage.experiments.campaign.evaluate import evaluate
 from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.quantities import display
 from flexstage.report import report_html
-from flexstage.report.html import SECTIONS
-from flexstage.report.measurement_html import measurement_text
+from flexstage.report.measurement import measurement_text
 from flexstage.studies import compare_measurement, results_json, run_study, study_results
 from flexstage.studies.measurement import measurement_results
 from flexstage.virtual.as_built import as_built
 from flexstage.virtual.laboratory import Laboratory
+from tests.studies import sections_of
 from tests.system.test_report import Page
 
 #: A shorter campaign than the usual one: what is read of it matters here, not how sharply.
@@ -219,8 +219,7 @@ def study():
 def study_page(study):
     # one picture of the real stage beside those of the simulated one
     less = replace(study, measured=thinned(study.measured))
-    sections = {key: SECTIONS[key][1](less) for key in BENCH}
-    return "".join(f'<section id="{k}">{text}</section>' for k, text in sections.items())
+    return sections_of(less, *BENCH)
 
 
 @pytest.mark.slow
@@ -277,14 +276,14 @@ def test_half_a_page_on_the_simulated_measurement_is_in_the_report(study, study_
 def test_a_virtual_campaign_that_joins_a_study_is_not_its_own_reference(study):
     found = replace(study.measured, campaign=replace(study.measured.campaign, origin="virtual"))
     found = replace(found, results=tuple(replace(r, details={}) for r in found.results))
-    section = SECTIONS["measured"][1](replace(study, measured=found))
-    heads = Tables(section).sections[""][1]
+    section = sections_of(replace(study, measured=found), "measured")
+    heads = Tables(section).sections["measured"][1]
     assert "virtual" not in " ".join(heads)
 
 
 def test_sections_that_were_not_asked_for_are_empty(study):
     bare = replace(study, measured=None, virtual=None, centring=None)
-    assert [SECTIONS[key][1](bare) for key in BENCH] == ["", "", ""]
+    assert sections_of(bare, *BENCH).strip() == ""
 
 
 def test_results_of_a_study(study):
@@ -308,7 +307,7 @@ def test_results_of_a_study(study):
 def test_a_stage_of_one_axis_says_why_no_scale_is_centred():
     made = run_study(design("parallelogram"), ("lumped",), virtual=True, seed=3)
     assert isinstance(made.centring, str)
-    assert "No scale could be centred: " in SECTIONS["centring"][1](made)
+    assert "No scale could be centred: " in sections_of(made, "centring")
     results = study_results(made)
     assert results["centring"] == {"left_out": made.centring}
     assert results["virtual_measurement"]["stage"] == "parallelogram"

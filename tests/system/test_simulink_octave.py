@@ -132,7 +132,7 @@ def test_named_signals_carry_their_units(built: Built) -> None:
 def test_modes_follow_the_dynamic_model(built: Built) -> None:
     # both are exact for commands of straight lines: what differs is rounding, mostly of the
     # exponential of a matrix with poles up to 1e6 1/s over 100 us
-    expected, _ = built.model.simulate(built.commands())
+    expected = built.model.as_exported().simulate(built.commands()).readings
     for probe in built.model.probes:
         found = _reading(built, probe.name, modes=True)
         scale = np.max(np.abs(expected[probe.name]))
@@ -431,7 +431,7 @@ def test_held_hysteresis_comes_to_the_dynamic_model_with_its_samples(tmp_path: P
         knots = np.linspace(0.0, 0.04, 401)
         u = 0.5 * 0.75 * 120.0 * (1.0 - np.cos(2.0 * np.pi * knots / 0.04))
         u = np.interp(ran["t"], knots, u)
-        exact, _ = model.simulate({"x": u, "y": u})
+        exact = model.as_exported().simulate({"x": u, "y": u}).readings
         late = ran["chain_yx_modes"] - exact["x"]
         missed.append(float(np.max(np.abs(late))))
         rate = np.gradient(exact["x"], ran["t"])

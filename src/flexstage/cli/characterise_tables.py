@@ -47,13 +47,9 @@ def _print_positioning(screen: "Console", result: "TestResult") -> None:
     from flexstage.report.positioning import positioning_tables
 
     tables = positioning_tables(result.details["positioning"])
-    first, second, *others = tables.axis_heads
     title = f"{result.test.name}, axis {result.test.axis}: ISO 230-2, values in {tables.unit}"
-    for heads, rows in (
-        ((first, f"<{second}", *others), tables.axis),
-        (tables.target_heads, tables.targets),
-    ):
-        print_table(screen, title, heads, rows)
+    for found in (tables.axis, tables.targets):
+        print_table(screen, title, found.columns, found.rows)
         title = ""
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use, names_for_types
 
 if TYPE_CHECKING:
-    from flexstage.hysteresis.build_model import dynamic_model
+    from flexstage.hysteresis.build_model import assembled_model, dynamic_model
     from flexstage.hysteresis.chain.amplifier import Amplifier
     from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
     from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.chain.sensor import Sensor
     from flexstage.hysteresis.chain.stage_modes import StageModes
     from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
-    from flexstage.hysteresis.dynamic_model import DynamicModel
+    from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
     from flexstage.hysteresis.excitations.design import excitation
     from flexstage.hysteresis.excitations.excitation import Excitation, memory_coverage
     from flexstage.hysteresis.identification.amplifier import identify_amplifier
@@ -43,9 +43,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.models.bouc_wen.law import simulate_bouc_wen_batch
     from flexstage.hysteresis.models.registry import *  # noqa: F403
     from flexstage.hysteresis.models.registry import MODELS
-    from flexstage.hysteresis.plant import Plant
     from flexstage.hysteresis.prediction import Prediction, predict
-    from flexstage.hysteresis.stage_plant import stage_plant
 
 __all__ = [
     "MODELS",
@@ -62,9 +60,9 @@ __all__ = [
     "IdentificationData",
     "Lag",
     "LogCreep",
+    "ModelDrive",
     "ModelFile",
     "ParameterEstimate",
-    "Plant",
     "Prediction",
     "Response",
     "Segments",
@@ -72,6 +70,7 @@ __all__ = [
     "StageModes",
     "Tracking",
     "ValidityRange",
+    "assembled_model",
     "cycles",
     "dynamic_model",
     "excitation",
@@ -89,7 +88,6 @@ __all__ = [
     "simulate_bouc_wen_batch",
     "simulate_with_stage",
     "smoothed",
-    "stage_plant",
     "tracking",
 ]
 

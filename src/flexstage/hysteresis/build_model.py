@@ -1,6 +1,6 @@
-"""A dynamic model of a stage for other programs, from its description and its models."""
+"""The dynamic model of a stage, from its description and its models; or of a mechanical system."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,20 +9,23 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.drive_model import DriveModel
-from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
-from flexstage.hysteresis.model import Array, HysteresisModel
+from flexstage.hysteresis.dynamic_model import (
+    DynamicModel,
+    ModelDrive,
+    ModelProbe,
+    required_stiffness,
+)
+from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.stack_models import (
     Hysteresis,
-    amplifier_of,
-    bare_drive,
+    drive_of,
     models_by_drive,
+    refuse_stroke,
     scale_of,
 )
-from flexstage.hysteresis.stage_plant import refuse_stroke
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.assumptions import LOOP_WIDTH
 from flexstage.system import MechanicalSystem, Modes, modes
-from flexstage.system.mechanical import DrivePort
 from flexstage.system.statics import imposed_shape
 
 # s; far beyond, powers of the step over a period overflow.
@@ -44,7 +47,7 @@ def dynamic_model(
     sensors: Mapping[str, Sensor] | None = None,
     mode_count: int | None = None,
 ) -> DynamicModel:
-    """Return a stage with its drives as other programs run it.
+    """Return the dynamic model of a stage, with the data of its stacks.
 
     Parameters
     ----------
@@ -93,98 +96,179 @@ def dynamic_model(
     >>> [d.unit for d in model.drives], model.omega.size
     (['V', 'V'], 60)
     """
+    if not stage.drives:
+        raise ModelError(
+            f"stage '{stage.name}' has no drive: there is nothing to command in another program"
+        )
+    models = models_by_drive(stage, hysteresis)
+    made = assembled_model(
+        system,
+        [
+            drive_of(drive, models.get(drive.name), creep, bandwidth_hz, current_limit)
+            for drive in stage.drives
+        ],
+        step=step,
+        sensors=sensors,
+        mode_count=mode_count,
+    )
+    drives = []
+    for drive, own in zip(stage.drives, made.drives, strict=True):
+        given, scale = models.get(drive.name), 1.0
+        if isinstance(drive, PiezoStack) and own.hysteresis is not None:
+            if isinstance(given, DriveModel):
+                scale = scale_of(made, drive, given)
+            refuse_stroke(drive, own.hysteresis, scale)
+        drives.append(own if scale == 1.0 else _scaled(own, scale))
+    linear = [d.name for d in stage.drives if isinstance(d, PiezoStack) and d.name not in models]
+    notes = [f"Commands move on straight lines between samples {step:g} s apart."]
+    if hysteresis == "usual" and models:
+        notes.append(
+            "The hysteresis of the stacks is not measured: a Bouc-Wen loop of a usual width, "
+            f"{100.0 * LOOP_WIDTH:g} % of the stroke."
+        )
+    if linear:
+        notes.append(f"Stacks without hysteresis: {', '.join(linear)}.")
+    if any(isinstance(m, DriveModel) for m in models.values()):
+        notes.append(
+            "Of identified drives the hysteresis and the creep are taken; delay, offset and modes "
+            "that were identified with them are left out, the modes are those of the stage."
+        )
+    return replace(
+        made,
+        name=stage.name,
+        title=stage.title,
+        drives=tuple(drives),
+        notes=(*system.validity, *notes, *made.notes),
+    )
+
+
+def assembled_model(
+    system: MechanicalSystem,
+    drives: Sequence[ModelDrive],
+    *,
+    step: float = 1e-4,
+    sensors: Mapping[str, Sensor] | None = None,
+    mode_count: int | None = None,
+) -> DynamicModel:
+    """Return the dynamic model of a mechanical system, from what lies before its drives.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    drives : sequence of ModelDrive
+        What lies between the command of each drive and its free displacement; the weights are
+        filled in. Other drives stand still, with their stiffness.
+    step : float
+        Step between samples [s].
+    sensors : Mapping, optional
+        Sensors by probe; the true motion where there is none.
+    mode_count : int, optional
+        Number of modes that are kept, all where not given; what the others would add at rest is
+        kept as feedthrough.
+
+    Returns
+    -------
+    DynamicModel
+        The model.
+
+    Raises
+    ------
+    ModelError
+        There is no drive, or it does not exist, or has hysteresis and no stiffness; a probe does
+        not exist; the system moves without resistance.
+
+    Examples
+    --------
+    >>> from flexstage.hysteresis import BoucWen
+    >>> from flexstage.system.mechanical import DrivePort, ProbePort
+    >>> stage = MechanicalSystem(
+    ...     name="a mass on a spring",
+    ...     model="lumped",
+    ...     M=np.array([[0.31]]),
+    ...     K=np.array([[2.4e6]]),
+    ...     coordinates=("u [m]",),
+    ...     drives=(DrivePort(name="x", vector=np.ones(1), stiffness=4.1e7),),
+    ...     probes=(ProbePort(name="x", vector=np.ones(1)),),
+    ... )
+    >>> stack = BoucWen(gain=3.8e-7, hysteresis_gain=1.1e-7, beta=0.05, gamma=0.03)
+    >>> model = assembled_model(stage, [ModelDrive(name="x", hysteresis=stack)], step=1e-4)
+    >>> round(model.load_factor("x"), 4)
+    0.9447
+    >>> u = 60.0 - 60.0 * np.cos(2.0 * np.pi * 5.0 * np.arange(2000) * 1e-4)
+    >>> round(float(model.simulate({"x": u}).readings["x"].max()) * 1e6, 3)
+    41.78
+    """
     shortest, longest = _STEPS
     if not shortest <= step <= longest:
         raise ModelError(
             f"the step of a model must be {shortest:g} to {longest:g} s, got {step:g} s"
         )
-    if not stage.drives:
-        raise ModelError(
-            f"stage '{stage.name}' has no drive: there is nothing to command in another program"
-        )
+    if not drives:
+        raise ModelError("a model needs at least one drive: nothing else moves it")
+    for drive in drives:
+        if drive.hysteresis is not None:
+            required_stiffness(system, drive.name)
     found = modes(system, drives="in place", count=None)
     if not np.all(found.omega > 0.0):
         raise ModelError(
             f"stage '{system.name}' has a motion without stiffness: constrain it before the export"
         )
-    kept = found.omega.size if mode_count is None else min(int(mode_count), found.omega.size)
+    count = found.omega.size
+    kept = count if mode_count is None else min(int(mode_count), count)
     if kept < 1:
         raise ModelError(f"a model keeps at least one mode, got {mode_count!r}")
-    models = models_by_drive(stage, hysteresis)
-    probes = np.array([p.vector for p in system.probes]).reshape(-1, system.order)
-    stacks = {d.name: models.get(d.name) for d in stage.drives if isinstance(d, PiezoStack)}
-    drives = []
-    for drive in stage.drives:
-        port = system.drive(drive.name)
-        given = models.get(drive.name)
-        model, own = (
-            (given.hysteresis, given.creep) if isinstance(given, DriveModel) else (given, None)
-        )
-        amplifier = amplifier_of(drive, bandwidth_hz, current_limit)
-        gain, shape = _modal_gain(system, port, found)
-        if given is not None:
-            assert isinstance(drive, PiezoStack)
-            scale = scale_of(system, drive, given, probes @ found.shapes @ gain)
-            assert model is not None
-            refuse_stroke(drive, model, scale)
-            gain = scale * gain
-        own = own or (creep if model is not None else None)
-        made = bare_drive(drive, model, amplifier, own)
-        drives.append(_weights(made, gain, shape, probes=probes, found=found, kept=kept))
-    readers = dict(sensors or {})
-    for name in readers:
+    given = dict(sensors or {})
+    for name in given:
         system.probe(name)
+    probes = np.array([p.vector for p in system.probes]).reshape(-1, system.order)
+    notes = []
+    if kept < count:
+        notes.append(
+            f"{kept} of {count} modes are kept, up to "
+            f"{found.omega[kept - 1] / (2.0 * np.pi):.4g} Hz; what the others add at rest follows "
+            "at once."
+        )
+    if any(s.noise_rms > 0.0 for s in given.values()):
+        notes.append("The noise of the sensors is left out of files for other programs.")
     return DynamicModel(
-        name=stage.name,
-        title=stage.title,
+        name=system.name,
+        title="",
         step=float(step),
         omega=found.omega[:kept],
         damping_ratio=np.asarray(found.damping_ratio, dtype=np.float64)[:kept],
-        drives=tuple(drives),
+        drives=tuple(_with_weights(drive, system, found, probes, kept) for drive in drives),
         probes=tuple(
-            ModelProbe(name=p.name, unit=p.unit, sensor=_noiseless(readers.get(p.name)))
-            for p in system.probes
+            ModelProbe(name=p.name, unit=p.unit, sensor=given.get(p.name)) for p in system.probes
         ),
         probe_shapes=(probes @ found.shapes)[:, :kept],
         system=system,
-        notes=(
-            *system.validity,
-            *_notes(found.omega, kept, step, stacks, hysteresis == "usual", readers),
-        ),
+        notes=tuple(notes),
     )
 
 
-def _noiseless(sensor: Sensor | None) -> Sensor | None:
-    return None if sensor is None else replace(sensor, noise_rms=0.0)
-
-
-def _modal_gain(
-    system: MechanicalSystem, port: DrivePort, found: Modes
-) -> tuple[Array, Array | None]:
-    """Static deflection of each mode for a unit of the drive; the static shape where imposed."""
-    if port.stiffness is not None:
-        force = port.stiffness or 1.0
-        return force * (port.vector @ found.shapes) / found.omega**2, None
-    shape = imposed_shape(system, port)
-    return np.asarray(found.shapes.T @ system.M @ shape, dtype=np.float64), shape
-
-
-def _weights(
-    drive: ModelDrive, gain: Array, shape: Array | None, *, probes: Array, found: Modes, kept: int
+def _with_weights(
+    drive: ModelDrive, system: MechanicalSystem, found: Modes, probes: Array, kept: int
 ) -> ModelDrive:
     r"""Fill in what the probes read.
 
     With creep, :math:`x = 1/(\tau\omega)` and :math:`c = 1/(1 - 2\zeta x + x^2)`, a mode behind a
     lag is :math:`(1 - c) z - c \dot z/(\tau\omega^2) + c\, l`.
     """
-    reach = probes @ found.shapes * gain
-    feed = reach[:, kept:].sum(axis=1)
+    port = system.drive(drive.name)
     omega = found.omega[:kept]
     zeta = np.asarray(found.damping_ratio, dtype=np.float64)[:kept]
-    reach = reach[:, :kept]
     rate_time = np.zeros(kept)
-    if shape is not None:
+    if port.stiffness is not None:
+        force = port.stiffness or 1.0
+        gain = force * (port.vector @ found.shapes) / found.omega**2
+        reach = probes @ found.shapes * gain
+        feed, reach = reach[:, kept:].sum(axis=1), reach[:, :kept]
+    else:
         # the part of the imposed shape that the kept modes do not hold moves with the drive
+        shape = imposed_shape(system, port)
+        gain = np.asarray(found.shapes.T @ system.M @ shape, dtype=np.float64)
+        reach = (probes @ found.shapes * gain)[:, :kept]
         feed = probes @ shape - reach.sum(axis=1)
         rate_time = 2.0 * zeta / omega
     weights = np.hstack((reach, np.zeros_like(reach)))
@@ -206,6 +290,7 @@ def _weights(
         lags = a * (reach @ c.T) + np.outer(feed, a)
     return replace(
         drive,
+        stiffness=port.stiffness,
         mode_weights=weights,
         lag_weights=lags,
         feedthrough=feed,
@@ -214,33 +299,12 @@ def _weights(
     )
 
 
-def _notes(
-    omega: Array,
-    kept: int,
-    step: float,
-    stacks: Mapping[str, HysteresisModel | DriveModel | None],
-    usual: bool,
-    sensors: Mapping[str, Sensor],
-) -> tuple[str, ...]:
-    notes = [f"Commands move on straight lines between samples {step:g} s apart."]
-    if usual and stacks:
-        notes.append(
-            "The hysteresis of the stacks is not measured: a Bouc-Wen loop of a usual width, "
-            f"{100.0 * LOOP_WIDTH:g} % of the stroke."
-        )
-    linear = [name for name, model in stacks.items() if model is None]
-    if linear:
-        notes.append(f"Stacks without hysteresis: {', '.join(linear)}.")
-    if any(isinstance(m, DriveModel) for m in stacks.values()):
-        notes.append(
-            "Of identified drives the hysteresis and the creep are taken; delay, offset and modes "
-            "that were identified with them are left out, the modes are those of the stage."
-        )
-    if kept < omega.size:
-        notes.append(
-            f"{kept} of {omega.size} modes are kept, up to {omega[kept - 1] / (2.0 * np.pi):.4g} "
-            "Hz; what the others add at rest follows at once."
-        )
-    if any(s.noise_rms > 0.0 for s in sensors.values()):
-        notes.append("The noise of the sensors is left out.")
-    return tuple(notes)
+def _scaled(drive: ModelDrive, scale: float) -> ModelDrive:
+    """Return a drive whose free displacement is so many times what its hysteresis gives."""
+    return replace(
+        drive,
+        mode_weights=scale * drive.mode_weights,
+        lag_weights=scale * drive.lag_weights,
+        feedthrough=scale * drive.feedthrough,
+        modal_gain=scale * drive.modal_gain,
+    )

@@ -1,7 +1,7 @@
-"""What is handed to other programs: a stage with its drives, from commands to readings."""
+"""The dynamic model of a stage: its drives and modes, from commands to readings."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,13 +16,17 @@ from flexstage.hysteresis.chain.coupled_stepping import (
     values_of,
 )
 from flexstage.hysteresis.chain.creep import Creep
-from flexstage.hysteresis.chain.element import positive_step
-from flexstage.hysteresis.chain.modal import unit_step
+from flexstage.hysteresis.chain.element import checked_state, positive_step
+from flexstage.hysteresis.chain.modal import modes_along_lines, unit_step
 from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.short_repr import short_repr
-from flexstage.system import MechanicalSystem
+from flexstage.system import MechanicalSystem, drive_stiffness
+
+
+def _unknown() -> Array:
+    return np.zeros(0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,38 +37,39 @@ class ModelDrive:
     displacement w of the drive (the force, of a drive that is a pure force), then creep. Each mode
     i answers w by ``z'' + 2 zeta omega z' + omega^2 z = omega^2 (w + t_i w')``, of unit static
     gain; each lag of the creep by ``tau l' + l = w``. What the probes read of this drive is
-    ``mode_weights @ [z, z'] + lag_weights @ l + feedthrough w``.
+    ``mode_weights @ [z, z'] + lag_weights @ l + feedthrough w``. `assembled_model` fills in the
+    weights, and what else is of the stage.
     """
 
     name: str
     """Name of the drive."""
-    kind: str
-    """``piezo``, ``screw`` or ``force``."""
-    unit: str
-    """Unit of the command: V, m or N."""
-    gain: float
-    """Free displacement or force over voltage, where there is no hysteresis [m/V, 1]."""
-    hysteresis: HysteresisModel | None
+    hysteresis: HysteresisModel | None = None
     """From voltage [V] to free displacement [m]; None for the gain alone."""
-    amplifier: Amplifier | None
+    amplifier: Amplifier | None = None
     """From command to voltage; None where the command is the voltage."""
-    creep: Creep | None
+    creep: Creep | None = None
     """Creep of the free displacement; None for none."""
-    input_range: tuple[float, float] | None
-    """Lowest and highest command [unit]; None where nobody has said."""
-    mode_weights: Array
+    input_range: tuple[float, float] | None = None
+    """Lowest and highest voltage that the stack allows [V]; None where nobody has said."""
+    kind: str = "piezo"
+    """``piezo``, ``screw`` or ``force``."""
+    unit: str = "V"
+    """Unit of the command: V, m or N."""
+    gain: float = 1.0
+    """Free displacement or force over voltage, where there is no hysteresis [m/V, 1]."""
+    stiffness: float | None = None
+    """Stiffness of the drive [N/m]; None where it is rigid, 0 for a pure force."""
+    mode_weights: Array = field(default_factory=_unknown)
     """Weights of the deflections in the first k columns [1] and of their rates in the others [s],
     one row a probe, shape (p, 2 k).
     """
-    lag_weights: Array
+    lag_weights: Array = field(default_factory=_unknown)
     """Weights of the lags of the creep [1], shape (p, m)."""
-    feedthrough: Array
+    feedthrough: Array = field(default_factory=_unknown)
     """Weights of w itself [1], shape (p,): of an imposed displacement, and of modes left out."""
-    rate_time: Array
+    rate_time: Array = field(default_factory=_unknown)
     """Times t_i [s], shape (k,): 2 zeta/omega where the displacement is imposed, else 0."""
-    stiffness: float | None
-    """Stiffness of the drive [N/m]; None where it is rigid, 0 for a pure force."""
-    modal_gain: Array
+    modal_gain: Array = field(default_factory=_unknown)
     """Deflection of each mode, of unit modal mass, for a unit of w at rest, shape (k,): without
     creep and with `DynamicModel.probe_shapes`, the weights of the deflections are ``probe_shapes
     * modal_gain``.
@@ -80,36 +85,69 @@ class ModelProbe:
     unit: str
     """Unit of the reading."""
     sensor: Sensor | None = None
-    """The sensor, without its noise; None for the true motion."""
+    """The sensor; None for the true motion."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ModelMemory:
+class ModelState:
     """What a dynamic model remembers."""
 
-    amplifiers: dict[str, Array]
-    """State of the amplifier by drive [V]."""
-    hysteresis: dict[str, Array]
+    time: float = 0.0
+    """Time of the last sample [s]."""
+    amplifiers: dict[str, Array] = field(default_factory=dict)
+    """State of the amplifier by drive, or the command alone where there is none [V]."""
+    hysteresis: dict[str, Array] = field(default_factory=dict)
     """State of the hysteresis by drive."""
-    lags: dict[str, Array]
+    lags: dict[str, Array] = field(default_factory=dict)
     """Lags of the creep by drive [m]."""
-    deflections: dict[str, Array]
+    deflections: dict[str, Array] = field(default_factory=dict)
     """Deflections of the modes by drive [m]."""
-    rates: dict[str, Array]
+    rates: dict[str, Array] = field(default_factory=dict)
     """Rates of the modes by drive [m/s]."""
     sensors: dict[str, Array] = field(default_factory=dict)
     """State of the sensor by probe."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelResponse:
+    """What a stage does under sequences of commands."""
+
+    time: Array
+    """Times [s], shape (n,)."""
+    voltage: dict[str, Array]
+    """What comes out of the amplifier of each drive [V], its command where there is none, shape
+    (n,).
+    """
+    free_displacement: dict[str, Array]
+    """Free displacement of each drive, with creep [m], or its force [N], shape (n,)."""
+    motion: dict[str, Array]
+    """True motion at each probe [m], shape (n,)."""
+    readings: dict[str, Array]
+    """What the sensor of each probe says, the true motion where there is none, shape (n,)."""
+    state: ModelState
+    """State at the last sample."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DynamicModel:
-    """A stage with its drives as other programs run it: modes, hysteresis, amplifiers, sensors.
+    r"""A stage with its drives: amplifiers, hysteresis, creep, modes, sensors.
 
-    Commands move on straight lines between samples; for these the readings are exact at the
-    samples, but that the output of an amplifier is taken as straight between them.
+    .. math:: M\ddot q + C\dot q + (K + \sum_d k_d b_d b_d^T) q = \sum_d k_d b_d w_d(t),
+              \qquad y = P q
 
-    Validity: that of the mechanical system and of the hysteresis models; small motion; sensors
-    without noise.
+    with the free displacement :math:`w_d` of each drive. The stiffness of the drives is in the
+    modes, so a stack works against the stage as it does in reality: at rest it gives the part
+    `load_factor` of its free displacement.
+
+    Voltages move on straight lines between the samples. For these the readings are exact: the
+    hysteresis is known between the samples, in closed form where the model has one and to rounding
+    where not, and the modes are stepped through it. Creep is linear and its product with a mode is
+    a sum of both (partial fractions), so that both are stepped side by side and neither adds an
+    error.
+
+    Validity: that of the mechanical system and of the hysteresis models; small motion, one
+    temperature; the hysteresis depends on the voltage and not on the force of the stack; output of
+    an amplifier and input of a sensor are taken as straight between samples.
     """
 
     name: str
@@ -142,16 +180,65 @@ class DynamicModel:
                 return drive
         raise ModelError(has_no("the model", "drive", name, (d.name for d in self.drives)))
 
-    def settled(self, commands: Mapping[str, float] | None = None) -> ModelMemory:
-        """Return the memory after commands went from zero to a value and stayed there.
+    def as_exported(self) -> "DynamicModel":
+        """Return the model as other programs have it: no noise, and no voltage is refused."""
+        return replace(
+            self,
+            drives=tuple(replace(d, input_range=None) for d in self.drives),
+            probes=tuple(
+                replace(p, sensor=p.sensor and replace(p.sensor, noise_rms=0.0))
+                for p in self.probes
+            ),
+        )
 
-        Commands are by drive [V, m or N]; zero for those that are not named.
+    def load_factor(self, drive: str) -> float:
+        r"""Return the part of the free displacement of a drive that the stage lets it have.
+
+        .. math:: \frac{k_s}{k_s + k_{in}}
+
+        Parameters
+        ----------
+        drive : str
+            The drive.
+
+        Returns
+        -------
+        float
+            Elongation over free displacement at rest [1].
+        """
+        k = required_stiffness(self.system, drive)
+        return k / (k + drive_stiffness(self.system, drive, others="in place"))
+
+    def static_gain(self, drive: str, probe: str) -> float:
+        """Return the reading over the free displacement of a drive at rest.
+
+        Parameters
+        ----------
+        drive : str
+            A drive.
+        probe : str
+            A probe.
+
+        Returns
+        -------
+        float
+            The ratio [m/m]; creep is part of the free displacement.
+        """
+        d = self.drive(drive)
+        row = [p.name for p in self.probes].index(self.system.probe(probe).name)
+        return float(self.probe_shapes[row] @ d.modal_gain + d.feedthrough[row])
+
+    def settled(self, commands: Mapping[str, float] | None = None) -> ModelState:
+        """Return the state after commands went from zero to a value and stayed there.
+
+        Commands are by drive [V, m or N]; zero for those that are not named. The next sample is at
+        time zero.
         """
         given = dict(commands or {})
         for name in given:
             self.drive(name)
         k = self.omega.size
-        made = ModelMemory(amplifiers={}, hysteresis={}, lags={}, deflections={}, rates={})
+        made = ModelState(time=-positive_step(self.step))
         reading = np.zeros(len(self.probes))
         for d in self.drives:
             amplifier = np.array([float(given.get(d.name, 0.0))])
@@ -169,123 +256,146 @@ class DynamicModel:
             made.deflections[d.name] = np.full(k, w)
             made.rates[d.name] = np.zeros(k)
             weights = np.ascontiguousarray(d.mode_weights[:, :k])
-            read_at_rest(w, weights, d.lag_weights, d.feedthrough, reading)
+            _read_at_rest(w, weights, d.lag_weights, d.feedthrough, reading)
         for probe, value in zip(self.probes, reading.tolist(), strict=True):
             if probe.sensor is not None:
                 made.sensors[probe.name] = probe.sensor.settled(value, self.step)
         return made
 
     def simulate(
-        self, commands: Mapping[str, ArrayLike], memory: ModelMemory | None = None
-    ) -> tuple[dict[str, Array], ModelMemory]:
-        """Return the readings under sequences of commands.
+        self, commands: Mapping[str, ArrayLike], state: ModelState | None = None
+    ) -> ModelResponse:
+        """Return the motion under sequences of commands, or under one sample of each.
 
-        Every drive has a command [V, m or N], all of one length. Readings by probe are through the
-        sensors of those that have one; the memory is that at the last sample. It begins one step
-        before the first sample, settled at the first where not given.
+        Parameters
+        ----------
+        commands : Mapping
+            Command of each drive [V, m or N], shape (n,); drives that are not named keep theirs.
+        state : ModelState, optional
+            State one step before the first sample; settled at the first where not given.
+
+        Returns
+        -------
+        ModelResponse
+            The motion, and the state at the last sample.
+
+        Raises
+        ------
+        ModelError
+            A drive does not exist, sequences differ in length or are not finite, a voltage is
+            outside the range of its stack, or the state is not one of this model.
         """
-        given = {d.name: self._sequence(d, commands) for d in self.drives}
-        if len({u.size for u in given.values()}) != 1:
-            raise ModelError("the commands of a model must be equally long")
-        if memory is None:
-            memory = self.settled({name: float(u[0]) for name, u in given.items()})
-        n = next(iter(given.values())).size
-        y = np.zeros((len(self.probes), n))
-        after = ModelMemory(amplifiers={}, hysteresis={}, lags={}, deflections={}, rates={})
+        h = positive_step(self.step)
+        given = {
+            self.drive(n).name: samples(u, f"command of drive '{n}'") for n, u in commands.items()
+        }
+        sizes = {u.size for u in given.values()}
+        if len(sizes) != 1:
+            raise ModelError(
+                f"the commands of a model must be at least one and equally long, got {sizes or 0}"
+            )
+        n = sizes.pop()
+        if state is None:
+            state = self.settled({name: float(u[0]) for name, u in given.items()})
+        self._refuse_state(state)
+        # the last row is of use for each drive in turn
+        y = np.zeros((len(self.probes) + 1, n))
+        time = state.time + h * np.arange(1, n + 1, dtype=np.float64)
+        after = ModelState(time=float(time[-1]))
+        voltage, free = {}, {}
         for d in self.drives:
-            self._drive(d, given[d.name], memory, after, y)
-        readings = {}
-        for probe, values in zip(self.probes, y, strict=True):
-            readings[probe.name] = values
+            u = given[d.name] if d.name in given else np.full(n, state.amplifiers[d.name][0])
+            voltage[d.name], free[d.name] = self._drive(d, u, state, after, y)
+        motion = dict(zip((p.name for p in self.probes), y, strict=False))
+        readings = dict(motion)
+        for probe in self.probes:
             if probe.sensor is not None:
-                seen = probe.sensor.simulate(values, self.step, memory.sensors[probe.name])
+                before = state.sensors[probe.name]
+                seen = probe.sensor.simulate(motion[probe.name], h, before)
                 readings[probe.name], after.sensors[probe.name] = seen.values, seen.state
-        return readings, after
+        return ModelResponse(
+            time=time,
+            voltage=voltage,
+            free_displacement=free,
+            motion=motion,
+            readings=readings,
+            state=after,
+        )
 
-    def _sequence(self, drive: ModelDrive, commands: Mapping[str, ArrayLike]) -> Array:
-        if drive.name not in commands:
-            raise ModelError(f"drive '{drive.name}' has no command: give a sequence for it")
-        return samples(commands[drive.name], f"command of drive '{drive.name}'")
+    def _refuse_state(self, state: ModelState) -> None:
+        drives = {d.name for d in self.drives}
+        sensors = {p.name for p in self.probes if p.sensor is not None}
+        if set(state.deflections) != drives or set(state.sensors) != sensors:
+            raise ModelError(
+                f"the state has the drives {sorted(state.deflections)} and sensors "
+                f"{sorted(state.sensors)}, the model {sorted(drives)} and "
+                f"{sorted(sensors)}: take the state that the model returned"
+            )
 
     def _drive(
-        self, d: ModelDrive, u: Array, memory: ModelMemory, after: ModelMemory, y: Array
-    ) -> None:
-        """Add to y what one drive does."""
-        h, k = positive_step(self.step), self.omega.size
+        self, d: ModelDrive, u: Array, before: ModelState, after: ModelState, y: Array
+    ) -> tuple[Array, Array]:
+        """Add to y what one drive does; return its voltage and free displacement."""
+        h, k, name = self.step, self.omega.size, d.name
         voltage, amplifier = u, u[-1:].copy()
         if d.amplifier is not None:
-            response = d.amplifier.simulate(u, h, memory.amplifiers[d.name])
+            response = d.amplifier.simulate(u, h, before.amplifiers[name])
             amplifier, voltage = response.state, response.values
-        before = memory.hysteresis[d.name]
-        z, v = memory.deflections[d.name].copy(), memory.rates[d.name] * h
-        lags = memory.lags[d.name].copy()
+        _refuse_voltage(d, voltage)
+        state = before.hysteresis[name]
+        z = checked_state(before.deflections[name], k, f"drive '{name}'")
+        v = checked_state(before.rates[name], k, f"drive '{name}'") * h
+        lags = checked_state(
+            before.lags[name], d.lag_weights.shape[1], f"the creep of drive '{name}'"
+        )
         reader = d.mode_weights * np.concatenate((np.ones(k), np.full(k, 1.0 / h)))
+        inputs = np.concatenate((state[:1], voltage))
         if d.hysteresis is None:
-            w = d.gain * np.concatenate((before[:1], voltage))
-            state = voltage[-1:].copy()
-            self._along_lines(d, w, z, v, reader, y)
+            w, state = d.gain * inputs, voltage[-1:].copy()
+            step = unit_step(self.omega * h, self.damping_ratio)
+            modes_along_lines(w, step, z, v, reader, y[:-1], d.rate_time / h)
+            y[-1] = w[1:]
         else:
-            force = forcing(d.hysteresis, np.concatenate((before[:1], voltage)), before)
+            force = forcing(d.hysteresis, inputs, state)
             w, state = values_of(force), force.state
-            modes_through(force, self.omega * h, self.damping_ratio, z, v, reader, y)
+            y[-1] = w[1:]
+            modes_through(force, self.omega * h, self.damping_ratio, z, v, reader, y[:-1])
             if d.creep is not None:
-                lags_through(force, h / d.creep.time_constants, lags, d.lag_weights, y)
-        y += np.outer(d.feedthrough, w[1:])
-        after.amplifiers[d.name], after.hysteresis[d.name] = amplifier, state
-        after.lags[d.name] = lags
-        after.deflections[d.name], after.rates[d.name] = z, v / h
+                weights = np.vstack((d.lag_weights, d.creep.lag_gains))
+                lags_through(force, h / d.creep.time_constants, lags, weights, y)
+        y[:-1] += np.outer(d.feedthrough, w[1:])
+        after.amplifiers[name], after.hysteresis[name] = amplifier, state
+        after.lags[name] = lags
+        after.deflections[name], after.rates[name] = z, v / h
+        return voltage, y[-1].copy()
 
-    def _along_lines(
-        self, d: ModelDrive, w: Array, z: Array, v: Array, reader: Array, y: Array
-    ) -> None:
-        """Modes behind straight lines of the free displacement, and behind its rate."""
-        step = unit_step(self.omega * self.step, self.damping_ratio)
-        modes_behind_lines(
-            w, step.transition, step.moments, d.rate_time / self.step, z, v, reader, y
+
+def required_stiffness(system: MechanicalSystem, drive: str) -> float:
+    """Return the stiffness of a drive after checking that it has one [N/m]."""
+    k = system.drive(drive).stiffness
+    if not k:
+        kind = "is rigid" if k is None else "has no stiffness"
+        raise ModelError(
+            f"drive '{drive}' {kind}: a model needs the stiffness of a stack, which turns its free "
+            "displacement into a force"
+        )
+    return k
+
+
+def _refuse_voltage(d: ModelDrive, voltage: Array) -> None:
+    if d.input_range is None:
+        return
+    low, high = d.input_range
+    bad = np.flatnonzero((voltage < low) | (voltage > high))
+    if bad.size:
+        raise ModelError(
+            f"drive '{d.name}' gets {voltage[bad[0]]:g} V at sample {bad[0]}, and its stack allows "
+            f"{low:g} to {high:g} V"
         )
 
 
 @compiled
-def modes_behind_lines(
-    w: Array,
-    transition: Array,
-    moments: Array,
-    by_rate: Array,
-    z: Array,
-    v: Array,
-    reader: Array,
-    y: Array,
-) -> None:
-    """Step modes along straight lines of a displacement that acts by its rate too.
-
-    Of k modes: w has the n + 1 samples, the modes are at the first of them; `transition` goes from
-    (z, z') to (z, z'), shape (4, k); `moments` say what the derivatives of a force do, 3 rows at
-    least; `by_rate` is the time by which the rate acts [samples]. z and v [per sample] are moved
-    on. Readings are added to y, shape (p, n), with the weights `reader` of z and then of z', shape
-    (p, 2 k).
-    """
-    k = z.size
-    for n in range(w.size - 1):
-        rise = w[n + 1] - w[n]
-        for i in range(k):
-            # a rate in the force is a constant within each step
-            start = w[n] + by_rate[i] * rise
-            at, speed = z[i], v[i]
-            z[i] = (transition[0, i] * at + transition[1, i] * speed) + (
-                moments[1, i] * start + moments[2, i] * rise
-            )
-            v[i] = (transition[2, i] * at + transition[3, i] * speed) + (
-                moments[0, i] * start + moments[1, i] * rise
-            )
-        for p in range(y.shape[0]):
-            total = y[p, n]
-            for i in range(k):
-                total += reader[p, i] * z[i] + reader[p, k + i] * v[i]
-            y[p, n] = total
-
-
-@compiled
-def read_at_rest(w: float, reader: Array, lags: Array, feedthrough: Array, y: Array) -> None:
+def _read_at_rest(w: float, reader: Array, lags: Array, feedthrough: Array, y: Array) -> None:
     """Add what probes read of a drive that rests, in the order in which a step adds it."""
     for p in range(y.size):
         total = y[p]

@@ -1,4 +1,4 @@
-"""What a stack does between its voltage and its free displacement, for other programs."""
+"""What a drive of a stage does between its command and its free displacement."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -10,16 +10,18 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.drive_model import DriveModel
-from flexstage.hysteresis.dynamic_model import ModelDrive
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import Array, HysteresisModel
 from flexstage.hysteresis.models.bouc_wen.law import BoucWen
 from flexstage.stage import Drive, PiezoStack, Stage
 from flexstage.stage.assumptions import LOOP_WIDTH
-from flexstage.system import MechanicalSystem
 
 #: What a stack does, by drive or axis; or a word for all of them.
 Hysteresis = Mapping[str, HysteresisModel | DriveModel] | Literal["usual", "none"]
+
+# A model in um instead of m is a million times off; a stack differs from its data sheet by less.
+_STROKE_FACTOR = 5.0
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
 
@@ -98,31 +100,57 @@ def models_by_drive(stage: Stage, given: Hysteresis) -> dict[str, HysteresisMode
     return made
 
 
-def scale_of(
-    system: MechanicalSystem, stack: PiezoStack, model: HysteresisModel | DriveModel, static: Array
-) -> float:
-    """Return the free displacement over what a model gives: 1 but for one of an axis' reading.
-
-    `static` is the reading of each probe at rest for a unit of free displacement.
-    """
-    if not isinstance(model, DriveModel):
-        return 1.0
-    if model.input_unit not in ("V", "") or model.output_unit not in _LENGTHS:
+def scale_of(model: DynamicModel, stack: PiezoStack, given: DriveModel) -> float:
+    """Return the free displacement over what a model of the reading of an axis gives."""
+    if given.input_unit not in ("V", "") or given.output_unit not in _LENGTHS:
         raise ModelError(
-            f"the model of drive '{stack.name}' goes from {model.input_unit or 'nothing'} to "
-            f"{model.output_unit or 'nothing'}: it must go from V to one of {', '.join(_LENGTHS)}"
+            f"the model of drive '{stack.name}' goes from {given.input_unit or 'nothing'} to "
+            f"{given.output_unit or 'nothing'}: it must go from V to one of {', '.join(_LENGTHS)}"
         )
-    names = [p.name for p in system.probes]
-    read = [names.index(axis.probe) for axis in system.axes if axis.drive == stack.name]
-    if not read or static[read[0]] == 0.0:
+    read = [axis.probe for axis in model.system.axes if axis.drive == stack.name]
+    static = model.static_gain(stack.name, read[0]) if read else 0.0
+    if static == 0.0:
         raise ModelError(
             f"no axis is moved by drive '{stack.name}', so a model of its reading says nothing of "
             "its stack: give the stage file an axis"
         )
-    return model.sign * _LENGTHS[model.output_unit] / float(static[read[0]])
+    return given.sign * _LENGTHS[given.output_unit] / static
 
 
-def amplifier_of(
+def drive_of(
+    drive: Drive,
+    model: HysteresisModel | DriveModel | None,
+    creep: Creep | None,
+    bandwidth_hz: float | None,
+    current_limit: float | None,
+) -> ModelDrive:
+    """Return what lies before the free displacement of a drive.
+
+    Creep is that of an identified model, else the one given, of a stack with hysteresis.
+    """
+    hysteresis, own = (
+        (model.hysteresis, model.creep) if isinstance(model, DriveModel) else (model, None)
+    )
+    gain, unit, allowed = 1.0, "m" if drive.spring != 0.0 else "N", None
+    if isinstance(drive, PiezoStack) and drive.voltage_range is not None:
+        allowed, unit = drive.voltage_range, "V"
+        gain = drive.free_stroke / (drive.voltage_range[1] - drive.voltage_range[0])
+    if hysteresis is not None:
+        unit, own = "V", own or creep
+    amplifier = _amplifier_of(drive, bandwidth_hz, current_limit)
+    return ModelDrive(
+        name=drive.name,
+        kind=drive.kind,
+        unit=unit,
+        gain=gain,
+        hysteresis=hysteresis,
+        amplifier=amplifier if unit == "V" else None,
+        creep=own,
+        input_range=allowed,
+    )
+
+
+def _amplifier_of(
     drive: Drive, bandwidth_hz: float | None, current_limit: float | None
 ) -> Amplifier | None:
     """Return the amplifier of a stack, with its range of voltage.
@@ -147,28 +175,20 @@ def amplifier_of(
     )
 
 
-def bare_drive(
-    drive: Drive, model: HysteresisModel | None, amplifier: Amplifier | None, creep: Creep | None
-) -> ModelDrive:
-    """Return a drive up to its free displacement; the weights of what it moves come later."""
-    gain, unit, allowed = 1.0, "m" if drive.spring != 0.0 else "N", None
-    if isinstance(drive, PiezoStack) and drive.voltage_range is not None:
-        allowed, unit = drive.voltage_range, "V"
-        gain = drive.free_stroke / (drive.voltage_range[1] - drive.voltage_range[0])
-    none = np.zeros(0)
-    return ModelDrive(
-        name=drive.name,
-        kind=drive.kind,
-        unit="V" if model is not None else unit,
-        gain=gain,
-        hysteresis=model,
-        amplifier=amplifier if unit == "V" or model is not None else None,
-        creep=creep,
-        input_range=allowed,
-        mode_weights=none,
-        lag_weights=none,
-        feedthrough=none,
-        rate_time=none,
-        stiffness=drive.spring,
-        modal_gain=none,
-    )
+def refuse_stroke(stack: PiezoStack, model: HysteresisModel, scale: float = 1.0) -> None:
+    """Refuse a model whose stroke over the voltage range is far from the free stroke.
+
+    That is, five times larger or smaller; `scale` is the free displacement over what the model
+    gives.
+    """
+    if stack.voltage_range is None:
+        return
+    ends = model.simulate(np.array(stack.voltage_range)).values
+    stroke = float(abs(scale * (ends[1] - ends[0])))
+    if not stack.free_stroke / _STROKE_FACTOR < stroke < stack.free_stroke * _STROKE_FACTOR:
+        low, high = stack.voltage_range
+        raise ModelError(
+            f"the model of drive '{stack.name}' moves {stroke:.3g} m from {low:g} to {high:g} V, "
+            f"and the stack's free stroke is {stack.free_stroke:.3g} m: its output must be the "
+            "free displacement in m, and its input the voltage in V"
+        )

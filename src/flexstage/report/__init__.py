@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from flexstage.report.figures.responses import draw_bode, draw_response
     from flexstage.report.figures.style import encode
     from flexstage.report.figures.tracking import draw_compensation, draw_drive_fit, draw_following
-    from flexstage.report.html import report_html
+    from flexstage.report.study import report_html
 
 __all__ = [
     "draw_bode",

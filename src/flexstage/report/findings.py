@@ -1,7 +1,6 @@
 """What each chapter of a study found, in one line computed from its rows."""
 
 from collections.abc import Callable, Iterable
-from html import escape
 from typing import TYPE_CHECKING
 
 from flexstage.quantities import display, number
@@ -39,7 +38,7 @@ def _models(study: "Study") -> str:
     value, row = max(differences, key=lambda pair: abs(pair[0]))
     return (
         f"{names.capitalize()}: their natural frequencies are within {abs(value):.1f} % of the "
-        f"{model_name(best)} (largest difference in {escape(row.axis)})."
+        f"{model_name(best)} (largest difference in {row.axis})."
     )
 
 
@@ -76,7 +75,7 @@ def _measured(study: "Study") -> str:
     parts = []
     for origin, title in (("measured", "Measured here"), ("published-measured", "Published")):
         words = [
-            f"{display(row.quantity).label.lower()} of {escape(row.axis)} "
+            f"{display(row.quantity).label.lower()} of {row.axis} "
             f"{row.cells[origin].text(display(row.quantity))} {display(row.quantity).shown_unit} "
             f"({_model_against(row.difference_percent(best, origin))})"
             for row in rows
@@ -96,7 +95,7 @@ def _hysteresis(study: "Study") -> str:
     if not study.experiments:
         return "No axis could be tried."
     words = [
-        f"{escape(axis)}: {listed(f'{run.title} {run.reduction_percent:.1f} %' for run in m.runs)}"
+        f"{axis}: {listed(f'{run.title} {run.reduction_percent:.1f} %' for run in m.runs)}"
         for axis, m in study.experiments.items()
     ]
     return f"Loop narrowed by the inverse of a model, simulated stage: {'; '.join(words)}."
@@ -110,7 +109,7 @@ def _centring(study: "Study") -> str:
     first = found.done.steps[0].reading.length.value
     return (
         f"An eccentricity of {1e6 * first:.1f} µm was reduced to {1e9 * found.left:.1f} nm "
-        f"(simulated; {escape(found.done.reason)})."
+        f"(simulated; {found.done.reason})."
     )
 
 
@@ -128,7 +127,7 @@ def _of(study: "Study", quantity: str) -> str:
     shown = display(quantity)
     unit = f" {shown.shown_unit}" if shown.shown_unit else ""
     rows: Iterable = study.analyses[best_model(study)].characteristics.select(quantity)
-    return listed(f"{r.text(shown)}{unit} in {escape(r.axis)}" for r in rows)
+    return listed(f"{r.text(shown)}{unit} in {r.axis}" for r in rows)
 
 
 def _model_against(value: float | None) -> str:

@@ -2,7 +2,8 @@
 
 import re
 from collections.abc import Iterable, Iterator
-from html import escape
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from flexstage.characteristic import measured_value
@@ -11,8 +12,9 @@ from flexstage.quantities import display, number
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.tracking import draw_loop
-from flexstage.report.page import captioned, drawn, table_html
 from flexstage.report.tables import MANUFACTURE, percent
+from flexstage.section import Picture
+from flexstage.table import Cell, Table, table
 
 if TYPE_CHECKING:
     from flexstage.studies.study import Study
@@ -68,40 +70,58 @@ def verdict(study: "Study") -> tuple[str, ...]:
     return tuple(s for s in (_to_fem(study), _to_measured(study), _not_reproduced(study)) if s)
 
 
-def front_page(study: "Study") -> str:
-    """Write the first page."""
-    sentences = "".join(f"<p>{_marked(s)}</p>" for s in verdict(study))
-    name = escape(study.stage.name)
-    left = drawn(
-        draw_stage(study.stage, key=False),
-        "front-drawing",
-        f"drawing of {name}",
-        f"The stage: {escape(outer_size(study))}. Arrows: drives (orange) and probes (green).",
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrontPage:
+    """What the first page shows."""
+
+    verdict: tuple[tuple[str, str], ...]
+    """Sentences: the words before the colon that one begins with, and the rest."""
+    table: Table | None
+    """The main figures; None where there are none."""
+    drawing: Picture
+    """The stage."""
+    curves: tuple[Picture, ...]
+    """Beside it."""
+
+
+def front_page(study: "Study") -> FrontPage:
+    """Return what the first page shows."""
+    drawing = Picture(
+        result=partial(draw_stage, study.stage, key=False),
+        title=f"drawing of {study.stage.name}",
+        caption=f"The stage: {outer_size(study)}. Arrows: drives (orange) and probes (green).",
     )
-    right = "".join(_curves(study))
-    return (
-        f'<section id="summary"><div class="verdict">{sentences}</div>{_table(study)}'
-        f'<div class="front">{left}<div class="plots">{right}</div></div></section>'
+    return FrontPage(
+        verdict=tuple(_led(sentence) for sentence in verdict(study)),
+        table=_table(study),
+        drawing=drawing,
+        curves=tuple(_curves(study)),
     )
 
 
-def _marked(sentence: str) -> str:
-    """Set off the words before the colon that a sentence begins with."""
-    bold = re.sub(r"^([^:]{3,40}):", r"<b>\1:</b>", escape(sentence))
-    return bold.replace(" %", "\u00a0%")
+def _led(sentence: str) -> tuple[str, str]:
+    """Part a sentence behind the words before the colon that it begins with."""
+    sentence = sentence.replace(" %", "\u00a0%")
+    found = re.match(r"([^:]{3,40}):(.*)", sentence, flags=re.DOTALL)
+    return (found[1], found[2]) if found else ("", sentence)
 
 
-def _curves(study: "Study") -> Iterator[str]:
+def _curves(study: "Study") -> Iterator[Picture]:
     made = next(iter(study.experiments.values()), None)
     axes = [a.axis for a in study.main.axes]
-    model = escape(model_name(study.main.system.model))
-    for i, axis in enumerate(axes[: 1 if made is not None else 2]):
-        plot = draw_bode(study.main, axis, conditions=("removed",), size=(5.0, 3.1))
-        words = f"Bode diagram of {escape(axis)}, drives removed; {model}."
-        yield drawn(plot, f"front-bode{i}", f"Bode diagram of {axis}", words)
+    model = model_name(study.main.system.model)
+    for axis in axes[: 1 if made is not None else 2]:
+        yield Picture(
+            result=partial(draw_bode, study.main, axis, conditions=("removed",), size=(5.0, 3.1)),
+            title=f"Bode diagram of {axis}",
+            caption=f"Bode diagram of {axis}, drives removed; {model}.",
+        )
     if made is not None:
-        words = f"Loop of {escape(made.axis)} without and with the inverse; simulated stage."
-        yield drawn(draw_loop(made), "front-loop", f"loop of {made.axis}", words)
+        yield Picture(
+            result=partial(draw_loop, made),
+            title=f"loop of {made.axis}",
+            caption=f"Loop of {made.axis} without and with the inverse; simulated stage.",
+        )
 
 
 def _rows(study: "Study", quantities: Iterable[str] = _MAIN) -> list[ComparisonRow]:
@@ -110,49 +130,43 @@ def _rows(study: "Study", quantities: Iterable[str] = _MAIN) -> list[ComparisonR
     return sorted(found, key=lambda row: order[row.quantity])
 
 
-def _table(study: "Study") -> str:
+def _table(study: "Study") -> Table | None:
     model = best_model(study)
     published = [c for c in (_FEM, _MEASURED) if c in study.comparison.published]
     quantities = _MAIN if published else (*_MAIN, "safety_factor")
     titles = {_FEM: "published FEM", _MEASURED: "published, measured"}
-    heads = ['<th class="text">Quantity</th>', "<th>Axis</th>"]
-    heads += [f"<th>{titles[c]}</th>" for c in published]
-    heads += [f"<th>here, {escape(model_name(model))}</th>"]
-    heads += [f"<th>difference to {titles[c]}</th>" for c in published]
-    lines = []
+    heads = ["Quantity", "Axis", *(titles[c] for c in published), f"here, {model_name(model)}"]
+    heads += [f"difference to {titles[c]}" for c in published]
+    rows: list[tuple[str | Cell, ...]] = []
     for row in _rows(study, quantities):
         cell = row.cells.get(model)
         if cell is None or not (set(published) & set(row.cells) or not published):
             continue
         shown = display(row.quantity)
-        cells = [f'<td class="text">{escape(shown.heading)}</td><td>{escape(row.axis)}</td>']
+        printed = []
         for c in published:
             slip = " †" if _slip(study, c, row.axis) and row.quantity == _RATIO else ""
-            cells.append(
-                f"<td>{row.cells[c].text(shown)}{slip}</td>" if c in row.cells else "<td>–</td>"
-            )
-        cells.append(f'<td class="ours">{cell.text(shown)}</td>')
-        cells += [f"<td>{percent(row.difference_percent(model, c)) or '–'}</td>" for c in published]
-        lines.append(f"<tr>{''.join(cells)}</tr>")
-    lines += _loops(study, len(published))
+            printed.append(f"{row.cells[c].text(shown)}{slip}" if c in row.cells else "–")
+        ours = Cell(cell.text(shown), mark="ours")
+        differences = (percent(row.difference_percent(model, c)) or "–" for c in published)
+        rows.append((shown.heading, row.axis, *printed, ours, *differences))
+    rows += _loops(study, len(published))
     slips = [s for axis in _axes(study) if (s := _slip(study, _FEM, axis))]
-    foot = f" † Printed so; {escape(slips[0])}." if slips else ""
-    caption = f"Main figures of the stage.{foot}"
-    return captioned(table_html(heads, lines), caption) if lines else ""
+    foot = f" † Printed so; {slips[0]}." if slips else ""
+    return table(f"Main figures of the stage.{foot}", heads, rows) if rows else None
 
 
-def _loops(study: "Study", published: int) -> Iterator[str]:
+def _loops(study: "Study", published: int) -> Iterator[tuple[str | Cell, ...]]:
     """Rows on the loop that the inverse leaves, which the simulated stage gives."""
     for axis, made in study.experiments.items():
         printed = _printed_reduction(study, axis)
         here = made.runs[0].reduction_percent
         if printed is None or published < 2:
             continue
-        yield (
-            f'<tr><td class="text">Loop narrowed by inverse [%]</td><td>{escape(axis)}</td>'
-            f'<td>–</td><td>{printed:.1f}</td><td class="ours">{here:.1f} (simulated)</td>'
-            f"<td>–</td><td>{here - printed:+.1f} points</td></tr>"
-        )
+        ours = Cell(f"{here:.1f} (simulated)", mark="ours")
+        difference = f"{here - printed:+.1f} points"
+        title = "Loop narrowed by inverse [%]"
+        yield (title, axis, "–", f"{printed:.1f}", ours, "–", difference)
 
 
 def _printed_reduction(study: "Study", axis: str) -> float | None:

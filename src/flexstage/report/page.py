@@ -1,117 +1,122 @@
-"""The frame of every report: one HTML file with numbered figures, tables and signs in one style."""
+"""Every report is one HTML file: templates that are filled, figures and tables numbered."""
 
-import itertools
 import re
-from collections.abc import Iterable
-from html import escape
-from importlib.resources import files
-from string import Template
-from typing import TYPE_CHECKING
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
-from flexstage.report.figures.style import css_variables, inline_svg
+from flexstage.section import Picture, Section
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from jinja2 import Environment
+    from markupsafe import Markup
 
 #: A hyphen that is a minus sign: before a digit, and after nothing that it could belong to.
 _HYPHEN_MINUS = re.compile(r"(?<![\w\])−–-])-(?=\.?\d)")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fragment(Section):
+    """A section that has a template of its own, as a formula needs."""
+
+    template: str
+    """Name of the template."""
+    given: Mapping[str, Any] = field(default_factory=dict)
+    """What it shows, as ``given`` in it."""
+
+
+def fragment(template: str, **given: Any) -> Fragment:
+    """Return a part of a section that has a template of its own."""
+    return Fragment(title="", content=(), template=template, given=given)
+
+
 def page_html(
     *,
-    title: str,
     heading: str,
     lead: str,
     version: str,
-    links: Iterable[tuple[str, str]],
-    body: str,
-    notes: str = "",
-    symbols: str = "",
+    links: Iterable[tuple[str, str]] = (),
+    sections: Iterable[Section] = (),
+    notes: Iterable[str] = (),
+    title: str = "",
+    template: str = "page.html",
+    **given: Any,
 ) -> str:
-    """Fill the template, number its figures and tables, and write every minus as U+2212.
+    """Return a whole page.
 
-    Body and notes are HTML, title, heading and lead plain text. `links` are id and title of what
-    the navigation names, `symbols` SVG that others refer to.
+    `links` are id and title of what the navigation names: the sections where not given. A template
+    that extends ``page.html`` may be `given` more.
     """
-    page = Template(files("flexstage.report").joinpath("template.html").read_text("utf-8"))
-    return page.substitute(
-        version=escape(version),
-        title=escape(title),
+    from flexstage.report.figures.style import css_variables
+
+    sections = tuple(sections)
+    return _filled(
+        template,
+        heading=heading,
+        lead=lead,
+        version=version,
+        links=tuple(links) or tuple((s.key, s.title) for s in sections),
+        sections=sections,
+        notes=tuple(notes),
+        title=title or heading,
         light=css_variables(),
-        heading=escape(heading),
-        lead=escape(lead),
-        notes=_typeset(notes),
-        navigation="".join(f'<a href="#{key}">{name}</a>' for key, name in links)
-        + ('<button type="button" id="unfold">Unfold all</button>' if "<details>" in body else ""),
-        symbols=symbols,
-        sections=_typeset(_numbered(_numbered(body, "figcaption", "Figure"), "caption", "Table")),
+        **given,
     )
 
 
-def figure(svg: str, caption: str, *, kind: str = "") -> str:
-    """Return a figure with its caption of HTML, which `page_html` numbers."""
-    return f'<figure class="{kind or "whole"}">{svg}<figcaption>{caption}</figcaption></figure>'
+def sections_html(*sections: Section) -> str:
+    """Return sections alone, without the frame of a page."""
+    return _filled("sections.html", sections=sections)
 
 
-def drawn(plot: "Figure", key: str, title: str, caption: str, *, kind: str = "") -> str:
-    """Return a plot as a figure; the key is unique in the page, the title for who cannot see it."""
-    return figure(inline_svg(plot, key, title), caption, kind=kind)
+def _filled(template: str, **given: Any) -> str:
+    return _environment().get_template(template).render(next=_Numbers().next, **given)
 
 
-def row_of(figures: Iterable[str], *, columns: int = 1) -> str:
-    """Return figures side by side, 1 to 3 in a row; empty where there is none."""
-    shown = "".join(figures)
-    kind = {1: "", 2: " two", 3: " three"}[columns]
-    return f'<div class="plots{kind}">{shown}</div>' if shown else ""
+class _Numbers:
+    """The numbers of what is counted in a page."""
+
+    def __init__(self) -> None:
+        self._last: Counter[str] = Counter()
+
+    def next(self, what: str) -> int:
+        self._last[what] += 1
+        return self._last[what]
 
 
-def captioned(table: str, caption: str) -> str:
-    """Give HTML with one table in it a caption, which `page_html` numbers."""
-    return table.replace("<table>", f"<table><caption>{caption}</caption>", 1)
+@cache
+def _environment() -> "Environment":
+    from jinja2 import Environment, PackageLoader, StrictUndefined
 
-
-def table_html(heads: Iterable[str], lines: Iterable[str], *, groups: str = "") -> str:
-    """Write a table that may be scrolled where the window is narrow.
-
-    Heads and groups, a row above them, are ``<th>``; lines are the ``<tr>``.
-    """
-    above = f'<tr class="groups">{groups}</tr>' if groups else ""
-    return (
-        f'<div class="scroll"><table><thead>{above}<tr>{"".join(heads)}</tr></thead>'
-        f"<tbody>{''.join(lines)}</tbody></table></div>"
+    made = Environment(
+        loader=PackageLoader("flexstage.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
+    made.filters |= {"kind": _kind, "svg": _svg, "typeset": _typeset}
+    return made
 
 
-def cells(values: Iterable[object]) -> str:
-    """Write the cells of a row, as HTML."""
-    return "".join(f"<td>{value}</td>" for value in values)
+def _kind(item: object) -> str:
+    return type(item).__name__
 
 
-def bullets(notes: Iterable[str]) -> str:
-    """Write notes as a list; empty where there are none."""
-    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
-    return f"<ul>{items}</ul>" if items else ""
+def _svg(picture: Picture, key: str) -> "Markup":
+    """Draw a picture; the key is unique in the page."""
+    from markupsafe import Markup
+
+    from flexstage.report.figures.style import inline_svg
+    from flexstage.report.pictures import drawn
+
+    return Markup(inline_svg(drawn(picture), key, picture.title))
 
 
-def definitions(entries: Iterable[tuple[str, str]]) -> str:
-    """Write what things are called and what they are; empty where there are none."""
-    rows = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in entries)
-    return f"<dl>{rows}</dl>" if rows else ""
-
-
-def folded(key: str, title: str, finding: str, content: str) -> str:
-    """Return a chapter that is folded behind its title and its finding, one line of HTML."""
-    return (
-        f'<section id="{key}" class="chapter"><details><summary><h2>{title}</h2>'
-        f"<p>{finding}</p></summary>{content}</details></section>"
-    )
-
-
-def _numbered(text: str, tag: str, word: str) -> str:
-    count = itertools.count(1)
-    return re.sub(f"<{tag}>", lambda _: f"<{tag}><b>{word} {next(count)}.</b> ", text)
-
-
-def _typeset(text: str) -> str:
+def _typeset(text: str) -> "Markup":
     """Write hyphens that are minus signs as such, in words and not in tags."""
-    return re.sub(r">[^<]+", lambda words: _HYPHEN_MINUS.sub("−", words[0]), text)
+    from markupsafe import Markup
+
+    return Markup(re.sub(r">[^<]+", lambda words: _HYPHEN_MINUS.sub("−", words[0]), text))

@@ -1,4 +1,4 @@
-"""Tables of accuracy and repeatability of positioning, by the figures of ISO 230-2, as text."""
+"""Tables of accuracy and repeatability of positioning, by the figures of ISO 230-2."""
 
 import math
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from flexstage.estimate import Estimate
 from flexstage.measure.motion.positioning import Positioning
 from flexstage.quantities import prefixed
+from flexstage.table import Table, table
 
 #: Figures of an axis: symbol, name, field of both directions; upward and downward have suffixes.
 _AXIS: tuple[tuple[str, str, str], ...] = (
@@ -26,14 +27,10 @@ class PositioningTables:
 
     unit: str
     """Unit of all figures but the targets."""
-    axis_heads: tuple[str, ...]
-    """Headings of the columns of `axis`."""
-    axis: tuple[tuple[str, ...], ...]
-    """A row of cells for each figure of the axis."""
-    target_heads: tuple[str, ...]
-    """Headings of the columns of `targets`."""
-    targets: tuple[tuple[str, ...], ...]
-    """A row of cells for each target."""
+    axis: Table
+    """Figures of the axis."""
+    targets: Table
+    """Values at the targets."""
 
 
 def positioning_tables(found: Positioning) -> PositioningTables:
@@ -58,21 +55,20 @@ def positioning_tables(found: Positioning) -> PositioningTables:
         4.0 * found.spread_downward, found.repeatability_at_targets,
     )  # fmt: skip
     pm = "± (95 %)"
+    of_axis = (
+        (symbol, label, *given(f"{name}_upward"), *given(f"{name}_downward"), *given(name))
+        for symbol, label, name in _AXIS
+    )
+    at_targets = (
+        (f"{across * at:.7g}".replace("-", "−"), *(text(float(v[i])) for v in columns))
+        for i, at in enumerate(found.target)
+    )
+    heads = ("x̄ ↑", "x̄ ↓", "x̄", "B", "s ↑", "s ↓", "R ↑", "R ↓", "R")
     return PositioningTables(
         unit=f"{prefix}m",
-        axis_heads=("", "ISO 230-2", "upward", pm, "downward", pm, "both", pm),
-        axis=tuple(
-            (symbol, label, *given(f"{name}_upward"), *given(f"{name}_downward"), *given(name))
-            for symbol, label, name in _AXIS
-        ),
-        target_heads=(
-            f"target [{of_target}m]", "x̄ ↑", "x̄ ↓", "x̄", "B", "s ↑", "s ↓", "R ↑", "R ↓", "R",
-        ),
-        targets=tuple(
-            (f"{across * at:.7g}".replace("-", "−"), *(text(float(v[i])) for v in columns))
-            for i, at in enumerate(found.target)
-        ),
-    )  # fmt: skip
+        axis=table("", ("", "<ISO 230-2", "upward", pm, "downward", pm, "both", pm), of_axis),
+        targets=table("", (f"target [{of_target}m]", *heads), at_targets),
+    )
 
 
 def _short(estimate: Estimate, factor: float) -> str:

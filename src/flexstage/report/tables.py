@@ -1,17 +1,19 @@
-"""Tables of the report as HTML."""
+"""Tables of the report of a study."""
 
 from collections import defaultdict
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import fields, replace
-from html import escape
+from typing import TYPE_CHECKING, Literal
 
-from flexstage.characteristic import Characteristic
 from flexstage.comparison import Comparison, ComparisonRow, shared_rows
 from flexstage.hinges import Profile
 from flexstage.quantities import Quantity, display, number
-from flexstage.report.page import captioned, table_html
 from flexstage.stage import Stage
+from flexstage.table import Cell, Column, Table, table
 from flexstage.units import DIMENSIONS
+
+if TYPE_CHECKING:
+    from flexstage.lumped.assemble import HingeSpring
 
 _TITLES = {
     "published-analytic": "analytic",
@@ -20,7 +22,7 @@ _TITLES = {
 }
 #: What comes from manufacture: no model of the ideal geometry is compared with it.
 MANUFACTURE = frozenset(("straightness", "straightness_out_of_plane", "linearity"))
-LABEL_HEADS = ('<th class="text">Quantity</th>', '<th class="text">Axis</th>')
+_LABELS = (Column("Quantity", "long words"), "<Axis")
 _MOST_NAMES = 12  # hinges that a row names
 # what the study says of its own models: each against the experiment, and one against the other
 _PAIRS = (
@@ -43,52 +45,48 @@ def percent(value: float | None) -> str:
     return "0.0 %" if abs(value) < 0.05 else f"{value:+.1f} %".replace("-", "−")
 
 
-def characteristics_table(comparison: Comparison, quantities: Collection[str], caption: str) -> str:
-    """Write some quantities by all origins side by side, the best of ours set off.
+def characteristics_table(
+    comparison: Comparison, quantities: Collection[str], caption: str
+) -> Table | None:
+    """Set some quantities by all origins side by side, the best of ours set off.
 
-    Each value also stands unrounded in ``data-value``; a row that is the same for all axes stands
-    once. Empty where we have no value of any of them.
+    A row that is the same for all axes stands once. None where we have no value of any of them.
     """
     rows = [
         row
         for row in shared_rows(comparison.rows)
         if row.quantity in quantities and any(column in row.cells for column in comparison.ours)
     ]
-    shown = [c for c in comparison.columns if any(c in row.cells for row in rows)]
-    published = [c for c in shown if c in comparison.published]
+    if not rows:
+        return None
     ours = comparison.best
     others = [column for column in comparison.ours if column != ours]
-    groups = "<th></th><th></th>"
-    if published:
-        groups += f'<th colspan="{len(published)}">published</th>'
-    groups += f'<th colspan="{len(shown) - len(published)}">here, by model</th>'
-    heads = [*LABEL_HEADS, *(f"<th>{escape(column_title(c))}</th>" for c in shown)]
+    heads, marks = [], {}
+    for column in comparison.columns:
+        if any(column in row.cells for row in rows):
+            group = "published" if column in comparison.published else "here, by model"
+            heads.append(Column(column_title(column), group=group))
+            marks[column] = "ours" if column == ours else "variant" if column in others else ""
     lines = []
-    before = ""
     for row in rows:
-        fitting = shown_in(row)
-        cells = _label_cells(row, fitting)
-        for column in shown:
-            kind = "ours" if column == ours else "variant" if column in others else ""
-            cells.append(_value_cell(row, column, fitting, kind))
-        opening = '<tr class="next">' if row.quantity != before else "<tr>"
-        lines.append(f"{opening}{''.join(cells)}</tr>")
-        before = row.quantity
-    return captioned(table_html(heads, lines, groups=groups), caption) if lines else ""
+        shown = shown_in(row)
+        values = (_value(row, column, shown, mark) for column, mark in marks.items())
+        lines.append((*_label(row, shown), *values))
+    return table(caption, (*_LABELS, *heads), lines, divided=True)
 
 
-def differences_table(comparison: Comparison) -> str:
-    """Write by how much each of our models differs from each published origin.
+def differences_table(comparison: Comparison) -> Table | None:
+    """Say by how much each of our models differs from each published origin.
 
-    Empty where nothing was published.
+    None where nothing was published.
     """
     models = comparison.models
-    groups = "<th></th><th></th>" + "".join(
-        f'<th colspan="{len(models)}">to {column_title(c)}</th>' for c in comparison.published
-    )
     # the longest name may be broken, or the last column stands outside the page
-    names = [escape(m).replace("superelement", "super&shy;element") for m in models]
-    heads = [*LABEL_HEADS, *[f"<th>{name}</th>" for name in names] * len(comparison.published)]
+    heads = [
+        Column(m.replace("superelement", "super\u00adelement"), group=f"to {column_title(c)}")
+        for c in comparison.published
+        for m in models
+    ]
     lines = []
     for row in shared_rows(comparison.rows):
         if row.quantity in MANUFACTURE or row.quantity == "input_displacement":
@@ -99,83 +97,78 @@ def differences_table(comparison: Comparison) -> str:
             for m in models
         ]
         if any(signed):
-            label = _label_cells(row, replace(display(row.quantity), shown_unit=""))
-            cells = [*label, *(f"<td>{text}</td>" for text in signed)]
-            lines.append(f"<tr>{''.join(cells)}</tr>")
+            label = _label(row, replace(display(row.quantity), shown_unit=""))
+            lines.append((*label, *signed))
     caption = "Difference of each model here to each published origin [% of the published value]."
-    return captioned(table_html(heads, lines, groups=groups), caption) if lines else ""
+    return table(caption, (*_LABELS, *heads), lines) if lines else None
 
 
-def published_table(comparison: Comparison) -> str:
-    """Write what was published alone, with the differences between its own columns.
+def published_table(comparison: Comparison) -> Table | None:
+    """Set what was published side by side, with the differences between its own columns.
 
-    Empty where nothing was published.
+    None where nothing was published.
     """
     if not comparison.published:
-        return ""
+        return None
     pairs = [p for p in _PAIRS if set(p) <= set(comparison.published)]
-    heads = [*LABEL_HEADS, *(f"<th>{column_title(c)}</th>" for c in comparison.published)]
-    heads += [f"<th>{column_title(a)} to {column_title(b)}</th>" for a, b in pairs]
-    lines, notes = [], []
+    heads = [
+        *_LABELS,
+        *(column_title(c) for c in comparison.published),
+        *(f"{column_title(a)} to {column_title(b)}" for a, b in pairs),
+        Column("remark", "long words"),
+    ]
+    lines = []
     for row in shared_rows(comparison.rows):
-        if not any(column in row.cells for column in comparison.published):
-            continue
-        fitting = shown_in(row)
-        cells = _label_cells(row, fitting)
-        cells += [_value_cell(row, c, fitting) for c in comparison.published]
-        cells += [f"<td>{percent(row.difference_percent(a, b))}</td>" for a, b in pairs]
-        remarks = [n for c in comparison.published if c in row.cells and (n := row.cells[c].note)]
-        notes.append("; ".join(dict.fromkeys(remarks)))
-        cells.append(f'<td class="text wrap">{escape(notes[-1])}</td>')
-        lines.append(f"<tr>{''.join(cells)}</tr>")
-    heads.append('<th class="text">remark</th>')
+        if any(column in row.cells for column in comparison.published):
+            shown = shown_in(row)
+            cells = [*_label(row, shown), *(_value(row, c, shown) for c in comparison.published)]
+            cells += [percent(row.difference_percent(a, b)) for a, b in pairs]
+            remarks = (row.cells[c].note for c in comparison.published if c in row.cells)
+            lines.append((*cells, "; ".join(dict.fromkeys(filter(None, remarks)))))
     caption = (
         "Published figures, and the differences between their own columns [% of the second one]. "
         "Values as they are printed."
     )
-    return captioned(table_html(heads, lines), caption)
+    return table(caption, heads, lines)
 
 
-def hinge_table(stage: Stage, *, method: str = "wedge", plane: str = "auto") -> str:
-    """Write the stiffness of every kind of hinge of a stage, by one method.
+def hinge_table(stage: Stage, springs: "Iterable[HingeSpring]") -> Table:
+    """Set the stiffness of every kind of hinge of a stage side by side.
 
     Hinges that are alike in notch and roots share a row.
     """
-    from flexstage.lumped import hinge_springs
-
     numbers = {hinge.name: i for i, hinge in enumerate(stage.hinges, start=1)}
     groups = defaultdict(list)
-    for spring in hinge_springs(stage, method=method, plane=plane):  # type: ignore[arg-type]
+    for spring in springs:
         roots = spring.root_widths
         key = (spring.hinge.profile, spring.plane, roots and tuple(round(w, 9) for w in roots))
         groups[key].append(spring)
     lines = []
-    for (profile, state, _), springs in groups.items():
-        k = springs[0].stiffness
-        named = [f"{s.hinge.name} ({numbers[s.hinge.name]})" for s in springs]
+    for (profile, state, _), alike in groups.items():
+        k = alike[0].stiffness
+        named = [f"{s.hinge.name} ({numbers[s.hinge.name]})" for s in alike]
         if len(named) > _MOST_NAMES:
             named[_MOST_NAMES - 1 :] = [f"and {len(named) - _MOST_NAMES + 1} more"]
-        names = ", ".join(named)
-        cells = [
-            f'<td class="text wrap">{escape(names)}</td>',
-            f'<td class="text">{escape(_profile_text(profile))}</td>',
-            f"<td>{number(profile.neck_thickness * 1e3, 3)}</td>",
-            f"<td>{number(k[0, 0] * 1e-6)}</td>",
-            f"<td>{number(k[1, 1] * 1e-6)}</td>",
-            f"<td>{number(k[2, 2])}</td>",
-            f'<td class="text">{escape(springs[0].method)}, plane {state}</td>',
-        ]
-        lines.append(f"<tr>{''.join(cells)}</tr>")
+        lines.append(
+            (
+                ", ".join(named),
+                _profile_text(profile),
+                number(profile.neck_thickness * 1e3, 3),
+                number(k[0, 0] * 1e-6),
+                number(k[1, 1] * 1e-6),
+                number(k[2, 2]),
+                f"{alike[0].method}, plane {state}",
+            )
+        )
     heads = (
-        '<th class="text">Hinges (number in the drawing)</th><th class="text">Profile</th>'
-        "<th>Neck [mm]</th><th>Axial [N/µm]</th><th>Shear [N/µm]</th><th>Rotation [N m/rad]</th>"
-        '<th class="text">Method</th>'
-    )
+        Column("Hinges (number in the drawing)", "long words"), "<Profile", "Neck [mm]",
+        "Axial [N/µm]", "Shear [N/µm]", "Rotation [N m/rad]", "<Method",
+    )  # fmt: skip
     caption = (
         "Stiffness about the neck, lumped model. Hinges that are alike in notch and adjoining "
         "bodies share a row."
     )
-    return captioned(table_html((heads,), lines), caption)
+    return table(caption, heads, lines)
 
 
 def shown_in(row: ComparisonRow) -> Quantity:
@@ -199,19 +192,25 @@ def _profile_text(profile: Profile) -> str:
     return f"{profile.kind}{side}" + "".join(f", {size}" for size in sizes)
 
 
-def _label_cells(row: ComparisonRow, shown: Quantity) -> list[str]:
-    remark = f"<br><small>{escape(row.remark)}</small>" if row.remark else ""
-    return [
-        f'<td class="text wrap">{escape(shown.heading)}{remark}</td>',
-        f'<td class="text">{escape(row.axis)}</td>',
-    ]
+def _label(row: ComparisonRow, shown: Quantity) -> tuple[Cell, str]:
+    return Cell(shown.heading, small=row.remark), row.axis
 
 
-def _value_cell(row: ComparisonRow, column: str, shown: Quantity, kind: str = "") -> str:
-    cell: Characteristic | None = row.cells.get(column)
+def _value(
+    row: ComparisonRow, column: str, shown: Quantity, mark: Literal["", "ours", "variant"] = ""
+) -> Cell:
+    cell = row.cells.get(column)
     if cell is None:
-        return f'<td class="{kind}">–</td>'
-    title = f' title="{escape(cell.note, quote=True)}"' if cell.note else ""
-    names = {"quantity": row.quantity, "axis": row.axis, "column": column, "value": cell.value}
-    data = "".join(f' data-{k}="{escape(str(v), quote=True)}"' for k, v in names.items())
-    return f'<td class="{kind}"{data}{title}>{cell.text(shown)}</td>'
+        return Cell("–", mark=mark)
+    return Cell(
+        cell.text(shown),
+        value=cell.value * shown.factor,
+        note=cell.note,
+        mark=mark,
+        names={
+            "quantity": row.quantity,
+            "axis": row.axis,
+            "column": column,
+            "value": cell.value,
+        },
+    )

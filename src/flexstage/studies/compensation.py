@@ -82,11 +82,12 @@ def virtual_experiment(
 ) -> AxisExperiment:
     """Measure, identify and compensate the hysteresis of one axis of a virtual stage.
 
-    The plant is the entire dynamic model: amplifier, a stack of a class that is not fitted, creep,
-    all modes of the stage with the stacks in place, and a noisy sensor. Its stroke and the width of
-    its loop are set to what was measured of the stage, where that is published, since no model
-    knows them; everything else follows. A Bouc-Wen model is identified from loops at one rate, full
-    ones and falling ones, and inverted; beside it the model that is best on a designed record.
+    It is carried out on the entire dynamic model: amplifier, a stack of a class that is not fitted,
+    creep, all modes of the stage with the stacks in place, and a noisy sensor. Its stroke and the
+    width of its loop are set to what was measured of the stage, where that is published, since no
+    model knows them; everything else follows. A Bouc-Wen model is identified from loops at one
+    rate, full ones and falling ones, and inverted; beside it the model that is best on a designed
+    record.
 
     Parameters
     ----------

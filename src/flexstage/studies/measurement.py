@@ -13,6 +13,7 @@ from flexstage.quantities import display
 
 if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import Characterisation, TestResult
+    from flexstage.experiments.results import PlanResult
     from flexstage.stage import Stage
 
 
@@ -119,6 +120,41 @@ def compare_with_references(
         references=tuple(sorted(present, key=lambda origin: order[origin])),
         left_out=dict(left_out or {}),
     )
+
+
+def compare_plan(result: "PlanResult") -> MeasurementComparison:
+    """Compare all figures of a plan with what is published of the stage."""
+    from flexstage.experiments.campaign.plan import Campaign, Test
+    from flexstage.experiments.campaign.results import Characterisation, TestResult
+    from flexstage.experiments.verbs.characterise import CharacterisedStep
+    from flexstage.experiments.verbs.verify import VerifiedStep
+
+    found: list[TestResult] = []
+    instruments, sources = {}, {}
+    for step in result.steps:
+        if isinstance(step, CharacterisedStep):
+            taken = {r.test.name for r in found}
+            found += [r for r in step.found.results if r.test.name not in taken]
+            instruments |= {i.name: i for i in step.found.campaign.instruments}
+            sources |= step.found.sources
+        elif isinstance(step, VerifiedStep) and step.figures:
+            record = str(step.runs[0].file.name)
+            test = Test(name=step.name, kind="motion", axis=step.axis, records=(record,))
+            found.append(TestResult(test=test, figures=step.figures))
+    campaign = Campaign(
+        stage=result.plan.stage,
+        origin=result.origin,
+        instruments=tuple(instruments.values()),
+        tests=tuple(r.test for r in found),
+        notes=(),
+    )
+    whole = Characterisation(campaign=campaign, results=tuple(found), sources=sources)
+    # a mode with the drives in place is another than that which was published
+    in_place = {(f.quantity, f.axis) for f in whole.figures if result.drives_in_place(f)}
+    published = Characteristics(
+        row for row in result.stage.published if (row.quantity, row.axis) not in in_place
+    )
+    return compare_with_references(whole, result.stage, published)
 
 
 def _compared(own: Characteristic, other: Characteristic) -> Difference:

@@ -10,7 +10,8 @@ from flexstage import progress
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.comparison import Comparison, compare
 from flexstage.errors import ConvergenceError, ModelError, StageError
-from flexstage.lumped import mechanism, stroke_path
+from flexstage.lumped import hinge_springs, mechanism, stroke_path
+from flexstage.lumped.assemble import HingeSpring
 from flexstage.lumped.large_displacement import StrokePath
 from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
@@ -94,6 +95,34 @@ class Study:
             if name in self.analyses:
                 return self.analyses[name]
         return next(iter(self.analyses.values()))
+
+    @property
+    def springs(self) -> tuple[HingeSpring, ...]:
+        """Springs of the hinges, as the model that figures are drawn of takes them."""
+        settings = self.main.provenance.settings
+        used = settings.get("plane", "")
+        return hinge_springs(
+            self.stage,
+            method=settings.get("method", "wedge"),  # type: ignore[arg-type]
+            plane=used if used in ("stress", "strain") else "auto",
+        )
+
+    def diagrams(self) -> dict[str, bytes]:
+        """Draw the structural diagrams of the lumped model as SVG, by file: axes, then the whole.
+
+        Stacks have the hysteresis that was identified here, and that of usual ones otherwise.
+        """
+        from flexstage.export.diagram.svg import diagram_files
+        from flexstage.hysteresis import dynamic_model
+
+        identified = {
+            axis: made.runs[0].identification.model for axis, made in self.experiments.items()
+        }
+        lumped = self.analyses["lumped"].system
+        model = dynamic_model(self.stage, lumped, hysteresis=identified or "usual")
+        files = diagram_files(self.stage, model=model)
+        files["diagram.svg"] = files.pop("diagram.svg")
+        return files
 
 
 def run_study(

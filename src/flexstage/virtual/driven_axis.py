@@ -8,11 +8,11 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.characteristic import measured_value
 from flexstage.errors import ModelError
+from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.sensor import Sensor
+from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.hysteresis.loops import loop_width
-from flexstage.hysteresis.plant import Plant
-from flexstage.hysteresis.stage_plant import stage_plant
 from flexstage.records import Channel, Record
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.assumptions import (
@@ -38,7 +38,7 @@ BOUNDS = np.arange(CYCLES - _FIRST) * int(SAMPLE_RATE_HZ / RATE_HZ)
 class DrivenAxis:
     """A virtual stage on its bench, one axis of it wired."""
 
-    plant: Plant
+    model: DynamicModel
     """The entire dynamic model."""
     drive: str
     """Drive of the axis."""
@@ -53,8 +53,7 @@ class DrivenAxis:
         """Condition the stage by two cycles, and return the reading under a command [m]."""
         before = self.cosine(2)
         whole = np.concatenate((before, voltage))
-        response = self.plant.simulate({self.drive: whole}, 1.0 / SAMPLE_RATE_HZ)
-        return response.measured[self.probe][before.size :]
+        return self.model.simulate({self.drive: whole}).readings[self.probe][before.size :]
 
     def record(self, voltage: Array) -> Record:
         """Return command and reading as a record: ``voltage``, and the name of the probe."""
@@ -105,16 +104,17 @@ def driven_axis(stage: Stage, system: MechanicalSystem, axis: str, *, seed: int 
     share = LOOP_WIDTH if stroke is None or width is None else width / stroke
 
     def wired(free: float, own: float) -> DrivenAxis:
-        plant = stage_plant(
+        model = dynamic_model(
             stage,
             system,
-            {drive.name: virtual_stack(limits, free, own)},
+            step=1.0 / SAMPLE_RATE_HZ,
+            hysteresis={drive.name: virtual_stack(limits, free, own)},
             creep=LogCreep(rate_per_decade=CREEP),
             bandwidth_hz=AMPLIFIER_BANDWIDTH_HZ,
             sensors={port.probe: Sensor(noise_rms=POSITION_NOISE, seed=seed)},
         )
         return DrivenAxis(
-            plant=plant, drive=drive.name, probe=port.probe, limits=limits, resonance_hz=lowest
+            model=model, drive=drive.name, probe=port.probe, limits=limits, resonance_hz=lowest
         )
 
     def measured(sizes: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -210,12 +210,14 @@ def check_samples(model: DynamicModel, count: int = _COUNT) -> CheckSamples:
         commands[int(count * (0.31 + 0.07 * j)) : count // 2, j] += 0.08 * (high - low)
         commands[int(0.88 * count) :, j] = low + (0.37 + 0.1 * (j % 3)) * (high - low)
     commands = commands.astype(np.float32).astype(np.float64)
-    memory = model.settled()
+    exported = model.as_exported()
+    state = exported.settled()
     readings = np.empty((count, len(model.probes)))
     for i in range(count):
         u = {d.name: commands[i : i + 1, j] for j, d in enumerate(model.drives)}
-        read, memory = model.simulate(u, memory)
-        readings[i] = [read[p.name][0] for p in model.probes]
+        found = exported.simulate(u, state)
+        state = found.state
+        readings[i] = [found.readings[p.name][0] for p in model.probes]
     return CheckSamples(commands=commands, readings=readings)
 
 

@@ -101,15 +101,23 @@ def _by_exponential(w: float, zeta: float) -> tuple[Array, Array]:
 
 
 def modes_along_lines(
-    x: Array, last: float, step: UnitStep, z: Array, v: Array, reader: Array, y: Array
+    x: Array,
+    step: UnitStep,
+    z: Array,
+    v: Array,
+    reader: Array,
+    y: Array,
+    rate_time: Array | None = None,
 ) -> None:
     """Step modes along straight lines, and add their readings.
 
-    The forces have n samples, `last` is the one before, where deflections z and rates v [per
-    sample] are, shape (k,); both are updated. Readings are added to y, shape (p, n); the reader
-    weighs z in its first k columns and z' in the others, shape (p, 2 k).
+    The forces have n + 1 samples; deflections z and rates v [per sample], shape (k,), are at the
+    first of them and are updated. Readings are added to y, shape (p, n); the reader weighs z in its
+    first k columns and z' in the others, shape (p, 2 k). Of each mode the rate of the force acts
+    too, by `rate_time` [samples], shape (k,).
     """
-    _along_lines(x, last, step.transition, step.moments, z, v, reader, y)
+    by_rate = np.zeros(z.size) if rate_time is None else rate_time
+    _along_lines(x, step.transition, step.moments, by_rate, z, v, reader, y)
 
 
 def modes_through_segments(
@@ -117,8 +125,7 @@ def modes_through_segments(
 ) -> None:
     """Step modes through a force that is known between the samples, and add their readings.
 
-    The force has n + 1 samples, and the modes are at the first of them; the readings after it are
-    added to y. The rest is as in `modes_along_lines`.
+    Arguments as in `modes_along_lines`, but for the force.
     """
     if z.size == 1 and y.shape[0] == 1 and reader[0, 1] == 0.0:
         z[0], v[0] = _one_through(
@@ -157,26 +164,27 @@ def modes_through_segments(
 @compiled
 def _along_lines(
     x: Array,
-    last: float,
     transition: Array,
     moments: Array,
+    by_rate: Array,
     z: Array,
     v: Array,
     reader: Array,
     y: Array,
 ) -> None:
     k = z.size
-    for n in range(x.size):
-        rise = x[n] - last
+    for n in range(x.size - 1):
+        rise = x[n + 1] - x[n]
         for i in range(k):
+            # a rate in the force is a constant within each step
+            start = x[n] + by_rate[i] * rise
             at, speed = z[i], v[i]
             z[i] = (transition[0, i] * at + transition[1, i] * speed) + (
-                moments[1, i] * last + moments[2, i] * rise
+                moments[1, i] * start + moments[2, i] * rise
             )
             v[i] = (transition[2, i] * at + transition[3, i] * speed) + (
-                moments[0, i] * last + moments[1, i] * rise
+                moments[0, i] * start + moments[1, i] * rise
             )
-        last = x[n]
         _read(z, v, reader, y, n)
 
 

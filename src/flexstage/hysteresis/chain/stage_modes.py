@@ -97,7 +97,7 @@ class StageModes(ChainElement):
         given = samples(x, "input of the stage")
         step, last, z, v = self._start(given[0], dt, state)
         y = self.static_share * given[None, :]
-        modes_along_lines(given, last, step, z, v, self._reader(), y)
+        modes_along_lines(np.append(last, given), step, z, v, self._reader(), y)
         return Response(values=y[0], state=np.concatenate((given[-1:], z, v / dt)))
 
     def through(self, force: Segments, dt: float, state: ArrayLike | None = None) -> Response:

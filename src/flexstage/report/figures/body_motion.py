@@ -1,8 +1,8 @@
 """How rigid bodies move: under a drive at full stroke, on the way there, and in the modes."""
 
-import html
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,6 @@ from flexstage.report.figures.style import (
     FIXED,
     INK,
     MUTED,
-    css_name,
     dress,
     entitle,
     new_figure,
@@ -176,18 +175,7 @@ def draw_stroke(path: StrokePath, axis: str) -> "Figure":
 
     Deviation along the axis, across it, and rotation, over the elongation of the drive.
     """
-    if path.displacement.size < 3:
-        raise ModelError("a path needs at least three states to be drawn")
-    x = path.displacement
-    # the slope at the start of the stroke, from a parabola through the first three states
-    slope = np.polyfit(x[:3], path.along[:3], 2)[1]
-    along = path.along - path.along[0] - slope * (x - x[0])
-    curves = [
-        ("along, less first order", along, "m"),
-        ("across, off the best line", path.deviation, "m"),
-        ("rotation", path.rotation - path.rotation[0], "rad"),
-    ]
-    shown = [c for c in curves if np.abs(c[1]).max() > _NOTHING] or curves[:1]
+    x, shown = path.displacement, stroke_curves(path)
     figure = new_figure((5.1, 10.2, 10.2)[len(shown) - 1], 2.9)
     for axes, (label, values, unit) in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown,
                                            strict=True):  # fmt: skip
@@ -204,6 +192,22 @@ def draw_stroke(path: StrokePath, axis: str) -> "Figure":
         x=0.01, ha="left", fontsize=9, color=INK, parse_math=False,
     )  # fmt: skip
     return figure
+
+
+def stroke_curves(path: StrokePath) -> list[tuple[str, Array, str]]:
+    """Return label, values and unit of each curve that is seen: one of an axis going straight."""
+    if path.displacement.size < 3:
+        raise ModelError("a path needs at least three states to be drawn")
+    x = path.displacement
+    # the slope at the start of the stroke, from a parabola through the first three states
+    slope = np.polyfit(x[:3], path.along[:3], 2)[1]
+    along = path.along - path.along[0] - slope * (x - x[0])
+    curves = [
+        ("along, less first order", along, "m"),
+        ("across, off the best line", path.deviation, "m"),
+        ("rotation", path.rotation - path.rotation[0], "rad"),
+    ]
+    return [c for c in curves if np.abs(c[1]).max() > _NOTHING] or curves[:1]
 
 
 def _scale(largest: float) -> tuple[float, str]:
@@ -248,34 +252,49 @@ def mode_motion(
     return {name: (ux * scale, uy * scale, a * scale) for name, (ux, uy, a) in motion.items()}
 
 
-def body_symbols(stage: Stage) -> str:
-    """Return every body once, as SVG symbols that the cards refer to.
-
-    The element takes no room.
-    """
-    paths = "".join(
-        f'<path id="body-{i}" vector-effect="non-scaling-stroke" d="{shape.svg_path(_MM)}"/>'
-        for i, shape in enumerate(body_shapes(stage))
-    )
-    return f'<svg class="symbols" aria-hidden="true"><defs>{paths}</defs></svg>'
+def body_outlines(stage: Stage) -> tuple[str, ...]:
+    """Return the outline of every body as a path of SVG [mm], which the cards of modes refer to."""
+    return tuple(shape.svg_path(_MM) for shape in body_shapes(stage))
 
 
-def mode_cards(analysis: Analysis) -> Mapping[str, str]:
-    """Return the lowest modes of each condition of the drives.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MovingBody:
+    """How a body moves in a picture of a mode, by which the page moves it."""
 
-    A card is a still picture of the mode at full amplitude; each body carries its motion in data
-    attributes (``data-motion``: displacement x and y in mm and rotation in degrees about
-    ``data-centre``), by which the page moves it.
-    """
+    opacity: str
+    """How strong its colour is: the more, the further it moves."""
+    motion: str
+    """Displacement x and y [mm, y down] and rotation [deg]."""
+    centre: str
+    """What it turns about [mm, y down]."""
+    transform: str
+    """The same motion at full amplitude, as SVG has it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeCard:
+    """A still picture of a mode at full amplitude."""
+
+    number: int
+    """Number of the mode, from 1."""
+    frequency: str
+    """Its natural frequency [Hz]."""
+    box: str
+    """What is seen [mm]: left, top, width, height."""
+    bodies: tuple[MovingBody | None, ...]
+    """Motion of each body, in the order of `body_outlines`; None of one that rests."""
+
+
+def mode_cards(analysis: Analysis) -> Mapping[str, tuple[ModeCard, ...]]:
+    """Return the lowest modes of each condition of the drives."""
     shapes = body_shapes(analysis.stage)
-    cards: dict[str, str] = {}
-    for condition, found in analysis.modes.items():
-        count = min(MOST_SHOWN, found.frequency_hz.size)
-        cards[condition] = "".join(
-            _card(analysis, shapes, found.shapes[:, k], k, float(found.frequency_hz[k]), condition)
-            for k in range(count)
+    return {
+        condition: tuple(
+            _card(analysis, shapes, found.shapes[:, k], k, float(found.frequency_hz[k]))
+            for k in range(min(MOST_SHOWN, found.frequency_hz.size))
         )
-    return cards
+        for condition, found in analysis.modes.items()
+    }
 
 
 def _card(
@@ -284,35 +303,32 @@ def _card(
     shape: NDArray[np.float64],
     index: int,
     frequency: float,
-    condition: str,
-) -> str:
+) -> ModeCard:
     x0, y0, x1, y1 = (v * _MM for v in extent(shapes))
     size = max(x1 - x0, y1 - y0)
     margin = 0.03 * size
     reach = _SHOWN_OF_MODES * size
     motion = mode_motion(analysis.system, shape, analysis.stage)
     centres = {port.name: port.centre for port in analysis.system.bodies}
-    parts = []
-    for i, drawn in enumerate(shapes):
+    bodies: list[MovingBody | None] = []
+    for drawn in shapes:
         name = drawn.body.name
         if drawn.body.fixed or name not in motion:
-            parts.append(f'<use href="#body-{i}" fill="var({css_name(FIXED)})"/>')
+            bodies.append(None)
             continue
         ux, uy, angle = motion[name]
-        cx, cy = centres[name][0] * _MM, -centres[name][1] * _MM
+        centre = f"{centres[name][0] * _MM:.2f} {-centres[name][1] * _MM:.2f}"
         part = _displacement(np.vstack(drawn.loops), np.array(centres[name]), motion[name]).mean()
         # y points down in the picture, so the sense of rotation is turned over as well
         dx, dy, turn = ux * reach, -uy * reach, -np.degrees(angle * reach / _MM)
-        parts.append(
-            f'<use href="#body-{i}" class="moving" fill-opacity="{0.12 + 0.78 * part:.2f}" '
-            f'data-motion="{dx:.3f} {dy:.3f} {turn:.3f}" data-centre="{cx:.2f} {cy:.2f}" '
-            f'transform="translate({dx:.3f} {dy:.3f}) rotate({turn:.3f} {cx:.2f} {cy:.2f})"/>'
+        bodies.append(
+            MovingBody(
+                opacity=f"{0.12 + 0.78 * part:.2f}",
+                motion=f"{dx:.3f} {dy:.3f} {turn:.3f}",
+                centre=centre,
+                transform=f"translate({dx:.3f} {dy:.3f}) rotate({turn:.3f} {centre})",
+            )
         )
     box = f"{x0 - margin:.1f} {-y1 - margin:.1f} {x1 - x0 + 2 * margin:.1f} "
     box += f"{y1 - y0 + 2 * margin:.1f}"
-    caption = f"<b>{number(frequency)} Hz</b> mode {index + 1}, drives {html.escape(condition)}"
-    label = f"mode {index + 1} at {number(frequency)} Hz, drives {html.escape(condition)}"
-    return (
-        f'<figure class="mode"><svg viewBox="{box}" role="img" aria-label="{label}">'
-        f"{''.join(parts)}</svg><p>{caption}</p></figure>"
-    )
+    return ModeCard(number=index + 1, frequency=number(frequency), box=box, bodies=tuple(bodies))

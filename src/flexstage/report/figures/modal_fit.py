@@ -83,12 +83,14 @@ def draw_stabilisation(fit: ModalFit, number: int = 0) -> "Figure":
 
 
 def draw_modal_fit(
-    fit: ModalFit, number: int = 0, *, output: int = 0, input_number: int = 0
+    fit: ModalFit, number: int = 0, *, output: int | None = 0, input_number: int = 0
 ) -> "Figure":
     """Draw a measured response, its fit with the 95 % band, and what the fit leaves.
 
-    `number` counts the responses that were fitted together, the others its outputs and inputs.
+    `number` counts the responses that were fitted together, the others its outputs and inputs; None
+    is the output that the first input moves most.
     """
+    output = strongest_output(fit) if output is None else output
     if not 0 <= number < len(fit.fitted):
         raise ModelError(f"there are {len(fit.fitted)} fitted responses, got number {number}")
     one = fit.fitted[number]

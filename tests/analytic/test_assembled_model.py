@@ -10,11 +10,11 @@ from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.hysteresis import BoucWen
+from flexstage.hysteresis.build_model import assembled_model, dynamic_model
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.sensor import Sensor
-from flexstage.hysteresis.plant import DriveChain, Plant
-from flexstage.hysteresis.stage_plant import stage_plant
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.lumped import lumped_system
 from flexstage.stage import PiezoStack
 from flexstage.system import (
@@ -123,34 +123,35 @@ def integrated(
     return np.array(out).T
 
 
-def test_plant_against_integration_of_every_equation() -> None:
+def test_model_against_integration_of_every_equation() -> None:
     system = two_masses(0.013)
     creep = LogCreep(rate_per_decade=0.06, shortest=2e-4, longest=0.05, per_decade=1)
-    plant = Plant(
-        system=system,
-        drives={
-            "x": DriveChain(model=STACK, creep=creep),
-            "y": DriveChain(model=OTHER, creep=creep),
-        },
+    dt = 4.3e-4
+    model = assembled_model(
+        system,
+        [
+            ModelDrive(name="x", hysteresis=STACK, creep=creep),
+            ModelDrive(name="y", hysteresis=OTHER, creep=creep),
+        ],
+        step=dt,
     )
-    u, dt = {"x": voltages(15, 1), "y": voltages(15, 2)}, 4.3e-4
-    found = plant.simulate(u, dt)
+    u = {"x": voltages(15, 1), "y": voltages(15, 2)}
+    found = model.simulate(u)
     exact = integrated(system, creep, u, dt)
     mine = np.array([found.readings["p"], found.readings["q"]])
     assert np.abs(exact).max() > 20.0
     assert np.abs(mine - exact).max() < 2e-10
 
 
-def test_without_hysteresis_the_plant_is_the_linear_system() -> None:
+def test_without_hysteresis_the_model_is_the_linear_system() -> None:
     system = two_masses(0.013)
     linear = BoucWen(gain=0.41, hysteresis_gain=1e-300, beta=0.05, gamma=0.03)
-    plant = Plant(
-        system=system, drives={"x": DriveChain(model=linear), "y": DriveChain(model=linear)}
-    )
-    u, dt = {"x": voltages(300, 3), "y": voltages(300, 4)}, 3.1e-4
-    t = dt * np.arange(300)
+    drives = [ModelDrive(name=name, hysteresis=linear) for name in ("x", "y")]
+    model = assembled_model(system, drives, step=3.1e-4)
+    u = {"x": voltages(300, 3), "y": voltages(300, 4)}
+    t = model.step * np.arange(300)
     exact = time_response(system, t, {name: 0.41 * v for name, v in u.items()}).readings
-    found = plant.simulate(u, dt)
+    found = model.simulate(u)
     assert found.time == pytest.approx(t, abs=1e-15)
     for name in ("p", "q"):
         assert np.abs(found.readings[name] - exact[name]).max() < 1e-11
@@ -161,81 +162,88 @@ def test_a_displacement_that_stays_gives_the_static_one_times_the_load_factor() 
     system = lumped_system(stage)
     creep = LogCreep(rate_per_decade=0.02, shortest=0.01, longest=1.0)
     stack = BoucWen(gain=3.1e-7, hysteresis_gain=0.9e-7, beta=0.05, gamma=0.03)
-    plant = Plant(
-        system=system,
-        drives={"x": DriveChain(model=stack, creep=creep), "y": DriveChain(model=stack)},
+    model = assembled_model(
+        system,
+        [
+            ModelDrive(name="x", hysteresis=stack, creep=creep),
+            ModelDrive(name="y", hysteresis=stack),
+        ],
     )
-    found = plant.simulate({"x": np.full(3, 87.0), "y": np.full(3, 0.0)}, 1e-4)
+    found = model.simulate({"x": np.full(3, 87.0), "y": np.full(3, 0.0)})
     free = found.free_displacement["x"][-1]
     assert free == pytest.approx(stack.simulate([87.0]).values[0] * creep.static_gain, rel=1e-12)
     imposed = static_displacements(system, {"x": free}, others="in place")
     k_in = imposed.drive_force["x"] / free
-    assert plant.load_factor("x") == pytest.approx(5e7 / (5e7 + k_in), rel=1e-10)
+    assert model.load_factor("x") == pytest.approx(5e7 / (5e7 + k_in), rel=1e-10)
     for probe in ("x", "y"):
-        exact = imposed.readings[probe] * plant.load_factor("x")
+        exact = imposed.readings[probe] * model.load_factor("x")
         assert found.readings[probe][-1] == pytest.approx(exact, rel=1e-8, abs=1e-15)
-        assert plant.static_gain("x", probe) * free == pytest.approx(exact, rel=1e-8, abs=1e-15)
-    assert plant.static_gain("y", "y") > 1.0
+        assert model.static_gain("x", probe) * free == pytest.approx(exact, rel=1e-8, abs=1e-15)
+    assert model.static_gain("y", "y") > 1.0
 
 
 def test_load_factor_counts_the_other_stacks() -> None:
-    plant = whole_plant()
-    system = plant.system
+    model = whole_model()
+    system = model.system
     x, y = (drive.vector for drive in system.drives)
     # compliance at the first drive, with the spring of the second in place
     compliance = x @ np.linalg.solve(system.K + 2.7e7 * np.outer(y, y), x)
-    assert plant.load_factor("x") == pytest.approx(1.0 / (1.0 + 1.0 / (4.1e7 * compliance)))
+    assert model.load_factor("x") == pytest.approx(1.0 / (1.0 + 1.0 / (4.1e7 * compliance)))
     alone = x @ np.linalg.solve(system.K, x)
-    assert abs(plant.load_factor("x") * (1.0 + 1.0 / (4.1e7 * alone)) - 1.0) > 0.01
+    assert abs(model.load_factor("x") * (1.0 + 1.0 / (4.1e7 * alone)) - 1.0) > 0.01
 
 
-def whole_plant() -> Plant:
+def whole_model(step: float = 2.3e-4) -> DynamicModel:
     creep = LogCreep(rate_per_decade=0.03, shortest=1e-3, longest=1.0)
     amplifier = Amplifier(
         bandwidth_hz=400.0, capacitance=6.4e-6, current_limit=0.3, voltage_range=(0.0, 120.0)
     )
     other = BoucWen(gain=0.33, hysteresis_gain=0.07, beta=0.04, gamma=0.03, exponent=1.7)
-    return Plant(
-        system=two_masses(0.013),
-        drives={
-            "x": DriveChain(model=STACK, creep=creep, amplifier=amplifier),
-            "y": DriveChain(model=other, creep=creep),
-        },
+    return assembled_model(
+        two_masses(0.013),
+        [
+            ModelDrive(name="x", hysteresis=STACK, creep=creep, amplifier=amplifier),
+            ModelDrive(name="y", hysteresis=other, creep=creep),
+        ],
+        step=step,
         sensors={"q": Sensor(noise_rms=0.01, seed=4, bandwidth_hz=900.0)},
     )
 
 
 def test_a_record_may_be_cut_anywhere() -> None:
-    plant, dt = whole_plant(), 2.3e-4
+    model = whole_model()
     u = {"x": voltages(60, 5), "y": 30.0 + voltages(60, 6)}
-    whole = plant.simulate(u, dt)
+    whole = model.simulate(u)
     state, parts = None, []
     for a, b in ((0, 1), (1, 23), (23, 60)):
-        part = plant.simulate({name: v[a:b] for name, v in u.items()}, dt, state)
+        part = model.simulate({name: v[a:b] for name, v in u.items()}, state)
         state = part.state
         parts.append(part)
     assert np.concatenate([p.time for p in parts]) == pytest.approx(whole.time, abs=1e-12)
     for name in ("p", "q"):
-        both = np.concatenate([p.readings[name] for p in parts])
-        assert np.abs(both - whole.readings[name]).max() < 5e-12
-    both = np.concatenate([p.measured["q"] for p in parts])
-    assert np.abs(both - whole.measured["q"]).max() < 5e-12
-    assert np.std(whole.measured["q"][1:] - whole.readings["q"][1:]) > 0.005
+        both = np.concatenate([p.motion[name] for p in parts])
+        assert np.abs(both - whole.motion[name]).max() < 5e-12
+    both = np.concatenate([p.readings["q"] for p in parts])
+    assert np.abs(both - whole.readings["q"]).max() < 5e-12
+    assert np.std(whole.readings["q"][1:] - whole.motion["q"][1:]) > 0.005
+    quiet = model.as_exported().simulate(u)
+    assert np.std(quiet.readings["q"][1:] - whole.readings["q"][1:]) == pytest.approx(0.01, rel=0.3)
+    assert np.array_equal(quiet.motion["q"], whole.motion["q"])
     for name in ("x", "y"):
         both = np.concatenate([p.free_displacement[name] for p in parts])
         assert np.abs(both - whole.free_displacement[name]).max() < 5e-12
     assert whole.voltage["x"].max() <= 120.0
-    assert np.abs(np.diff(whole.voltage["x"])).max() <= 0.3 / 6.4e-6 * dt * (1.0 + 1e-12)
+    assert np.abs(np.diff(whole.voltage["x"])).max() <= 0.3 / 6.4e-6 * model.step * (1.0 + 1e-12)
     assert whole.voltage["y"] == pytest.approx(u["y"])
 
 
 def test_drives_that_are_not_named_keep_their_voltage() -> None:
-    plant, dt = whole_plant(), 2.3e-4
-    start = plant.settled({"y": 71.0}, dt)
+    model = whole_model()
+    start = model.settled({"y": 71.0})
     u = voltages(30, 7)
-    alone = plant.simulate({"x": u}, dt, start)
-    both = plant.simulate({"x": u, "y": np.full(30, 71.0)}, dt, start)
-    assert alone.readings["p"] == pytest.approx(both.readings["p"], abs=1e-13)
+    alone = model.simulate({"x": u}, start)
+    both = model.simulate({"x": u, "y": np.full(30, 71.0)}, start)
+    assert alone.motion["p"] == pytest.approx(both.motion["p"], abs=1e-13)
     assert alone.free_displacement["y"] == pytest.approx(
         alone.free_displacement["y"][0] * np.ones(30), rel=1e-12
     )
@@ -243,12 +251,10 @@ def test_drives_that_are_not_named_keep_their_voltage() -> None:
 
 
 def test_settled_is_where_a_long_wait_ends() -> None:
-    plant = whole_plant()
-    wait = plant.simulate({"x": np.full(400, 83.0), "y": np.full(400, 27.0)}, 2e-2)
+    model = whole_model(step=2e-2)
+    wait = model.simulate({"x": np.full(400, 83.0), "y": np.full(400, 27.0)})
     assert np.ptp(wait.readings["p"]) < 1e-11
-    jump = plant.simulate(
-        {"x": np.full(400, 83.0)}, 2e-2, plant.settled({"x": 80.0, "y": 27.0}, 2e-2)
-    )
+    jump = model.simulate({"x": np.full(400, 83.0)}, model.settled({"x": 80.0, "y": 27.0}))
     # on the way up from 80 to 83 nothing is forgotten that 83 would not have
     assert jump.readings["p"][-1] == pytest.approx(wait.readings["p"][-1], rel=1e-3)
     assert jump.readings["p"][-1] == pytest.approx(wait.readings["p"][-1], abs=1e-3)
@@ -259,70 +265,67 @@ def test_the_stage_gives_range_and_capacitance() -> None:
     stage = design("vgtu-piezo")
     system = lumped_system(stage)
     stack = BoucWen(gain=3.8e-7, hysteresis_gain=1.1e-7, beta=0.05, gamma=0.03)
-    plant = stage_plant(
-        stage, system, {"x": stack, "y": stack}, bandwidth_hz=700.0, current_limit=0.2
-    )
-    amplifier = plant.drives["x"].amplifier
+    both = {"x": stack, "y": stack}
+    model = dynamic_model(stage, system, hysteresis=both, bandwidth_hz=700.0, current_limit=0.2)
+    amplifier = model.drive("x").amplifier
     assert amplifier is not None
     assert amplifier.voltage_range == (0.0, 120.0)
     assert amplifier.largest_rate == pytest.approx(0.2 / 6.4e-6)
-    bare = stage_plant(stage, system, {"x": stack})
-    with pytest.raises(
-        ModelError, match=r"gets 121 V at sample 1, and its stack allows 0 to 120 V"
-    ):
-        bare.simulate({"x": [3.0, 121.0]}, 1e-4)
     with pytest.raises(ModelError, match="must be the free displacement in m"):
-        stage_plant(stage, system, {"x": STACK})
-    with pytest.raises(ModelError, match="neither a drive nor an axis"):
-        stage_plant(stage, system, {"z": stack})
+        dynamic_model(stage, system, hysteresis={"x": STACK})
+    with pytest.raises(ModelError, match="no piezo stack, nor an axis of one"):
+        dynamic_model(stage, system, hysteresis={"z": stack})
     with pytest.raises(ModelError, match="give its bandwidth too"):
-        stage_plant(stage, system, {"x": stack}, current_limit=0.2)
+        dynamic_model(stage, system, hysteresis=both, current_limit=0.2)
     assert isinstance(stage.drives[0], PiezoStack)
     blank = dataclasses.replace(
         stage, drives=(dataclasses.replace(stage.drives[0], capacitance=None), stage.drives[1])
     )
     with pytest.raises(ModelError, match="has no capacitance"):
-        stage_plant(blank, system, {"x": stack}, bandwidth_hz=700.0, current_limit=0.2)
+        dynamic_model(blank, system, hysteresis=both, bandwidth_hz=700.0, current_limit=0.2)
     screws = design("vgtu-mechanical")
     with pytest.raises(ModelError, match="is no piezo stack"):
-        stage_plant(screws, lumped_system(screws), {screws.drives[0].name: stack})
+        dynamic_model(screws, lumped_system(screws), hysteresis={screws.drives[0].name: stack})
 
 
-def test_plant_sees_every_mode() -> None:
+def test_the_model_has_every_mode() -> None:
     system = lumped_system(design("vgtu-piezo"))
-    chain = DriveChain(model=BoucWen(gain=3.8e-7, hysteresis_gain=1e-7, beta=0.05, gamma=0.03))
-    plant = Plant(system=system, drives={"x": chain})
+    stack = BoucWen(gain=3.8e-7, hysteresis_gain=1e-7, beta=0.05, gamma=0.03)
+    model = assembled_model(system, [ModelDrive(name="x", hysteresis=stack)])
     result = modes(system, drives="in place", count=None)
-    assert plant.settled({}, 1e-4).drives["x"].deflections.size == result.frequency_hz.size
+    assert model.settled().deflections["x"].size == result.frequency_hz.size
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("drives", "sensors", "message"),
     [
-        ({"drives": {}}, "at least one drive"),
-        ({"drives": {"z": DriveChain(model=STACK)}}, "no drive 'z'"),
-        ({"sensors": {"z": Sensor()}}, "no probe 'z'"),
+        ([], {}, "at least one drive"),
+        ([ModelDrive(name="z", hysteresis=STACK)], {}, "no drive 'z'"),
+        ([ModelDrive(name="x", hysteresis=STACK)], {"z": Sensor()}, "no probe 'z'"),
     ],
 )
-def test_a_plant_that_cannot_be_is_refused(change: dict[str, object], message: str) -> None:
+def test_a_model_that_cannot_be_is_refused(
+    drives: list[ModelDrive], sensors: dict[str, Sensor], message: str
+) -> None:
     with pytest.raises(ModelError, match=message):
-        dataclasses.replace(whole_plant(), **change)  # type: ignore[arg-type]
+        assembled_model(two_masses(0.013), drives, sensors=sensors)
 
 
 def test_bad_commands_and_states_are_refused() -> None:
-    plant = whole_plant()
+    model = whole_model()
     with pytest.raises(ModelError, match="equally long"):
-        plant.simulate({"x": [1.0, 2.0], "y": [1.0]}, 1e-4)
+        model.simulate({"x": [1.0, 2.0], "y": [1.0]})
     with pytest.raises(ModelError, match="equally long"):
-        plant.simulate({}, 1e-4)
-    with pytest.raises(ModelError, match="drive 'z' has no chain"):
-        plant.simulate({"z": [1.0]}, 1e-4)
-    other = Plant(system=plant.system, drives={"x": DriveChain(model=STACK)})
-    with pytest.raises(ModelError, match="take the state that the plant returned"):
-        plant.simulate({"x": [1.0]}, 1e-4, other.settled({}, 1e-4))
+        model.simulate({})
+    with pytest.raises(ModelError, match="has no drive 'z'"):
+        model.simulate({"z": [1.0]})
+    drive = ModelDrive(name="x", hysteresis=STACK)
+    other = assembled_model(model.system, [drive])
+    with pytest.raises(ModelError, match="take the state that the model returned"):
+        model.simulate({"x": [1.0]}, other.settled())
     rigid = dataclasses.replace(
-        plant.system,
+        model.system,
         drives=(DrivePort(name="x", vector=np.array([1.0, 0.1]), stiffness=None),),
     )
     with pytest.raises(ModelError, match="is rigid"):
-        Plant(system=rigid, drives={"x": DriveChain(model=STACK)})
+        assembled_model(rigid, [drive])

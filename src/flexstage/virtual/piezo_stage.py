@@ -11,7 +11,13 @@ from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.modal import unit_step
-from flexstage.instruments.twin.loop import (
+from flexstage.stage import Stage
+from flexstage.stage.limits import AxisLimits
+from flexstage.system import MechanicalSystem, modes
+from flexstage.system.servo import ServoSettings
+from flexstage.virtual.hammer import Blow, Hammer
+from flexstage.virtual.imperfections import GuideErrors
+from flexstage.virtual.piezo_loop import (
     DriveArrays,
     LoopState,
     ModeArrays,
@@ -20,13 +26,6 @@ from flexstage.instruments.twin.loop import (
     run_loop,
     sampled_response,
 )
-from flexstage.instruments.twin.stack import ChargeDrive, relaxed_stacks, stack_arrays
-from flexstage.stage import Stage
-from flexstage.stage.limits import AxisLimits
-from flexstage.system import MechanicalSystem, modes
-from flexstage.system.servo import ServoSettings
-from flexstage.virtual.hammer import Blow, Hammer
-from flexstage.virtual.imperfections import GuideErrors
 from flexstage.virtual.sensors import (
     Disturbances,
     SensorBench,
@@ -37,6 +36,7 @@ from flexstage.virtual.sensors import (
     sources,
 )
 from flexstage.virtual.stack import VirtualStack
+from flexstage.virtual.stack_stepping import ChargeDrive, relaxed_stacks, stack_arrays
 from flexstage.virtual.stage import StageSamples, VirtualStage, commands
 
 _CONVERTER_BITS = 20

@@ -1,0 +1,346 @@
+"""A study as one HTML file that needs nothing else: no network, no other file."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+from flexstage.characteristic import Characteristics
+from flexstage.quantities import QUANTITIES
+from flexstage.report.figures.bench import draw_bench
+from flexstage.report.figures.body_motion import (
+    body_outlines,
+    draw_static_shape,
+    draw_stroke,
+    mode_cards,
+    stroke_curves,
+)
+from flexstage.report.figures.drawing import draw_stage
+from flexstage.report.figures.hinges import draw_stress
+from flexstage.report.figures.responses import draw_bode
+from flexstage.report.figures.style import FIXED, css_name
+from flexstage.report.findings import FINDINGS
+from flexstage.report.front_page import front_page, outer_size
+from flexstage.report.measurement import measurement_section, measurement_text
+from flexstage.report.model_sections import (
+    convergence_section,
+    diagram_section,
+    equations_section,
+    fe_modes_section,
+    neck_stress_section,
+)
+from flexstage.report.page import fragment, page_html
+from flexstage.report.simulated import bench_section, centring_section, hysteresis_section
+from flexstage.report.tables import (
+    characteristics_table,
+    differences_table,
+    hinge_table,
+    published_table,
+)
+from flexstage.section import Bullets, Content, Definitions, Picture, Pictures, Section
+from flexstage.studies.measurement import MeasurementComparison, compare_with_references
+from flexstage.studies.study import Study
+from flexstage.table import Table
+
+_DYNAMICS = ("natural_frequency_hz", "out_of_plane_frequency_hz", "damping_ratio")
+_STRESS = ("max_stress", "safety_factor", "fatigue_safety")
+_STATICS = tuple(name for name in QUANTITIES if name not in (*_DYNAMICS, *_STRESS))
+_VIRTUAL_FILE = "virtual-measurement.html"
+#: What a section consists of, None being nothing.
+_Show = Callable[[Study], Iterable[Content | None]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chapter:
+    """A chapter of the report."""
+
+    title: str
+    """Its title."""
+    sections: Mapping[str, tuple[str, _Show]]
+    """Title and content of each section, by its id; a chapter of one section without a title is
+    that section.
+    """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _WrittenChapter:
+    """A chapter that has something to show."""
+
+    key: str
+    title: str
+    finding: str
+    sections: tuple[Section, ...]
+
+
+def report_html(study: Study) -> str:
+    """Write the report of a study as one page: what was found, then chapters that are folded.
+
+    Chapters that have nothing to show are left out.
+    """
+    stage = study.stage
+    chapters: list[_WrittenChapter] = []
+    for key, chapter in CHAPTERS.items():
+        if sections := tuple(s for k in chapter.sections if (s := study_section(study, k)).content):
+            title = f"{len(chapters) + 1} {chapter.title}"
+            finding = FINDINGS[key](study)
+            chapters.append(
+                _WrittenChapter(key=key, title=title, finding=finding, sections=sections)
+            )
+    free = sum(not body.fixed for body in stage.bodies)
+    return page_html(
+        template="study.html",
+        title=f"{stage.name}: flexstage study",
+        heading=f"{stage.name}: {stage.title}" if stage.title else stage.name,
+        lead=f"{outer_size(study)}; {stage.material.name}; {len(stage.bodies)} bodies ({free} "
+        f"free), {len(stage.hinges)} hinges, {len(stage.drives)} drives",
+        version=study.main.provenance.version,
+        links=(("summary", "Result"), *((c.key, c.title) for c in chapters)),
+        notes=stage.notes[:1],
+        front=front_page(study),
+        outlines=body_outlines(stage),
+        chapters=chapters,
+    )
+
+
+def report_pages(study: Study) -> dict[str, str]:
+    """Write the report of a study, and that of its simulated measurement, by name of the file.
+
+    They stand in one folder.
+    """
+    pages = {"report.html": report_html(study)}
+    if isinstance(study.virtual, MeasurementComparison):
+        pages[_VIRTUAL_FILE] = measurement_text(study.virtual)
+    return pages
+
+
+def study_section(study: Study, key: str) -> Section:
+    """Return one section of the report of a study; without content where there is none."""
+    title, show = SECTIONS[key]
+    content = tuple(part for part in show(study) if part is not None)
+    return Section(key=key, title=title, content=content)
+
+
+def _drawing(study: Study) -> Iterator[Content]:
+    yield Picture(
+        result=partial(draw_stage, study.stage),
+        title=f"drawing of {study.stage.name}",
+        caption=f"The stage to scale: {outer_size(study)}.",
+        size="small",
+    )
+
+
+def _statics_table(study: Study) -> tuple[Table | None]:
+    caption = (
+        "Statics at full stroke by model; hold the pointer on a value for its condition. Drives "
+        "are in place unless the condition says otherwise."
+    )
+    return (characteristics_table(study.comparison, _STATICS, caption),)
+
+
+def _dynamics_table(study: Study) -> tuple[Table | None]:
+    caption = "Natural frequencies by model, drives removed."
+    return (characteristics_table(study.comparison, _DYNAMICS, caption),)
+
+
+def _stress_table(study: Study) -> tuple[Table | None]:
+    caption = (
+        "Largest stress by model, and safety: against yield, and against fatigue when the stroke "
+        "is gone through again and again (Soderberg, stress from nothing to peak)."
+    )
+    return (characteristics_table(study.comparison, _STRESS, caption),)
+
+
+def _against(study: Study) -> Iterator[Content | None]:
+    for model, why in study.left_out.items():
+        yield f"The {model} model was left out: {why}."
+    yield differences_table(study.comparison)
+
+
+def _bench(study: Study) -> Iterator[Content]:
+    if study.stage.probes:
+        yield Picture(
+            result=partial(draw_bench, study.stage),
+            title="sketch of the bench",
+            caption="Sketch of the bench: drives (orange) and displacement sensors (green) on the "
+            "lines of the probes of the stage.",
+            size="tiny",
+        )
+
+
+def _bode(study: Study) -> Iterator[Content]:
+    plots = [
+        Picture(
+            result=partial(draw_bode, study.main, a.axis),
+            title=f"Bode diagram of {a.axis}",
+            caption=f"Bode diagrams of {a.axis}, {study.main.system.model} model. Left: a force in "
+            "place of the drive, whose stiffness is removed. Right: the free displacement of the "
+            "drive, acting through its stiffness; of a rigid drive its length itself.",
+            size="small",
+        )
+        for a in study.main.axes
+    ]
+    if plots:
+        yield Pictures(shown=tuple(plots))
+
+
+def _modes(study: Study) -> Iterator[Content]:
+    yield fragment(
+        "modes.html",
+        model=study.main.system.model,
+        cards=mode_cards(study.main),
+        fixed=css_name(FIXED),
+    )
+
+
+def _static(study: Study) -> Iterator[Content]:
+    plots = [
+        Picture(
+            result=partial(draw_static_shape, study.main, a.axis),
+            title=f"static shape of {a.axis}",
+            caption=f"Drive of {a.axis} at full stroke, the others removed; "
+            f"{study.main.system.model} model; dashed: at rest.",
+        )
+        for a in study.main.axes
+    ]
+    if plots:
+        yield Pictures(shown=tuple(plots), columns=2)
+
+
+def _stroke(study: Study) -> Iterator[Content]:
+    plots = [
+        Picture(
+            result=partial(draw_stroke, path, axis),
+            title=f"motion of {axis} over its stroke",
+            caption=f"What finite rotations add to the first-order motion of {axis}; lumped model.",
+        )
+        for axis, path in study.paths.items()
+    ]
+    if plots:
+        # axes that go straight have one curve, and stand side by side
+        narrow = all(len(stroke_curves(path)) == 1 for path in study.paths.values())
+        yield Pictures(shown=tuple(plots), columns=2 if narrow else 1)
+
+
+def _stress(study: Study) -> Iterator[Content]:
+    if any(study.main.hinge_stress.values()):
+        yield Picture(
+            result=partial(draw_stress, study.main),
+            title="largest stress in every hinge",
+            caption="Equivalent stress at the surface of each notch at full stroke, "
+            f"{study.main.system.model} model. The number after a hinge's name is the one in the "
+            "drawing. Lines: yield, and the peak that fatigue allows when the stress goes from "
+            "nothing to it and back (Soderberg).",
+            size="small",
+        )
+
+
+def _measured(study: Study) -> Iterator[Content]:
+    if study.measured is not None:
+        others = Characteristics(r for r in study.characteristics if r.origin != "measured")
+        compared = compare_with_references(study.measured, study.stage, others)
+        yield measurement_section(compared)
+
+
+def _hinges(study: Study) -> Iterator[Content]:
+    if study.stage.hinges:
+        yield hinge_table(study.stage, study.springs)
+
+
+def _validity(study: Study) -> Iterator[Content]:
+    """Say where the stage and its models stop being valid, where anything is said of it."""
+    notes = dict.fromkeys(note for a in study.analyses.values() for note in a.validity)
+    notes = tuple(dict.fromkeys((*study.stage.notes, *notes)))
+    if notes:
+        yield fragment("columns.html", part=notes[0] if len(notes) == 1 else Bullets(notes))
+
+
+def _provenance(study: Study) -> Iterator[Content]:
+    """Say what the results rest on: settings of each model, versions, hash of the stage."""
+    entries: dict[str, str] = {}
+    for name, analysis in study.analyses.items():
+        settings = ", ".join(f"{k}: {v}" for k, v in analysis.provenance.settings.items())
+        entries[f"{name}, {analysis.system.order} coordinates"] = settings
+    for title, of in (
+        ("flexstage", lambda origin: origin.version),
+        ("description, SHA-256", lambda origin: origin.input_hash),
+        ("computed", lambda origin: origin.created),
+        ("with", lambda origin: f"Python {origin.python}, {origin.machine}"),
+    ):
+        values = dict.fromkeys(of(analysis.provenance) for analysis in study.analyses.values())
+        entries[title] = "; ".join(values)
+    material = study.stage.material
+    yield Definitions(entries | {"material": f"{material.name}: {material.source}"})
+
+
+#: The chapters in order, by id.
+CHAPTERS: dict[str, Chapter] = {
+    "theory": Chapter(
+        title="Theory",
+        sections={
+            "equations": ("Equations of motion", equations_section),
+            "diagram": ("Structural diagrams", diagram_section),
+        },
+    ),
+    "models": Chapter(
+        title="Models",
+        sections={
+            "drawing": ("Drawing", _drawing),
+            "differences": ("Differences to published figures", _against),
+            "hinges": ("Hinges", _hinges),
+            "convergence": ("Convergence of the mesh", convergence_section),
+        },
+    ),
+    "statics": Chapter(
+        title="Statics",
+        sections={
+            "characteristics": ("Displacement, stiffness, coupling", _statics_table),
+            "static": ("Static shapes", _static),
+            "stroke": ("Motion over the stroke", _stroke),
+        },
+    ),
+    "dynamics": Chapter(
+        title="Dynamics",
+        sections={
+            "frequencies": ("Natural frequencies", _dynamics_table),
+            "bode": ("Bode diagrams", _bode),
+            "modes": ("Mode shapes", _modes),
+            "fem-modes": ("Modes of the finite elements", fe_modes_section),
+        },
+    ),
+    "strength": Chapter(
+        title="Stress",
+        sections={
+            "safety": ("Largest stress and safety", _stress_table),
+            "stress": ("Stress in the hinges", _stress),
+            "fem-stress": ("Stress at the necks", neck_stress_section),
+        },
+    ),
+    "measurements": Chapter(
+        title="Measured",
+        sections={
+            "published": ("Published figures", lambda study: (published_table(study.comparison),)),
+            "measured": ("Campaign of tests", _measured),
+            "bench": ("The bench", _bench),
+            "virtual": (
+                "Simulated measurement",
+                lambda study: bench_section(study.virtual, _VIRTUAL_FILE),
+            ),
+        },
+    ),
+    "compensation": Chapter(title="Hysteresis", sections={"hysteresis": ("", hysteresis_section)}),
+    "scale": Chapter(
+        title="Centring",
+        sections={"centring": ("", lambda study: centring_section(study.centring))},
+    ),
+    "record": Chapter(
+        title="Record",
+        sections={
+            "validity": ("Validity", _validity),
+            "provenance": ("Provenance", _provenance),
+        },
+    ),
+}
+
+#: Title and content of every section, by the id that it has in the page.
+SECTIONS: dict[str, tuple[str, _Show]] = {
+    key: section for chapter in CHAPTERS.values() for key, section in chapter.sections.items()
+}
