@@ -216,7 +216,7 @@ def characterise(
                 sample_rate=sample_rate, skip_lines=skip_lines,
             )  # fmt: skip
             found = run(campaign, Path())
-        described = stage or _beside(found.campaign.stage, folder)
+        described = stage or _beside(found.stage, folder)
         result = compare_measurement(
             found,
             find_stage(described) if described else None,
