@@ -8,7 +8,7 @@ import pytest
 from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.instruments.twin.build import virtual_stage
+from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.sensors import Disturbances, SensorBench, SimulatedSensor, kinds_of
 from tests.twin_parts import small_stage
 
