@@ -40,6 +40,7 @@ from flexstage.cli.reading import (
     FileOptions,
 )
 from flexstage.errors import ModelError, RecordError
+from flexstage.stage.assumptions import DAMPING_RATIO
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.identification.identify import Identification
@@ -61,7 +62,7 @@ def identify(
     delay: str | None = None,
     creep: str | None = None,
     resonance: str | None = None,
-    damping_ratio: Annotated[float, typer.Option(min=1e-4, max=0.9)] = 0.01,
+    damping_ratio: Annotated[float, typer.Option(min=1e-4, max=0.9)] = DAMPING_RATIO,
     test_record: list[Path] | None = None,
     temperature: str | None = None,
     stage: str | None = None,
