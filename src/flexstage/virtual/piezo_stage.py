@@ -16,6 +16,7 @@ from flexstage.stage.assumptions import AMPLIFIER_BANDWIDTH_HZ, LOOP_CONVERTER_B
 from flexstage.stage.limits import AxisLimits
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.servo import ServoSettings
+from flexstage.virtual.disturbances import Disturbances
 from flexstage.virtual.hammer import Blow, Hammer
 from flexstage.virtual.imperfections import GuideErrors
 from flexstage.virtual.piezo_loop import (
@@ -28,7 +29,6 @@ from flexstage.virtual.piezo_loop import (
     sampled_response,
 )
 from flexstage.virtual.sensors import (
-    Disturbances,
     SensorBench,
     kinds_of,
     neighbour,
