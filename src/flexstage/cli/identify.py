@@ -34,12 +34,13 @@ from flexstage.cli.predict import (
     print_predictions,
 )
 from flexstage.cli.reading import (
-    AS_TIMED,
+    AS_EVEN,
     WHOLE_FILE,
+    EvenTimeOptions,
     FileOptions,
-    TimeOptions,
 )
 from flexstage.errors import ModelError, RecordError
+from flexstage.stage.assumptions import DAMPING_RATIO
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.identification.identify import Identification
@@ -54,14 +55,14 @@ def identify(
     branches: BranchesOption = None,
     curve: CurveOption = None,
     hysteresis_model: str = "auto",
-    timing: TimeOptions = AS_TIMED,
+    timing: EvenTimeOptions = AS_EVEN,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
     train: str | None = None,
     delay: str | None = None,
     creep: str | None = None,
     resonance: str | None = None,
-    damping_ratio: Annotated[float, typer.Option(min=1e-4, max=0.9)] = 0.01,
+    damping_ratio: Annotated[float, typer.Option(min=1e-4, max=0.9)] = DAMPING_RATIO,
     test_record: list[Path] | None = None,
     temperature: str | None = None,
     stage: str | None = None,

@@ -85,7 +85,7 @@ def twin(
         from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN
         from flexstage.instruments.pi.simulated.interpreter import Interpreter
         from flexstage.instruments.pi.simulated.server import GcsServer
-        from flexstage.instruments.twin.build import virtual_stage
+        from flexstage.virtual.build import virtual_stage
 
         made = virtual_stage(
             described,

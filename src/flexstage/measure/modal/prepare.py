@@ -9,7 +9,7 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
-from flexstage.measure.modal.scatter import line_scatter, moving_mean
+from flexstage.measure.modal.local_rational import line_scatter, moving_mean
 from flexstage.measure.modal.variable_projection import ResponseBlock
 from flexstage.measure.spectra.response import MeasuredResponse
 

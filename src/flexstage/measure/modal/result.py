@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.measure.modal.basis import ModalBasis
 from flexstage.measure.modal.stabilisation import Stabilisation
+from flexstage.measure.modal.variable_projection import ModalBasis
 from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.short_repr import short_repr
 

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.measure.motion.motion_curve import Direction, MotionCurve, position_weights
+from flexstage.measure.motion.narrowest_zone import narrowest_strip
 
 # curves that are simulated to find what noise adds: each takes a search of its own
 _ZONE_TRIALS = 120
@@ -279,10 +279,10 @@ def zone_range(
 def zone_contacts(position: Array, values: Array) -> tuple[float, Array]:
     """Return the width of the narrowest zone about values, and how it depends on them.
 
-    The zone touches two points on one side and one between them on the other; its width, in the
-    direction of the values, is the distance of the one from the line through the two. One side of
-    it is an edge of the convex hull. With several values at each position, shape (r, g); the
-    weights are the derivative of the width after the values, in their shape.
+    The zone touches two points on one side and one between them on the other (`narrowest_strip`);
+    its width, in the direction of the values, is the distance of the one from the line through the
+    two. With several values at each position, shape (r, g); the weights are the derivative of the
+    width after the values, in their shape.
 
     Examples
     --------
@@ -290,40 +290,13 @@ def zone_contacts(position: Array, values: Array) -> tuple[float, Array]:
     >>> float(width), weights.tolist()
     (2.0, [-0.75, 1.0, -0.25])
     """
-    y = np.atleast_2d(values)
-    top, bottom = np.argmax(y, axis=0), np.argmin(y, axis=0)
-    columns = np.arange(position.size)
-    upper, lower = y[top, columns], y[bottom, columns]
-    best, weights = np.inf, np.zeros_like(y)
-    for sign, side, other, rows, opposite in (
-        (1.0, upper, lower, top, bottom),
-        (-1.0, -lower, -upper, bottom, top),
-    ):
-        hull = _upper_hull(position, side)
-        slopes = np.diff(side[hull]) / np.diff(position[hull])
-        # the farthest point below an edge: one product of edges and points is fast enough
-        a = hull[:-1]
-        depth = (side[a] - slopes * position[a])[:, None] + np.outer(slopes, position) - other
-        widths = depth.max(axis=1)
-        i = int(np.argmin(widths))
-        if widths[i] < best:
-            best = float(widths[i])
-            j, k, m = int(hull[i]), int(hull[i + 1]), int(np.argmax(depth[i]))
-            share = (position[m] - position[j]) / (position[k] - position[j])
-            weights = np.zeros_like(y)
-            weights[rows[j], j] += sign * (1.0 - share)
-            weights[rows[k], k] += sign * share
-            weights[opposite[m], m] -= sign
-    return best, weights.reshape(values.shape)
-
-
-def _upper_hull(x: Array, y: Array) -> NDArray[np.intp]:
-    hull: list[int] = []
-    for i in range(x.size):
-        while len(hull) > 1:
-            a, b = hull[-2], hull[-1]
-            if (y[b] - y[a]) * (x[i] - x[a]) > (y[i] - y[a]) * (x[b] - x[a]):
-                break
-            hull.pop()
-        hull.append(i)
-    return np.array(hull, dtype=np.intp)
+    y = np.asarray(values, dtype=np.float64)
+    flat, x = y.ravel(), np.tile(position, y.size // position.size)
+    first, second, opposite = narrowest_strip(x, flat, orthogonal=False)
+    share = (x[opposite] - x[first]) / (x[second] - x[first])
+    height = flat[opposite] - (1.0 - share) * flat[first] - share * flat[second]
+    weights = np.zeros(flat.size)
+    sides = math.copysign(1.0, height) * np.array([1.0, share - 1.0, -share])
+    # a point may be its own neighbour where two lie one over the other
+    np.add.at(weights, [opposite, first, second], sides)
+    return abs(float(height)), weights.reshape(y.shape)

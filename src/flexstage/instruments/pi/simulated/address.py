@@ -13,8 +13,8 @@ from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.session import Loopback
 from flexstage.instruments.pi.transport import InProcess
-from flexstage.instruments.twin.build import virtual_stage
 from flexstage.stage import Stage
+from flexstage.virtual.build import virtual_stage
 
 _OPTIONS = ("seed", "model", "rate", "amplifier", "fast", "scatter", "quiet", "serial_number")
 #: Lines that a simulation takes are longer than those of a controller.

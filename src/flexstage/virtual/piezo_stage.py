@@ -11,7 +11,14 @@ from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
-from flexstage.instruments.twin.loop import (
+from flexstage.stage import Stage
+from flexstage.stage.assumptions import LOOP_CONVERTER_BITS
+from flexstage.stage.limits import AxisLimits
+from flexstage.system.servo import ServoSettings
+from flexstage.virtual.disturbances import Disturbances
+from flexstage.virtual.hammer import Blow, Hammer
+from flexstage.virtual.imperfections import GuideErrors
+from flexstage.virtual.piezo_loop import (
     DriveArrays,
     LoopState,
     ModeArrays,
@@ -21,14 +28,7 @@ from flexstage.instruments.twin.loop import (
     run_loop,
     sampled_response,
 )
-from flexstage.instruments.twin.stack import ChargeDrive, relaxed_stacks, stack_arrays
-from flexstage.stage import Stage
-from flexstage.stage.limits import AxisLimits
-from flexstage.system.servo import ServoSettings
-from flexstage.virtual.hammer import Blow, Hammer
-from flexstage.virtual.imperfections import GuideErrors
 from flexstage.virtual.sensors import (
-    Disturbances,
     SensorBench,
     kinds_of,
     neighbour,
@@ -37,9 +37,8 @@ from flexstage.virtual.sensors import (
     sources,
 )
 from flexstage.virtual.stack import VirtualStack
+from flexstage.virtual.stack_stepping import ChargeDrive, relaxed_stacks, stack_arrays
 from flexstage.virtual.stage import StageSamples, VirtualStage, commands
-
-_CONVERTER_BITS = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,7 +68,7 @@ def _drive_arrays(model: DynamicModel, parts: Sequence[PiezoAxis], *, quiet: boo
         if part.limits.voltage is None:
             raise ModelError(f"axis '{part.name}' needs a voltage range: give it in its limits")
         low, high = part.limits.voltage
-        converter.append((low, high, 0.0 if quiet else (high - low) / (2**_CONVERTER_BITS - 1)))
+        converter.append((low, high, 0.0 if quiet else (high - low) / (2**LOOP_CONVERTER_BITS - 1)))
         own = amplifier_of(model.drive(part.drive))
         amplifier.append((model.step / own.time_constant, own.largest_rate * own.time_constant))
     return DriveArrays(converter=np.array(converter), amplifier=np.array(amplifier))

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
-from flexstage.instruments.twin.loop import sampled_response
-from flexstage.instruments.twin.piezo_stage import PiezoAxis, stack_of
-from flexstage.instruments.twin.stack import free_displacements, relaxed_stacks, stack_arrays
 from flexstage.system.servo import Notch, ServoSettings
+from flexstage.virtual.piezo_loop import sampled_response
+from flexstage.virtual.piezo_stage import PiezoAxis, stack_of
+from flexstage.virtual.stack_stepping import free_displacements, relaxed_stacks, stack_arrays
 
 #: Largest of |1 / (1 + L)|: by it the gain may double (6 dB) before the loop is unstable.
 _SENSITIVITY = 1.6
