@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from flexstage import progress
+from flexstage.characteristic import one_of_each
 from flexstage.errors import FlexstageError, RecordError
 from flexstage.experiments.campaign.holding import evaluate_hold, evaluate_staircase
 from flexstage.experiments.campaign.loading import load_records
@@ -61,7 +62,14 @@ def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Charac
                     raise
                 raise type(error)(f"test '{test.name}': {error}") from error
             sources |= {r.source: r.source_hash for r in records if r.source_hash}
-    return Characterisation(campaign=campaign, results=tuple(results), sources=sources)
+    return Characterisation(
+        stage=campaign.stage,
+        origin=campaign.origin,
+        results=tuple(results),
+        figures=one_of_each(figure for result in results for figure in result.figures),
+        sources=sources,
+        notes=campaign.notes,
+    )
 
 
 def characterise(campaign: Campaign, folder: str | os.PathLike[str] = ".") -> Characterisation:

@@ -12,7 +12,7 @@ from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import PlanError
 from flexstage.estimate import Component
 from flexstage.experiments.campaign.plan import Campaign, Columns, Test
-from flexstage.experiments.campaign.results import Characterisation, figure_of
+from flexstage.experiments.campaign.results import Characterisation, TestResult, figure_of
 from flexstage.experiments.command import RESPONSE
 from flexstage.experiments.verb import StepResult, Verb
 from flexstage.experiments.verbs.measure import Measure
@@ -103,7 +103,8 @@ class Characterise(Verb):
             return [corner_visits(record, test.columns.x or "", test.columns.y or "")]
 
         found = evaluate(campaign, load)
-        return CharacterisedStep(name=name, found=found, ratios=tuple(_ratios(context, found)))
+        ratios = tuple(_ratios(context, campaign, found))
+        return CharacterisedStep(name=name, found=found, ratios=ratios)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -115,6 +116,14 @@ class CharacterisedStep(StepResult):
     ratios: tuple[MeasuredCharacteristic, ...] = ()
     """Motion of the platform over that of the drive, of the motions that were commanded in metres.
     """
+
+    @property
+    def tests(self) -> tuple[TestResult, ...]:
+        return self.found.results
+
+    @property
+    def sources(self) -> Mapping[str, str]:
+        return self.found.sources
 
     @property
     def figures(self) -> tuple[MeasuredCharacteristic, ...]:
@@ -129,14 +138,16 @@ class CharacterisedStep(StepResult):
         }
 
 
-def _ratios(context: "RunContext", found: Characterisation) -> Iterator[MeasuredCharacteristic]:
+def _ratios(
+    context: "RunContext", campaign: Campaign, found: Characterisation
+) -> Iterator[MeasuredCharacteristic]:
     """Give the ratio of each axis that a screw drives."""
     for result in found.results:
         stroke = result.details.get("stroke")
         record = context.measured(result.test.name).record
         if stroke is None or record.channel("command").unit != "m":
             continue
-        sensor = found.campaign.instrument(result.test.along)
+        sensor = campaign.instrument(result.test.along)
         gain = stroke.gain.times(math.copysign(1.0, stroke.gain.value), "1")
         if sensor is not None:
             # what a sensor is off by is a share of the stroke, and so of the ratio
@@ -144,7 +155,7 @@ def _ratios(context: "RunContext", found: Characterisation) -> Iterator[Measured
             part = Component(name="sensitivity", uncertainty=share * gain.value, kind="B")
             gain = gain.plus(part)
         note = "slope of the platform's motion over that of the drive"
-        yield figure_of(found.campaign, result.test, "transmission_ratio", gain, note)
+        yield figure_of(campaign, result.test, "transmission_ratio", gain, note)
 
 
 def _test(context: "RunContext", name: str) -> Test:

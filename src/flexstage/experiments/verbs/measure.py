@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from flexstage.errors import PlanError
 from flexstage.experiments.campaign.plan import KINDS
 from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
+from flexstage.files.plain import picked
 from flexstage.files.ranges import INNER_SHARE, POSITIVE, Range, require_ranges
 from flexstage.quantities import number
 from flexstage.records import Record, read_record
@@ -229,12 +230,9 @@ class MeasuredStep(StepResult):
 
     def plain(self, result: "PlanResult") -> dict[str, Any]:
         return {
-            "axis": self.axis,
-            "test": self.test,
+            **picked(self, "axis", "test"),
             "file": result.relative(self.file),
-            "samples": self.record.size,
-            "sample_rate_hz": self.record.sample_rate_hz,
+            **picked(self.record, "samples=size", "sample_rate_hz"),
             "columns": {c.name: c.unit for c in self.record.channels},
-            "taken_now": self.repeated,
-            "notes": list(self.notes),
+            **picked(self, "taken_now=repeated", "notes"),
         }
