@@ -162,8 +162,8 @@ class MotionCurve:
         Raises
         ------
         ModelError
-            There is no such direction, or a position is outside the stroke by more than a thousandth
-            of it.
+            There is no such direction, or a position is outside the stroke by more than a
+            thousandth of it.
         """
         if direction not in _WEIGHTS:
             raise ModelError(f"a direction is one of {', '.join(_WEIGHTS)}, got '{direction}'")
@@ -212,9 +212,9 @@ class MotionCurve:
     def of_coefficients(self, weights: Array, *, reach: float = 1.0, note: str = "") -> Estimate:
         """Return a weighted sum of the flattened coefficients; the weights have shape (2 k,).
 
-        Its uncertainty is from the scatter of the cycles, with one degree of freedom less than there
-        are cycles, two less where it depends on the level and a drift was fitted. `reach` is how
-        many times the misfit of the curve counts.
+        Its uncertainty is from the scatter of the cycles, with one degree of freedom less than
+        there are cycles, two less where it depends on the level and a drift was fitted. `reach` is
+        how many times the misfit of the curve counts.
         """
         c = self.cycles
         each = self.scatter.reshape(c, -1) @ weights
