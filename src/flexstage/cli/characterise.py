@@ -228,7 +228,7 @@ def characterise(
             )
             campaign = Campaign(instruments=(sensor,), tests=(one,))
             found = run(campaign, Path())
-        described = stage or _beside(found.campaign.stage, folder)
+        described = stage or _beside(found.stage, folder)
         result = compare_measurement(
             found,
             find_stage(described) if described else None,

@@ -13,8 +13,8 @@ from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
 from flexstage.files.ranges import Range, Seed, require_ranges
 from flexstage.files.write import write_whole
-from flexstage.section import Bullets, Section
-from flexstage.table import Column, table
+from flexstage.section import Section
+from flexstage.table import table
 from flexstage.units import DIMENSIONS, Angle, Length
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ class Centre(Verb):
     def section(steps: "Sequence[CentredStep]", result: "PlanResult") -> Section:
         del result
         heads = (
-            Column("move"), "kind", "x [µm]", "y [µm]", "eccentricity [µm]", "± (95 %)",
+            "move", "kind", "x [µm]", "y [µm]", "eccentricity [µm]", "± (95 %)",
             "expected [µm]", "true [µm]",
         )  # fmt: skip
         content: list[Content] = []
@@ -179,7 +179,7 @@ class Centre(Verb):
                 f"Step {step.name}: target {step.target * _UM:.3g} µm; {step.reason}. The scale "
                 "and its heads are simulated, so the true one is known."
             )
-            content += [words, table("", heads, rows), Bullets(step.notes)]
+            content += [words, table("", heads, rows, notes=step.notes)]
         return Section(title="Centring", key="centring", content=tuple(content))
 
 
