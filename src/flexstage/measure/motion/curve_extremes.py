@@ -32,6 +32,11 @@ class _Extreme:
     rows: Array
     absolute: bool = False
 
+    @property
+    def reach(self) -> float:
+        """How many times the misfit counts: misfits at two places add."""
+        return 1.0 if self.absolute else math.sqrt(2.0)
+
     def of(self, coefficients: Array) -> Array:
         values = coefficients @ self.rows.T
         if self.absolute:
@@ -45,6 +50,27 @@ class _Extreme:
             at = int(np.argmax(np.abs(values)))
             return math.copysign(1.0, values[at]) * self.rows[at]
         return self.rows[int(np.argmax(values))] - self.rows[int(np.argmin(values))]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Zone:
+    """The width of the narrowest zone about the values at positions, of one run or of two."""
+
+    position: Array
+    rows: Array  # (r g, 2 k)
+    reach: float = 1.5
+
+    def of(self, coefficients: Array) -> Array:
+        each = [self._contacts(c)[0] for c in np.atleast_2d(coefficients)]
+        return np.reshape(each, coefficients.shape[:-1])
+
+    def weights(self, coefficients: Array) -> Array:
+        """Return the derivative of the width after the coefficients."""
+        return self._contacts(coefficients)[1].ravel() @ self.rows
+
+    def _contacts(self, coefficients: Array) -> tuple[float, Array]:
+        values = self.rows @ coefficients
+        return zone_contacts(self.position, values.reshape(-1, self.position.size))
 
 
 def curve_range(
@@ -88,8 +114,12 @@ def curve_range(
         There is no such direction or line.
     """
     if line == "minimum_zone":
-        return zone_range(curve, direction, seed=seed)
-    return _estimate(curve, _Extreme(rows=_deviation_rows(curve, direction, line)), seed)
+        # what a straight line adds changes no zone: without it the noise is told from the shape
+        x = curve.grid(201)
+        zone = _Zone(position=x, rows=_deviation_rows(curve, direction, "least_squares", x))
+        return _estimate(curve, zone, seed, _ZONE_TRIALS)
+    rows = _deviation_rows(curve, direction, line, curve.grid())
+    return _estimate(curve, _Extreme(rows=rows), seed)
 
 
 def curve_largest(
@@ -100,7 +130,7 @@ def curve_largest(
     seed: int = 0,
 ) -> Estimate:
     """Return the largest distance of a curve from a line, less what noise adds to it."""
-    rows = _deviation_rows(curve, direction, line)
+    rows = _deviation_rows(curve, direction, line, curve.grid())
     return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
 
 
@@ -156,10 +186,9 @@ def line_weights(position: Array, line: Line) -> Array:
 
 
 def _deviation_rows(
-    curve: MotionCurve, direction: Direction | Literal["both"], line: Line
+    curve: MotionCurve, direction: Direction | Literal["both"], line: Line, x: Array
 ) -> Array:
-    """Return what coefficients count by in the distances from the line."""
-    x = curve.grid()
+    """Return what coefficients count by in the distances from the line at positions."""
     off = line_weights(x, line)
     if direction != "both":
         rows = curve.rows(x, direction)
@@ -168,20 +197,20 @@ def _deviation_rows(
     return np.vstack((curve.rows(x, "forward") - base, curve.rows(x, "backward") - base))
 
 
-def _estimate(curve: MotionCurve, figure: _Extreme, seed: int) -> Estimate:
+def _estimate(
+    curve: MotionCurve, figure: _Extreme | _Zone, seed: int, trials: int = _TRIALS
+) -> Estimate:
     coefficients = curve.coefficients.ravel()
     observed = float(figure.of(coefficients))
-    noise, wide = noise_of_coefficients(curve, seed)
-    truth = shrunk(curve, figure.rows)
+    noise, wide = (n[:: max(n.shape[0] // trials, 1)] for n in _noise_of_coefficients(curve, seed))
+    truth = _shrunk(curve, figure.rows)
     added = float(figure.of(truth + noise).mean() - figure.of(truth))
-    # misfits at two places add; one place where a magnitude is asked
-    reach = 1.0 if figure.absolute else math.sqrt(2.0)
-    found = curve.of_coefficients(figure.weights(coefficients), reach=reach)
+    found = curve.of_coefficients(figure.weights(coefficients), reach=figure.reach)
     alone = float(np.quantile(figure.of(wide), 0.95))
-    return corrected(found, observed, added, alone)
+    return _corrected(found, observed, added, alone)
 
 
-def corrected(found: Estimate, observed: float, added: float, alone: float) -> Estimate:
+def _corrected(found: Estimate, observed: float, added: float, alone: float) -> Estimate:
     """Return a figure that cannot be negative less what noise adds to it.
 
     Noise alone exceeds `alone` once in twenty times: below it the interval begins at 0.
@@ -193,7 +222,7 @@ def corrected(found: Estimate, observed: float, added: float, alone: float) -> E
     return replace(result, bounds=(0.0, high)) if low < 0.0 or observed <= alone else result
 
 
-def noise_of_coefficients(curve: MotionCurve, seed: int) -> tuple[Array, Array]:
+def _noise_of_coefficients(curve: MotionCurve, seed: int) -> tuple[Array, Array]:
     """Simulate errors of the coefficients of a curve.
 
     Errors of the flattened coefficients as large as they are thought to be, and with the spread of
@@ -221,7 +250,7 @@ def noise_of_coefficients(curve: MotionCurve, seed: int) -> tuple[Array, Array]:
     return np.vstack((noise, -noise)), np.vstack((wide, -wide))
 
 
-def shrunk(curve: MotionCurve, rows: Array) -> Array:
+def _shrunk(curve: MotionCurve, rows: Array) -> Array:
     """Return coefficients from which the share of noise is taken, as James and Stein (1961) do.
 
     Measured values spread by noise as well as by what is measured: to simulate about them as they
@@ -244,36 +273,6 @@ def shrunk(curve: MotionCurve, rows: Array) -> Array:
     if spread <= 0.0:
         return coefficients
     return max(1.0 - of_noise / spread, 0.0) ** 0.5 * coefficients
-
-
-def zone_range(
-    curve: MotionCurve, direction: Direction | Literal["both"] = "mean", *, seed: int = 0
-) -> Estimate:
-    """Return the width of the narrowest zone, in the direction of the reading, about a curve.
-
-    Of both runs, one zone about the two; what noise adds is taken off.
-    """
-    x = curve.grid(201)
-    names: tuple[Direction, ...] = ("forward", "backward") if direction == "both" else (direction,)
-    rows = np.array([curve.rows(x, name) for name in names])  # (r, g, 2 k)
-    # what a straight line adds changes no zone: without it the noise is told from the shape
-    off = line_weights(x, "least_squares")
-    base = off @ rows.mean(axis=0)
-    rows = rows - base
-    coefficients = curve.coefficients.ravel()
-
-    def width(c: Array) -> float:
-        return zone_contacts(x, rows @ c)[0]
-
-    observed, weights = zone_contacts(x, rows @ coefficients)
-    noise, wide = (
-        n[:: max(n.shape[0] // _ZONE_TRIALS, 1)] for n in noise_of_coefficients(curve, seed)
-    )
-    truth = shrunk(curve, rows.reshape(-1, rows.shape[-1]))
-    added = float(np.mean([width(truth + e) for e in noise])) - width(truth)
-    alone = float(np.quantile([width(e) for e in wide], 0.95))
-    found = curve.of_coefficients(np.einsum("rg,rgk->k", weights, rows), reach=1.5)
-    return corrected(found, observed, added, alone)
 
 
 def zone_contacts(position: Array, values: Array) -> tuple[float, Array]:
