@@ -37,9 +37,10 @@ from flexstage.virtual.imperfections import (
 )
 from flexstage.virtual.piezo_loop import amplifier_of
 from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage
+from flexstage.virtual.published import loop_share
 from flexstage.virtual.screw_stage import ScrewAxis, ScrewStage
 from flexstage.virtual.sensors import EDDY_CURRENT_SENSORS, SensorBench
-from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, loop_share, matched_stacks, virtual_stack
+from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, matched_stacks, virtual_stack
 from flexstage.virtual.stack_stepping import ChargeDrive
 
 #: Part of the stroke that is kept free at each end.
