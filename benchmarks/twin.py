@@ -21,8 +21,8 @@ from flexstage.designs import design
 from flexstage.fem.superelement import superelement_model
 from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.instruments.pi.simulated.controller import VirtualController
-from flexstage.instruments.twin.build import virtual_stage
 from flexstage.system import modes
+from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.stage import VirtualStage
 
 __all__ = ["twin"]

@@ -7,14 +7,14 @@ import numpy as np
 from flexstage.designs import design
 from flexstage.hysteresis import Duhem, ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import LogCreep
-from flexstage.instruments.twin.piezo_stage import PiezoAxis, PiezoStage
-from flexstage.instruments.twin.stack import ChargeDrive
 from flexstage.lumped import lumped_system
 from flexstage.stage.limits import AxisLimits
 from flexstage.system import MechanicalSystem, ModalDamping
 from flexstage.system.servo import ServoSettings
+from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage
 from flexstage.virtual.sensors import SensorBench
 from flexstage.virtual.stack import VirtualStack, virtual_stack
+from flexstage.virtual.stack_stepping import ChargeDrive
 
 #: Slopes of stacks without hysteresis, by axis [m/V].
 SLOPES = {"x": 3.1e-7, "y": 2.6e-7}

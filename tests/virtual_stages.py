@@ -20,7 +20,7 @@ def set_once() -> Iterator[None]:
     """Search once for the necks and the stacks of the same stage."""
     # functions on the face of a room may have the names of its modules
     as_built = importlib.import_module("flexstage.virtual.as_built")
-    build = importlib.import_module("flexstage.instruments.twin.build")
+    build = importlib.import_module("flexstage.virtual.build")
     virtual_stack = build.virtual_stack
     tune = as_built._tuned
     found: dict[Any, Stage] = {}

@@ -14,8 +14,8 @@ from flexstage.control import (
     with_feedforward,
 )
 from flexstage.control.feedforward import conditioning_waveform, shifted_model
-from flexstage.control.periodic import delayed, steady_displacement, steady_input, steady_output
 from flexstage.control.tracking_run import evaluate_run
+from flexstage.control.trajectories.trajectory import delayed
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import (
     DriveModel,
@@ -26,6 +26,7 @@ from flexstage.hysteresis import (
     StageModes,
     ValidityRange,
 )
+from flexstage.hysteresis.periodic import steady_displacement, steady_input, steady_output
 from flexstage.instruments.protocol import Capability, Signal
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
@@ -62,8 +63,9 @@ def test_the_steady_input_gives_the_output_in_every_later_period(model) -> None:
     own = drive(hysteresis=model)
     t = np.arange(900) / 900.0
     x = 2.4e-5 - 1.7e-5 * np.cos(2 * np.pi * t) + 2e-6 * np.sin(6 * np.pi * t)
-    u, beyond = steady_input(own, x)
-    assert beyond == 0
+    found = steady_input(own, x)
+    u = found.command
+    assert not found.missed.any()
     y = model.simulate(np.tile(u, 25)).values[-900:]
     # the search ends at 1e-9 of 120 V, of a slope of 5e-7 m/V, and what fades takes 25 periods
     np.testing.assert_allclose(y, x, rtol=0, atol=1e-12)
@@ -136,13 +138,13 @@ def test_limits_of_voltage_and_slew_hold() -> None:
     wide = sine("x", 5e-6, 47e-6, 4.0, sample_rate_hz=RATE)
     made = compensate(own, wide, limits=narrow)
     assert made.limited > 0
-    assert "out of range" in made.notes[-1]
+    assert f"axis 'x': limits changed {made.limited} of 500 samples" in made.notes[-1]
     for wave in (made.lead_in, made.voltage):
         assert wave.values["x"].min() >= 10.0
         assert wave.values["x"].max() <= 95.0
     with pytest.raises(LimitError, match="V/s are allowed"):
         compensate(own, wide, limits={"x": AxisLimits(voltage=(0.0, 120.0), slew=900.0)})
-    with pytest.raises(ModelError, match="shift it into that range"):
+    with pytest.raises(ModelError, match="shift the reference into that range"):
         compensate(own, sine("x", 1e-4, 2e-4, 4.0, sample_rate_hz=RATE))
     with pytest.raises(ModelError, match="of which there is no model"):
         compensate(own, sine("y", 5e-6, 4e-5, 4.0, sample_rate_hz=RATE))

@@ -12,11 +12,12 @@ import pytest
 from flexstage.designs import design
 from flexstage.export.diagram.graph import Diagram
 from flexstage.export.diagram.grid import route
-from flexstage.export.diagram.markup import SMALL, plain, text_width
+from flexstage.export.diagram.markup import SMALL, plain
 from flexstage.export.diagram.page import PageLayout, PlacedBlock, PlacedLine, layout
 from flexstage.export.diagram.shapes import Cell, Net, Pin
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.svg import diagram_files, diagram_svg
+from flexstage.export.svg import text_width
 from flexstage.hysteresis import DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 

@@ -12,10 +12,10 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
 from flexstage.designs import DESIGNS, design
-from flexstage.export.drawing.canvas import text_width
 from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.drawing.notch_details import notch_kinds, ratio, step_scale
-from flexstage.export.drawing.sheet import drawing_svg, wrapped
+from flexstage.export.drawing.sheet import drawing_svg
+from flexstage.export.svg import text_width, wrapped
 from flexstage.hinges import RightCircular
 from flexstage.stage import Stage
 from tests.drawing_stages import NOTCHES, guide
@@ -216,6 +216,6 @@ def test_scales_are_usual_ones(limit: float, scale: float, text: str) -> None:
 
 def test_lines_are_broken_at_words_or_where_a_word_is_too_long() -> None:
     text = "a stage of " + "x" * 90
-    lines = wrapped(text, 40.0)
+    lines = wrapped(text, 40.0, 2.6, break_words=True)
     assert "".join(lines).replace(" ", "") == text.replace(" ", "")
     assert all(text_width(line, 2.6) <= 40.0 for line in lines)

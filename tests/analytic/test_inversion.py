@@ -194,6 +194,64 @@ def test_what_the_memory_keeps_out_of_reach_is_cut_and_told(kind):
     assert off.sum() <= made.limited
 
 
+def one_period(drive, share, size=250):
+    """One period of 2 Hz, inside what the drive reaches by the share of it."""
+    low, high = drive.hysteresis.simulate([HIGH, LOW, HIGH]).values[1:]
+    turn = 2.0 * np.pi * np.arange(size) / size
+    level = 0.5 - 0.5 * share * (np.cos(turn) + 0.1 * np.sin(3.0 * turn))
+    return drive.offset + drive.sign * (low + level * (high - low))
+
+
+@pytest.mark.parametrize("kind", EACH)
+@pytest.mark.parametrize("chain", CHAINS)
+def test_a_motion_that_repeats_is_followed_without_smoothing(kind, chain):
+    drive = drive_of(kind, **CHAINS[chain])
+    wanted = one_period(drive, 0.7)
+    made = feedforward(drive, wanted, DT, periods=7, limits=(0.0, 120.0))
+    assert made.limited == 0
+    assert made.smoothing == 0.0
+    # the modes swing at the beginning, by what the start lacks of the rate
+    late = slice(-2 * wanted.size, -40)
+    error = made.predicted[late] - np.tile(wanted, 7)[late]
+    # a straight line between samples is not the sine that harmonics are undone for
+    assert np.abs(error).max() < 1e-3 * np.ptp(wanted)
+    np.testing.assert_array_equal(
+        made.predicted, drive.simulate(made.command, DT, made.start, start=drive.start)
+    )
+
+
+@pytest.mark.parametrize("kind", EACH)
+@pytest.mark.parametrize("chain", CHAINS)
+def test_an_endless_repetition_repeats(kind, chain):
+    drive = drive_of(kind, **CHAINS[chain])
+    wanted = one_period(drive, 0.7)
+    made = feedforward(drive, wanted, DT, periods=0, limits=(0.0, 120.0))
+    assert made.limited == 0
+    np.testing.assert_allclose(made.predicted, wanted, rtol=0.0, atol=1e-8 * np.ptp(wanted))
+    x = drive.hysteresis.simulate(np.tile(made.command, 30), made.start).values
+    one, other = x[-500:-250], x[-250:]
+    np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8 * np.ptp(other))
+    slow = feedforward(drive, wanted, DT, periods=0, limits=(0.0, 120.0), largest_rate=400.0)
+    steps = np.diff(np.append(slow.command, slow.command[0]))
+    assert np.abs(steps).max() <= 400.0 * DT * (1.0 + 1e-12)
+    assert slow.limited > 0
+
+
+@pytest.mark.parametrize("kind", EACH)
+def test_limits_of_a_motion_that_repeats_hold(kind):
+    """Also where what the ends reach depends on the memory, and after a stretch at an end."""
+    drive = drive_of(kind)
+    wanted = one_period(drive, 1.25)
+    for periods in (0, 3):
+        made = feedforward(drive, wanted, DT, periods=periods, limits=(0.0, 120.0))
+        assert made.command.min() >= 0.0
+        assert made.command.max() <= 120.0
+        assert 0 < made.limited < made.command.size / 2
+        assert f"limits changed {made.limited} of" in made.limit_note
+        off = np.abs(made.predicted - made.wanted) > 1e-8 * np.ptp(wanted)
+        assert off.sum() <= made.limited
+
+
 @pytest.mark.parametrize("kind", ["duhem", "asymmetric-bouc-wen"])
 def test_the_nearest_input_of_an_output_out_of_reach(kind):
     model = EACH[kind]

@@ -8,7 +8,7 @@ from flexstage.designs import design
 from flexstage.instruments.pi.simulated.clock import FastTime
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.protocol import Signal
-from flexstage.instruments.twin.build import virtual_stage
+from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.stage import VirtualStage
 
 KINDS = (("position", "1"), ("voltage", "1"), ("target", "2"), ("position", "2"), ("channel", "7"))

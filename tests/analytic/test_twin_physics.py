@@ -14,16 +14,16 @@ from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.dynamic_model import ModelDrive
 from flexstage.hysteresis.loops import loop_width
-from flexstage.instruments.twin.piezo_stage import PiezoStage
-from flexstage.instruments.twin.stack import (
+from flexstage.system import modes, static_forces
+from flexstage.system.servo import Notch, ServoSettings
+from flexstage.virtual.piezo_stage import PiezoStage
+from flexstage.virtual.stack import virtual_stack
+from flexstage.virtual.stack_stepping import (
     ChargeDrive,
     free_displacements,
     relaxed_stacks,
     stack_arrays,
 )
-from flexstage.system import modes, static_forces
-from flexstage.system.servo import Notch, ServoSettings
-from flexstage.virtual.stack import virtual_stack
 from tests.twin_parts import SLOPES, damped_system, small_stage
 
 OPEN = (False, False)

@@ -13,13 +13,13 @@ from flexstage.characteristic import Characteristics
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.hysteresis.loops import loop_width
-from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.default_servo import largest_slope
-from flexstage.instruments.twin.piezo_stage import PiezoStage
 from flexstage.stage import Screw
 from flexstage.system import modes
 from flexstage.system.analysis import axis_mode
 from flexstage.system.servo import ServoSettings
+from flexstage.virtual.build import virtual_stage
+from flexstage.virtual.default_servo import largest_slope
+from flexstage.virtual.piezo_stage import PiezoStage
 from flexstage.virtual.screw_stage import ScrewStage
 from flexstage.virtual.stage import VirtualStage
 

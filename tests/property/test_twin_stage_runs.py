@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.designs import design
-from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.piezo_stage import PiezoStage
+from flexstage.virtual.build import virtual_stage
+from flexstage.virtual.piezo_stage import PiezoStage
 from flexstage.virtual.screw_stage import ScrewStage
 from flexstage.virtual.stage import StageSamples, VirtualStage
 

@@ -106,7 +106,7 @@ def test_the_archive_holds_what_it_should_and_is_the_same_again(version: str) ->
     assert "There is no library inside" in page
     made = model("bare")
     for text in (f"FMI {version}", "x.command", "whole multiple", *made.notes[:1]):
-        assert text[:40] in page
+        assert text[:40] in " ".join(page.split())
     # well formed, so that every browser shows the same
     ET.fromstring(page.split("\n", 1)[1].replace('<meta charset="utf-8">', ""))
     for name in names:

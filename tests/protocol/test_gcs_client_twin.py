@@ -21,9 +21,9 @@ from flexstage.instruments.pi.simulated.server import GcsServer
 from flexstage.instruments.pi.simulated.session import Loopback
 from flexstage.instruments.pi.transport import InProcess, TcpLink
 from flexstage.instruments.protocol import Capability, Instrument, Signal
-from flexstage.instruments.twin.build import virtual_stage
 from flexstage.instruments.waveform import Waveform
 from flexstage.system.servo import Notch, ServoSettings
+from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.stage import VirtualStage
 
 STAGE = design("vgtu-piezo")

@@ -218,7 +218,7 @@ def test_random_lines_to_the_simulated_stage(name):
     """Nothing breaks down, and no command leaves the limits, with the real simulation below."""
     from flexstage.designs import design
     from flexstage.instruments.pi.simulated.controller import VirtualController
-    from flexstage.instruments.twin.build import virtual_stage
+    from flexstage.virtual.build import virtual_stage
 
     device = VirtualController(virtual_stage(design(name), model="lumped", seed=2))
     session = ServerSession(Interpreter(device, FastTime(device)))

@@ -19,9 +19,9 @@ from flexstage.hysteresis import DriveModel, PrandtlIshlinskii, ValidityRange, e
 from flexstage.instruments.connect import connect
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.record_run import run_waveform
-from flexstage.instruments.twin.build import virtual_stage
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
+from flexstage.virtual.build import virtual_stage
 from tests import control_evidence
 from tests.tiers import sizes
 

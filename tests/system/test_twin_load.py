@@ -13,7 +13,7 @@ from flexstage.instruments.pi.simulated.clock import Pacemaker
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import GcsServer
-from flexstage.instruments.twin.build import virtual_stage
+from flexstage.virtual.build import virtual_stage
 
 pytestmark = [pytest.mark.slow, pytest.mark.alone]
 

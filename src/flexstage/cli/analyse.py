@@ -11,14 +11,14 @@ from flexstage.cli.options import (
     PlaneOption,
     QuietOption,
     StageArgument,
+    from_docstring,
     model_names,
-    option,
     relative,
 )
 from flexstage.cli.output import (
+    FigureFile,
+    OutputFolder,
     console,
-    figure_option,
-    folder_option,
     picture,
     print_json,
     print_notes,
@@ -38,59 +38,45 @@ if TYPE_CHECKING:
     from flexstage.system import Analysis
 
 
+@from_docstring
 def analyse(
     stage: StageArgument,
     model: ModelsOption = "superelement",
     plane: PlaneOption = "auto",
-    accuracy: Annotated[
-        float | None,
-        option(
-            "SHARE",
-            "Refine the mesh of the plane or solid model until --quantity changes by less "
-            "than this share, such as 0.1%.",
-            parser=relative,
-        ),
-    ] = None,
-    quantity: Annotated[
-        str, option("NAME", "Quantity that --accuracy refers to, such as max_stress.")
-    ] = "natural_frequency_hz",
-    supports: Annotated[
-        str,
-        option(
-            "rigid|elastic",
-            "Rigid or elastic frame under the reactions of the drives (plane and solid models).",
-        ),
-    ] = "rigid",
-    stroke: Annotated[
-        bool,
-        typer.Option(
-            "--stroke",
-            help="Compute each axis over its stroke with large displacements (plane model): "
-            "straightness, stiffening, buckling.",
-        ),
-    ] = False,
-    folder: Annotated[
-        Path | None,
-        folder_option("Write analysis.json, with the Bode data, and a Bode diagram of each axis."),
-    ] = None,
-    vtu: Annotated[
-        bool,
-        typer.Option(
-            "--vtu",
-            help="Also write the states at full stroke and the modes for ParaView, into vtu/ of "
-            "--folder (plane and solid models).",
-        ),
-    ] = False,
-    figure: Annotated[
-        Path | None,
-        figure_option("Draw the Bode diagram of each axis, in files NAME-AXIS."),
-    ] = None,
+    accuracy: Annotated[float | None, typer.Option(parser=relative)] = None,
+    quantity: str = "natural_frequency_hz",
+    supports: str = "rigid",
+    stroke: bool = False,
+    folder: OutputFolder = None,
+    vtu: bool = False,
+    figure: FigureFile = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
     """Compute characteristics, modes, stress and responses.
 
     Several models are printed in sequence; all leaves out, with a note, those that are impossible.
+
+    Parameters
+    ----------
+    accuracy
+        SHARE: Refine the mesh of the plane or solid model until --quantity changes by less than
+        this share, such as 0.1%.
+    quantity
+        NAME: Quantity that --accuracy refers to, such as max_stress.
+    supports
+        rigid|elastic: Rigid or elastic frame under the reactions of the drives (plane and solid
+        models).
+    stroke
+        Compute each axis over its stroke with large displacements (plane model): straightness,
+        stiffening, buckling.
+    folder
+        Write analysis.json, with the Bode data, and a Bode diagram of each axis.
+    vtu
+        Also write the states at full stroke and the modes for ParaView, into vtu/ of --folder
+        (plane and solid models).
+    figure
+        Draw the Bode diagram of each axis, in files NAME-AXIS. (.svg, .png or .pdf)
     """
     from flexstage import progress
     from flexstage.designs import find_stage

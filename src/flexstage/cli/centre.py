@@ -20,10 +20,10 @@ from flexstage.cli.centre_heads import (
 )
 from flexstage.cli.centre_report import change, joined, print_setting, report
 from flexstage.cli.centre_trial import positions_of, print_trial, trial
-from flexstage.cli.options import JsonOption, option, quantity, with_groups
+from flexstage.cli.options import JsonOption, from_docstring, quantity
 from flexstage.cli.output import (
+    FigureFile,
     console,
-    figure_option,
     picture,
     print_json,
     print_notes,
@@ -40,139 +40,92 @@ from flexstage.errors import ModelError, RecordError
 _DIRECTIONS = ("ccw", "cw")
 
 
-@with_groups
+@from_docstring
 def centre(
-    records: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="FILE...",
-            help="Records of the error over the angle of the table. Several files are the heads "
-            "of one setting if --heads has an angle for each, else settings in sequence.",
-        ),
-    ],
-    error: Annotated[
-        str | None,
-        option(
-            "COLUMN,...",
-            "Numbers or names of the error columns, one for each head: angle reading minus "
-            "true angle; or, in a unit of length, the readings of indicators on the rim.",
-        ),
-    ] = None,
-    reading: Annotated[
-        str | None,
-        option(
-            "COLUMN,...",
-            "Instead of --error: columns of the readings of the heads, wrapped at a turn or "
-            "not; the true angle is subtracted.",
-        ),
-    ] = None,
-    angle: Annotated[
-        str | None,
-        option(
-            "COLUMN",
-            "Number or name of the column of the true angle, wrapped or not (default: "
-            "samples are evenly spaced over --turns).",
-        ),
-    ] = None,
-    unit: Annotated[
-        str | None,
-        option(
-            "UNIT",
-            "Unit of angle and error if neither the file nor --angle-unit and --error-unit "
-            'give it, such as "deg", "rad", "arcsec", "turn" or "count"; harmonics are printed in '
-            "it.",
-        ),
-    ] = None,
-    angle_unit: Annotated[str | None, option("UNIT", "Unit of the angle.")] = None,
-    error_unit: Annotated[
-        str | None, option("UNIT", "Unit of the errors, or of the readings.")
-    ] = None,
-    counts: Annotated[
-        float | None, option("NUMBER", "Counts per turn, for columns in counts.")
-    ] = None,
-    heads: Annotated[
-        str | None,
-        option(
-            "ANGLES",
-            "Angles of the heads or indicators in the room, bare numbers in degrees, such as "
-            '"0,90,180,270".',
-        ),
-    ] = None,
-    radius: Annotated[
-        str | None,
-        option(
-            "LENGTH",
-            'Radius at which the scale is read, such as "50 mm"; needed for the eccentricity.',
-        ),
-    ] = None,
-    diameter: Annotated[str | None, option("LENGTH", "Diameter, instead of --radius.")] = None,
-    kind: Annotated[
-        str | None,
-        option(
-            "disc|drum|magnet",
-            "disc (default): radial lines or poles on a face, read at the radius; drum: "
-            "lines or poles parallel to the axis on a rim; magnet: one pair of poles on the axis, "
-            "whose harmonic of order 1 is not eccentricity alone.",
-        ),
-    ] = None,
-    orders: Annotated[
-        str | None,
-        option(
-            "RANGE",
-            'Orders to fit, such as "1:12" or "1,2,4" (default: 1:12, or fewer if there are '
-            "few samples).",
-        ),
-    ] = None,
-    turns: Annotated[
-        float | None, option("NUMBER", "Number of turns in the record, if there is no --angle.")
-    ] = None,
-    sign: Annotated[
-        int,
-        option(
-            "1|-1",
-            "-1 if the errors are true angle minus angle reading: all printed and drawn "
-            "values change their sign.",
-        ),
-    ] = 1,
-    head_direction: Annotated[
-        str,
-        option(
-            "ccw|cw",
-            "Direction in which the heads travel round the scale as the angle grows, seen in "
-            "the frame x, y that turns with the table; head angles count in this direction. Over "
-            "a table that turns counter-clockwise they travel cw.",
-        ),
-    ] = "ccw",
-    stage_at: Annotated[
-        str | None,
-        option(
-            "X,Y;...",
-            "Positions of the stage at each setting, bare numbers in um, such as "
-            '"0,0; 20,0; 0,20; 20,20": gives the orders that follow the moves, their gain, and the '
-            "centre, for any scale and without a radius.",
-        ),
-    ] = None,
-    mount_angle: Annotated[
-        str,
-        option(
-            "ANGLE",
-            "Direction of the x axis of the stage in the frame that turns with the table, "
-            'such as "30 deg"; a bare number is in degrees.',
-        ),
-    ] = "0 deg",
-    outliers: Annotated[
-        bool, typer.Option(help="Find outliers, report them, and exclude them.")
-    ] = True,
+    records: Annotated[list[Path], typer.Argument()],
+    error: str | None = None,
+    reading: str | None = None,
+    angle: str | None = None,
+    unit: str | None = None,
+    angle_unit: str | None = None,
+    error_unit: str | None = None,
+    counts: float | None = None,
+    heads: str | None = None,
+    radius: str | None = None,
+    diameter: str | None = None,
+    kind: str | None = None,
+    orders: str | None = None,
+    turns: float | None = None,
+    sign: int = 1,
+    head_direction: str = "ccw",
+    stage_at: str | None = None,
+    mount_angle: str = "0 deg",
+    outliers: bool = True,
     how: FileOptions = WHOLE_FILE,
-    figure: Annotated[
-        Path | None,
-        figure_option("Draw the error over the turn and its harmonics."),
-    ] = None,
+    figure: FigureFile = None,
     json: JsonOption = False,
 ) -> None:
     """Find a scale's eccentricity and the move that removes it.
 
     The harmonics of the error over the turn are fitted; that of order 1 gives the eccentricity.
+
+    Parameters
+    ----------
+    records
+        FILE...: Records of the error over the angle of the table. Several files are the heads of
+        one setting if --heads has an angle for each, else settings in sequence.
+    error
+        COLUMN,...: Numbers or names of the error columns, one for each head: angle reading minus
+        true angle; or, in a unit of length, the readings of indicators on the rim.
+    reading
+        COLUMN,...: Instead of --error: columns of the readings of the heads, wrapped at a turn or
+        not; the true angle is subtracted.
+    angle
+        COLUMN: Number or name of the column of the true angle, wrapped or not (default: samples are
+        evenly spaced over --turns).
+    unit
+        UNIT: Unit of angle and error if neither the file nor --angle-unit and --error-unit give it,
+        such as "deg", "rad", "arcsec", "turn" or "count"; harmonics are printed in it.
+    angle_unit
+        UNIT: Unit of the angle.
+    error_unit
+        UNIT: Unit of the errors, or of the readings.
+    counts
+        NUMBER: Counts per turn, for columns in counts.
+    heads
+        ANGLES: Angles of the heads or indicators in the room, bare numbers in degrees, such as
+        "0,90,180,270".
+    radius
+        LENGTH: Radius at which the scale is read, such as "50 mm"; needed for the eccentricity.
+    diameter
+        LENGTH: Diameter, instead of --radius.
+    kind
+        disc|drum|magnet: disc (default): radial lines or poles on a face, read at the radius; drum:
+        lines or poles parallel to the axis on a rim; magnet: one pair of poles on the axis, whose
+        harmonic of order 1 is not eccentricity alone.
+    orders
+        RANGE: Orders to fit, such as "1:12" or "1,2,4" (default: 1:12, or fewer if there are few
+        samples).
+    turns
+        NUMBER: Number of turns in the record, if there is no --angle.
+    sign
+        1|-1: -1 if the errors are true angle minus angle reading: all printed and drawn values
+        change their sign.
+    head_direction
+        ccw|cw: Direction in which the heads travel round the scale as the angle grows, seen in the
+        frame x, y that turns with the table; head angles count in this direction. Over a table that
+        turns counter-clockwise they travel cw.
+    stage_at
+        X,Y;...: Positions of the stage at each setting, bare numbers in um, such as "0,0; 20,0;
+        0,20; 20,20": gives the orders that follow the moves, their gain, and the centre, for any
+        scale and without a radius.
+    mount_angle
+        ANGLE: Direction of the x axis of the stage in the frame that turns with the table, such as
+        "30 deg"; a bare number is in degrees.
+    outliers
+        --outliers/--no-outliers: Find outliers, report them, and exclude them.
+    figure
+        Draw the error over the turn and its harmonics. (.svg, .png or .pdf)
     """
     from flexstage.centring.setting import fit_setting
 

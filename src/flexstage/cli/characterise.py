@@ -11,12 +11,12 @@ from flexstage.cli.options import (
     JsonOption,
     ModelsOption,
     QuietOption,
+    from_docstring,
     model_names,
-    option,
     quantity,
     relative,
 )
-from flexstage.cli.output import console, folder_option, print_json, progress_bar
+from flexstage.cli.output import OutputFolder, console, print_json, progress_bar
 from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
@@ -40,110 +40,36 @@ def _column(what: str) -> Any:
     return typer.Option(metavar="COLUMN", help=f"Number or name of the column of {what}.")
 
 
+@from_docstring
 def characterise(
-    records: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="FILE...",
-            help="One test description (.yaml), or the measured files of one test.",
-        ),
-    ] = None,
-    stage: Annotated[
-        str | None,
-        option(
-            "STAGE",
-            "A stage file, or the name of a built-in design, to compare with its models and "
-            "published values.",
-        ),
-    ] = None,
-    virtual_seed: Annotated[
-        int | None,
-        option(
-            "SEED",
-            "Instead of files: simulate the measurements of --stage, with this random seed.",
-            min=0,
-        ),
-    ] = None,
-    test: Annotated[
-        str,
-        option(
-            "KIND",
-            "Kind of test: motion, spheres, positioning, staircase, hold, response, "
-            "ring-down or workspace.",
-        ),
-    ] = "motion",
-    axis: Annotated[str, option("NAME", "The axis that moves; for a workspace both, as xy.")] = "x",
-    command: Annotated[str | None, _column("the command")] = None,
-    along: Annotated[str | None, _column("the position along the axis")] = None,
-    across: Annotated[str | None, _column("the transverse motion in the plane")] = None,
-    vertical: Annotated[str | None, _column("the motion out of the plane")] = None,
-    roll: Annotated[str | None, _column("the rotation about the axis")] = None,
-    pitch: Annotated[str | None, _column("the rotation about the transverse direction")] = None,
-    yaw: Annotated[str | None, _column("the rotation about the normal")] = None,
-    input: Annotated[str | None, _column("the force or other excitation")] = None,
-    output: Annotated[
-        str | None, option("COLUMNS", "Columns of the response, separated by commas.")
-    ] = None,
-    corner: Annotated[str | None, _column("the number of the corner")] = None,
-    x: Annotated[str | None, _column("the reading in x at the corners")] = None,
-    y: Annotated[str | None, _column("the reading in y at the corners")] = None,
-    spheres: Annotated[
-        str | None, option("NAMES", "Names of the spheres, separated by commas.")
-    ] = None,
-    direction: Annotated[
-        str | None, _column("the direction of approach: up or down, 1 or -1")
-    ] = None,
-    upward: Annotated[
-        str | None,
-        option(
-            "COLUMNS",
-            "For a table with a row for each target: columns of the upward runs, separated by "
-            "commas.",
-        ),
-    ] = None,
-    downward: Annotated[
-        str | None, option("COLUMNS", "For such a table: columns of the downward runs.")
-    ] = None,
-    cycle: Annotated[
-        str,
-        option(
-            "FORM",
-            "For positioning with a row for each approach: standard (series up and down) or "
-            "step (each target from both sides in turn); auto also finds rests of several samples.",
-        ),
-    ] = "auto",
-    deviations: Annotated[
-        bool,
-        typer.Option(
-            "--deviations",
-            help="For positioning: the readings are deviations from the targets, not positions.",
-        ),
-    ] = False,
-    commands: Annotated[
-        str | None,
-        option(
-            "LENGTHS",
-            "For spheres: command at each station, separated by commas, if there is no such "
-            'column: "0 um,5 um,10 um,5 um,0 um".',
-        ),
-    ] = None,
-    column_unit: Annotated[
-        list[str] | None,
-        option("ROLE=UNIT", 'Unit of a column without one, such as "along=um"; may be repeated.'),
-    ] = None,
-    calibration: Annotated[
-        str | None,
-        option(
-            "SHARE", 'Relative standard uncertainty of the sensor sensitivity, such as "0.05%".'
-        ),
-    ] = None,
-    alignment: Annotated[
-        str | None,
-        option("ANGLE", 'Standard uncertainty of the direction of the sensors, such as "1 mrad".'),
-    ] = None,
-    confidence: Annotated[
-        float, option("SHARE", "For a staircase: confidence level of a step.", min=0.5, max=0.9999)
-    ] = 0.95,
+    records: Annotated[list[Path] | None, typer.Argument()] = None,
+    stage: str | None = None,
+    virtual_seed: Annotated[int | None, typer.Option(min=0)] = None,
+    test: str = "motion",
+    axis: str = "x",
+    command: str | None = None,
+    along: str | None = None,
+    across: str | None = None,
+    vertical: str | None = None,
+    roll: str | None = None,
+    pitch: str | None = None,
+    yaw: str | None = None,
+    input: str | None = None,
+    output: str | None = None,
+    corner: str | None = None,
+    x: str | None = None,
+    y: str | None = None,
+    spheres: str | None = None,
+    direction: str | None = None,
+    upward: str | None = None,
+    downward: str | None = None,
+    cycle: str = "auto",
+    deviations: bool = False,
+    commands: str | None = None,
+    column_unit: list[str] | None = None,
+    calibration: str | None = None,
+    alignment: str | None = None,
+    confidence: Annotated[float, typer.Option(min=0.5, max=0.9999)] = 0.95,
     models: ModelsOption = "lumped,superelement",
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
@@ -153,10 +79,7 @@ def characterise(
     skip_lines: SkipLinesOption = 0,
     delimiter: DelimiterOption = None,
     decimal: DecimalOption = None,
-    out: Annotated[
-        Path | None,
-        folder_option("Write report.html and results.json, and the records of a virtual stage."),
-    ] = None,
+    out: OutputFolder = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -164,6 +87,72 @@ def characterise(
 
     Every value has its uncertainty, and its difference from models of the stage and published
     values.
+
+    Parameters
+    ----------
+    records
+        FILE...: One test description (.yaml), or the measured files of one test.
+    stage
+        STAGE: A stage file, or the name of a built-in design, to compare with its models and
+        published values.
+    virtual_seed
+        SEED: Instead of files: simulate the measurements of --stage, with this random seed.
+    test
+        KIND: Kind of test: motion, spheres, positioning, staircase, hold, response, ring-down or
+        workspace.
+    axis
+        NAME: The axis that moves; for a workspace both, as xy.
+    command
+        COLUMN: Number or name of the column of the command.
+    along
+        COLUMN: Number or name of the column of the position along the axis.
+    across
+        COLUMN: Number or name of the column of the transverse motion in the plane.
+    vertical
+        COLUMN: Number or name of the column of the motion out of the plane.
+    roll
+        COLUMN: Number or name of the column of the rotation about the axis.
+    pitch
+        COLUMN: Number or name of the column of the rotation about the transverse direction.
+    yaw
+        COLUMN: Number or name of the column of the rotation about the normal.
+    input
+        COLUMN: Number or name of the column of the force or other excitation.
+    output
+        COLUMNS: Columns of the response, separated by commas.
+    corner
+        COLUMN: Number or name of the column of the number of the corner.
+    x
+        COLUMN: Number or name of the column of the reading in x at the corners.
+    y
+        COLUMN: Number or name of the column of the reading in y at the corners.
+    spheres
+        NAMES: Names of the spheres, separated by commas.
+    direction
+        COLUMN: Number or name of the column of the direction of approach: up or down, 1 or -1.
+    upward
+        COLUMNS: For a table with a row for each target: columns of the upward runs, separated by
+        commas.
+    downward
+        COLUMNS: For such a table: columns of the downward runs.
+    cycle
+        FORM: For positioning with a row for each approach: standard (series up and down) or step
+        (each target from both sides in turn); auto also finds rests of several samples.
+    deviations
+        For positioning: the readings are deviations from the targets, not positions.
+    commands
+        LENGTHS: For spheres: command at each station, separated by commas, if there is no such
+        column: "0 um,5 um,10 um,5 um,0 um".
+    column_unit
+        ROLE=UNIT: Unit of a column without one, such as "along=um"; may be repeated.
+    calibration
+        SHARE: Relative standard uncertainty of the sensor sensitivity, such as "0.05%".
+    alignment
+        ANGLE: Standard uncertainty of the direction of the sensors, such as "1 mrad".
+    confidence
+        SHARE: For a staircase: confidence level of a step.
+    out
+        Write report.html and results.json, and the records of a virtual stage.
     """
     from flexstage.designs import find_stage
     from flexstage.experiments.campaign.evaluate import characterise as run

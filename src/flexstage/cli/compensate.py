@@ -9,12 +9,11 @@ from flexstage.cli.options import (
     CurrentOption,
     JsonOption,
     SlewOption,
-    option,
+    from_docstring,
     quantity,
     voltage_range,
-    with_groups,
 )
-from flexstage.cli.output import console, file_option, print_json, print_notes, write_file
+from flexstage.cli.output import OutputFile, console, print_json, print_notes, write_file
 from flexstage.cli.predict import moved_for
 from flexstage.cli.reading import (
     AS_TIMED,
@@ -32,71 +31,56 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.inversion import Feedforward
 
 
-@with_groups
+@from_docstring
 def compensate(
-    model: Annotated[
-        Path,
-        typer.Argument(metavar="MODEL", help="A model file written by `flexstage identify --out`."),
-    ],
-    reference: Annotated[Path, option("FILE", "Record of the wanted readings over time.")],
-    column_: Annotated[str, option("COLUMN", "Number or name of its column.", "--column")] = "0",
+    model: Annotated[Path, typer.Argument()],
+    reference: Path,
+    column_: str = "0",
     timing: TimeOptions = AS_TIMED,
-    reference_unit: Annotated[
-        str | None, option("UNIT", 'Unit of the reference, such as "um".')
-    ] = None,
-    relative: Annotated[
-        bool,
-        typer.Option(
-            "--relative/--absolute",
-            help="Count the reference from the lowest reading that the drive reaches, or from the "
-            "zero of the sensor.",
-        ),
-    ] = False,
-    voltage: Annotated[
-        str | None,
-        option(
-            "LOW:HIGH",
-            'Voltage range of the command, such as "0:120" (default: the range on which the '
-            "model was identified).",
-        ),
-    ] = None,
+    reference_unit: str | None = None,
+    relative: bool = False,
+    voltage: str | None = None,
     slew: SlewOption = None,
     current: CurrentOption = None,
-    capacitance: Annotated[
-        str | None,
-        option(
-            "CAPACITANCE",
-            'Capacitance of the stack, such as "6.4 uF": limits the slope with --current.',
-        ),
-    ] = None,
-    reference_bandwidth: Annotated[
-        str | None,
-        option(
-            "FREQUENCY",
-            "Bandwidth to which the reference is smoothed (default: a quarter of the "
-            "resonance of the model).",
-        ),
-    ] = None,
-    start: Annotated[
-        str,
-        option(
-            "conditioned|rest|TIME",
-            "State before the start: conditioned by cycles over the whole range that end at "
-            "its low end, with creep as before the record of the model; rest: unused; or a time, "
-            'such as "30 s" or inf: conditioned, and then in motion as in the reference for that '
-            "time.",
-        ),
-    ] = "conditioned",
+    capacitance: str | None = None,
+    reference_bandwidth: str | None = None,
+    start: str = "conditioned",
     how: FileOptions = WHOLE_FILE,
-    out: Annotated[
-        Path | None,
-        file_option("Write time, command, reference and prediction (.csv, .npz, .h5 or .mat)."),
-    ] = None,
+    out: OutputFile = None,
     json: JsonOption = False,
 ) -> None:
     """Compute the drive signal that follows a reference.
 
     The inverse of an identified model compensates its hysteresis, lag and creep.
+
+    Parameters
+    ----------
+    model
+        MODEL: A model file written by `flexstage identify --out`.
+    reference
+        FILE: Record of the wanted readings over time.
+    column_
+        --column COLUMN: Number or name of its column.
+    reference_unit
+        UNIT: Unit of the reference, such as "um".
+    relative
+        --relative/--absolute: Count the reference from the lowest reading that the drive reaches,
+        or from the zero of the sensor.
+    voltage
+        LOW:HIGH: Voltage range of the command, such as "0:120" (default: the range on which the
+        model was identified).
+    capacitance
+        CAPACITANCE: Capacitance of the stack, such as "6.4 uF": limits the slope with --current.
+    reference_bandwidth
+        FREQUENCY: Bandwidth to which the reference is smoothed (default: a quarter of the resonance
+        of the model).
+    start
+        conditioned|rest|TIME: State before the start: conditioned by cycles over the whole range
+        that end at its low end, with creep as before the record of the model; rest: unused; or a
+        time, such as "30 s" or inf: conditioned, and then in motion as in the reference for that
+        time.
+    out
+        Write time, command, reference and prediction (.csv, .npz, .h5 or .mat).
     """
     from flexstage.hysteresis.drive_model import in_unit_of_model
     from flexstage.hysteresis.inversion import feedforward

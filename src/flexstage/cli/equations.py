@@ -1,12 +1,12 @@
 """`flexstage equations`: the dynamic model of a stage in symbols."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, StageArgument, option
-from flexstage.cli.output import file_option, print_json, write_file
+from flexstage.cli.options import JsonOption, StageArgument, from_docstring
+from flexstage.cli.output import OutputFile, print_json, write_file
 from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
@@ -23,40 +23,34 @@ _ASYMMETRY = 0.02
 _DAMPING = ("rayleigh", "hinge", "none")
 
 
+@from_docstring
 def equations(
     stage: StageArgument,
-    form: Annotated[
-        str,
-        option(
-            "text|latex|svg",
-            "Plain text, a LaTeX document, or the structural diagram as a drawing.",
-            "--to",
-        ),
-    ] = "text",
-    reduce: Annotated[
-        str,
-        option(
-            "auto|symmetry|condense|none",
-            "Reduction of the coordinates for transfer functions; auto uses the symmetry of "
-            "the stage if it leaves few enough coordinates, else condensation to drives and "
-            "probes.",
-        ),
-    ] = "auto",
-    axis: Annotated[
-        str | None, option("NAME", "Axis of the transfer function (default: all).")
-    ] = None,
-    damping: Annotated[
-        str, option("rayleigh|hinge|none", "Damping model of the equations.")
-    ] = "rayleigh",
-    out: Annotated[
-        Path | None,
-        file_option("Write the equations to a file instead of the terminal."),
-    ] = None,
+    form: str = "text",
+    reduce: str = "auto",
+    axis: str | None = None,
+    damping: str = "rayleigh",
+    out: OutputFile = None,
     json: JsonOption = False,
 ) -> None:
     """Derive the equations of motion in symbols.
 
     Energies, Lagrange's equations, the matrices M, C and K, and transfer functions.
+
+    Parameters
+    ----------
+    form
+        --to text|latex|svg: Plain text, a LaTeX document, or the structural diagram as a drawing.
+    reduce
+        auto|symmetry|condense|none: Reduction of the coordinates for transfer functions; auto uses
+        the symmetry of the stage if it leaves few enough coordinates, else condensation to drives
+        and probes.
+    axis
+        NAME: Axis of the transfer function (default: all).
+    damping
+        rayleigh|hinge|none: Damping model of the equations.
+    out
+        Write the equations to a file instead of the terminal.
     """
     from flexstage.designs import find_stage
 

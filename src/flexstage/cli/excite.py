@@ -12,14 +12,14 @@ from flexstage.cli.options import (
     JsonOption,
     SlewOption,
     designs_like,
-    option,
+    from_docstring,
     quantity,
     voltage_range,
 )
 from flexstage.cli.output import (
+    OutputFile,
     console,
     count,
-    file_option,
     print_json,
     print_notes,
     print_table,
@@ -44,81 +44,26 @@ class _Plant:
     natural_frequency_hz: float | None = None
 
 
+@from_docstring
 def excite(
     stage: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[STAGE]",
-            autocompletion=designs_like,
-            help="A stage file, or the name of a built-in design. It gives the voltage range and "
-            "capacitance of the stack and the lowest natural frequency.",
-            show_default=False,
-        ),
+        str | None, typer.Argument(autocompletion=designs_like, show_default=False)
     ] = None,
     axis: AxisOption = None,
-    voltage: Annotated[
-        str | None,
-        option("LOW:HIGH", 'Voltage range, such as "0:120" (default: that of the stack).'),
-    ] = None,
-    loop_rates: Annotated[
-        str | None,
-        option(
-            "FREQUENCIES",
-            'Repetition rates of the major loop, such as "0.5,5" in Hz (default: chosen).',
-        ),
-    ] = None,
-    duration: Annotated[
-        str | None, option("TIME", 'Longest duration of the record, such as "60 s".')
-    ] = None,
-    sample_rate: Annotated[
-        str | None,
-        option(
-            "RATE",
-            'Sample rate, such as "10 kHz" (default: as the fastest loop and the multisine '
-            "require).",
-        ),
-    ] = None,
+    voltage: str | None = None,
+    loop_rates: str | None = None,
+    duration: str | None = None,
+    sample_rate: str | None = None,
     slew: SlewOption = None,
     current: CurrentOption = None,
-    capacitance: Annotated[
-        str | None,
-        option(
-            "CAPACITANCE", 'Capacitance of the stack, such as "6.4 uF" (default: that of STAGE).'
-        ),
-    ] = None,
-    frequency: Annotated[
-        str | None,
-        option(
-            "FREQUENCY",
-            "Lowest natural frequency with the drives in place (default: that of the lumped "
-            "model of STAGE).",
-        ),
-    ] = None,
-    shape: Annotated[
-        str, option("smooth|sine|triangle", "Shape of the voltage between turning points.")
-    ] = "smooth",
-    hold_time: Annotated[
-        str | None, option("TIME", 'Hold time after the step, for creep; "0 s" for none.')
-    ] = None,
-    rest: Annotated[
-        str | None,
-        option(
-            "VOLTAGE", "Voltage before and after the record (default: 0 V if within the range)."
-        ),
-    ] = None,
-    multisine: Annotated[
-        bool,
-        typer.Option(
-            "--multisine/--no-multisine", help="Add a small multisine at the natural frequency."
-        ),
-    ] = True,
-    seed: Annotated[
-        int, option("NUMBER", "Random seed of the phases of the multisine.", min=0)
-    ] = 0,
-    out: Annotated[
-        Path | None,
-        file_option("Write the record (.csv, .npz, .h5 or .mat)."),
-    ] = None,
+    capacitance: str | None = None,
+    frequency: str | None = None,
+    shape: str = "smooth",
+    hold_time: str | None = None,
+    rest: str | None = None,
+    multisine: bool = True,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    out: OutputFile = None,
     json: JsonOption = False,
 ) -> None:
     """Design the drive record for an identification.
@@ -126,6 +71,38 @@ def excite(
     The record contains major loops, reversal curves and nested loops at two rates, a step and hold,
     and a small multisine at the resonance, within the limits of stack and amplifier. It identifies
     hysteresis, lag, creep and resonance.
+
+    Parameters
+    ----------
+    stage
+        [STAGE]: A stage file, or the name of a built-in design. It gives the voltage range and
+        capacitance of the stack and the lowest natural frequency.
+    voltage
+        LOW:HIGH: Voltage range, such as "0:120" (default: that of the stack).
+    loop_rates
+        FREQUENCIES: Repetition rates of the major loop, such as "0.5,5" in Hz (default: chosen).
+    duration
+        TIME: Longest duration of the record, such as "60 s".
+    sample_rate
+        RATE: Sample rate, such as "10 kHz" (default: as the fastest loop and the multisine
+        require).
+    capacitance
+        CAPACITANCE: Capacitance of the stack, such as "6.4 uF" (default: that of STAGE).
+    frequency
+        FREQUENCY: Lowest natural frequency with the drives in place (default: that of the lumped
+        model of STAGE).
+    shape
+        smooth|sine|triangle: Shape of the voltage between turning points.
+    hold_time
+        TIME: Hold time after the step, for creep; "0 s" for none.
+    rest
+        VOLTAGE: Voltage before and after the record (default: 0 V if within the range).
+    multisine
+        --multisine/--no-multisine: Add a small multisine at the natural frequency.
+    seed
+        NUMBER: Random seed of the phases of the multisine.
+    out
+        Write the record (.csv, .npz, .h5 or .mat).
     """
     from flexstage.hysteresis.excitations.design import excitation
 

@@ -14,14 +14,15 @@ from flexstage.cli.options import (
     PlaneOption,
     QuietOption,
     StageArgument,
-    option,
+    from_docstring,
+    one_of,
     positive_length,
     quantity,
     relative,
 )
 from flexstage.cli.output import (
+    FOLDER,
     console,
-    folder_option,
     print_json,
     print_notes,
     print_table,
@@ -44,73 +45,57 @@ _SHOWN = 8  # files of a format in the table
 _PRECISIONS = ("double", "single")
 
 
+@from_docstring
 def export(
     stage: StageArgument,
-    to: Annotated[
-        str,
-        option(
-            "|".join(FORMATS),
-            "Format; several separated by commas; 'all' writes every format that the stage allows.",
-            "--to",
-        ),
-    ],
-    out: Annotated[
-        Path,
-        folder_option("Folder of the files; several formats get a subfolder each."),
-    ] = Path("exported"),
+    to: Annotated[str, one_of(FORMATS)],
+    out: Annotated[Path, FOLDER] = Path("exported"),
     model: ModelOption = "superelement",
     plane: PlaneOption = "auto",
-    time_step: Annotated[
-        str, option("TIME", "Time between samples (fmu, c, mat, simulink).")
-    ] = "0.1 ms",
-    hysteresis: Annotated[
-        list[str] | None,
-        option(
-            "usual|none|NAME=FILE",
-            "Hysteresis of the piezo stacks: a Bouc-Wen loop of usual width, none, or the "
-            "model file of 'flexstage identify' for a drive or axis (may be repeated).",
-        ),
-    ] = None,
-    creep: Annotated[
-        float | None,
-        option(
-            "SHARE",
-            'Creep of the stacks per decade of time, such as "1.5%" (default: no creep).',
-            parser=relative,
-        ),
-    ] = None,
-    bandwidth: Annotated[
-        str | None,
-        option(
-            "FREQUENCY", 'Bandwidth of the amplifiers, such as "2 kHz" (default: no amplifier).'
-        ),
-    ] = None,
+    time_step: str = "0.1 ms",
+    hysteresis: list[str] | None = None,
+    creep: Annotated[float | None, typer.Option(parser=relative)] = None,
+    bandwidth: str | None = None,
     current: CurrentOption = None,
-    sensor_bandwidth: Annotated[
-        str | None,
-        option("FREQUENCY", "Bandwidth of the sensors (default: readings equal the true motion)."),
-    ] = None,
-    keep_modes: Annotated[
-        int | None, option("NUMBER", "Number of modes to keep (default: all).", min=1)
-    ] = None,
-    fmi: Annotated[str, option("2.0|3.0|both", "FMI version of the FMU.")] = "both",
-    source_only: Annotated[
-        bool,
-        typer.Option(
-            "--source-only", help="Write the FMU with C sources only, without a compiled library."
-        ),
-    ] = False,
-    precision: Annotated[
-        str, option("double|single", "Floating-point precision of the C header.")
-    ] = "double",
-    kerf: Annotated[
-        str | None,
-        option("LENGTH", 'Kerf of wire cutting, such as "0.28 mm"; adds the wire path to the DXF.'),
-    ] = None,
+    sensor_bandwidth: str | None = None,
+    keep_modes: Annotated[int | None, typer.Option(min=1)] = None,
+    fmi: str = "both",
+    source_only: bool = False,
+    precision: str = "double",
+    kerf: str | None = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Write a stage for Simulink, FMI, C, CAD and other tools."""
+    """Write a stage for Simulink, FMI, C, CAD and other tools.
+
+    Parameters
+    ----------
+    to
+        --to: Format; several separated by commas; 'all' writes every format that the stage allows.
+    out
+        Folder of the files; several formats get a subfolder each.
+    time_step
+        TIME: Time between samples (fmu, c, mat, simulink).
+    hysteresis
+        usual|none|NAME=FILE: Hysteresis of the piezo stacks: a Bouc-Wen loop of usual width, none,
+        or the model file of 'flexstage identify' for a drive or axis (may be repeated).
+    creep
+        SHARE: Creep of the stacks per decade of time, such as "1.5%" (default: no creep).
+    bandwidth
+        FREQUENCY: Bandwidth of the amplifiers, such as "2 kHz" (default: no amplifier).
+    sensor_bandwidth
+        FREQUENCY: Bandwidth of the sensors (default: readings equal the true motion).
+    keep_modes
+        NUMBER: Number of modes to keep (default: all).
+    fmi
+        2.0|3.0|both: FMI version of the FMU.
+    source_only
+        Write the FMU with C sources only, without a compiled library.
+    precision
+        double|single: Floating-point precision of the C header.
+    kerf
+        LENGTH: Kerf of wire cutting, such as "0.28 mm"; adds the wire path to the DXF.
+    """
     from flexstage.designs import find_stage
 
     wanted = _formats(to)

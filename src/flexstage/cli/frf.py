@@ -11,14 +11,13 @@ from flexstage.cli.options import (
     JsonOption,
     OutputUnitOption,
     QuietOption,
-    option,
+    from_docstring,
     positive_frequency,
-    with_groups,
 )
 from flexstage.cli.output import (
+    FigureFile,
+    OutputFile,
     console,
-    figure_option,
-    file_option,
     picture,
     print_json,
     progress_bar,
@@ -44,112 +43,85 @@ if TYPE_CHECKING:
 _NEEDED = "records over time need --input and --output: name the columns"
 
 
-@with_groups
+@from_docstring
 def frf(
-    records: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="FILE...",
-            help="Measured records, averaged together, or measured frequency responses.",
-        ),
-    ],
-    input: Annotated[str | None, option("COLUMN", "Number or name of the input column.")] = None,
-    output: Annotated[
-        str | None,
-        option("COLUMNS", "Numbers or names of the output columns, separated by commas."),
-    ] = None,
-    response: Annotated[
-        str | None,
-        option(
-            "COLUMNS",
-            "Columns of a measured response, if the headings do not name them: frequency, "
-            'real and imaginary part, "0,1,2", or magnitude and phase, "0,1 dB,2 deg".',
-        ),
-    ] = None,
-    estimator: Annotated[
-        str, option("NAME", "H1 for noise in the outputs, H2 for noise in the input, Hv for both.")
-    ] = "H1",
-    excitation: Annotated[
-        str,
-        option(
-            "KIND", "random, periodic, hammer, step or sweep; auto recognises it from the input."
-        ),
-    ] = "auto",
-    resolution: Annotated[
-        str | None, option("FREQUENCY", 'Frequency resolution, such as "0.5 Hz".')
-    ] = None,
-    segment: Annotated[
-        int | None, option("NUMBER", "Samples of a segment, instead of --resolution.", min=8)
-    ] = None,
-    window: Annotated[str, option("NAME", "Window of random segments: hann, hamming...")] = "hann",
-    exponential: Annotated[
-        float | None,
-        option(
-            "SHARE",
-            "For hammer tests: value of the exponential window at the end of a hit; the "
-            "damping that it adds is subtracted.",
-        ),
-    ] = None,
-    band: Annotated[
-        str | None,
-        option(
-            "LOW:HIGH",
-            'Band in which modes are fitted, such as "200:800" in Hz or "0.2 kHz:0.8 kHz".',
-        ),
-    ] = None,
-    fit_modes: Annotated[
-        str, option("NUMBER|auto", "Number of modes to fit; 0 for none.")
-    ] = "auto",
-    near: Annotated[
-        str | None,
-        option("FREQUENCIES", 'Fit modes near these frequencies only, such as "365,660" in Hz.'),
-    ] = None,
-    weight: Annotated[
-        str,
-        option(
-            "NAME",
-            "Weight of the frequency lines: noise, by their variance or the residual of the "
-            "fit; relative, by the inverse of their magnitude, for responses over decades; "
-            "uniform.",
-        ),
-    ] = "noise",
-    delay: Annotated[
-        bool, typer.Option("--fit-delay", help="Also fit a delay of the outputs.")
-    ] = False,
-    lag: Annotated[
-        bool, typer.Option("--fit-lag", help="Also fit a first-order lag of the outputs.")
-    ] = False,
-    complex_modes: Annotated[
-        bool,
-        typer.Option(
-            "--complex",
-            help="With --fit-delay or --fit-lag: fit complex modes, for damping that is not "
-            "proportional; needs a wide band.",
-        ),
-    ] = False,
-    ring_down: Annotated[
-        bool,
-        typer.Option("--ring-down", help="The record is a free decay: outputs only, no input."),
-    ] = False,
+    records: Annotated[list[Path], typer.Argument()],
+    input: str | None = None,
+    output: str | None = None,
+    response: str | None = None,
+    estimator: str = "H1",
+    excitation: str = "auto",
+    resolution: str | None = None,
+    segment: Annotated[int | None, typer.Option(min=8)] = None,
+    window: str = "hann",
+    exponential: float | None = None,
+    band: str | None = None,
+    fit_modes: str = "auto",
+    near: str | None = None,
+    weight: str = "noise",
+    delay: bool = False,
+    lag: bool = False,
+    complex_modes: bool = False,
+    ring_down: bool = False,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
     timing: TimeOptions = AS_TIMED,
     how: FileOptions = WHOLE_FILE,
-    out: Annotated[
-        Path | None,
-        file_option("Write the response (.csv, .npz, .h5 or .mat)."),
-    ] = None,
-    figure: Annotated[
-        Path | None,
-        figure_option(
-            "Draw response and fit, and the stabilisation diagram in a second file, "
-            "NAME-stabilisation."
-        ),
-    ] = None,
+    out: OutputFile = None,
+    figure: FigureFile = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Estimate frequency responses and fit modes."""
+    """Estimate frequency responses and fit modes.
+
+    Parameters
+    ----------
+    records
+        FILE...: Measured records, averaged together, or measured frequency responses.
+    input
+        COLUMN: Number or name of the input column.
+    output
+        COLUMNS: Numbers or names of the output columns, separated by commas.
+    response
+        COLUMNS: Columns of a measured response, if the headings do not name them: frequency, real
+        and imaginary part, "0,1,2", or magnitude and phase, "0,1 dB,2 deg".
+    estimator
+        NAME: H1 for noise in the outputs, H2 for noise in the input, Hv for both.
+    excitation
+        KIND: random, periodic, hammer, step or sweep; auto recognises it from the input.
+    resolution
+        FREQUENCY: Frequency resolution, such as "0.5 Hz".
+    segment
+        NUMBER: Samples of a segment, instead of --resolution.
+    window
+        NAME: Window of random segments: hann, hamming...
+    exponential
+        SHARE: For hammer tests: value of the exponential window at the end of a hit; the damping
+        that it adds is subtracted.
+    band
+        LOW:HIGH: Band in which modes are fitted, such as "200:800" in Hz or "0.2 kHz:0.8 kHz".
+    fit_modes
+        NUMBER|auto: Number of modes to fit; 0 for none.
+    near
+        FREQUENCIES: Fit modes near these frequencies only, such as "365,660" in Hz.
+    weight
+        NAME: Weight of the frequency lines: noise, by their variance or the residual of the fit;
+        relative, by the inverse of their magnitude, for responses over decades; uniform.
+    delay
+        --fit-delay: Also fit a delay of the outputs.
+    lag
+        --fit-lag: Also fit a first-order lag of the outputs.
+    complex_modes
+        --complex: With --fit-delay or --fit-lag: fit complex modes, for damping that is not
+        proportional; needs a wide band.
+    ring_down
+        The record is a free decay: outputs only, no input.
+    out
+        Write the response (.csv, .npz, .h5 or .mat).
+    figure
+        Draw response and fit, and the stabilisation diagram in a second file, NAME-stabilisation.
+        (.svg, .png or .pdf)
+    """
     record_format(out)
     if ring_down:
         _no_driven_options(input=input, resolution=resolution, segment=segment, band=band,

@@ -2,12 +2,16 @@
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from flexstage.choose import did_you_mean
-from flexstage.cli.options import JsonOption, PlaneOption, option, positive_length, quantity
+from flexstage.cli.options import (
+    JsonOption,
+    PlaneOption,
+    from_docstring,
+    positive_length,
+    quantity,
+)
 from flexstage.cli.output import console, print_json, print_table
 from flexstage.errors import HingeError
 
@@ -15,28 +19,18 @@ if TYPE_CHECKING:
     from flexstage.hinges import Profile
 
 
+@from_docstring
 def hinges(
-    profile: Annotated[
-        str,
-        option(
-            "KIND", "circular, elliptical, corner-filleted, leaf, parabolic, hyperbolic, v, power."
-        ),
-    ] = "circular",
-    neck: Annotated[str, option("LENGTH", 'Thickness of the neck, such as "0.5 mm".')] = "0.5 mm",
-    width: Annotated[str, option("LENGTH", 'Width of the hinge, such as "10 mm".')] = "10 mm",
-    material: Annotated[str, option("NAME", "Name of a material in the catalogue.")] = "Al 7075-T6",
-    radius: Annotated[
-        str | None, option("LENGTH", "Radius of a circular notch, or of the fillets.")
-    ] = None,
-    length: Annotated[str | None, option("LENGTH", "Total length of the notch.")] = None,
-    depth: Annotated[str | None, option("LENGTH", "Depth of the notch on one side.")] = None,
-    half_angle: Annotated[
-        str | None, option("ANGLE", 'Half opening angle of a v notch, such as "30 deg".')
-    ] = None,
-    exponent: Annotated[float | None, option("N", "Exponent of a power notch.")] = None,
-    one_sided: Annotated[
-        bool, typer.Option("--one-sided", help="Cut the notch on one side only.")
-    ] = False,
+    profile: str = "circular",
+    neck: str = "0.5 mm",
+    width: str = "10 mm",
+    material: str = "Al 7075-T6",
+    radius: str | None = None,
+    length: str | None = None,
+    depth: str | None = None,
+    half_angle: str | None = None,
+    exponent: float | None = None,
+    one_sided: bool = False,
     plane: PlaneOption = "auto",
     as_json: JsonOption = False,
 ) -> None:
@@ -45,6 +39,29 @@ def hinges(
     A profile takes these sizes beside --neck: circular --radius; corner-filleted --length --radius;
     leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --half-angle --radius;
     power --length --depth --exponent. Without any of them the notch is circular, of radius 1 mm.
+
+    Parameters
+    ----------
+    profile
+        KIND: circular, elliptical, corner-filleted, leaf, parabolic, hyperbolic, v, power.
+    neck
+        LENGTH: Thickness of the neck, such as "0.5 mm".
+    width
+        LENGTH: Width of the hinge, such as "10 mm".
+    material
+        NAME: Name of a material in the catalogue.
+    radius
+        LENGTH: Radius of a circular notch, or of the fillets.
+    length
+        LENGTH: Total length of the notch.
+    depth
+        LENGTH: Depth of the notch on one side.
+    half_angle
+        ANGLE: Half opening angle of a v notch, such as "30 deg".
+    exponent
+        N: Exponent of a power notch.
+    one_sided
+        Cut the notch on one side only.
     """
     from flexstage.hinges.hinge_figures import hinge_figures
     from flexstage.material import material as find_material

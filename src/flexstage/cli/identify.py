@@ -14,16 +14,15 @@ from flexstage.cli.options import (
     JsonOption,
     OutputUnitOption,
     QuietOption,
-    option,
+    from_docstring,
     positive_frequency,
     quantity,
     relative,
-    with_groups,
 )
 from flexstage.cli.output import (
+    FigureFile,
+    OutputFile,
     console,
-    figure_option,
-    file_option,
     picture,
     print_json,
     progress_bar,
@@ -41,116 +40,81 @@ from flexstage.cli.reading import (
     TimeOptions,
 )
 from flexstage.errors import ModelError, RecordError
+from flexstage.stage.assumptions import DAMPING_RATIO
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.identification.identify import Identification
     from flexstage.records import Record
 
 
-@with_groups
+@from_docstring
 def identify(
-    records: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RECORD...",
-            help="Measured files of one drive. Files at two or more rates separate lag and creep "
-            "from hysteresis.",
-        ),
-    ],
-    input: Annotated[str, option("COLUMN", "Number or name of the input column.")],
-    output: Annotated[str | None, option("COLUMN", "Number or name of the output column.")] = None,
+    records: Annotated[list[Path], typer.Argument()],
+    input: str,
+    output: str | None = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
-    hysteresis_model: Annotated[
-        str,
-        option(
-            "NAME",
-            "A hysteresis model, such as bouc-wen or preisach, or several separated by "
-            "commas; auto tries all. The simplest model is chosen that predicts held-out cycles "
-            "as well as the best.",
-        ),
-    ] = "auto",
+    hysteresis_model: str = "auto",
     timing: TimeOptions = AS_TIMED,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
-    train: Annotated[
-        str | None,
-        option(
-            "START:STOP",
-            "Samples to fit, numbered as for --rows; all others are held out (default: all "
-            "are fitted, and held-out errors come from cross-validation over whole cycles).",
-        ),
-    ] = None,
-    delay: Annotated[
-        str | None,
-        option(
-            "TIME",
-            'Known delay of the output, such as "5 ms"; delay and creep are then not fitted.',
-        ),
-    ] = None,
-    creep: Annotated[
-        str | None,
-        option(
-            "SHARE",
-            'Known creep per decade of time, such as "1.2%"; delay and creep are then not fitted.',
-        ),
-    ] = None,
-    resonance: Annotated[
-        str | None,
-        option(
-            "FREQUENCY",
-            'Known resonance of the stage with its drives in place, such as "808 Hz" '
-            "(default: identified).",
-        ),
-    ] = None,
-    damping_ratio: Annotated[
-        float, option("RATIO", "Damping ratio of the known resonance.", min=1e-4, max=0.9)
-    ] = 0.01,
-    test_record: Annotated[
-        list[Path] | None,
-        option(
-            "FILE",
-            "Another record, read with the same options, on which the model is tested without "
-            "another fit; may be repeated.",
-        ),
-    ] = None,
-    temperature: Annotated[
-        str | None,
-        option(
-            "LOW:HIGH",
-            'Temperature of the record, such as "294.5:296" in K; stored in the model file.',
-        ),
-    ] = None,
-    stage: Annotated[
-        str | None,
-        option(
-            "STAGE",
-            "A stage file, or the name of a built-in design: the record is compared with its "
-            "voltage range and stroke.",
-        ),
-    ] = None,
+    train: str | None = None,
+    delay: str | None = None,
+    creep: str | None = None,
+    resonance: str | None = None,
+    damping_ratio: Annotated[float, typer.Option(min=1e-4, max=0.9)] = DAMPING_RATIO,
+    test_record: list[Path] | None = None,
+    temperature: str | None = None,
+    stage: str | None = None,
     axis: AxisOption = None,
-    drift: Annotated[
-        bool,
-        typer.Option(
-            "--drift",
-            help="Fit a drift of constant speed beside the model, in each record, and throw it "
-            "away.",
-        ),
-    ] = False,
+    drift: bool = False,
     how: FileOptions = WHOLE_FILE,
-    out: Annotated[
-        Path | None,
-        file_option("Write the model, as readable text."),
-    ] = None,
-    figure: Annotated[
-        Path | None,
-        figure_option("Draw measured and modelled loops, of four records at most."),
-    ] = None,
+    out: OutputFile = None,
+    figure: FigureFile = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Identify hysteresis, lag, creep and resonance of a drive."""
+    """Identify hysteresis, lag, creep and resonance of a drive.
+
+    Parameters
+    ----------
+    records
+        RECORD...: Measured files of one drive. Files at two or more rates separate lag and creep
+        from hysteresis.
+    input
+        COLUMN: Number or name of the input column.
+    output
+        COLUMN: Number or name of the output column.
+    hysteresis_model
+        NAME: A hysteresis model, such as bouc-wen or preisach, or several separated by commas; auto
+        tries all. The simplest model is chosen that predicts held-out cycles as well as the best.
+    train
+        START:STOP: Samples to fit, numbered as for --rows; all others are held out (default: all
+        are fitted, and held-out errors come from cross-validation over whole cycles).
+    delay
+        TIME: Known delay of the output, such as "5 ms"; delay and creep are then not fitted.
+    creep
+        SHARE: Known creep per decade of time, such as "1.2%"; delay and creep are then not fitted.
+    resonance
+        FREQUENCY: Known resonance of the stage with its drives in place, such as "808 Hz" (default:
+        identified).
+    damping_ratio
+        RATIO: Damping ratio of the known resonance.
+    test_record
+        FILE: Another record, read with the same options, on which the model is tested without
+        another fit; may be repeated.
+    temperature
+        LOW:HIGH: Temperature of the record, such as "294.5:296" in K; stored in the model file.
+    stage
+        STAGE: A stage file, or the name of a built-in design: the record is compared with its
+        voltage range and stroke.
+    drift
+        Fit a drift of constant speed beside the model, in each record, and throw it away.
+    out
+        Write the model, as readable text.
+    figure
+        Draw measured and modelled loops, of four records at most. (.svg, .png or .pdf)
+    """
     from flexstage.hysteresis.identification.identify import identify as run
 
     if axis is not None and stage is None:

@@ -1,10 +1,12 @@
 """Options and arguments that several commands have, and what their texts mean."""
 
+import copy
 import functools
 import inspect
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import fields, is_dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
@@ -16,16 +18,32 @@ def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
     return typer.Option(*names, metavar=metavar, help=help, **more)
 
 
-def with_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command an option for each field of every parameter that is a dataclass of options."""
+def one_of(words: Iterable[str]) -> Any:
+    """Declare an option whose value is one of some words, which its help shows."""
+    return typer.Option(metavar="|".join(words))
+
+
+def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
+    """Make the options and arguments of a command from its docstring, and those of its groups.
+
+    The text of a parameter in the section Parameters is its help; what its value is called stands
+    before it, ``LENGTH: Radius of the fillets.``, after a name of its own where it has one,
+    ``--column COLUMN: ...``. What is not described there says itself what it is, as the options
+    that several commands share do; a parameter whose type is a dataclass stands for an option for
+    each of its fields.
+    """
+    sentence, texts = _parameters(command)
     groups: dict[str, type[Any]] = {}
     own: list[inspect.Parameter] = []
     for name, parameter in inspect.signature(command).parameters.items():
-        if isinstance(parameter.annotation, type) and is_dataclass(parameter.annotation):
-            groups[name] = parameter.annotation
-            own += inspect.signature(groups[name]).parameters.values()
-        else:
-            own.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+        kind = parameter.annotation
+        if isinstance(kind, type) and is_dataclass(kind):
+            groups[name] = kind
+            own += inspect.signature(kind).parameters.values()
+            continue
+        if name in texts:
+            kind = _with_help(name, kind, texts[name])
+        own.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kind))
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
@@ -33,9 +51,39 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
             given[name] = made(**{field.name: given.pop(field.name) for field in fields(made)})
         command(**given)
 
+    run.__doc__ = sentence
     run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in own}
     return run
+
+
+def _parameters(command: Callable[..., None]) -> tuple[str, dict[str, str]]:
+    """Divide the docstring of a command into what it says of all, and of each parameter."""
+    # an interpreter that drops docstrings leaves options without help
+    text = inspect.getdoc(command) or ""
+    sentence, _, section = text.partition("\n\nParameters\n----------\n")
+    entries = re.split(r"^(?=\S)", section, flags=re.MULTILINE)
+    named = (entry.split("\n", 1) for entry in entries if entry)
+    return sentence, {name: " ".join(told.split()) for name, told in named}
+
+
+def _with_help(name: str, kind: Any, text: str) -> Any:
+    """Return the type of a parameter with its help, the name of its value and its own names."""
+    base, *known = get_args(kind) if get_origin(kind) is Annotated else (kind,)
+    info = copy.copy(known[0]) if known else typer.Option()
+    head, found, rest = text.partition(": ")
+    if not found or (base is bool and not head.startswith("--")):
+        head, rest = "", text
+    words = head.split()
+    if sum(not word.startswith("--") for word in words) > 1:
+        words, rest = [], text
+    info.help = rest
+    info.metavar = " ".join(w for w in words if not w.startswith("--")) or info.metavar
+    names = tuple(w for w in words if w.startswith("--"))
+    # a flag has no second name that takes it back
+    flag = (f"--{name.replace('_', '-')}",) if base is bool else ()
+    info.param_decls = names or info.param_decls or flag
+    return Annotated[base, info]
 
 
 def designs_like(incomplete: str) -> list[str]:

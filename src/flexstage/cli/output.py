@@ -2,7 +2,7 @@
 
 import json
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -142,32 +142,6 @@ def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
 
 
 _IMAGES = (".svg", ".png", ".pdf")
-_AS_PICTURE = "(.svg, .png or .pdf)"
-
-
-def file_option(help: str) -> Any:
-    """Return the option `--out`: the one file that a command writes.
-
-    Its path is refused before the work where no file can be written there.
-    """
-    return typer.Option("--out", parser=_file, metavar="FILE", help=help)
-
-
-def figure_option(help: str) -> Any:
-    """Return the option `--figure`: a picture of the result.
-
-    Its path is refused before the work as that of `file_option`, and where its ending is that of no
-    picture.
-    """
-    return typer.Option("--figure", parser=_figure, metavar="FILE", help=f"{help} {_AS_PICTURE}")
-
-
-def folder_option(help: str) -> Any:
-    """Return the option `--folder`: where a command writes several files.
-
-    Its path is refused before the work where no folder can be.
-    """
-    return typer.Option("--folder", parser=_folder, metavar="FOLDER", help=help)
 
 
 def output_path(text: str | Path) -> Path:
@@ -211,6 +185,15 @@ def _folder(text: str | Path) -> Path:
     path = output_path(text)
     require_writable(path)
     return path
+
+
+#: The one file that a command writes: refused before the work where none can be written there.
+OutputFile = Annotated[Path | None, typer.Option("--out", parser=_file, metavar="FILE")]
+#: A picture of the result, refused as well where its ending is that of no picture.
+FigureFile = Annotated[Path | None, typer.Option("--figure", parser=_figure, metavar="FILE")]
+#: Where a command writes several files: refused before the work where no folder can be.
+FOLDER = typer.Option("--folder", parser=_folder, metavar="FOLDER")
+OutputFolder = Annotated[Path | None, FOLDER]
 
 
 def write_file(path: Path, content: bytes) -> None:

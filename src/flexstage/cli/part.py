@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption, option, quantity
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring, option, quantity
 from flexstage.cli.output import (
+    FigureFile,
     console,
-    figure_option,
     picture,
     print_json,
     print_table,
@@ -31,16 +31,10 @@ _MOTIONS = ("x", "y", "z", "about x", "about y", "about z")
 _NOTHING = 1e-9  # part of the largest figure of a table, or of the part's size, that counts as none
 
 
+@from_docstring
 def part(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A STEP file with solids.")],
-    solids: Annotated[
-        str,
-        option(
-            "NAMES",
-            "Solids to use, by name or number from 1, separated by commas; solids whose faces "
-            "touch are joined.",
-        ),
-    ] = "all",
+    file: Annotated[Path, typer.Argument()],
+    solids: str = "all",
     material: Annotated[
         list[str] | None,
         option(
@@ -50,60 +44,56 @@ def part(
             'as "2=E=46 GPa, nu=0.3, rho=7600 kg/m^3"; may be repeated.',
         ),
     ] = None,
-    hold: Annotated[
-        str,
-        option(
-            "FACES",
-            "Fixed faces, separated by commas: names, or x-min, z-max, ... for the plane "
-            "faces at an end of the part.",
-        ),
-    ] = "",
-    move: Annotated[
-        str, option("FACES", "Faces to move: their stiffness against the fixed faces is computed.")
-    ] = "",
-    at: Annotated[
-        str,
-        option(
-            "X,Y,Z",
-            'Reference point of the stiffness, such as "0 mm,0 mm,7.5 mm"; bare numbers are '
-            "in millimetres (default: the centroid of the moved faces).",
-        ),
-    ] = "",
-    ratio: Annotated[
-        str,
-        option(
-            "FACES:FACES:FACES",
-            "Two faces that a drive pushes apart, and the output face: its motion for each "
-            "micrometre of the drive is computed, with one end fixed.",
-        ),
-    ] = "",
-    interfaces: Annotated[
-        str,
-        option(
-            "rigid|mean|both",
-            "Fixed, moved and pushed faces are rigid, or deform and count by their mean motion.",
-        ),
-    ] = "both",
-    order: Annotated[int, option("N", "Order of the elements; 0 lists the faces only.")] = 3,
-    size: Annotated[
-        str | None,
-        option("LENGTH", 'Largest element, such as "2 mm"; a bare number is in millimetres.'),
-    ] = None,
-    thin: Annotated[
-        float, option("N", "Largest element in thin places, in local thicknesses.")
-    ] = 1.5,
-    modes: Annotated[int, option("N", "Number of natural frequencies to compute.", min=0)] = 6,
-    force: Annotated[
-        bool, typer.Option("--force", help="Continue although the memory may not suffice.")
-    ] = False,
-    figure: Annotated[
-        Path | None,
-        figure_option("Draw the part from both sides, with the names of its faces."),
-    ] = None,
+    hold: str = "",
+    move: str = "",
+    at: str = "",
+    ratio: str = "",
+    interfaces: str = "both",
+    order: int = 3,
+    size: str | None = None,
+    thin: float = 1.5,
+    modes: Annotated[int, typer.Option(min=0)] = 6,
+    force: bool = False,
+    figure: FigureFile = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Compute faces, mass, modes and stiffness of a STEP part."""
+    """Compute faces, mass, modes and stiffness of a STEP part.
+
+    Parameters
+    ----------
+    file
+        FILE: A STEP file with solids.
+    solids
+        NAMES: Solids to use, by name or number from 1, separated by commas; solids whose faces
+        touch are joined.
+    hold
+        FACES: Fixed faces, separated by commas: names, or x-min, z-max, ... for the plane faces at
+        an end of the part.
+    move
+        FACES: Faces to move: their stiffness against the fixed faces is computed.
+    at
+        X,Y,Z: Reference point of the stiffness, such as "0 mm,0 mm,7.5 mm"; bare numbers are in
+        millimetres (default: the centroid of the moved faces).
+    ratio
+        FACES:FACES:FACES: Two faces that a drive pushes apart, and the output face: its motion for
+        each micrometre of the drive is computed, with one end fixed.
+    interfaces
+        rigid|mean|both: Fixed, moved and pushed faces are rigid, or deform and count by their mean
+        motion.
+    order
+        N: Order of the elements; 0 lists the faces only.
+    size
+        LENGTH: Largest element, such as "2 mm"; a bare number is in millimetres.
+    thin
+        N: Largest element in thin places, in local thicknesses.
+    modes
+        N: Number of natural frequencies to compute.
+    force
+        Continue although the memory may not suffice.
+    figure
+        Draw the part from both sides, with the names of its faces. (.svg, .png or .pdf)
+    """
     from flexstage.errors import StageError
     from flexstage.fem.part import read_step
     from flexstage.fem.part_analysis import INTERFACES, analyse_part, named_faces

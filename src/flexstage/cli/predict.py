@@ -10,13 +10,12 @@ from flexstage.cli.options import (
     InputUnitOption,
     JsonOption,
     OutputUnitOption,
-    option,
+    from_docstring,
     quantity,
-    with_groups,
 )
 from flexstage.cli.output import (
+    FigureFile,
     console,
-    figure_option,
     picture,
     print_json,
     print_notes,
@@ -42,37 +41,20 @@ if TYPE_CHECKING:
     from flexstage.records import Record
 
 
-@with_groups
+@from_docstring
 def predict(
-    model: Annotated[
-        Path,
-        typer.Argument(metavar="MODEL", help="A model file written by `flexstage identify --out`."),
-    ],
-    records: Annotated[
-        list[Path],
-        typer.Argument(metavar="RECORD...", help="Measured files of the same drive."),
-    ],
-    input: Annotated[str, option("COLUMN", "Number or name of the input column.")],
-    output: Annotated[str | None, option("COLUMN", "Number or name of the output column.")] = None,
+    model: Annotated[Path, typer.Argument()],
+    records: Annotated[list[Path], typer.Argument()],
+    input: str,
+    output: str | None = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
     timing: TimeOptions = AS_TIMED,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
-    start: Annotated[
-        str,
-        option(
-            "auto|rested|TIME",
-            "State before the record: rested at the first command, or in motion for a time, "
-            'such as "30 s" or inf, since the low end of the range; auto estimates it from the '
-            "first samples.",
-        ),
-    ] = "auto",
+    start: str = "auto",
     how: FileOptions = WHOLE_FILE,
-    figure: Annotated[
-        Path | None,
-        figure_option("Draw the measured and the predicted loop of the first record."),
-    ] = None,
+    figure: FigureFile = None,
     json: JsonOption = False,
 ) -> None:
     """Test an identified model on other records.
@@ -80,6 +62,23 @@ def predict(
     The model is not fitted again. The motion before the record, from which its creep begins, is
     estimated from the first samples, until both ends of the range were reached. These samples do
     not count in the errors. If that motion is known, give it by `--start`.
+
+    Parameters
+    ----------
+    model
+        MODEL: A model file written by `flexstage identify --out`.
+    records
+        RECORD...: Measured files of the same drive.
+    input
+        COLUMN: Number or name of the input column.
+    output
+        COLUMN: Number or name of the output column.
+    start
+        auto|rested|TIME: State before the record: rested at the first command, or in motion for a
+        time, such as "30 s" or inf, since the low end of the range; auto estimates it from the
+        first samples.
+    figure
+        Draw the measured and the predicted loop of the first record. (.svg, .png or .pdf)
     """
     from flexstage.hysteresis.model_file import read_model_file
 

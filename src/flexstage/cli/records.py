@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, with_groups
+from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import console, print_json, print_notes, print_table
 from flexstage.cli.reading import (
     WHOLE_FILE,
@@ -23,15 +23,21 @@ if TYPE_CHECKING:
     from flexstage.records import Record
 
 
-@with_groups
+@from_docstring
 def records(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Measured files.")],
+    files: Annotated[list[Path], typer.Argument()],
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
     how: FileOptions = WHOLE_FILE,
     json: JsonOption = False,
 ) -> None:
-    """List columns, units, rate and gaps of measured files."""
+    """List columns, units, rate and gaps of measured files.
+
+    Parameters
+    ----------
+    files
+        FILE...: Measured files.
+    """
     from flexstage.records import read_record
     from flexstage.records.sampling import row_range
 

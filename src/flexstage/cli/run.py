@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption, option
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
+    OutputFolder,
     console,
-    folder_option,
     on_terminal,
     print_json,
     print_notes,
@@ -27,58 +27,19 @@ if TYPE_CHECKING:
     from flexstage.experiments.verb import PlannedMotion
 
 
+@from_docstring
 def run(
-    plan: Annotated[
-        str, typer.Argument(metavar="PLAN", help="A plan file, or the name of a built-in plan.")
-    ],
-    instrument: Annotated[
-        str | None,
-        option(
-            "ADDRESS",
-            "gcs://HOST:PORT, serial:///dev/ttyUSB0, ni://Dev1, or twin://?seed=3 for a "
-            "simulation; required except with --dry-run.",
-        ),
-    ] = None,
-    stage: Annotated[
-        str | None,
-        option(
-            "STAGE", "A stage file, or the name of a built-in design, instead of that of the plan."
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        folder_option("Folder of the run (default: runs/TIME-STAGE)."),
-    ] = None,
-    dry_run: Annotated[
-        bool,
-        typer.Option(
-            "--dry-run", help="Check the plan and list its motions, without an instrument."
-        ),
-    ] = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Continue the interrupted run in --folder.")
-    ] = False,
-    only: Annotated[
-        str | None,
-        option(
-            "NAMES",
-            "Steps to carry out, separated by commas; the steps that they need are included.",
-        ),
-    ] = None,
-    operator: Annotated[str, option("TEXT", "Name of the operator, for the records.")] = "",
-    note: Annotated[str, option("TEXT", "A remark for the records.")] = "",
-    catalogue: Annotated[
-        str | None,
-        option(
-            "URL",
-            "Catalogue of the records: a file, or a PostgreSQL URL; 'none' for none "
-            "(default: that of the user).",
-        ),
-    ] = None,
-    yes: Annotated[
-        bool,
-        typer.Option("--yes", help="Do not ask for confirmation before a real instrument moves."),
-    ] = False,
+    plan: Annotated[str, typer.Argument()],
+    instrument: str | None = None,
+    stage: str | None = None,
+    out: OutputFolder = None,
+    dry_run: bool = False,
+    resume: bool = False,
+    only: str | None = None,
+    operator: str = "",
+    note: str = "",
+    catalogue: str | None = None,
+    yes: bool = False,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -86,6 +47,33 @@ def run(
 
     Records are written to disk while they are measured. --resume continues an interrupted run:
     complete steps are not repeated.
+
+    Parameters
+    ----------
+    plan
+        PLAN: A plan file, or the name of a built-in plan.
+    instrument
+        ADDRESS: gcs://HOST:PORT, serial:///dev/ttyUSB0, ni://Dev1, or twin://?seed=3 for a
+        simulation; required except with --dry-run.
+    stage
+        STAGE: A stage file, or the name of a built-in design, instead of that of the plan.
+    out
+        Folder of the run (default: runs/TIME-STAGE).
+    dry_run
+        Check the plan and list its motions, without an instrument.
+    resume
+        Continue the interrupted run in --folder.
+    only
+        NAMES: Steps to carry out, separated by commas; the steps that they need are included.
+    operator
+        TEXT: Name of the operator, for the records.
+    note
+        TEXT: A remark for the records.
+    catalogue
+        URL: Catalogue of the records: a file, or a PostgreSQL URL; 'none' for none (default: that
+        of the user).
+    yes
+        Do not ask for confirmation before a real instrument moves.
     """
     from flexstage.designs import find_stage
     from flexstage.experiments import find_plan, plan_stage, read_plan

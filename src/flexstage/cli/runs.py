@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.command import CliCommand, CliGroup
-from flexstage.cli.options import JsonOption, option
+from flexstage.cli.options import JsonOption, from_docstring, option
 from flexstage.cli.output import (
+    OutputFile,
     console,
     count,
-    file_option,
     output_path,
     print_json,
     print_notes,
@@ -46,26 +46,29 @@ _Serial = Annotated[str | None, option("TEXT", "Only the stage with this serial 
 
 
 @runs.callback(invoke_without_command=True)
+@from_docstring
 def _list(
     context: typer.Context,
     stage: _Stage = None,
     serial_number: _Serial = None,
-    test: Annotated[str | None, option("KIND", "Only this kind of test, such as motion.")] = None,
-    since: Annotated[
-        str | None,
-        option(
-            "TIME",
-            'Only since a date, a date and time (UTC unless a zone is given), or "7 d" for '
-            "the last seven days.",
-        ),
-    ] = None,
-    limit: Annotated[
-        int | None, option("NUMBER", "Largest number of runs, the latest ones.", min=1)
-    ] = None,
+    test: str | None = None,
+    since: str | None = None,
+    limit: Annotated[int | None, typer.Option(min=1)] = None,
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """List the runs in the catalogue, latest first."""
+    """List the runs in the catalogue, latest first.
+
+    Parameters
+    ----------
+    test
+        KIND: Only this kind of test, such as motion.
+    since
+        TIME: Only since a date, a date and time (UTC unless a zone is given), or "7 d" for the last
+        seven days.
+    limit
+        NUMBER: Largest number of runs, the latest ones.
+    """
     if context.invoked_subcommand is not None:
         given = [n for n, v in (("--stage", stage),
                                 ("--serial-number", serial_number), ("--test", test),
@@ -89,16 +92,20 @@ def _list(
 
 
 @runs.command(cls=CliCommand)
+@from_docstring
 def show(
-    identifier: Annotated[
-        str, typer.Argument(metavar="ID", help="Identifier of the run, or its first characters.")
-    ],
+    identifier: Annotated[str, typer.Argument()],
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
     """Show the catalogue's entry of a run.
 
     Checks whether its file has changed since it was entered.
+
+    Parameters
+    ----------
+    identifier
+        ID: Identifier of the run, or its first characters.
     """
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
@@ -126,19 +133,20 @@ def show(
 
 
 @runs.command(cls=CliCommand)
+@from_docstring
 def add(
-    folders: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="FOLDER...", parser=output_path, help="Folders of runs with their records."
-        ),
-    ],
+    folders: Annotated[list[Path], typer.Argument(parser=output_path)],
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
     """Enter the runs of folders into the catalogue.
 
     For runs that could not be entered when they were measured.
+
+    Parameters
+    ----------
+    folders
+        FOLDER...: Folders of runs with their records.
     """
     from flexstage.instruments.catalogue.catalogue import Catalogue
     from flexstage.instruments.catalogue.folder import folder_entries
@@ -173,30 +181,28 @@ def add(
 
 
 @runs.command(cls=CliCommand)
+@from_docstring
 def recover(
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE", parser=output_path, help="The stream file."),
-    ],
-    out: Annotated[
-        Path | None,
-        file_option("The HDF5 file to write (default: beside the stream)."),
-    ] = None,
-    look: Annotated[
-        bool, typer.Option("--look", help="Only report what is intact; write nothing.")
-    ] = False,
-    remove: Annotated[
-        bool,
-        typer.Option(
-            "--remove",
-            help="Remove the stream after the HDF5 file has been read back and compared.",
-        ),
-    ] = False,
+    file: Annotated[Path, typer.Argument(parser=output_path)],
+    out: OutputFile = None,
+    look: bool = False,
+    remove: bool = False,
     json: JsonOption = False,
 ) -> None:
     """Recover the intact part of a stream left by a crash.
 
     It is written as HDF5.
+
+    Parameters
+    ----------
+    file
+        FILE: The stream file.
+    out
+        The HDF5 file to write (default: beside the stream).
+    look
+        Only report what is intact; write nothing.
+    remove
+        Remove the stream after the HDF5 file has been read back and compared.
     """
     from flexstage.instruments.recording.archive import archived
     from flexstage.instruments.recording.recovery import examine
@@ -246,19 +252,24 @@ def recover(
 
 
 @runs.command(cls=CliCommand)
+@from_docstring
 def calibrations(
     stage: _Stage = None,
     serial_number: _Serial = None,
-    what: Annotated[
-        str | None, option("NAME", "Only this quantity, such as the gain of a sensor.")
-    ] = None,
-    valid_at: Annotated[
-        str | None, option("TIME", "Only those valid at a date, or a date and time.")
-    ] = None,
+    what: str | None = None,
+    valid_at: str | None = None,
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """List the calibrations in the catalogue, latest first."""
+    """List the calibrations in the catalogue, latest first.
+
+    Parameters
+    ----------
+    what
+        NAME: Only this quantity, such as the gain of a sensor.
+    valid_at
+        TIME: Only those valid at a date, or a date and time.
+    """
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
     time = _time(valid_at)

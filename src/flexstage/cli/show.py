@@ -1,25 +1,28 @@
 """`flexstage show`: draw a stage."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from flexstage.cli.options import JsonOption, StageArgument
-from flexstage.cli.output import file_option, print_json, writable, write_file
+from flexstage.cli.options import JsonOption, StageArgument, from_docstring
+from flexstage.cli.output import OutputFile, print_json, writable, write_file
 from flexstage.errors import ModelError
 from flexstage.files.names import file_name
 
 
+@from_docstring
 def show(
     stage: StageArgument,
-    out: Annotated[
-        Path | None,
-        file_option("Write the drawing (.svg, .png or .pdf; default: NAME.svg)."),
-    ] = None,
+    out: OutputFile = None,
     json: JsonOption = False,
 ) -> None:
-    """Draw a stage: bodies, hinges, drives and probes."""
+    """Draw a stage: bodies, hinges, drives and probes.
+
+    Parameters
+    ----------
+    out
+        Write the drawing (.svg, .png or .pdf; default: NAME.svg).
+    """
     from flexstage.designs import find_stage
     from flexstage.report.figures.drawing import draw_stage
     from flexstage.report.figures.style import FORMATS, encode

@@ -11,12 +11,12 @@ from flexstage.cli.options import (
     PlaneOption,
     QuietOption,
     StageArgument,
+    from_docstring,
     model_names,
-    option,
 )
 from flexstage.cli.output import (
+    OutputFolder,
     console,
-    folder_option,
     on_terminal,
     print_json,
     print_notes,
@@ -32,39 +32,37 @@ _LABELS = 38  # characters of a row's quantity and axis
 _COLUMN = 12  # and of a value, with the space beside it
 
 
+@from_docstring
 def study(
     stage: StageArgument,
     models: ModelsOption = "all",
     plane: PlaneOption = "auto",
-    out: Annotated[
-        Path | None,
-        folder_option("Folder of the report (default: out/NAME)."),
-    ] = None,
-    hysteresis: Annotated[
-        bool,
-        typer.Option(
-            "--identification/--no-identification",
-            help="Identify and compensate the hysteresis of piezo drives on a simulated stage.",
-        ),
-    ] = True,
-    measured: Annotated[
-        Path | None,
-        option("FILE", "Test description (.yaml) whose measured values are added to the table."),
-    ] = None,
-    virtual: Annotated[
-        bool,
-        typer.Option(
-            "--virtual/--no-virtual",
-            help="Simulate measurements of the stage, and centring an encoder scale with it.",
-        ),
-    ] = True,
-    seed: Annotated[int, option("NUMBER", "Random seed of the simulated stage.", min=0)] = 1,
+    out: OutputFolder = None,
+    hysteresis: bool = True,
+    measured: Path | None = None,
+    virtual: bool = True,
+    seed: Annotated[int, typer.Option(min=0)] = 1,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
     """Compare all models with published values, in a report.
 
     Writes report.html and results.json, and virtual-measurement.html unless --no-virtual.
+
+    Parameters
+    ----------
+    out
+        Folder of the report (default: out/NAME).
+    hysteresis
+        --identification/--no-identification: Identify and compensate the hysteresis of piezo drives
+        on a simulated stage.
+    measured
+        FILE: Test description (.yaml) whose measured values are added to the table.
+    virtual
+        --virtual/--no-virtual: Simulate measurements of the stage, and centring an encoder scale
+        with it.
+    seed
+        NUMBER: Random seed of the simulated stage.
     """
     from flexstage.designs import find_stage
     from flexstage.files.write import require_writable, write_files

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
-from flexstage.cli.options import JsonOption, StageArgument, option, quantity
+from flexstage.cli.options import JsonOption, StageArgument, from_docstring, one_of, quantity
 from flexstage.errors import NotConnectedError, UnitError
 
 if TYPE_CHECKING:
@@ -24,58 +24,49 @@ _IDENTITIES = ("E-727", "E-709", "E-712", "E-725", "E-753", "E-754", "E-516", "E
 _PORTS = 65535
 
 
+@from_docstring
 def twin(
     stage: StageArgument,
-    port: Annotated[int, option("NUMBER", "TCP port; 0 for any free port.")] = 50000,
-    host: Annotated[
-        str,
-        option(
-            "ADDRESS",
-            "Address to listen on; any address but 127.0.0.1 lets others on the network move "
-            "the stage.",
-        ),
-    ] = "127.0.0.1",
-    seed: Annotated[int, option("NUMBER", "Random seed of the simulated stage.", min=0)] = 0,
-    model: Annotated[
-        str,
-        option(
-            "|".join(_MODELS),
-            "Model of the mechanics: rigid bodies, or bodies condensed to their hinges.",
-        ),
-    ] = "lumped",
-    servo_rate: Annotated[
-        str, option("FREQUENCY", 'Rate of the servo loop, such as "10 kHz".')
-    ] = "10 kHz",
-    amplifier: Annotated[
-        str,
-        option("|".join(_AMPLIFIERS), "Amplifier of the piezo stacks; no effect on screw drives."),
-    ] = "voltage",
-    fast: Annotated[
-        bool,
-        typer.Option("--fast", help="Advance simulated time by commands instead of real time."),
-    ] = False,
-    identity: Annotated[
-        str,
-        option(
-            "|".join(_IDENTITIES),
-            "Controller type that it reports, by which programs choose their driver; "
-            "flexstage: own name and all commands.",
-        ),
-    ] = _IDENTITIES[0],
-    serial_number: Annotated[
-        str, option("TEXT", "Serial number that it reports (default: twin-SEED).")
-    ] = "",
-    hold_control: Annotated[
-        bool,
-        typer.Option(
-            "--hold-control",
-            help="The first program that sends a motion or a change keeps control until it "
-            "disconnects (default: all have control, as with a real controller).",
-        ),
-    ] = False,
+    port: int = 50000,
+    host: str = "127.0.0.1",
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    model: Annotated[str, one_of(_MODELS)] = "lumped",
+    servo_rate: str = "10 kHz",
+    amplifier: Annotated[str, one_of(_AMPLIFIERS)] = "voltage",
+    fast: bool = False,
+    identity: Annotated[str, one_of(_IDENTITIES)] = _IDENTITIES[0],
+    serial_number: str = "",
+    hold_control: bool = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run a simulated stage behind a GCS 2.0 controller."""
+    """Run a simulated stage behind a GCS 2.0 controller.
+
+    Parameters
+    ----------
+    port
+        NUMBER: TCP port; 0 for any free port.
+    host
+        ADDRESS: Address to listen on; any address but 127.0.0.1 lets others on the network move the
+        stage.
+    seed
+        NUMBER: Random seed of the simulated stage.
+    model
+        Model of the mechanics: rigid bodies, or bodies condensed to their hinges.
+    servo_rate
+        FREQUENCY: Rate of the servo loop, such as "10 kHz".
+    amplifier
+        Amplifier of the piezo stacks; no effect on screw drives.
+    fast
+        Advance simulated time by commands instead of real time.
+    identity
+        Controller type that it reports, by which programs choose their driver; flexstage: own name
+        and all commands.
+    serial_number
+        TEXT: Serial number that it reports (default: twin-SEED).
+    hold_control
+        The first program that sends a motion or a change keeps control until it disconnects
+        (default: all have control, as with a real controller).
+    """
     from flexstage.designs import find_stage
 
     _check("--model", model, _MODELS)
@@ -94,7 +85,7 @@ def twin(
         from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN
         from flexstage.instruments.pi.simulated.interpreter import Interpreter
         from flexstage.instruments.pi.simulated.server import GcsServer
-        from flexstage.instruments.twin.build import virtual_stage
+        from flexstage.virtual.build import virtual_stage
 
         made = virtual_stage(
             described,

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption, option
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
+    FigureFile,
     console,
-    figure_option,
     picture,
     print_json,
     print_notes,
@@ -28,35 +28,32 @@ if TYPE_CHECKING:
     from flexstage.measure.uncertainty.propagate import Propagated
 
 
+@from_docstring
 def uncertainty(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="An uncertainty budget in YAML: quantity, unit, equation, influences, "
-            "correlations.",
-        ),
-    ],
-    trials: Annotated[
-        str,
-        option(
-            "NUMBER|auto",
-            "Number of Monte Carlo trials; auto draws until two digits of the uncertainty are "
-            "stable.",
-        ),
-    ] = "auto",
-    seed: Annotated[int, option("NUMBER", "Random seed of the trials.", min=0)] = 0,
-    confidence: Annotated[
-        float, option("SHARE", "Coverage probability of the intervals, 0 to 1.")
-    ] = 0.95,
-    figure: Annotated[
-        Path | None,
-        figure_option("Draw the distribution and the budget."),
-    ] = None,
+    file: Annotated[Path, typer.Argument()],
+    trials: str = "auto",
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    confidence: float = 0.95,
+    figure: FigureFile = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Propagate an uncertainty budget by GUM and Monte Carlo."""
+    """Propagate an uncertainty budget by GUM and Monte Carlo.
+
+    Parameters
+    ----------
+    file
+        FILE: An uncertainty budget in YAML: quantity, unit, equation, influences, correlations.
+    trials
+        NUMBER|auto: Number of Monte Carlo trials; auto draws until two digits of the uncertainty
+        are stable.
+    seed
+        NUMBER: Random seed of the trials.
+    confidence
+        SHARE: Coverage probability of the intervals, 0 to 1.
+    figure
+        Draw the distribution and the budget. (.svg, .png or .pdf)
+    """
     from flexstage.measure.uncertainty.budget_file import read_budget
     from flexstage.measure.uncertainty.monte_carlo import validate
 

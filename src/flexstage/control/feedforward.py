@@ -11,15 +11,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.control.periodic import (
-    reach_limits,
-    steady_displacement,
-    steady_input,
-    within_reach,
-)
 from flexstage.control.trajectories.trajectory import Trajectory, smooth_step
 from flexstage.errors import LimitError, ModelError
-from flexstage.hysteresis import DriveModel
+from flexstage.hysteresis import DriveModel, Feedforward, feedforward
+from flexstage.hysteresis.limited_inverse import command_limits
 from flexstage.instruments.waveform import Waveform
 from flexstage.stage.limits import AxisLimits
 
@@ -27,8 +22,6 @@ from flexstage.stage.limits import AxisLimits
 _RATE_HZ = 1.0
 _CYCLES = 3
 _APPROACH = 0.25
-#: Creep is taken as settled at this time after the start of an endless repetition [s].
-_SETTLED = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -175,37 +168,27 @@ def compensate(
     ranges = {a: _range(models[a], (limits or {}).get(a)) for a in trajectory.axes}
     rate = trajectory.sample_rate_hz
     made = {a: _Axis(models[a], ranges[a], rate, history, a) for a in trajectory.axes}
-    voltage: dict[str, Array] = {}
-    limited = 0
+    found: dict[str, Feedforward] = {}
     # the way to the first voltage is part of what the drive remembers: found in two rounds
     ends = {a: ranges[a][0] for a in trajectory.axes}
     for _ in range(3):
         lead_in = conditioning_waveform(ranges, sample_rate_hz=rate, end=ends, cycles=cycles)
-        limited = 0
         for a, own in made.items():
-            wanted = trajectory.positions[a]
-            if periods > 0:
-                voltage[a], out = own.several(wanted, periods, lead_in.values[a], band_hz)
-            else:
-                voltage[a], out = own.repeated(wanted, band_hz)
-            limited += out
-            ends[a] = float(voltage[a][0])
+            found[a] = own.follow(trajectory.positions[a], periods, lead_in.values[a], band_hz)
+            ends[a] = float(found[a].command[0])
     lead_in = conditioning_waveform(ranges, sample_rate_hz=rate, end=ends, cycles=cycles)
+    voltage = {a: own.command for a, own in found.items()}
     whole = Waveform(values=voltage, sample_rate_hz=rate, quantity="voltage")
     _check_slew(whole, limits or {}, closed=periods == 0)
     notes = [s for a in made for s in (models[a].outside(voltage[a]),) if s]
-    if limited:
-        notes.append(
-            f"{limited} samples of the motion are out of range and were limited to the range of "
-            "the drive: reduce the motion, or shift it"
-        )
+    notes += [f"axis '{a}': {own.limit_note}" for a, own in found.items() if own.limited]
     return Compensation(
         lead_in=lead_in,
         voltage=whole,
         trajectory=trajectory,
         periods=periods,
         predicted={a: own.reading_after(lead_in.values[a]) for a, own in made.items()},
-        limited=limited,
+        limited=sum(own.limited for own in found.values()),
         notes=(*trajectory.notes, *notes),
     )
 
@@ -237,33 +220,19 @@ class _Axis:
                 dt = 1.0 / history.sample_rate_hz
                 self.creeping = creep.simulate(made.values, dt, creep.settled(0.0, dt)).state
 
-    def repeated(self, wanted: Array, band_hz: float | None) -> tuple[Array, int]:
-        """One period that repeats."""
-        model = self.model
-        x = steady_displacement(model, wanted, self.rate, band_hz=band_hz)
-        if model.creep is not None:
-            # the mean creeps for ever: as it is some time after the start
-            mean = float(np.mean(wanted) - model.offset) * model.sign
-            settled = float(model.creep.step_response([_SETTLED])[0])
-            x += mean / settled - float(np.mean(x))
-        return steady_input(model, x, self.limits)
-
-    def several(
+    def follow(
         self, wanted: Array, periods: int, lead_in: Array, band_hz: float | None
-    ) -> tuple[Array, int]:
-        """Periods one after the other, with the creep that goes on."""
-        model, (low, high) = self.model, self.limits
-        x = np.tile(
-            steady_displacement(model, wanted, self.rate, creep=False, band_hz=band_hz), periods
-        )
-        before = model.hysteresis.simulate(lead_in, self.before)
-        if model.creep is not None:
-            dt = 1.0 / self.rate
-            creep = model.creep.simulate(before.values, dt, self.creeping)
-            x = model.creep.inverse(x, dt, creep.state).values
-        inside, beyond = within_reach(model, x, before.state, (low, high))
-        u = model.hysteresis.inverse(inside, before.state).values
-        return np.clip(u, low, high), beyond
+    ) -> Feedforward:
+        """Return the voltages of some periods, with the creep that goes on, or of one endless."""
+        dt = 1.0 / self.rate
+        before = self.model.hysteresis.simulate(lead_in, self.before)
+        creep = None
+        if self.model.creep is not None:
+            creep = self.model.creep.simulate(before.values, dt, self.creeping).state
+        return feedforward(
+            self.model, wanted, dt, periods=periods, limits=self.limits, state=before.state,
+            band_hz=band_hz, start=creep,
+        )  # fmt: skip
 
     def reading_after(self, lead_in: Array) -> float:
         """What the sensor should read at the end of the lead-in."""
@@ -275,7 +244,7 @@ class _Axis:
 
 
 def _range(model: DriveModel, limits: AxisLimits | None) -> tuple[float, float]:
-    own = reach_limits(model, None if limits is None else limits.voltage)
+    own = command_limits(model, None if limits is None else limits.voltage)
     if model.validity is None:
         return own
     seen = model.validity.input_range

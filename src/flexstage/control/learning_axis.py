@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array, Complex
 from flexstage.control.loop_plant import loop_plant
-from flexstage.control.periodic import chain_response, steady_input, steady_output
 from flexstage.control.tracking_run import at_times
 from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel
+from flexstage.hysteresis.periodic import chain_response, steady_input, steady_output
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
 from flexstage.stage.limits import AxisLimits
@@ -327,9 +327,8 @@ class AxisLearner:
         """From what the hysteresis has to give, or the target, to what is sent; within limits."""
         limits = self.limits
         if self.drive is not None:
-            made, beyond = steady_input(
-                self.drive, self.x, None if limits is None else limits.voltage
-            )
+            found = steady_input(self.drive, self.x, None if limits is None else limits.voltage)
+            made, beyond = found.command, int(found.missed.sum())
             if beyond:
                 self.notes.append(f"{beyond} samples of a trial were out of reach of the drive")
         else:

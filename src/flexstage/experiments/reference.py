@@ -91,11 +91,13 @@ def reference_of(
     drive: "DriveModel | None" = None,
     *,
     controlled: bool = False,
+    rate_hz: float | None = None,
 ) -> ReferenceTrajectory:
     """Return the reference for the axis of the model that a step identified.
 
     A drive is given where the zero of the model has moved since. Where the reference is followed
-    under control too, it keeps within the positions that may be commanded.
+    under control too, it keeps within the positions that may be commanded. The rate of its samples
+    [Hz] is that of the plan's commands where not given.
     """
     found = context.identified(model)
     used = found.model if drive is None else drive
@@ -105,7 +107,11 @@ def reference_of(
     if controlled and limits.position is not None:
         readings = _within(readings, limits.position, found.axis)
     trajectory = reference_trajectory(
-        wanted, found.axis, readings, context.plan.defaults.command_rate, context.base_rate_hz
+        wanted,
+        found.axis,
+        readings,
+        rate_hz or context.plan.defaults.command_rate,
+        context.base_rate_hz,
     )
     own = AxisLimits(
         position=limits.position, voltage=voltages, speed=limits.speed, slew=limits.slew,

@@ -11,7 +11,7 @@ import numpy as np
 
 from flexstage.control import LearningSettings, Way, compensate, control_run, learn, tune
 from flexstage.control.feedforward import conditioning_waveform, shifted_model
-from flexstage.control.two_degree_of_freedom import ControlRun, made_ready
+from flexstage.control.two_degree_of_freedom import ControlRun, made_ready, with_feedforward
 from flexstage.errors import ModelError, PlanError
 from flexstage.experiments.command import CommandWaveform, park, prepare_loops
 from flexstage.experiments.reference import (
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 _LOOP_DELAY, _READING_DELAY = 2.0, 1.0
 #: A reference slower than this does not need what is at the mains' frequency [Hz].
 _SLOW_HZ, _MAINS_HZ = 10.0, 50.0
+#: What an axis can where voltages are learned beside its control.
+_BESIDE = (Capability.CLOSED_LOOP, Capability.FEEDFORWARD_TABLE, Capability.SERVO_TUNING)
 #: Readings that are averaged to find by how much the zero of the sensor has moved.
 _READINGS = 20
 
@@ -245,35 +247,70 @@ def _servo(course: ReferenceTrajectory, loop_rate_hz: float) -> tuple[ServoSetti
 
 
 def _learned(context: "RunContext", own: TrackingSetup, about: RunMetadata) -> Path:
-    """Learn the voltages of one period, then run the best ones."""
-    course, axis, action = own.course, own.course.axis, own.action
-    run = _planned_run(course, Way.FEEDFORWARD, repeat=True)
+    """Learn the voltages of one period, then run the best ones.
+
+    They are learned beside a control where the axis takes both and the model can tune it: it takes
+    up creep and drift, which go on between the trials, and learning what repeats.
+    """
+    axis, action = own.course.axis, own.action
+    course, run = _to_learn(context, own)
     skip = course.settle * course.trajectory.period
+
+    def sent(voltage: Waveform) -> ControlRun:
+        return with_feedforward(run, voltage) if run.servo else replace(run, waveform=voltage)
+
+    def trial(voltage: Waveform) -> Record:
+        made = sent(voltage)
+        record = run_waveform(
+            context.instrument,
+            made.waveform,
+            own.signals,
+            rate_hz=own.rate_hz,
+            cycles=made.cycles,
+            feedforward=made.feedforward,
+        )
+        first = round(skip * record.sample_rate_hz)
+        return replace(
+            record,
+            channels=tuple(replace(c, values=c.values[first:]) for c in record.channels),
+            time=record.time[first:] - record.time[first],
+        )
+
     with _ready(context, own, run):
-
-        def trial(voltage: Waveform) -> Record:
-            record = run_waveform(
-                context.instrument, voltage, own.signals, rate_hz=own.rate_hz, cycles=run.cycles
-            )
-            first = round(skip * record.sample_rate_hz)
-            return replace(
-                record,
-                channels=tuple(replace(c, values=c.values[first:]) for c in record.channels),
-                time=record.time[first:] - record.time[first],
-            )
-
         found = learn(
             trial,
             course.trajectory,
-            run.waveform,
+            run.feedforward or run.waveform,
             {axis: course.model},
             LearningSettings(trials=action.trials - 1, periods=max(course.cycles, 2)),
             limits={axis: course.limits},
             columns={axis: action.along},
+            servo=run.servo or None,
         )
         errors = " ".join(f"{t.rms:.6e}" for t in found.axes[axis].trials)
         about = _with_settings(about, {LEARNING: errors})
-        return _recorded(context, own, _command(course, run, found.waveform, found.notes), about)
+        if run.servo:
+            about = _with_settings(about, {"servo": repr(run.servo[axis])})
+        best = sent(found.waveform)
+        command = _command(course, best, best.waveform, found.notes)
+        return _recorded(context, own, command, about, best.feedforward)
+
+
+def _to_learn(context: "RunContext", own: TrackingSetup) -> tuple[ReferenceTrajectory, ControlRun]:
+    """Return the reference, and the run that learning begins with: beside a control, or alone."""
+    course = own.course
+    can = context.instrument.axes[course.axis].capabilities
+    servo = None
+    if {*_BESIDE} <= can:
+        servo, _ = _servo(course, context.base_rate_hz)
+    if servo is None:
+        return course, _planned_run(course, Way.FEEDFORWARD, repeat=True)
+    # what the control leaves of a voltage is known at the rate of its loop
+    rate = context.base_rate_hz
+    course = reference_of(
+        context, own.action.model, own.action.reference, course.model, controlled=True, rate_hz=rate
+    )
+    return course, _planned_run(course, Way.BOTH, servo, _READING_DELAY / rate)
 
 
 #: What each way does.

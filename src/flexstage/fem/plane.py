@@ -12,7 +12,7 @@ from flexstage.fem.ports import Supports
 from flexstage.hinges import Leaf, plane_state
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.stage import Stage
-from flexstage.system import ModalDamping
+from flexstage.stage.assumptions import DAMPING_RATIO
 
 #: Modes that are kept besides the static responses.
 MODES = 16
@@ -114,7 +114,7 @@ def plane_model(
 
 def common_validity(stage: Stage, held: str) -> tuple[str, ...]:
     """Return what holds for every finite-element model of a stage."""
-    ratio = 100.0 * ModalDamping(ratio=0.01).ratio
+    ratio = 100.0 * DAMPING_RATIO
     sharp = [h.name for h in stage.hinges if isinstance(h.profile, Leaf)]
     corners = (
         f"Leaves end in sharp corners ({', '.join(sharp[:4])}"

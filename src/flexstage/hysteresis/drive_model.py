@@ -45,15 +45,17 @@ class ValidityRange:
     """Lowest and highest temperature [K]; None where nobody has said."""
 
 
-def creep_start(creep: Creep, x: Array, dt: float, start: Start) -> Array:
+def creep_start(creep: Creep, x: Array, dt: float, start: Start | Array) -> Array:
     """Return the state of creep before a sequence, by what the drive did before.
 
     Creep remembers longer than any record. A drive that has rested at the first command has settled
     there; one that has moved for a time t since it stood at its low end has come from there to the
     mean of its motion in each lag by ``1 - exp(-t / tau)``. The input x is what the hysteresis
     gives, shape (n,), or several of it, (m, n), as is the state one step before the first sample. A
-    number of `start` is seconds of motion.
+    number of `start` is seconds of motion; an array is the state itself.
     """
+    if isinstance(start, np.ndarray):
+        return start
     state = x[..., :1] * creep.settled(1.0, dt)
     if start != "rested":
         mean, low = (by(x, axis=-1, keepdims=True) for by in (np.mean, np.min))
@@ -140,7 +142,12 @@ class DriveModel:
         return self.hysteresis.simulate([high, low] * _CONDITIONING).state
 
     def simulate(
-        self, u: ArrayLike, dt: float, state: ArrayLike | None = None, *, start: Start | None = None
+        self,
+        u: ArrayLike,
+        dt: float,
+        state: ArrayLike | None = None,
+        *,
+        start: Start | Array | None = None,
     ) -> Array:
         """Return the readings for a sequence of commands.
 
@@ -153,10 +160,10 @@ class DriveModel:
         state : array_like, optional
             State of the hysteresis before the first of them; that after conditioning cycles where
             not given, and no history where the model does not say its range.
-        start : "rested" or float, optional
-            What the drive did before, for its creep. Where not given it had settled at the first
-            command if a state is given, and else did what it did before the record that the model
-            was identified from.
+        start : "rested", float or numpy.ndarray, optional
+            What the drive did before, for its creep, or the state of its creep. Where not given it
+            had settled at the first command if a state is given, and else did what it did before
+            the record that the model was identified from.
 
         Returns
         -------

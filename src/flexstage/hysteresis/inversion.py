@@ -1,4 +1,4 @@
-"""The command that makes a drive follow a reference."""
+"""The command that makes a drive follow a reference: once, or over and over."""
 
 from dataclasses import dataclass
 
@@ -8,8 +8,15 @@ from scipy.ndimage import gaussian_filter1d
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
-from flexstage.hysteresis.drive_model import PREFIX, DriveModel, Start, creep_start, unsuited
-from flexstage.hysteresis.model import Array, Response, samples
+from flexstage.hysteresis.drive_model import DriveModel, Start, creep_start, unsuited
+from flexstage.hysteresis.limited_inverse import command_limits, limited_inverse
+from flexstage.hysteresis.model import Array, samples
+from flexstage.hysteresis.periodic import (
+    steady_displacement,
+    steady_input,
+    steady_reading,
+    steady_start,
+)
 from flexstage.units import readable
 
 #: A reference is made smooth up to this share of the lowest resonance.
@@ -18,12 +25,12 @@ _BAND = 0.25
 _SMOOTH = 1e-6
 #: A first sample farther from where the drive stands than this share of the limits is told.
 _JUMP = 0.01
-#: Samples that are inverted at once: a limit makes the rest of them be inverted again.
-_BLOCK = 4096
 #: What the lags of creep begin with is known from the command, and that from them: they are found
 #: in turn, until they change by less than this share of the range, at most so many times.
 _ALIKE = 1e-12
 _TURNS = 200
+#: The mean of an endless repetition creeps for ever: it is that at this time after the start [s].
+_SETTLED = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,6 +53,8 @@ class Feedforward:
     """Largest change of the reference by smoothing [unit of the output]."""
     limited: int
     """Number of samples at which a limit changed the command."""
+    limit_note: str
+    """How much of the reference is lost by that; empty where nothing is."""
     notes: tuple[str, ...]
     """What was changed, and how much of the reference is lost by it."""
 
@@ -65,42 +74,53 @@ def feedforward(
     reference: ArrayLike,
     dt: float,
     *,
+    periods: int | None = None,
     limits: tuple[float, float] | None = None,
     largest_rate: float | None = None,
     state: ArrayLike | None = None,
     band_hz: float | None = None,
-    start: Start | None = None,
+    start: Start | Array | None = None,
 ) -> Feedforward:
     r"""Return the command that makes a drive follow a reference.
 
     .. math:: u = H^{-1} \circ C^{-1} \circ S^{-1} (r(t + t_d))
 
-    The delay is led, the modes are undone by the derivatives of the reference, creep by its exact
-    recursion, and the hysteresis sample by sample. The reference must have two derivatives for
-    this: where the model has a resonance, corners are rounded first.
+    The hysteresis is undone sample by sample, and what is behind it according to the reference. Of
+    a motion that is made once the delay is led, the modes are undone by the derivatives of the
+    reference, and creep by its exact recursion. The reference must have two derivatives for this:
+    where the model has a resonance, corners are rounded first. Of a motion that repeats, modes and
+    lag are undone harmonic by harmonic, which is exact and needs no rounding.
 
     Parameters
     ----------
     model : DriveModel
         The drive.
     reference : array_like
-        Readings that are wanted [unit of the output], shape (n,).
+        Readings that are wanted [unit of the output], shape (n,); one period of them where
+        `periods` are given.
     dt : float
         Time from one sample to the next [s].
+    periods : int, optional
+        How often the reference is repeated; the commands of the periods differ by what creeps. 0
+        for one period that repeats without end: then the memory of the hysteresis is sought that is
+        the same after each, and the slow part of creep, which never repeats, is taken as it is ten
+        seconds after the start. A motion that is made once where not given.
     limits : tuple of float, optional
         Lowest and highest command; the range that the model was identified on where not given.
     largest_rate : float, optional
         Largest rate of the command [unit of the input per second].
     state : array_like, optional
         State of the hysteresis before the first sample; that after conditioning cycles where not
-        given.
+        given. An endless repetition has its own.
     band_hz : float, optional
-        Band that the reference is smoothed to [Hz]; a quarter of the lowest resonance where not
-        given, and none where the model has no resonance.
-    start : "rested" or float, optional
-        What the drive did before, for its creep, as in `DriveModel.simulate`. Where not given it
-        had settled at the first reference if a state is given, and else did what it did before the
-        record that the model was identified from.
+        Band that the reference is smoothed to [Hz]. Of a motion that is made once it is that of a
+        Gaussian filter; a quarter of the lowest resonance where not given, and none where the model
+        has no resonance. Of one that repeats, harmonics above it are left out; 0.4 of the sample
+        rate where not given.
+    start : "rested", float or numpy.ndarray, optional
+        What the drive did before, for its creep, or the state of its creep, as in
+        `DriveModel.simulate`. Where not given it had settled at the first reference if a state is
+        given, and else did what it did before the record that the model was identified from.
 
     Returns
     -------
@@ -112,41 +132,46 @@ def feedforward(
     ModelError
         The reference is no finite sequence or wholly out of reach, or the model has no inverse.
     """
-    wanted = samples(reference, "reference")
+    given = samples(reference, "reference")
     if not (dt > 0.0 and np.isfinite(dt)):
         raise ModelError(f"the step between samples must be positive and finite, got {dt!r} s")
     if start is None:
         start = model.start if state is None else "rested"
-    memory = np.array(model.conditioned() if state is None else state, dtype=np.float64)
-    low, high = _limits(model, limits)
-    smooth, notes = _made_smooth(model, wanted, dt, band_hz)
-    target = model.sign * (smooth - model.offset)
-    if model.lag is not None:
-        target = model.lag.lead(target, dt)
-    if model.modes is not None:
-        target = model.modes.inverse(target, dt).values
-    if model.creep is not None:
-        target = _without_creep(model.creep, target, dt, start)
-    reach = _reach(model, memory, low, high)
-    inside = np.clip(target, *reach)
-    beyond = np.abs(inside - target) > 1e-9 * (reach[1] - reach[0])
-    if beyond.all():
-        raise ModelError(_out_of_reach(model, wanted, reach))
-    command = _within(model, inside, memory, low, high)
-    slow = _rate_limited(command, largest_rate, dt)
-    # what the ends reach depends on the memory, so that a sample in the range can be missed as well
-    missed = np.abs(model.hysteresis.simulate(command, memory).values - inside)
-    limited = beyond | (missed > 1e-9 * (reach[1] - reach[0]))
-    limited |= np.abs(slow - command) > 1e-9 * (high - low)
-    predicted = model.simulate(slow, dt, memory, start=start)
+    endless = periods == 0
+    wanted = given if not periods else np.tile(given, periods)
+    memory = steady_start(model) if endless else _memory(model, state)
+    low, high = command_limits(model, limits)
+    smooth, notes = wanted, []
+    if endless:
+        found = steady_input(model, _endless(model, given, dt, band_hz), (low, high), wanted=given)
+    else:
+        if periods is None:
+            smooth, notes = _made_smooth(model, wanted, dt, band_hz)
+            target = _made_once(model, smooth, dt)
+        else:
+            one = steady_displacement(model, given, 1.0 / dt, creep=False, band_hz=band_hz)
+            target = np.tile(one, periods)
+        if model.creep is not None:
+            target = _without_creep(model.creep, target, dt, start)
+        found = limited_inverse(model, target, memory, (low, high), wanted)
+    slow = _rate_limited(found.command, largest_rate, dt, closed=endless)
+    limited = found.missed | (np.abs(slow - found.command) > 1e-9 * (high - low))
+    if endless:
+        predicted = steady_reading(model, slow, 1.0 / dt, _SETTLED)
+    else:
+        predicted = model.simulate(slow, dt, memory, start=start)
+    limit_note = ""
     if limited.any():
         lost = float(np.max(np.abs(predicted - smooth)))
-        notes.append(
+        limit_note = (
             f"limits changed {int(limited.sum())} of {wanted.size} samples of the command; the "
             f"largest error that follows is {readable(model.output_unit, lost)}"
         )
+        notes.append(limit_note)
     before = float(memory[0])
-    if abs(slow[0] - before) > max(_JUMP * (high - low), (largest_rate or 0.0) * dt):
+    if not endless and abs(slow[0] - before) > max(
+        _JUMP * (high - low), (largest_rate or 0.0) * dt
+    ):
         notes.append(
             f"the command begins at {readable(model.input_unit, slow[0], digits=5)}, the drive "
             f"stands at {readable(model.input_unit, before, digits=5)} before: lead it there "
@@ -161,12 +186,39 @@ def feedforward(
         start=memory,
         smoothing=float(np.max(np.abs(smooth - wanted))),
         limited=int(limited.sum()),
+        limit_note=limit_note,
         notes=(*notes, *unsuited(model, dt, command=slow, reading=wanted)),
     )
 
 
-def _without_creep(creep: Creep, target: Array, dt: float, start: Start) -> Array:
+def _memory(model: DriveModel, state: ArrayLike | None) -> Array:
+    return np.array(model.conditioned() if state is None else state, dtype=np.float64)
+
+
+def _made_once(model: DriveModel, reading: Array, dt: float) -> Array:
+    """Undo the delay and the modes of a motion that is made once."""
+    target = model.sign * (reading - model.offset)
+    if model.lag is not None:
+        target = model.lag.lead(target, dt)
+    if model.modes is not None:
+        target = model.modes.inverse(target, dt).values
+    return target
+
+
+def _endless(model: DriveModel, reading: Array, dt: float, band_hz: float | None) -> Array:
+    """Undo all that is behind the hysteresis, of one period of many."""
+    x = steady_displacement(model, reading, 1.0 / dt, band_hz=band_hz)
+    if model.creep is not None:
+        mean = float(np.mean(reading) - model.offset) * model.sign
+        settled = float(model.creep.step_response([_SETTLED])[0])
+        x += mean / settled - float(np.mean(x))
+    return x
+
+
+def _without_creep(creep: Creep, target: Array, dt: float, start: Start | Array) -> Array:
     """Undo creep, by what the drive did before: that is told by the command which is looked for."""
+    if isinstance(start, np.ndarray):
+        return creep.inverse(target, dt, start).values
     if start == "rested":
         return creep.inverse(target, dt).values
     x = target / creep.static_gain
@@ -177,79 +229,6 @@ def _without_creep(creep: Creep, target: Array, dt: float, start: Start) -> Arra
         if np.max(np.abs(change)) <= _ALIKE * max(float(np.ptp(x)), 1e-300):
             break
     return x
-
-
-def _limits(model: DriveModel, limits: tuple[float, float] | None) -> tuple[float, float]:
-    if limits is None:
-        if model.validity is None:
-            raise ModelError("the model has no range of its own: give the limits of the command")
-        limits = model.validity.input_range
-    low, high = limits
-    if not low < high:
-        raise ModelError(f"the limits of the command must rise, got {limits!r}")
-    own = model.hysteresis.input_limits
-    if own is not None:
-        # a polynomial says nothing beyond its ends, and its inverse keeps to them
-        low, high = max(low, own[0]), min(high, own[1])
-        if not low < high:
-            raise ModelError(
-                f"the limits of the command must meet those of the model, {own[0]:g} to "
-                f"{own[1]:g}, got {limits!r}"
-            )
-    return low, high
-
-
-def _reach(model: DriveModel, start: Array, low: float, high: float) -> tuple[float, float]:
-    """Outputs of the hysteresis at both ends of the command."""
-    at = model.hysteresis.simulate([high, low], start).values
-    return float(at[1]), float(at[0])
-
-
-def _within(model: DriveModel, target: Array, start: Array, low: float, high: float) -> Array:
-    """Return the inverse between limits: after a stretch at one, from the state that it left."""
-    command = np.empty_like(target)
-    at, state = 0, start
-    while at < target.size:
-        raw = _nearest(model, target[at : at + _BLOCK], state)
-        cut = np.clip(raw.values, low, high)
-        off = cut != raw.values
-        if off.any():
-            first = int(np.argmax(off))
-            back = np.flatnonzero(~off[first:])
-            cut = cut[: first + int(back[0])] if back.size else cut
-            state = model.hysteresis.simulate(cut, state).state
-        else:
-            state = raw.state
-        command[at : at + cut.size] = cut
-        at += cut.size
-    return command
-
-
-def _nearest(model: DriveModel, target: Array, start: Array) -> Response:
-    try:
-        return model.hysteresis.nearest(target, start)
-    except ModelError as error:
-        if all(c.holds for c in model.hysteresis.properties() if c.name == "invertible"):
-            raise
-        raise ModelError(
-            f"the {model.hysteresis.kind} model has no inverse for this reference, since its "
-            "reading may fall where the command rises: take a smaller reference, or identify "
-            "another model, such as preisach"
-        ) from error
-
-
-def _out_of_reach(model: DriveModel, wanted: Array, reach: tuple[float, float]) -> str:
-    # creep adds to what the hysteresis reaches, so what was seen says more where it is known
-    seen = None if model.validity is None else model.validity.output_range
-    ends = seen or sorted(model.offset + model.sign * r for r in reach)
-    unit = model.output_unit
-    times = float(np.ptp(wanted)) / (ends[1] - ends[0])
-    slip = f"; it spans {times:.3g} times as much: is its unit right?" if times > PREFIX else ""
-    return (
-        f"the reference runs from {readable(unit, wanted.min(), wanted.max(), digits=4)}, the "
-        f"drive reaches {readable(unit, *ends, digits=4)}: shift the reference into that range"
-        f"{slip}"
-    )
 
 
 def _made_smooth(
@@ -312,15 +291,17 @@ def smoothed(values: ArrayLike, dt: float, band_hz: float) -> Array:
     return np.asarray(gaussian_filter1d(given, spread, mode="nearest", truncate=6.0))
 
 
-def _rate_limited(command: Array, largest_rate: float | None, dt: float) -> Array:
+def _rate_limited(command: Array, largest_rate: float | None, dt: float, *, closed: bool) -> Array:
+    """Change the command by no more than a rate; also from its end to its beginning if closed."""
     if largest_rate is None:
         return command
     if not largest_rate > 0.0:
         raise ModelError(f"the largest rate must be positive, got {largest_rate!r}")
     step = largest_rate * dt
-    if np.max(np.abs(np.diff(command)), initial=0.0) <= step:
+    turns = 2 if closed else 1
+    made = np.tile(command, turns)
+    if np.max(np.abs(np.diff(made)), initial=0.0) <= step:
         return command
-    made = command.copy()
     for k in range(1, made.size):
-        made[k] = min(max(command[k], made[k - 1] - step), made[k - 1] + step)
-    return made
+        made[k] = min(max(made[k], made[k - 1] - step), made[k - 1] + step)
+    return made[-command.size :]

@@ -25,7 +25,8 @@ from flexstage.stage import (
     mass_properties,
     root_widths,
 )
-from flexstage.system import Damping, MechanicalSystem, ModalDamping
+from flexstage.system import Damping, MechanicalSystem
+from flexstage.system.damping import DEFAULT_DAMPING
 from flexstage.system.mechanical import (
     STANDARD_GRAVITY,
     AxisPort,
@@ -89,9 +90,6 @@ def hinge_matrix(layout: BodyCoordinates, hinge: Hinge) -> Array:
 
 #: Methods of hinge stiffness that include the roots in the bodies.
 WITH_ROOTS = ("wedge", "finite-element")
-
-#: Assumed where nothing was measured: typical of a bolted monolithic aluminium stage.
-DEFAULT_DAMPING = ModalDamping(ratio=0.01)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -19,8 +19,9 @@ LOOP_CONVERTER_BITS, CONVERTER_BITS = 20, 16
 #: Play of a screw on turning back, as its advance [m].
 BACKLASH = 0.5e-6
 
-#: Damping ratio of the modes of a monolithic stage [1].
-DAMPING_RATIO = 0.0087
+#: Damping ratio of the modes in a model [1], typical of a bolted monolithic aluminium stage; and in
+#: a virtual stage, where it is a little off from that.
+DAMPING_RATIO, VIRTUAL_DAMPING_RATIO = 0.01, 0.0087
 #: Over the stroke [1]: straightness; spread of the position from cycle to cycle; what differs by
 #: direction.
 STRAIGHTNESS, REPEATABILITY, REVERSAL = 2e-3, 1.5e-4, 5e-4

@@ -6,6 +6,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.stage.assumptions import DAMPING_RATIO
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +38,10 @@ class ModalDamping:
         """
         del hinge_share
         return np.full_like(omega, self.ratio)
+
+
+#: Assumed where nothing was measured.
+DEFAULT_DAMPING = ModalDamping(ratio=DAMPING_RATIO)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
-from flexstage.system.damping import Damping, ModalDamping
+from flexstage.system.damping import DEFAULT_DAMPING, Damping
 
 #: What is done with the drives: taken out, left in with their stiffness, or held at their length.
 DriveCondition = Literal["removed", "in place", "locked"]
@@ -218,7 +218,7 @@ class MechanicalSystem:
     """Loads on the whole stage."""
     axes: tuple[AxisPort, ...] = ()
     """Directions of positioning."""
-    damping: Damping = field(default_factory=lambda: ModalDamping(ratio=0.01))
+    damping: Damping = DEFAULT_DAMPING
     """Damping."""
     validity: tuple[str, ...] = ()
     """Where the model stops being valid."""

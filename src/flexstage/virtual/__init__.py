@@ -1,6 +1,7 @@
 """The stage as it was made: scatter, guide errors, stacks, sensors, hammer, and a table below it.
 
-None of it is a measurement: what is simulated says so.
+It runs sample by sample, with a position control inside (`virtual_stage`), or gives the records of
+whole measurements at rest, many stages in a second. None of it is a measurement, and it says so.
 """
 
 from typing import TYPE_CHECKING
@@ -9,8 +10,10 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.virtual.as_built import AsBuilt
+    from flexstage.virtual.build import virtual_stage
     from flexstage.virtual.positioner import VirtualPositioner
     from flexstage.virtual.stack import VirtualStack, virtual_stack
+    from flexstage.virtual.stage import VirtualStage
     from flexstage.virtual.table import VirtualBench, VirtualTable, scale_errors
 
 __all__ = [
@@ -18,9 +21,11 @@ __all__ = [
     "VirtualBench",
     "VirtualPositioner",
     "VirtualStack",
+    "VirtualStage",
     "VirtualTable",
     "scale_errors",
     "virtual_stack",
+    "virtual_stage",
 ]
 
 import_on_use(__name__)

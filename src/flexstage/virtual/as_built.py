@@ -19,13 +19,13 @@ from flexstage.measure.updating.parameters import UpdateParameter
 from flexstage.measure.updating.update import update_stage
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.assumptions import (
-    DAMPING_RATIO,
     DIRECTION_SPREAD,
     GUIDE_LENGTH,
     LOOP_WIDTH,
     REPEATABILITY,
     REVERSAL,
     STRAIGHTNESS,
+    VIRTUAL_DAMPING_RATIO,
 )
 from flexstage.system import AxisAnalysis, MechanicalSystem, ModalDamping, analyse, modes
 from flexstage.system.analysis import axis_mode
@@ -168,7 +168,7 @@ def as_built(
         notes.append(
             "necks are set so that the natural frequencies are the published measured ones"
         )
-    system = displaced_system(made, moved).with_damping(ModalDamping(ratio=DAMPING_RATIO))
+    system = displaced_system(made, moved).with_damping(ModalDamping(ratio=VIRTUAL_DAMPING_RATIO))
     analysis = analyse(made, system)
     axes = []
     for state in analysis.axes:

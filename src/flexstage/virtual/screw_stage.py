@@ -11,10 +11,10 @@ from flexstage.hysteresis.compiled import compiled
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
+from flexstage.virtual.disturbances import Disturbances
 from flexstage.virtual.hammer import Hammer
 from flexstage.virtual.imperfections import GuideErrors
 from flexstage.virtual.sensors import (
-    Disturbances,
     SensorBench,
     kinds_of,
     neighbour,

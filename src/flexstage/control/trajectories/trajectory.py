@@ -293,6 +293,16 @@ def band_limited(trajectory: Trajectory, band_hz: float) -> Trajectory:
     return replace(trajectory, positions=positions, linear=linear)
 
 
+def delayed(trajectory: Trajectory, delay: float) -> Trajectory:
+    """Return a trajectory later by a delay [s], any part of a sample; earlier below 0."""
+    n = trajectory.size
+    turn = np.exp(-2j * np.pi * np.fft.rfftfreq(n, 1.0 / trajectory.sample_rate_hz) * delay)
+    moved = {a: np.asarray(np.fft.irfft(np.fft.rfft(x) * turn, n), dtype=np.float64)
+             for a, x in trajectory.positions.items()}  # fmt: skip
+    whole = round(delay * trajectory.sample_rate_hz)
+    return replace(trajectory, positions=moved, linear=np.roll(trajectory.linear, whole))
+
+
 def checked_ends(low: float, high: float, axis: str) -> tuple[float, float]:
     """Return the ends of a motion after checking that they rise."""
     if not (math.isfinite(low) and math.isfinite(high) and low < high):

@@ -6,7 +6,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.export.diagram.graph import Diagram, DiagramBuilder
+from flexstage.export.diagram.graph import Diagram, DiagramBuilder, GroupBuilder
 from flexstage.export.diagram.port_blocks import add_drive_chain, add_probe_chain
 from flexstage.export.diagram.springs import DriveSpring
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
@@ -83,14 +83,8 @@ def axis_blocks(
     read = _transmission(b, chain, damping, head).motion if two else head.motion
     probe_group = b.group("probe", title=f"Probe {probe.name}", kind="probe")
     if not two:
-        lever = b.gain(
-            "probe_ratio",
-            "i",
-            f"ratio of reading to drive {drive.name} [1]",
-            chain.ratio,
-            probe_group,
-            "geometry",
-        )
+        meaning = f"ratio of reading to drive {drive.name} [1]"
+        lever = probe_group.gain("ratio", "i", meaning, chain.ratio, "geometry")
         b.connect(read, lever, "d [m]")
         read = lever
     add_probe_chain(b, probe, read, probe_group, "p [m]" if two else "")
@@ -111,42 +105,20 @@ def _mass(
     # one mass alone needs no mark
     short = {"Input": "_in", "Output": "_out"}.get(title, "")
     group = b.group(name, title=f"{title} mass", kind="body")
-    forces = b.add(f"{name}_forces", "sum", "+", f"forces on the {low} [N]", group=group)
-    inverse = b.gain(
-        f"{name}_inverse_mass",
-        f"1/m{short}",
-        f"inverse mass of the {low} [1/kg]",
-        1.0 / mass,
-        group,
-        "mass",
-    )
-    rate = b.add(
-        f"{name}_rate", "integrator", "1/s", f"speed of the {low} {letter}' [m/s]", group=group
-    )
-    motion = b.add(
-        f"{name}_motion", "integrator", "1/s", f"motion of the {low} {letter} [m]", group=group
-    )
+    forces = group.sum("forces", f"forces on the {low} [N]")
+    meaning = f"inverse mass of the {low} [1/kg]"
+    inverse = group.gain("inverse_mass", f"1/m{short}", meaning, 1.0 / mass, "mass")
+    rate = group.integrator("rate", f"speed of the {low} {letter}' [m/s]")
+    motion = group.integrator("motion", f"motion of the {low} {letter} [m]")
     b.chain(forces, inverse, rate, motion)
     if damper > 0.0:
-        drag = b.gain(
-            f"{name}_damper",
-            f"c{short}",
-            f"damper between the {low} and the ground [N s/m]",
-            damper,
-            group,
-            "damper",
-        )
+        meaning = f"damper between the {low} and the ground [N s/m]"
+        drag = group.gain("damper", f"c{short}", meaning, damper, "damper")
         b.connect(rate, drag)
         b.term(forces, drag, -1, last=True)
     if stiffness > 0.0:
-        hold = b.gain(
-            f"{name}_spring",
-            f"k{short}",
-            f"spring between the {low} and the ground [N/m]",
-            stiffness,
-            group,
-            "spring",
-        )
+        meaning = f"spring between the {low} and the ground [N/m]"
+        hold = group.gain("spring", f"k{short}", meaning, stiffness, "spring")
         b.connect(motion, hold)
         b.term(forces, hold, -1, last=True)
     return _Mass(forces=forces, rate=rate, motion=motion, letter=letter)
@@ -159,36 +131,22 @@ def _drive_spring(
     damping: RayleighDamping,
     free: str,
     head: _Mass,
-    group: str,
+    group: GroupBuilder,
 ) -> str:
     """Add the spring of a drive between its free displacement and the input; return its force."""
-    stretch = b.add(
-        "drive_compression", "sum", "+", f"compression of drive {drive.name} [m]", group=group
-    )
+    stretch = group.sum("compression", f"compression of drive {drive.name} [m]")
     b.term(stretch, free, 1, f"w_{drive.name} [m]")
     b.term(stretch, head.motion, -1, "d [m]")
     words = "stiff spring in place of an imposed displacement" if spring.stands_in else "stiffness"
-    stiffness = b.gain(
-        "drive_spring",
-        "k_s",
-        f"{words} of drive {drive.name} [N/m]",
-        spring.stiffness,
-        group,
-        "spring",
-    )
+    meaning = f"{words} of drive {drive.name} [N/m]"
+    stiffness = group.gain("spring", "k_s", meaning, spring.stiffness, "spring")
     b.connect(stretch, stiffness)
     if spring.stands_in or damping.beta == 0.0:
         return stiffness
-    damper = b.gain(
-        "drive_damper",
-        "c_s",
-        f"damping of drive {drive.name} [N s/m]",
-        damping.beta * spring.stiffness,
-        group,
-        "damper",
-    )
+    meaning = f"damping of drive {drive.name} [N s/m]"
+    damper = group.gain("damper", "c_s", meaning, damping.beta * spring.stiffness, "damper")
     b.connect(head.rate, damper, "d' [m/s]")
-    force = b.add("drive_force", "sum", "+", f"force of drive {drive.name} [N]", group=group)
+    force = group.sum("force", f"force of drive {drive.name} [N]")
     b.term(force, stiffness, 1)
     b.term(force, damper, -1)
     return force
@@ -202,48 +160,29 @@ def _transmission(
     tail = _mass(
         b, "output", "Output", "p", chain.output_mass, damping.alpha * chain.output_mass, 0.0
     )
-    stretch = b.add(
-        "transmission_deformation", "sum", "+", "deformation of the transmission i d - p [m]",
-        group=group,
-    )  # fmt: skip
+    stretch = group.sum("deformation", "deformation of the transmission i d - p [m]")
     words = "ratio of the lever [1]"
-    lever = b.gain("transmission_motion_ratio", "i", words, chain.ratio, group, "geometry")
+    lever = group.gain("motion_ratio", "i", words, chain.ratio, "geometry")
     b.connect(head.motion, lever, "d [m]")
     b.term(stretch, lever, 1)
     b.term(stretch, tail.motion, -1, "p [m]")
-    force = b.gain(
-        "transmission_spring",
-        "k_t",
-        "stiffness of the transmission [N/m]",
-        chain.transmission_stiffness,
-        group,
-        "spring",
-    )
-    b.connect(stretch, force)
+    stiffness = chain.transmission_stiffness
+    meaning = "stiffness of the transmission [N/m]"
+    force = spring = group.gain("spring", "k_t", meaning, stiffness, "spring")
+    b.connect(stretch, spring)
     if damping.beta > 0.0:
-        rate = b.add(
-            "transmission_rate", "sum", "+", "rate of deformation i d' - p' [m/s]", group=group
-        )
-        speed = b.gain("transmission_rate_ratio", "i", words, chain.ratio, group, "geometry")
+        rate = group.sum("rate", "rate of deformation i d' - p' [m/s]")
+        speed = group.gain("rate_ratio", "i", words, chain.ratio, "geometry")
         b.connect(head.rate, speed, "d' [m/s]")
         b.term(rate, speed, 1)
         b.term(rate, tail.rate, -1, "p' [m/s]")
-        damper = b.gain(
-            "transmission_damper",
-            "c_t",
-            "damping of the transmission [N s/m]",
-            damping.beta * chain.transmission_stiffness,
-            group,
-            "damper",
-        )
+        meaning = "damping of the transmission [N s/m]"
+        damper = group.gain("damper", "c_t", meaning, damping.beta * stiffness, "damper")
         b.connect(rate, damper)
-        spring, force = (
-            force,
-            b.add("transmission_force", "sum", "+", "force of the transmission [N]", group=group),
-        )
+        force = group.sum("force", "force of the transmission [N]")
         b.term(force, spring, 1)
         b.term(force, damper, 1)
-    back = b.gain("transmission_back", "i", words, chain.ratio, group, "geometry")
+    back = group.gain("back", "i", words, chain.ratio, "geometry")
     b.connect(force, back, "f [N]")
     b.term(head.forces, back, -1, "i f [N]")
     b.term(tail.forces, force, 1, "f [N]")

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from flexstage.arrays import Array
-from flexstage.export.diagram.graph import DiagramBuilder
+from flexstage.export.diagram.graph import DiagramBuilder, GroupBuilder
 from flexstage.lumped import Mechanism
 from flexstage.lumped.rigid_bodies import SpringHinge
 from flexstage.system import RayleighDamping
@@ -64,36 +64,22 @@ def add_body(
     masses = np.concatenate(
         [(b.mass, b.mass, b.inertia) for b in (mechanism.bodies[i] for i in members)]
     )
-    described = {"group": group, "width": masses.size}
-    forces = builder.add(
-        f"{group}_forces", "sum", "+", f"forces on {words} [N, N, N m]", **described
-    )
-    inverse = builder.gain(
-        f"{group}_inverse_mass",
+    forces = group.sum("forces", f"forces on {words} [N, N, N m]", masses.size)
+    inverse = group.gain(
+        "inverse_mass",
         "M⁻¹",
         f"inverse masses and inertia of {words} [1/kg, 1/kg, 1/(kg m^2)]",
-        np.diag(1.0 / masses), group, "mass",
-    )  # fmt: skip
-    rate = builder.add(
-        f"{group}_rate", "integrator", "1/s", f"rates of {words} [m/s, m/s, rad/s]", **described
+        np.diag(1.0 / masses),
+        "mass",
     )
-    motion = builder.add(
-        f"{group}_motion",
-        "integrator",
-        "1/s",
-        f"displacement of the centre of mass and rotation of {words} [m, m, rad]",
-        **described,
-    )
+    rate = group.integrator("rate", f"rates of {words} [m/s, m/s, rad/s]", masses.size)
+    centre = f"displacement of the centre of mass and rotation of {words} [m, m, rad]"
+    motion = group.integrator("motion", centre, masses.size)
     builder.connect(forces, inverse, f"F_{first.name} [N, N, N m]{many}")
-    builder.connect(inverse, rate)
-    builder.connect(rate, motion)
+    builder.chain(inverse, rate, motion)
     if damping.alpha > 0.0:
-        drag = builder.gain(
-            f"{group}_damper",
-            "αM",
-            f"damping of {words} against the ground [N s/m, N s/m, N m s]",
-            np.diag(damping.alpha * masses), group, "damper",
-        )  # fmt: skip
+        meaning = f"damping of {words} against the ground [N s/m, N s/m, N m s]"
+        drag = group.gain("damper", "αM", meaning, np.diag(damping.alpha * masses), "damper")
         builder.connect(rate, drag)
         builder.term(forces, drag, -1, last=True)
     return BodyBlocks(
@@ -109,11 +95,6 @@ def point_of_body(mechanism: Mechanism, body: int, at: tuple[float, float]) -> A
     """Return the motion (x, y, rotation) of a point [m] for that of its body, shape (3, 3)."""
     cx, cy = mechanism.bodies[body].centre
     return np.array([[1.0, 0.0, -(at[1] - cy)], [0.0, 1.0, at[0] - cx], [0.0, 0.0, 1.0]])
-
-
-def per_second(label: str) -> str:
-    """Return the units of rates instead of those of motion."""
-    return label.replace("[m, m, rad]", "[m/s, m/s, rad/s]")
 
 
 def _hinge_end(mechanism: Mechanism, hinge: SpringHinge, body: int) -> Array:
@@ -176,64 +157,30 @@ def add_hinge(
         stands_for=tuple(mechanism.hinges[i].name for i in members[1:]),
     )
     stiffness = np.asarray(block_diag(*(mechanism.hinges[i].stiffness for i in members)))
-    spring = builder.gain(
-        f"{group}_spring",
-        "K",
-        f"stiffness of {words} [N/m, N, N m/rad]",
-        stiffness,
-        group,
-        "spring",
-    )
-    _add_law(builder, sides, spring, damping, group, words, f"_{first.name}")
-
-
-def _add_law(
-    builder: DiagramBuilder,
-    sides: list[tuple[BodyBlocks, int, Array]],
-    spring: str,
-    damping: RayleighDamping,
-    group: str,
-    words: str,
-    label: str,
-) -> None:
-    """Add what leads from the motion of bodies to a spring, and from it back as forces."""
+    meaning = f"stiffness of {words} [N/m, N, N m/rad]"
+    spring = group.gain("spring", "K", meaning, stiffness, "spring")
     from_motion = _add_difference(builder, sides, group, words, "motion")
-    builder.connect(from_motion, spring, f"e{label} [m, m, rad]")
+    builder.connect(from_motion, spring, f"e_{first.name} [m, m, rad]")
     force = spring
     if damping.beta > 0.0:
-        stiffness = builder.matrix(spring)
-        damper = builder.gain(
-            f"{group}_damper",
-            "βK",
-            f"damping of {words} [N s/m, N s, N m s/rad]",
-            damping.beta * stiffness, group, "damper",
-        )  # fmt: skip
-        from_rate = _add_difference(builder, sides, group, words, "rate")
-        builder.connect(from_rate, damper)
-        force = builder.add(
-            f"{group}_force",
-            "sum",
-            "+",
-            f"force of {words} [N, N, N m]",
-            group=group, width=stiffness.shape[0],
-        )  # fmt: skip
+        meaning = f"damping of {words} [N s/m, N s, N m s/rad]"
+        damper = group.gain("damper", "βK", meaning, damping.beta * stiffness, "damper")
+        builder.connect(_add_difference(builder, sides, group, words, "rate"), damper)
+        force = group.sum("force", f"force of {words} [N, N, N m]", stiffness.shape[0])
         builder.term(force, spring, 1)
         builder.term(force, damper, 1)
+    signal = f"f_{first.name} [N, N, N m]"
     for number, (end, sign, matrix) in enumerate(sides):
-        back = builder.gain(
-            f"{group}_to_{number + 1}",
-            "Bᵀ",
-            f"force of {words} on body {end.name} [N, N, N m]",
-            matrix.T.copy(), group, "geometry",
-        )  # fmt: skip
-        builder.connect(force, back, f"f{label} [N, N, N m]" if number == 0 else "")
-        builder.term(end.forces, back, -sign, f"f{label} [N, N, N m]")
+        meaning = f"force of {words} on body {end.name} [N, N, N m]"
+        back = group.gain(f"to_{number + 1}", "Bᵀ", meaning, matrix.T.copy(), "geometry")
+        builder.connect(force, back, signal if number == 0 else "")
+        builder.term(end.forces, back, -sign, signal)
 
 
 def _add_difference(
     builder: DiagramBuilder,
     sides: list[tuple[BodyBlocks, int, Array]],
-    group: str,
+    group: GroupBuilder,
     words: str,
     of: str,
 ) -> str:
@@ -242,27 +189,22 @@ def _add_difference(
     units = "[m, m, rad]" if of == "motion" else "[m/s, m/s, rad/s]"
     gains = []
     for number, (end, sign, matrix) in enumerate(sides):
-        gain = builder.gain(
-            f"{group}_{of}_{number + 1}",
-            "B",
-            f"part of body {end.name} in the {what} of {words} {units}",
-            matrix, group, "geometry",
-        )  # fmt: skip
-        source = end.motion if of == "motion" else end.rate
-        label = "q" if of == "motion" else "q'"
-        unit = end.label if of == "motion" else per_second(end.label)
-        builder.connect(source, gain, label + unit)
+        meaning = f"part of body {end.name} in the {what} of {words} {units}"
+        gain = group.gain(f"{of}_{number + 1}", "B", meaning, matrix, "geometry")
+        connect_end(builder, end, gain, of)
         gains.append((gain, sign))
     if len(gains) == 1:
         return gains[0][0]
-    total = builder.add(
-        f"{group}_{of}",
-        "sum",
-        "+",
-        f"{what} of {words} {units}",
-        group=group,
-        width=sides[0][2].shape[0],
-    )
+    total = group.sum(of, f"{what} of {words} {units}", sides[0][2].shape[0])
     for gain, sign in gains:
         builder.term(total, gain, sign)
     return total
+
+
+def connect_end(builder: DiagramBuilder, end: BodyBlocks, target: str, of: str) -> None:
+    """Lead the ``motion`` or the ``rate`` of a body to a block."""
+    if of == "motion":
+        builder.connect(end.motion, target, f"q{end.label}")
+    else:
+        label = end.label.replace("[m, m, rad]", "[m/s, m/s, rad/s]")
+        builder.connect(end.rate, target, f"q'{label}")

@@ -234,11 +234,11 @@ class DiagramBuilder:
         self._late: dict[str, list[tuple[str, int, str]]] = {}
         self._units: dict[str, str] = {}
 
-    def group(self, wanted: str, **described: Any) -> str:
-        """Add a group and return its name, changed where it is no identifier, or taken."""
+    def group(self, wanted: str, **described: Any) -> "GroupBuilder":
+        """Open a group; its name is changed where it is no identifier, or taken."""
         name = self._free(wanted)
         self._groups.append(BlockGroup(name=name, **described))
-        return name
+        return GroupBuilder(self, name)
 
     def add(self, wanted: str, kind: BlockKind, label: str, meaning: str, **described: Any) -> str:
         """Add a block and return its name, changed where it is no identifier, or taken.
@@ -251,26 +251,9 @@ class DiagramBuilder:
         self._blocks.append(Block(name=name, kind=kind, label=label, meaning=meaning, **described))
         return name
 
-    def gain(
-        self, wanted: str, label: str, meaning: str, matrix: ArrayLike, group: str, role: str = ""
-    ) -> str:
-        """Add a gain, whose matrix may be a number, and return its name."""
-        held = np.atleast_2d(np.asarray(matrix, dtype=np.float64))
-        width = held.shape[0]
-        return self.add(
-            wanted, "gain", label, meaning, group=group, width=width, matrix=held, role=role
-        )
-
     def connect(self, source: str, target: str, signal: str = "", *, port: int = 0) -> None:
         """Add a line from one block to an input of another."""
         self._lines.append(SignalLine(source=source, target=target, port=port, signal=signal))
-
-    def matrix(self, name: str) -> Array:
-        """Return the matrix of a gain."""
-        for block in self._blocks:
-            if block.name == name and block.matrix is not None:
-                return block.matrix
-        raise ModelError(f"there is no gain '{name}' yet")
 
     def chain(self, *names: str) -> str:
         """Connect blocks one behind the other and return the last."""
@@ -320,3 +303,31 @@ class DiagramBuilder:
             name = f"{base}_{count}"
         self._names.add(name)
         return name
+
+
+class GroupBuilder:
+    """Adds the blocks of one group: their names begin with its name."""
+
+    __slots__ = ("_builder", "name")
+
+    def __init__(self, builder: DiagramBuilder, name: str) -> None:
+        self._builder = builder
+        self.name = name
+
+    def add(self, what: str, kind: BlockKind, label: str, meaning: str, **described: Any) -> str:
+        """Add a block and return its name."""
+        wanted = f"{self.name}_{what}"
+        return self._builder.add(wanted, kind, label, meaning, group=self.name, **described)
+
+    def sum(self, what: str, meaning: str, width: int = 1) -> str:
+        """Add a sum, whose terms the builder takes, and return its name."""
+        return self.add(what, "sum", "+", meaning, width=width)
+
+    def integrator(self, what: str, meaning: str, width: int = 1) -> str:
+        """Add an integrator and return its name."""
+        return self.add(what, "integrator", "1/s", meaning, width=width)
+
+    def gain(self, what: str, label: str, meaning: str, matrix: ArrayLike, role: str = "") -> str:
+        """Add a gain, whose matrix may be a number, and return its name."""
+        held = np.atleast_2d(np.asarray(matrix, dtype=np.float64))
+        return self.add(what, "gain", label, meaning, width=held.shape[0], matrix=held, role=role)

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 from flexstage.export.diagram.graph import Block, BlockGroup, Diagram, SignalLine
 from flexstage.export.diagram.grid import route
-from flexstage.export.diagram.markup import SMALL, plain, text_width, wrapped
+from flexstage.export.diagram.markup import SMALL, plain
 from flexstage.export.diagram.placing import Layered, layered
 from flexstage.export.diagram.shapes import Cell, Net, Pin, Routed, Segment, block_cell
+from flexstage.export.svg import text_width, wrapped
 
 _PAD = 10.0
 _TITLE = 26.0

@@ -3,11 +3,11 @@
 import numpy as np
 
 from flexstage.export.diagram.graph import Block, Diagram, SignalKind
-from flexstage.export.diagram.markup import path, text, text_width, wrapped
+from flexstage.export.diagram.markup import BASE, plain, text
 from flexstage.export.diagram.page import PlacedBlock
 from flexstage.export.diagram.shapes import block_cell
 from flexstage.export.diagram.symbols import symbol
-from flexstage.export.svg_elements import attributes
+from flexstage.export.svg import element, moved, path, text_width, wrapped
 
 #: Colour, dashes and name of each kind of line.
 LINES: dict[SignalKind, tuple[str, str | None, str]] = {
@@ -42,7 +42,7 @@ def foot(diagram: Diagram, width: float, used: set[SignalKind]) -> tuple[str, fl
     for body, wide, high in columns:
         if x > 0.0 and x + wide > width:
             x, y, deep = 0.0, y + deep + 14.0, 0.0
-        out.append(f'<g transform="translate({x:.6g} {y:.6g})">{body}</g>')
+        out.append(moved(body, x, y))
         x += wide + _GAP
         deep = max(deep, high)
     y += deep + 16.0
@@ -50,7 +50,7 @@ def foot(diagram: Diagram, width: float, used: set[SignalKind]) -> tuple[str, fl
         out.append(text("Notes", 0.0, y + 12.0, size=13.0, font_weight="bold"))
         y += _HEAD
         for number, note in enumerate(diagram.notes, start=1):
-            for k, line in enumerate(wrapped(note, min(width, 1100.0) - 24.0)):
+            for k, line in enumerate(wrapped(note, min(width, 1100.0) - 24.0, BASE)):
                 if k == 0:
                     out.append(text(f"{number}", 4.0, y + 10.0))
                 out.append(text(line.replace("_", "_\u200b"), 24.0, y + 10.0))
@@ -98,7 +98,7 @@ def _symbols(diagram: Diagram) -> tuple[str, float, float]:
     entry("sensor" in kinds, "sensor", "", "sensor")
     out = [text("Symbols", 0.0, 12.0, size=13.0, font_weight="bold")]
     x, y, deepest = 0.0, _HEAD, 0.0
-    wide = 82.0 + max(text_width(words) for _, words in shown)
+    wide = 82.0 + max(text_width(words, BASE) for _, words in shown)
     for number, (block, words) in enumerate(shown):
         if number == -(-len(shown) // 2) and number > 2:
             x, y, deepest = wide + 20.0, _HEAD, y
@@ -127,15 +127,16 @@ def _lines(used: set[SignalKind]) -> tuple[str, float, float]:
     out.append(path([(0.0, y + 4.0), (44.0, y + 4.0)], stroke="#333333", stroke_width=1.2))
     out.append(text("one signal; thick: several", 54.0, y + 8.0))
     y += _ROW
-    out.append(f"<circle{attributes(cx=22.0, cy=y + 4.0, r=3.0, fill='#333333')}/>")
-    out.append(text("branch; lines that only cross do not meet", 54.0, y + 8.0))
-    return "".join(out), 54.0 + text_width("branch; lines that only cross do not meet"), y + _ROW
+    out.append(element("circle", cx=22.0, cy=y + 4.0, r=3.0, fill="#333333"))
+    last = "branch; lines that only cross do not meet"
+    out.append(text(last, 54.0, y + 8.0))
+    return "".join(out), 54.0 + text_width(last, BASE), y + _ROW
 
 
 def _table(title: str, rows: list[tuple[str, ...]]) -> tuple[str, float, float]:
     """Return a table whose first row is its head."""
     count = len(rows[0])
-    wide = [max(text_width(r[k].replace("_", "")) for r in rows) + 16.0 for k in range(count)]
+    wide = [max(text_width(plain(r[k]), BASE) for r in rows) + 16.0 for k in range(count)]
     out = [text(title, 0.0, 12.0, size=13.0, font_weight="bold")]
     y = _HEAD + 12.0
     for number, row in enumerate(rows):

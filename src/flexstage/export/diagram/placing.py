@@ -35,7 +35,7 @@ def layered(blocks: tuple[Block, ...], lines: tuple[SignalLine, ...]) -> Layered
     for line in lines:
         if line.target not in after[line.source]:
             after[line.source].append(line.target)
-    back = _backward(names, after)
+    back = backward_lines(names, after)
     by_name = {b.name: b for b in blocks}
     # a gain from which a line leads back is a feedback: it is drawn below, from right to left
     flipped = {s for s, _ in back if by_name[s].kind == "gain"}
@@ -64,8 +64,8 @@ def layered(blocks: tuple[Block, ...], lines: tuple[SignalLine, ...]) -> Layered
     return Layered(places=places, flipped=flipped)
 
 
-def _backward(names: list[str], after: dict[str, list[str]]) -> set[tuple[str, str]]:
-    """Lines that close a loop, in a walk along the lines from the first block on."""
+def backward_lines(names: Iterable[str], after: Mapping[str, list[str]]) -> set[tuple[str, str]]:
+    """Return the lines that close a loop, in a walk along the lines from the first block on."""
     done: set[str] = set()
     back: set[tuple[str, str]] = set()
     for start in names:
@@ -88,13 +88,23 @@ def _backward(names: list[str], after: dict[str, list[str]]) -> set[tuple[str, s
     return back
 
 
-def _columns(forward: dict[str, list[str]]) -> dict[str, int]:
-    """Column of each block: as far left as its sources allow, then near to what it feeds."""
-    column = dict.fromkeys(forward, 0)
-    for _ in forward:
+def longest_ways(forward: Mapping[str, list[str]]) -> dict[str, int]:
+    """Return how many lines lie before each block, on the longest way; lines form no loop."""
+    found = dict.fromkeys(forward, 0)
+    changed = True
+    while changed:
+        changed = False
         for name, targets in forward.items():
             for target in targets:
-                column[target] = max(column[target], column[name] + 1)
+                if found[target] <= found[name]:
+                    found[target] = found[name] + 1
+                    changed = True
+    return found
+
+
+def _columns(forward: dict[str, list[str]]) -> dict[str, int]:
+    """Column of each block: as far left as its sources allow, then near to what it feeds."""
+    column = longest_ways(forward)
     for _ in forward:
         for name, targets in forward.items():
             if targets:

@@ -1,13 +1,15 @@
 """Drives and probes of a structural diagram: what acts and reads along a line."""
 
 import math
+from typing import Literal
 
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.export.diagram.body_blocks import BodyBlocks, per_second, point_of_body
-from flexstage.export.diagram.graph import DiagramBuilder
+from flexstage.export.diagram.body_blocks import BodyBlocks, connect_end, point_of_body
+from flexstage.export.diagram.graph import DiagramBuilder, GroupBuilder
 from flexstage.export.diagram.springs import DriveSpring
+from flexstage.hysteresis import Amplifier, Creep, HysteresisModel
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.lumped import Mechanism, Sight
 from flexstage.system import RayleighDamping, modes
@@ -42,7 +44,7 @@ def add_drive(
     spring: DriveSpring,
     damping: RayleighDamping,
     free: str,
-    group: str,
+    group: GroupBuilder,
 ) -> None:
     """Add the spring between the free displacement and the bodies, and its force on them.
 
@@ -53,12 +55,8 @@ def add_drive(
     if spring.stiffness > 0.0:
         force = _add_drive_spring(builder, sight, sides, spring, damping, free, group)
     for number, (end, sign, row) in enumerate(sides):
-        back = builder.gain(
-            f"{group}_to_{number + 1}",
-            "rᵀ",
-            f"force of drive {sight.name} on body {end.name} [N, N, N m]",
-            row.T.copy(), group, "geometry",
-        )  # fmt: skip
+        meaning = f"force of drive {sight.name} on body {end.name} [N, N, N m]"
+        back = group.gain(f"to_{number + 1}", "rᵀ", meaning, row.T.copy(), "geometry")
         builder.connect(force, back, f"F_{sight.name} [N]" if number == 0 else "")
         builder.term(end.forces, back, sign, f"f_{sight.name} [N, N, N m]")
 
@@ -70,68 +68,50 @@ def _add_drive_spring(
     spring: DriveSpring,
     damping: RayleighDamping,
     free: str,
-    group: str,
+    group: GroupBuilder,
 ) -> str:
-    stretch = builder.add(
-        f"{group}_compression",
-        "sum",
-        "+",
-        f"free displacement less elongation of drive {sight.name} [m]",
-        group=group,
-    )
-    builder.term(stretch, free, 1, f"w_{sight.name} [m]")
-    for number, (end, sign, row) in enumerate(sides):
-        gain = _add_row(builder, sight.name, end, row, group, f"motion_{number + 1}")
-        builder.connect(end.motion, gain, "q" + end.label)
+    name = sight.name
+    stretch = group.sum("compression", f"free displacement less elongation of drive {name} [m]")
+    builder.term(stretch, free, 1, f"w_{name} [m]")
+    for gain, sign in _add_rows(builder, name, sides, group, "motion"):
         builder.term(stretch, gain, -sign)
     stands_in = ", which stands in for an imposed displacement" if spring.stands_in else ""
-    stiffness = builder.gain(
-        f"{group}_spring",
-        "k",
-        f"stiffness of drive {sight.name} [N/m]{stands_in}",
-        spring.stiffness, group, "spring",
-    )  # fmt: skip
+    meaning = f"stiffness of drive {name} [N/m]{stands_in}"
+    stiffness = group.gain("spring", "k", meaning, spring.stiffness, "spring")
     builder.connect(stretch, stiffness)
     if damping.beta == 0.0 or spring.stands_in:
         return stiffness
-    force = builder.add(
-        f"{group}_force", "sum", "+", f"force of drive {sight.name} [N]", group=group
-    )
+    force = group.sum("force", f"force of drive {name} [N]")
     builder.term(force, stiffness, 1)
-    damper = builder.gain(
-        f"{group}_damper",
-        "βk",
-        f"damping of drive {sight.name} [N s/m]",
-        damping.beta * spring.stiffness, group, "damper",
-    )  # fmt: skip
-    rates = [
-        (_add_row(builder, sight.name, end, row, group, f"rate_{number + 1}"), end, sign)
-        for number, (end, sign, row) in enumerate(sides)
-    ]
-    for gain, end, _ in rates:
-        builder.connect(end.rate, gain, "q'" + per_second(end.label))
+    meaning = f"damping of drive {name} [N s/m]"
+    damper = group.gain("damper", "βk", meaning, damping.beta * spring.stiffness, "damper")
+    rates = _add_rows(builder, name, sides, group, "rate")
     if len(rates) == 1:
         builder.connect(rates[0][0], damper)
     else:
-        total = builder.add(
-            f"{group}_rate",
-            "sum",
-            "+",
-            f"rate of elongation of drive {sight.name} [m/s]",
-            group=group,
-        )
-        for gain, _, sign in rates:
+        total = group.sum("rate", f"rate of elongation of drive {name} [m/s]")
+        for gain, sign in rates:
             builder.term(total, gain, sign)
         builder.connect(total, damper)
     builder.term(force, damper, -1)
     return force
 
 
-def _add_row(
-    builder: DiagramBuilder, sight: str, end: BodyBlocks, row: Array, group: str, what: str
-) -> str:
-    meaning = f"part of body {end.name} in the length of {sight} [m or m/s]"
-    return builder.gain(f"{group}_{what}", "r", meaning, row, group, "geometry")
+def _add_rows(
+    builder: DiagramBuilder,
+    sight: str,
+    sides: list[tuple[BodyBlocks, int, Array]],
+    group: GroupBuilder,
+    of: str,
+) -> list[tuple[str, int]]:
+    """Add what each body's ``motion`` or ``rate`` is in the length of a line, with its sign."""
+    gains = []
+    for number, (end, sign, row) in enumerate(sides):
+        meaning = f"part of body {end.name} in the length of {sight} [m or m/s]"
+        gain = group.gain(f"{of}_{number + 1}", "r", meaning, row, "geometry")
+        connect_end(builder, end, gain, of)
+        gains.append((gain, sign))
+    return gains
 
 
 def add_reading(
@@ -139,20 +119,14 @@ def add_reading(
     mechanism: Mechanism,
     sight: Sight,
     bodies: dict[int, BodyBlocks],
-    group: str,
+    group: GroupBuilder,
 ) -> str:
     """Add what a probe reads of the bodies; return its block, empty where no free body is read."""
     sides = _line_of_sight(mechanism, sight, bodies)
-    gains = []
-    for number, (end, sign, row) in enumerate(sides):
-        gain = _add_row(builder, f"probe {sight.name}", end, row, group, f"motion_{number + 1}")
-        builder.connect(end.motion, gain, "q" + end.label)
-        gains.append((gain, sign))
+    gains = _add_rows(builder, f"probe {sight.name}", sides, group, "motion")
     if len(gains) < 2:
         return gains[0][0] if gains else ""
-    total = builder.add(
-        f"{group}_distance", "sum", "+", f"distance that probe {sight.name} reads [m]", group=group
-    )
+    total = group.sum("distance", f"distance that probe {sight.name} reads [m]")
     for gain, sign in gains:
         builder.term(total, gain, sign)
     return total
@@ -176,94 +150,61 @@ def output_scale(model: DynamicModel, drive: ModelDrive) -> float:
 
 
 def add_drive_chain(
-    builder: DiagramBuilder, model: DynamicModel, drive: ModelDrive, group: str
+    builder: DiagramBuilder, model: DynamicModel, drive: ModelDrive, group: GroupBuilder
 ) -> str:
     """Add what lies before the spring of a drive; return what gives w [m], or the force [N]."""
     what = "force" if drive.stiffness == 0.0 else "free displacement"
     unit = "N" if drive.stiffness == 0.0 else "m"
     words = f"{what} of drive {drive.name} [{unit}]"
-    at = builder.add(
-        f"{group}_command",
-        "input",
-        f"u_{drive.name}",
-        f"command of drive {drive.name} [{drive.unit}]",
-        group=group,
-        role="drive",
-        unit=drive.unit,
-    )
     signal = f"u_{drive.name} [{drive.unit}]"
+    meaning = f"command of drive {drive.name} [{drive.unit}]"
+    at = group.add("command", "input", f"u_{drive.name}", meaning, role="drive", unit=drive.unit)
     if drive.amplifier is not None:
-        block = builder.add(
-            f"{group}_amplifier",
-            "amplifier",
-            "amplifier",
-            f"amplifier of drive {drive.name}, {drive.amplifier.bandwidth_hz:.4g} Hz [V]",
-            group=group,
-            model=drive.amplifier,
-            role="drive",
-        )
+        bandwidth = drive.amplifier.bandwidth_hz
+        meaning = f"amplifier of drive {drive.name}, {bandwidth:.4g} Hz [V]"
+        block = _add_model(group, "amplifier", meaning, drive.amplifier)
         builder.connect(at, block, signal)
         at, signal = block, f"v_{drive.name} [V]"
     if drive.hysteresis is not None:
-        block = builder.add(
-            f"{group}_hysteresis",
-            "hysteresis",
-            "hysteresis",
-            f"hysteresis ({drive.hysteresis.kind}) from voltage [V] to {words}",
-            group=group,
-            model=drive.hysteresis,
-            role="drive",
-        )
+        meaning = f"hysteresis ({drive.hysteresis.kind}) from voltage [V] to {words}"
+        block = _add_model(group, "hysteresis", meaning, drive.hysteresis)
         builder.connect(at, block, signal)
-        at, signal = block, ""
-        scale = output_scale(model, drive)
+        at, scale = block, output_scale(model, drive)
         if scale != 1.0:
             meaning = f"{words} over what was identified"
-            at = builder.chain(
-                at, builder.gain(f"{group}_scale", "c", meaning, scale, group, "drive")
-            )
+            at = builder.chain(at, group.gain("scale", "c", meaning, scale, "drive"))
     elif drive.gain != 1.0 or drive.unit != unit:
         meaning = f"{what} over command of drive {drive.name} [{unit}/{drive.unit}]"
-        block = builder.gain(f"{group}_gain", "c", meaning, drive.gain, group, "drive")
+        block = group.gain("gain", "c", meaning, drive.gain, "drive")
         builder.connect(at, block, signal)
-        at, signal = block, ""
+        at = block
     if drive.creep is not None:
-        block = builder.add(
-            f"{group}_creep",
-            "creep",
-            "creep",
-            f"creep of the {words}, {100.0 * drive.creep.rate_per_decade:.3g} % a decade",
-            group=group,
-            model=drive.creep,
-            role="drive",
-        )
-        at = builder.chain(at, block)
+        percent = 100.0 * drive.creep.rate_per_decade
+        meaning = f"creep of the {words}, {percent:.3g} % a decade"
+        at = builder.chain(at, _add_model(group, "creep", meaning, drive.creep))
     return at
 
 
+def _add_model(
+    group: GroupBuilder,
+    kind: Literal["amplifier", "hysteresis", "creep"],
+    meaning: str,
+    model: Amplifier | HysteresisModel | Creep,
+) -> str:
+    return group.add(kind, kind, kind, meaning, model=model, role="drive")
+
+
 def add_probe_chain(
-    builder: DiagramBuilder, probe: ModelProbe, source: str, group: str, signal: str = ""
+    builder: DiagramBuilder, probe: ModelProbe, source: str, group: GroupBuilder, signal: str = ""
 ) -> str:
     """Add what lies behind the true motion [m] at a probe: its sensor, and the output, returned."""
     at = source
     if probe.sensor is not None:
-        block = builder.add(
-            f"{group}_sensor",
-            "sensor",
-            "sensor",
-            f"sensor of probe {probe.name}, without its noise [{probe.unit}]",
-            group=group,
-            model=probe.sensor,
-        )
+        meaning = f"sensor of probe {probe.name}, without its noise [{probe.unit}]"
+        block = group.add("sensor", "sensor", "sensor", meaning, model=probe.sensor)
         builder.connect(at, block, signal)
         at, signal = block, ""
-    out = builder.add(
-        f"{group}_reading",
-        "output",
-        f"y_{probe.name}",
-        f"reading of probe {probe.name} [{probe.unit}]",
-        group=group,
-        unit=probe.unit,
-    )
+    meaning = f"reading of probe {probe.name} [{probe.unit}]"
+    out = group.add("reading", "output", f"y_{probe.name}", meaning, unit=probe.unit)
     builder.connect(at, out, signal or f"y_{probe.name} [{probe.unit}]")
     return out

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from flexstage.export.diagram.graph import Block
-from flexstage.export.diagram.markup import BASE, SMALL, plain, text_width
+from flexstage.export.diagram.markup import BASE, SMALL, plain
+from flexstage.export.svg import text_width
 
 Point = tuple[float, float]
 Segment = tuple[Point, Point]

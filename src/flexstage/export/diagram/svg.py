@@ -1,17 +1,15 @@
 """A diagram as a drawing that stands by itself: SVG; those of a stage as files."""
 
-from xml.sax.saxutils import escape
-
 import flexstage
 from flexstage.export.diagram.graph import Diagram, SignalKind, signal_kinds
 from flexstage.export.diagram.legend import LINES, foot
-from flexstage.export.diagram.markup import SMALL, path, text, wrapped
+from flexstage.export.diagram.markup import SMALL, text
 from flexstage.export.diagram.page import Frame, PageLayout, PlacedBlock, PlacedLine, layout
 from flexstage.export.diagram.shapes import branches
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.symbols import inset, symbol
 from flexstage.export.request import ExportRequest
-from flexstage.export.svg_elements import attributes
+from flexstage.export.svg import document, element, moved, number, path, wrapped
 from flexstage.files.names import file_names
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.stage import Stage
@@ -50,9 +48,9 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
     left = 0.5 * (inner - where.width)
     out = [text(line, 0.0, 18.0 + 24.0 * k, size=18.0, font_weight="bold")
            for k, line in enumerate(titles)]  # fmt: skip
-    out.append(f'<g transform="translate({left:.6g} {head:.6g})">{_drawing(where, diagram)}</g>')
+    out.append(moved(_drawing(where, diagram), left, head))
     under = head + where.height + 24.0
-    out.append(f'<g transform="translate(0 {under:.6g})">{below}</g>')
+    out.append(moved(below, 0.0, under))
     foot_y = under + deep + 22.0
     out.append(
         text(
@@ -61,22 +59,14 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
         )
     )  # fmt: skip
     width, height = inner + 2.0 * _MARGIN, foot_y + 8.0 + 2.0 * _MARGIN
-    root = attributes(
-        xmlns="http://www.w3.org/2000/svg",
-        width=round(width),
-        height=round(height),
-        viewBox=f"0 0 {round(width)} {round(height)}",
+    return document(
+        round(width),
+        round(height),
+        [moved("\n".join(out), _MARGIN, _MARGIN)],
+        title=diagram.title,
         role="img",
-        font_family="Arial, Helvetica, Liberation Sans, sans-serif",
         fill="#1a1a1a",
     )
-    body = "\n".join(out)
-    return (
-        f'<?xml version="1.0" encoding="UTF-8"?>\n<svg{root}>\n'
-        f"<title>{escape(diagram.title)}</title>\n"
-        f'<rect width="100%" height="100%" fill="#ffffff"/>\n'
-        f'<g transform="translate({_MARGIN:g} {_MARGIN:g})">\n{body}\n</g>\n</svg>\n'
-    ).encode()
 
 
 def diagram_files(
@@ -124,7 +114,8 @@ def _frame(frame: Frame) -> str:
     if not frame.group.title:
         return ""
     out = [
-        f"<rect{attributes(x=frame.x, y=frame.y, width=frame.width, height=frame.height, rx=6, fill=fill, stroke=edge, stroke_width=1.1)}/>",  # noqa: E501
+        element("rect", x=frame.x, y=frame.y, width=frame.width, height=frame.height, rx=6,
+                fill=fill, stroke=edge, stroke_width=1.1),
         text(frame.group.title.replace("_", "\u2009"), frame.x + 10.0, frame.y + 18.0, size=13.0,
              font_weight="bold", fill=edge),
     ]  # fmt: skip
@@ -139,18 +130,15 @@ def _frame(frame: Frame) -> str:
 def _wire(wire: PlacedLine, kind: SignalKind, wide: bool) -> str:
     colour, dashes, _ = LINES[kind]
     d = "".join(
-        f"M{round(x1, 2):g} {round(y1, 2):g}L{round(x2, 2):g} {round(y2, 2):g}"
+        f"M{number(x1)} {number(y1)}L{number(x2)} {number(y2)}"
         for (x1, y1), (x2, y2) in wire.segments
     )
-    style = attributes(
-        d=d, stroke=colour, stroke_width=1.9 if wide else 1.2, stroke_dasharray=dashes,
+    line = element(
+        "path", d=d, stroke=colour, stroke_width=1.9 if wide else 1.2, stroke_dasharray=dashes,
         stroke_linecap="square" if dashes is None else None, fill="none",
     )  # fmt: skip
-    dots = "".join(
-        f"<circle{attributes(cx=round(x, 2), cy=round(y, 2), r=2.8, fill=colour)}/>"
-        for x, y in branches(wire.segments)
-    )
-    return f"<path{style}/>{dots}"
+    dots = (element("circle", cx=x, cy=y, r=2.8, fill=colour) for x, y in branches(wire.segments))
+    return line + "".join(dots)
 
 
 def _arrow(placed: PlacedBlock, port: int, kind: SignalKind) -> str:

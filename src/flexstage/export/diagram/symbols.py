@@ -1,13 +1,14 @@
 """Symbols of blocks: circles that add, boxes that integrate, springs, dampers, loops."""
 
 import math
-from xml.sax.saxutils import escape
+from html import escape
+from typing import Any
 
 from flexstage.export.diagram.graph import Block
-from flexstage.export.diagram.markup import SMALL, path, text
+from flexstage.export.diagram.markup import SMALL, text
 from flexstage.export.diagram.page import PlacedBlock
 from flexstage.export.diagram.shapes import SUM_RADIUS, shape_width
-from flexstage.export.svg_elements import attributes
+from flexstage.export.svg import element, path
 
 Colour = str
 Point = tuple[float, float]
@@ -28,7 +29,7 @@ def symbol(placed: PlacedBlock) -> str:
     width = shape_width(block)
     x = placed.x + 0.5 * (placed.cell.width - width)
     edge, fill = COLOURS.get(block.role, COLOURS[""])
-    parts = [f"<title>{escape(block.meaning)}</title>"]
+    parts = [element("title", escape(block.meaning))]
     parts += _stubs(placed, x, width)
     top, height = placed.y, 2.0 * placed.cell.axis
     style = {"fill": fill, "stroke": edge, "stroke_width": 1.4}
@@ -49,7 +50,7 @@ def symbol(placed: PlacedBlock) -> str:
             parts.append(
                 text(block.label, x + 0.5 * width, top + height + 12.0, size=SMALL, anchor="middle")
             )
-    return f"<g>{''.join(parts)}</g>"
+    return element("g", "".join(parts))
 
 
 def _stubs(placed: PlacedBlock, x: float, width: float) -> list[str]:
@@ -65,12 +66,12 @@ def _stubs(placed: PlacedBlock, x: float, width: float) -> list[str]:
 
 
 def _box(
-    x: float, y: float, width: float, height: float, radius: float, style: dict[str, object]
+    x: float, y: float, width: float, height: float, radius: float, style: dict[str, Any]
 ) -> str:
-    return f"<rect{attributes(x=x, y=y, width=width, height=height, rx=radius or None, **style)}/>"
+    return element("rect", x=x, y=y, width=width, height=height, rx=radius or None, **style)
 
 
-def _sum(placed: PlacedBlock, x: float, style: dict[str, object]) -> list[str]:
+def _sum(placed: PlacedBlock, x: float, style: dict[str, Any]) -> list[str]:
     block, cell = placed.block, placed.cell
     out = [_box(x, placed.y, 2.0 * SUM_RADIUS, cell.height, SUM_RADIUS, style)]
     for k, sign in enumerate(block.signs):
@@ -104,7 +105,7 @@ def inset(placed: PlacedBlock, port: int) -> float:
 
 
 def _integrator(
-    x: float, y: float, width: float, height: float, style: dict[str, object]
+    x: float, y: float, width: float, height: float, style: dict[str, Any]
 ) -> list[str]:
     middle = x + 0.5 * width
     return [
@@ -116,7 +117,7 @@ def _integrator(
     ]  # fmt: skip
 
 
-def _gain(placed: PlacedBlock, x: float, width: float, style: dict[str, object]) -> list[str]:
+def _gain(placed: PlacedBlock, x: float, width: float, style: dict[str, Any]) -> list[str]:
     block, y, height = placed.block, placed.y, placed.cell.height
     middle = y + 0.5 * height
     if block.role in ("spring", "damper"):
@@ -161,7 +162,7 @@ def _damper(x: float, y: float, colour: str) -> str:
 
 
 def _model(
-    block: Block, x: float, y: float, width: float, height: float, style: dict[str, object]
+    block: Block, x: float, y: float, width: float, height: float, style: dict[str, Any]
 ) -> list[str]:
     middle_x, middle_y = x + 0.5 * width, y + 0.5 * height
     line = {"fill": "none", "stroke": style["stroke"], "stroke_width": 1.5}
@@ -186,7 +187,7 @@ def _model(
         ]
         out.append(path([(x + 8.0, middle_y + half), *curve], **line))
     else:
-        out.append(f"<circle{attributes(cx=middle_x, cy=middle_y + 5.0, r=half, **line)}/>")
+        out.append(element("circle", cx=middle_x, cy=middle_y + 5.0, r=half, **line))
         out.append(path([(middle_x, middle_y + 5.0), (middle_x + 8.0, middle_y - 5.0)], **line))
     return out
 

@@ -1,11 +1,11 @@
-"""A sheet of paper for lines, arcs, words and dimensions, written as SVG in millimetres."""
+"""A sheet of paper for lines, arcs, words and dimensions, in millimetres."""
 
 import math
 from collections.abc import Callable, Iterable
 from html import escape
 from typing import Literal, NamedTuple
 
-from flexstage.export.svg_elements import LetterWidths, attributes
+from flexstage.export.svg import document, element, number, text_width
 from flexstage.stage import Loop
 
 Pair = tuple[float, float]
@@ -13,17 +13,10 @@ Pair = tuple[float, float]
 THICK, MEDIUM, THIN = 0.5, 0.25, 0.18
 #: Height of the box of a line of text, in font sizes; and how far it reaches below the baseline.
 _RISE, _FALL = 0.78, 0.24
-_WIDTHS = LetterWidths(
-    narrow_letters=frozenset("iljtfrI.,:;'|!()[]/ -"),
-    wide_letters=frozenset("mwMW%@"),
-    narrow=0.42,
-    wide=1.0,
-    digit=0.65,
-    other=0.72,
-)
 _PAST = 1.5  # how far an extension line goes on past the dimension line [mm]
-_OFF = 0.8  # gap between the part and an extension line [mm]
+_OFF = 0.8  # gap between the part and an extension line, and between a line and its number [mm]
 _TAIL = 5.0  # tail of an arrow that stands outside [mm]
+_BETWEEN = 6.0  # a dimension shorter than this has its arrows outside [mm]
 
 
 class Box(NamedTuple):
@@ -48,17 +41,6 @@ class Box(NamedTuple):
         )
 
 
-def text_width(text: str, size: float) -> float:
-    """Return about how wide a line of text is in a sans-serif face [mm], rather too much.
-
-    Examples
-    --------
-    >>> round(text_width("R1.5", 2.8), 2)
-    6.83
-    """
-    return _WIDTHS.of(text, size)
-
-
 class Canvas:
     """Collects the elements of a drawing; y points down, lengths in millimetres."""
 
@@ -72,17 +54,16 @@ class Canvas:
     ) -> None:
         """Draw a straight line; `dash` has lengths of dashes and gaps [mm], spaces between."""
         (x1, y1), (x2, y2) = a, b
-        ends = attributes(x1=_n(x1), y1=_n(y1), x2=_n(x2), y2=_n(y2))
-        style = attributes(stroke=colour, stroke_width=str(width), stroke_dasharray=dash or None)
-        self._parts.append(f"<line{ends}{style}/>")
+        style = {"stroke": colour, "stroke_width": width, "stroke_dasharray": dash or None}
+        self._parts.append(element("line", x1=x1, y1=y1, x2=x2, y2=y2, **style))
 
     def circle(
         self, centre: Pair, radius: float, width: float = THIN, *, fill: str = "none"
     ) -> None:
         """Draw a circle."""
-        place = attributes(cx=_n(centre[0]), cy=_n(centre[1]), r=_n(radius))
-        style = attributes(fill=fill, stroke="#000", stroke_width=str(width))
-        self._parts.append(f"<circle{place}{style}/>")
+        x, y = centre
+        style = {"fill": fill, "stroke": "#000", "stroke_width": width}
+        self._parts.append(element("circle", cx=x, cy=y, r=radius, **style))
 
     def loops(
         self,
@@ -97,15 +78,17 @@ class Canvas:
         A loop comes with whether it is closed: of an open one the last segment is left out. It has
         y upwards, and `place` maps it to the sheet, which turns y over. A width of 0 draws no edge.
         """
-        d = " ".join(_path(loop, place, closed) for loop, closed in loops)
-        style = attributes(
-            fill=fill,
-            fill_rule="evenodd",
-            stroke="#000" if width else "none",
-            stroke_width=str(width) if width else None,
-            stroke_linejoin="round",
+        self._parts.append(
+            element(
+                "path",
+                d=" ".join(_path(loop, place, closed) for loop, closed in loops),
+                fill=fill,
+                fill_rule="evenodd",
+                stroke="#000" if width else "none",
+                stroke_width=width or None,
+                stroke_linejoin="round",
+            )
         )
-        self._parts.append(f"<path{attributes(d=d)}{style}/>")
 
     def arrow(self, tip: Pair, towards: Pair, *, size: float = 2.0, colour: str = "#000") -> None:
         """Draw the head of an arrow, which points along a direction of any length."""
@@ -114,8 +97,8 @@ class Canvas:
         back = (tip[0] - size * ux, tip[1] - size * uy)
         w = size / 6.0
         points = (tip, (back[0] - w * uy, back[1] + w * ux), (back[0] + w * uy, back[1] - w * ux))
-        text = " ".join(f"{_n(x)},{_n(y)}" for x, y in points)
-        self._parts.append(f"<polygon{attributes(points=text, fill=colour)}/>")
+        text = " ".join(f"{number(x)},{number(y)}" for x, y in points)
+        self._parts.append(element("polygon", points=text, fill=colour))
 
     def text(
         self,
@@ -137,15 +120,20 @@ class Canvas:
         if not text:
             return box
         self.boxes.append(box)
-        x, y = _n(at[0]), _n(at[1])
-        style = attributes(
-            font_size=_n(size),
-            text_anchor=anchor,
-            font_weight="bold" if bold else None,
-            fill=None if colour == "#000" else colour,
-            transform=f"rotate(-90 {x} {y})" if upright else None,
+        x, y = at
+        self._parts.append(
+            element(
+                "text",
+                escape(text),
+                x=x,
+                y=y,
+                font_size=size,
+                text_anchor=anchor,
+                font_weight="bold" if bold else None,
+                fill=None if colour == "#000" else colour,
+                transform=f"rotate(-90 {number(x)} {number(y)})" if upright else None,
+            )
         )
-        self._parts.append(f"<text{attributes(x=x, y=y)}{style}>{escape(text)}</text>")
         return box
 
     def text_box(
@@ -161,79 +149,59 @@ class Canvas:
 
     def svg(self, title: str, description: str) -> bytes:
         """Return the drawing."""
-        w, h = _n(self.width), _n(self.height)
-        head = (
-            '<?xml version="1.0" encoding="UTF-8"?>\n'
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{w}mm" height="{h}mm" '
-            f'viewBox="0 0 {w} {h}" font-family="Liberation Sans, Arial, Helvetica, sans-serif">\n'
-            f"<title>{escape(title)}</title>\n<desc>{escape(description)}</desc>\n"
-            f'<rect width="{w}" height="{h}" fill="#fff"/>\n'
+        return document(
+            self.width, self.height, self._parts, title=title, description=description, unit="mm"
         )
-        return (head + "\n".join(self._parts) + "\n</svg>\n").encode()
-
-
-def _n(value: float) -> str:
-    """Write a length to a tenth of a micrometre of paper."""
-    text = f"{value:.4f}".rstrip("0").rstrip(".")
-    return "0" if text == "-0" else text
 
 
 def _path(loop: Loop, place: Callable[[Pair], Pair], closed: bool) -> str:
+    def point(p: Pair) -> str:
+        return " ".join(map(number, place(p)))
+
     segments = loop.segments()
-    x, y = place(segments[0][0])
-    parts = [f"M{_n(x)} {_n(y)}"]
-    for first, last, bulge in segments if closed else segments[:-1]:
-        start, end = place(first), place(last)
+    parts = [f"M{point(segments[0][0])}"]
+    for start, end, bulge in segments if closed else segments[:-1]:
         if bulge:
-            radius = math.dist(start, end) * (1.0 + bulge**2) / (4.0 * abs(bulge))
+            chord = math.dist(place(start), place(end))
+            radius = number(chord * (1.0 + bulge**2) / (4.0 * abs(bulge)))
             # what turns left with y upwards turns right with y downwards
             large, sweep = int(abs(bulge) > 1.0), int(bulge < 0.0)
-            parts.append(f"A{_n(radius)} {_n(radius)} 0 {large} {sweep} {_n(end[0])} {_n(end[1])}")
+            parts.append(f"A{radius} {radius} 0 {large} {sweep} {point(end)}")
         else:
-            parts.append(f"L{_n(end[0])} {_n(end[1])}")
+            parts.append(f"L{point(end)}")
     return " ".join(parts) + ("Z" if closed else "")
 
 
-def horizontal(canvas: Canvas, a: Pair, b: Pair, y: float, text: str, size: float = 2.8) -> None:
-    """Draw the distance of two points along x, a on the left, with its line at y [mm]."""
-    for x, from_y in (a, b):
-        sign = 1.0 if y > from_y else -1.0
-        canvas.line((x, from_y + _OFF * sign), (x, y + _PAST * sign))
+def dimension(
+    canvas: Canvas, a: Pair, b: Pair, at: float, text: str, *, upright: bool = False
+) -> None:
+    """Draw the distance of two points along x, with its line at a height of the sheet [mm].
+
+    Upright it is that along y, with its line so far from the left edge [mm].
+    """
+    size = 2.8
+
+    def place(along: float, across: float) -> Pair:
+        # an upright one is read from the right
+        return (across, -along) if upright else (along, across)
+
+    ends = sorted((-y, x) if upright else (x, y) for x, y in (a, b))
+    for along, across in ends:
+        if across != at:
+            sign = math.copysign(1.0, at - across)
+            canvas.line(place(along, across + _OFF * sign), place(along, at + _PAST * sign))
+    first, last = (along for along, _ in ends)
     width = text_width(text, size)
-    if b[0] - a[0] >= width + 1.0:
-        canvas.text((0.5 * (a[0] + b[0]), y - 0.8), text, size, anchor="middle")
-        _arrows(canvas, (a[0], y), (b[0], y), outside=b[0] - a[0] < 6.0)
+    if last - first >= width + 1.0:
+        middle = place(0.5 * (first + last), at - _OFF)
+        canvas.text(middle, text, size, anchor="middle", upright=upright)
+        outside = last - first < _BETWEEN
     else:
-        _arrows(canvas, (a[0], y), (b[0], y), outside=True)
-        canvas.line((b[0] + _TAIL, y), (b[0] + _TAIL + width, y))
-        canvas.text((b[0] + _TAIL, y - 0.8), text, size)
-
-
-def vertical(canvas: Canvas, a: Pair, b: Pair, x: float, text: str, size: float = 2.8) -> None:
-    """Draw the distance of two points along y, a above, with its line at x [mm]."""
-    for from_x, y in (a, b):
-        if x != from_x:
-            sign = 1.0 if x > from_x else -1.0
-            canvas.line((from_x + _OFF * sign, y), (x + _PAST * sign, y))
-    width = text_width(text, size)
-    if b[1] - a[1] >= width + 1.0:
-        canvas.text((x - 0.8, 0.5 * (a[1] + b[1])), text, size, anchor="middle", upright=True)
-        _arrows(canvas, (x, a[1]), (x, b[1]), outside=b[1] - a[1] < 6.0)
-    else:
-        _arrows(canvas, (x, a[1]), (x, b[1]), outside=True)
-        canvas.line((x, a[1] - _TAIL), (x, a[1] - _TAIL - width))
-        canvas.text((x - 0.8, a[1] - _TAIL), text, size, upright=True)
-
-
-def _arrows(canvas: Canvas, a: Pair, b: Pair, *, outside: bool) -> None:
-    """Draw a dimension line with its arrows between its ends, or outside where there is no room."""
-    length = max(abs(b[0] - a[0]), abs(b[1] - a[1]))
-    ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
-    if not outside:
-        canvas.line(a, b, THIN)
-        canvas.arrow(a, (-ux, -uy))
-        canvas.arrow(b, (ux, uy))
-        return
-    canvas.line((a[0] - _TAIL * ux, a[1] - _TAIL * uy), (b[0] + _TAIL * ux, b[1] + _TAIL * uy))
-    canvas.arrow(a, (ux, uy))
-    canvas.arrow(b, (-ux, -uy))
+        start = last + _TAIL
+        canvas.line(place(start, at), place(start + width, at))
+        canvas.text(place(start, at - _OFF), text, size, upright=upright)
+        outside = True
+    tail, way = (_TAIL, -1.0) if outside else (0.0, 1.0)
+    canvas.line(place(first - tail, at), place(last + tail, at))
+    canvas.arrow(place(first, at), place(-way, 0.0))
+    canvas.arrow(place(last, at), place(way, 0.0))

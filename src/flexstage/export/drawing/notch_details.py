@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, get_args, get_origin, get_type_hints
 
-from flexstage.export.drawing.canvas import THICK, Canvas, horizontal, vertical
+from flexstage.export.drawing.canvas import THICK, Canvas, dimension
 from flexstage.export.drawing.curve import Curve
 from flexstage.export.drawing.notes import millimetres
 from flexstage.export.drawing.smooth import profile_in_arcs
@@ -138,8 +138,9 @@ def draw_detail(canvas: Canvas, corner: Pair, kind: NotchKind) -> None:
     top = half_neck + profile.depth * 1e3
     left, right = place((-0.5 * length, top)), place((0.5 * length, top))
     low = place((0.5 * length, top - height))
-    horizontal(canvas, left, right, left[1] - 10.0, millimetres(length * 1e-3, 4))
-    vertical(canvas, right, low, right[0] + _BODY + 6.0, millimetres(height * 1e-3, 4))
+    dimension(canvas, left, right, left[1] - 10.0, millimetres(length * 1e-3, 4))
+    beside = right[0] + _BODY + 6.0
+    dimension(canvas, right, low, beside, millimetres(height * 1e-3, 4), upright=True)
     text = millimetres(profile.neck_thickness)
     _neck(canvas, place((0.0, half_neck)), place((0.0, -half_neck)), low[1] + 4.0, text)
     _radius(canvas, profile, place, left[1] - _BODY + 0.5)

@@ -14,13 +14,12 @@ from flexstage.export.drawing.canvas import (
     THIN,
     Box,
     Canvas,
-    horizontal,
-    text_width,
-    vertical,
+    dimension,
 )
 from flexstage.export.drawing.contours import PlateContours
 from flexstage.export.drawing.notch_details import NotchKind, step_scale
 from flexstage.export.drawing.notes import millimetres
+from flexstage.export.svg import text_width
 from flexstage.stage import Circle, Loop, Stage
 
 Pair = tuple[float, float]
@@ -112,9 +111,10 @@ def draw_view(
     left, bottom = view.place((x0, y0))
     right, top = view.place((x1, y1))
     # beside the labels that stand around the plate
-    y = bottom + _AROUND + 7.0
-    horizontal(canvas, (left, bottom), (right, bottom), y, millimetres(x1 - x0, 3))
-    vertical(canvas, (left, top), (left, bottom), left - _AROUND - 7.0, millimetres(y1 - y0, 3))
+    away = _AROUND + 7.0
+    width, height = millimetres(x1 - x0, 3), millimetres(y1 - y0, 3)
+    dimension(canvas, (left, bottom), (right, bottom), bottom + away, width)
+    dimension(canvas, (left, top), (left, bottom), left - away, height, upright=True)
     strokes: list[tuple[Pair, Pair]] = []
     labels = _origin(canvas, view, strokes)
     labels += _arrows(canvas, view, stage, strokes)

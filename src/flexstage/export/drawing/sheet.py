@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import flexstage
-from flexstage.export.drawing.canvas import MEDIUM, THICK, THIN, Box, Canvas, text_width
+from flexstage.export.drawing.canvas import MEDIUM, THICK, THIN, Box, Canvas
 from flexstage.export.drawing.contours import PlateContours, plate_contours
 from flexstage.export.drawing.notch_details import CELL, draw_detail, notch_kinds, ratio
 from flexstage.export.drawing.notes import millimetres
@@ -18,7 +18,7 @@ from flexstage.export.drawing.plate_view import (
 )
 from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.export.request import ExportRequest
-from flexstage.export.svg_elements import in_lines
+from flexstage.export.svg import text_width, wrapped
 from flexstage.stage import Stage
 
 #: Height of a row, and font size [mm].
@@ -157,7 +157,9 @@ def _notes(stage: Stage) -> list[str]:
         "Marks at hinges: letter of the notch, number in the table of hinges.",
         "Contours in full precision are in the DXF file.",
     ]
-    return [line for text in lines for line in wrapped(text, _COLUMN - _GAP)]
+    return [
+        line for text in lines for line in wrapped(text, _COLUMN - _GAP, SIZE, break_words=True)
+    ]
 
 
 def _hinge_layout(blocks: _Blocks) -> tuple[tuple[tuple[str, float], ...], list[list[str]], int]:
@@ -256,7 +258,7 @@ def _title_block(canvas: Canvas, frame: Box, stage: Stage, sheet: str, scale: fl
             if label:
                 canvas.text((x + 1.5, y + 4.2), label, 2.4, colour="#444")
                 x, room = x + 18.0, room - 18.0
-            shown = wrapped(text, room, size)
+            shown = wrapped(text, room, size, break_words=True)
             words = shown[0] + ("…" if len(shown) > 1 else "") if shown else "-"
             canvas.text((x + 1.5, y + 4.5), words, size, bold=k == 0)
         if len(row) > 1:
@@ -332,11 +334,6 @@ def _fitting(text: str, width: float) -> str:
     while text and text_width(text + "…", SIZE) > width:
         text = text[:-1]
     return text.rstrip() + "…"
-
-
-def wrapped(text: str, width: float, size: float = SIZE) -> list[str]:
-    """Break a text into lines no wider than a width [mm]; a word longer than a line is broken."""
-    return in_lines(text, lambda line: text_width(line, size) <= width, break_words=True)
 
 
 def export(request: ExportRequest) -> dict[str, bytes]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 
 from flexstage import __version__
+from flexstage.export.diagram.placing import backward_lines, longest_ways
 from flexstage.export.simulink.matlab_text import comment, identifier, plain, quoted
 from flexstage.export.simulink.system import LIBRARY, Node, System
 
@@ -265,7 +266,10 @@ def _layers(system: System) -> dict[str, int]:
     if sum(n.kind == "SubSystem" for n in system.nodes) > _MANY:
         layer = _shortest(system, after)
     else:
-        layer = _longest(system, after)
+        back = backward_lines(_starts(system), after)
+        layer = longest_ways(
+            {s: [t for t in targets if (s, t) not in back] for s, targets in after.items()}
+        )
     last = max((layer[n.name] for n in system.nodes if n.kind != "Outport"), default=0)
     layer |= {n.name: 0 for n in system.nodes if n.kind == "Inport"}
     layer |= {n.name: last + 1 for n in system.nodes if n.kind == "Outport"}
@@ -287,36 +291,4 @@ def _shortest(system: System, after: dict[str, list[str]]) -> dict[str, int]:
             layer |= dict.fromkeys(front, depth)
             front = list(dict.fromkeys(t for s in front for t in after[s] if t not in layer))
             depth += 1
-    return layer
-
-
-def _longest(system: System, after: dict[str, list[str]]) -> dict[str, int]:
-    """The longest way from an input, without the lines that close a loop."""
-    forward: dict[str, list[str]] = {n.name: [] for n in system.nodes}
-    done: list[str] = []
-    seen: set[str] = set()
-    on_path: set[str] = set()
-    for start in _starts(system):
-        path = [(start, iter(after[start]))] if start not in seen else []
-        seen.add(start)
-        on_path.add(start)
-        while path:
-            name, following = path[-1]
-            target = next(following, None)
-            if target is None:
-                path.pop()
-                on_path.discard(name)
-                done.append(name)
-                continue
-            if target not in on_path:
-                forward[name].append(target)
-            if target not in seen:
-                seen.add(target)
-                on_path.add(target)
-                path.append((target, iter(after[target])))
-        on_path.discard(start)
-    layer = dict.fromkeys(forward, 0)
-    for name in reversed(done):
-        for target in forward[name]:
-            layer[target] = max(layer[target], layer[name] + 1)
     return layer

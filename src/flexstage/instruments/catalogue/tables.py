@@ -178,7 +178,7 @@ def values_of(connection: Connection, table: Table, entry: Any) -> dict[str, Any
     return values
 
 
-def _stage_id(connection: Connection, entry: StageEntry) -> int:
+def _stage_id(connection: Connection, entry: StageEntry) -> int | None:
     values = values_of(connection, STAGES, entry)
     asked = select(STAGES.c.id)
     for name, value in values.items():

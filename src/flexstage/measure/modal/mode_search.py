@@ -285,14 +285,12 @@ def joined(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> tuple[
         delays = theta[own] + 2.0 * math.pi / top * _NEAR
     starts: list[tuple[float, Array]] = []
     for lag in np.append(_LAGS / top, theta[-1]) if basis.lag else np.zeros(1):
-        tried = []
-        for delay in delays:
-            trial = theta.copy()
-            if basis.lag:
-                trial[-1] = lag
-            if basis.delay:
-                trial[own] = delay
-            tried.append((sum(eliminate(basis, trial, b).total for b in coarse), trial))
+        trials = np.repeat(theta[None], delays.size, axis=0)
+        if basis.lag:
+            trials[:, -1] = lag
+        if basis.delay:
+            trials[:, own] = delays
+        tried = list(zip(_totals(basis, trials, coarse).tolist(), trials, strict=True))
         starts += sorted(tried, key=lambda item: item[0])[: 1 if basis.lag else _STARTS]
     best, least = min(starts, key=lambda item: item[0])[1], math.inf
     for _, start in starts:
@@ -308,10 +306,27 @@ def likely_delays(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) ->
     top = max(float(block.s[-1].imag) for block in coarse)
     trials = np.repeat(theta[None], _DELAYS.size, axis=0)
     trials[:, 2 * basis.count] = 2.0 * math.pi / top * _DELAYS
-    totals = np.array([sum(eliminate(basis, one, b).total for b in coarse) for one in trials])
+    totals = _totals(basis, trials, coarse)
     beside = np.concatenate([[math.inf], totals, [math.inf]])
     lowest = np.flatnonzero((totals <= beside[:-2]) & (totals <= beside[2:]))
     return [trials[n] for n in lowest[np.argsort(totals[lowest])][:_LIKELY]]
+
+
+def _totals(basis: ModalBasis, trials: Array, blocks: Sequence[ResponseBlock]) -> Array:
+    """Return the sums of squares of parameters that differ in their delay alone, shape (trials,).
+
+    A delay turns the phase of responses, which leaves the products of all functions as they are.
+    """
+    turns = trials[:, 2 * basis.count] - trials[0, 2 * basis.count] if basis.delay else np.zeros(1)
+    totals = np.zeros(len(trials))
+    for block in blocks:
+        now = eliminate(basis, trials[0], block)
+        turned = np.exp(block.s[:, None] * turns)
+        inverse = np.broadcast_to(now.inverse, (block.values.shape[1], *now.inverse.shape[1:]))
+        for values, square, own in zip(block.values.T, now.square.T, inverse, strict=True):
+            right = (now.functions.conj().T @ (turned * (square * values)[:, None])).real
+            totals += float(square @ np.abs(values) ** 2) - np.sum(right * (own @ right), axis=0)
+    return totals
 
 
 def steady_phase(poles: Complex, template: ModalBasis, parts: Sequence[Prepared]) -> list[str]:

@@ -31,9 +31,9 @@ def line_scatter(frequency_hz: Array, response: Complex) -> Array:
     columns = response.reshape(lines, -1)
     width = min(_WINDOW, lines)
     first = np.clip(np.arange(lines) - width // 2, 0, lines - width)
-    rows = first[:, None] + np.arange(width)
-    x = frequency_hz[rows] - frequency_hz[:, None]
-    x = x / np.abs(x).max(axis=1, keepdims=True)
+    rows = first + np.arange(width)[:, None]
+    x = frequency_hz[rows] - frequency_hz
+    x = x / np.abs(x).max(axis=0)
     out = np.empty(columns.shape)
     for column in range(columns.shape[1]):
         left = _rational(x, columns[rows, column], 1, 2)[0] / max(width - _COEFFICIENTS, 1)
@@ -55,66 +55,93 @@ def local_poles(frequency_hz: Array, response: Complex) -> tuple[Complex, Array]
     for width in _WINDOWS:
         if width > lines:
             break
-        rows = np.arange(0, lines - width + 1, max(width // 8, 1))[:, None] + np.arange(width)
-        middle = frequency_hz[rows[:, width // 2]]
-        x = frequency_hz[rows] - middle[:, None]
-        scale = np.abs(x).max(axis=1)
-        x = x / scale[:, None]
+        rows = np.arange(0, lines - width + 1, max(width // 8, 1)) + np.arange(width)[:, None]
+        middle = frequency_hz[rows[width // 2]]
+        x = frequency_hz[rows] - middle
+        scale = np.abs(x).max(axis=0)
+        x = x / scale
         for h in columns.T[:, rows]:
-            floor = 1e-24 * np.sum(np.abs(h) ** 2, axis=1) + 1e-300
             for count in (1, 2):
                 total = _COEFFICIENTS + 2 * (count - 1)
                 if width < 2 * total:
                     continue
-                fewer = _rational(x, h, count - 1, total - count)[0]
                 more, roots = _rational(x, h, count, total - count - 1)
-                gain = 2.0 * (width - total) * np.log((fewer + floor) / (more + floor))
+                inside = (np.abs(roots.real) < 0.5) & (roots.imag > 0.0) & (roots.imag < 0.5)
+                inside &= middle + scale * roots.real > 0.0
+                some = np.flatnonzero(inside.any(axis=0))
+                fewer = _rational(x[:, some], h[:, some], count - 1, total - count)[0]
+                floor = 1e-24 * np.sum(np.abs(h[:, some]) ** 2, axis=0) + 1e-300
+                gain = 2.0 * (width - total) * np.log((fewer + floor) / (more[some] + floor))
                 shown = gain > _BETTER + 2.0 * math.log(lines)
-                for at in roots.T:
-                    f = middle + scale * at
-                    good = shown & (np.abs(at.real) < 0.5) & (at.imag > 0.0) & (at.imag < 0.5)
-                    good &= f.real > 0.0
-                    poles.append(2.0 * math.pi * (1j * f.real[good] - f.imag[good]))
-                    gains.append(gain[good])
+                for at, within in zip(roots[:, some], inside[:, some] & shown, strict=True):
+                    f = (middle[some] + scale[some] * at)[within]
+                    poles.append(2.0 * math.pi * (1j * f.real - f.imag))
+                    gains.append(gain[within])
     return np.concatenate(poles), np.concatenate(gains)
 
 
 def _rational(x: Array, h: Complex, count: int, degree: int) -> tuple[Array, Complex]:
-    """Fit h (1 + d x + ...) = n in each window: sum of squares left, and poles."""
-    denominator = np.ones(h.shape, dtype=np.complex128)
-    below = np.zeros((h.shape[0], count), dtype=np.complex128)
-    left = h
-    powers = [x**n for n in range(max(degree, count) + 1)]
+    """Fit h (1 + d x + ...) = n in each window: sum of squares left, and poles.
+
+    x and h hold a window in each column; x may be one column for all.
+    """
+    below = np.zeros((count, h.shape[1]), dtype=np.complex128)
+    terms = degree + 1 + count
+    columns = np.empty((terms + 1, *h.shape), dtype=np.complex128)
+    r = np.empty((terms, terms + 1, h.shape[1]), dtype=np.complex128)
     # the equation is divided by the denominator that it gave before
+    denominator = np.ones(h.shape, dtype=np.complex128)
     for _ in range(3 if count else 1):
-        weight = 1.0 / denominator
-        columns = [p * weight for p in powers[: degree + 1]]
-        columns += [-p * h * weight for p in powers[1 : count + 1]]
-        q, r = np.linalg.qr(np.stack(columns, axis=2))
-        right = h * weight
-        along = np.einsum("kwc,kw->kc", q.conj(), right)
-        left = right - np.einsum("kwc,kc->kw", q, along)
-        diagonal = np.abs(np.einsum("kcc->kc", r))
-        sure = (diagonal > 1e-10 * diagonal.max(axis=1, keepdims=True)).all(axis=1)
-        r = np.where(sure[:, None, None], r, np.eye(r.shape[1]))
-        found = np.linalg.solve(r, along[:, :, None])[:, degree + 1 :, 0]
-        below = np.where(sure[:, None], found, 0.0)
-        denominator = 1.0 + sum((below[:, n, None] * powers[n + 1] for n in range(count)), 0.0)
+        np.divide(1.0, denominator, out=columns[0])
+        np.multiply(h, columns[0], out=columns[terms])
+        for n in range(degree):
+            np.multiply(columns[n], x, out=columns[n + 1])
+        for n in range(count):
+            np.multiply(
+                columns[degree + n if n else terms], x if n else -x, out=columns[degree + 1 + n]
+            )
+        _orthogonalised(columns, r)
+        diagonal = np.abs(np.einsum("cck->ck", r[:, :terms]))
+        sure = (diagonal > 1e-10 * diagonal.max(axis=0)).all(axis=0)
+        # the last unknowns come first in the triangle
+        for n in reversed(range(count)):
+            at = degree + 1 + n
+            known = np.einsum("nk,nk->k", r[at, at + 1 : terms], below[n + 1 :])
+            below[n] = np.where(sure, (r[at, terms] - known) / np.where(sure, r[at, at], 1.0), 0.0)
+        denominator = 1.0 + sum((below[n] * x ** (n + 1) for n in range(count)), 0.0)
         # a pole on a line itself would weigh it without end
         denominator = np.where(np.abs(denominator) < 1e-3, 1e-3, denominator)
-    return np.sum(np.abs(left) ** 2, axis=1), _roots(below)
+    return np.sum(np.abs(columns[terms]) ** 2, axis=0), _roots(below)
+
+
+def _orthogonalised(columns: Complex, r: Complex) -> None:
+    """Make columns orthonormal but the last, which keeps what they leave of it.
+
+    Modified Gram-Schmidt of all windows at once, which for a least-squares problem is as stable as
+    Householder's method where the right side is a column like the others (Bjoerck, 1967, BIT 7).
+    """
+    product = np.empty_like(columns[0])
+    for c in range(r.shape[0]):
+        one = columns[c]
+        size = np.sqrt(np.sum(np.square(one.real) + np.square(one.imag), axis=0))
+        r[c, c] = size
+        one *= 1.0 / np.where(size > 0.0, size, 1.0)
+        conjugate = one.conj()
+        for other in range(c + 1, columns.shape[0]):
+            np.multiply(conjugate, columns[other], out=product)
+            r[c, other] = product.sum(axis=0)
+            columns[other] -= np.multiply(one, r[c, other], out=product)
 
 
 def _roots(below: Complex) -> Complex:
     """Zeros of 1 + d x + e x^2, far away where there is none."""
-    if below.shape[1] < 1:
+    if below.shape[0] < 1:
         return below
-    d, *others = np.where(below == 0.0, 1e-12 + 0.0j, below).T
+    d, *others = np.where(below == 0.0, 1e-12 + 0.0j, below)
     if not others:
-        return np.asarray(-1.0 / d[:, None], dtype=np.complex128)
+        return np.asarray(-1.0 / d[None], dtype=np.complex128)
     root = np.sqrt(d * d - 4.0 * others[0])
-    both = np.stack((-d + root, -d - root), axis=1) / (2.0 * others[0][:, None])
-    return np.asarray(both, dtype=np.complex128)
+    return np.asarray(np.stack((-d + root, -d - root)) / (2.0 * others[0]), dtype=np.complex128)
 
 
 def _medians(values: Array, width: int) -> Array:

@@ -38,7 +38,7 @@ class VirtualController(ControllerMotion):
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.instruments.twin.build import virtual_stage
+    >>> from flexstage.virtual.build import virtual_stage
     >>> device = VirtualController(virtual_stage(design("vgtu-piezo"), model="lumped", seed=2))
     >>> device.set_servo("1", True)
     >>> device.set_targets({"1": 20e-6})

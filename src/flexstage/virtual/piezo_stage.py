@@ -11,7 +11,15 @@ from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.modal import unit_step
-from flexstage.instruments.twin.loop import (
+from flexstage.stage import Stage
+from flexstage.stage.assumptions import AMPLIFIER_BANDWIDTH_HZ, LOOP_CONVERTER_BITS
+from flexstage.stage.limits import AxisLimits
+from flexstage.system import MechanicalSystem, modes
+from flexstage.system.servo import ServoSettings
+from flexstage.virtual.disturbances import Disturbances
+from flexstage.virtual.hammer import Blow, Hammer
+from flexstage.virtual.imperfections import GuideErrors
+from flexstage.virtual.piezo_loop import (
     DriveArrays,
     LoopState,
     ModeArrays,
@@ -20,15 +28,7 @@ from flexstage.instruments.twin.loop import (
     run_loop,
     sampled_response,
 )
-from flexstage.instruments.twin.stack import ChargeDrive, relaxed_stacks, stack_arrays
-from flexstage.stage import Stage
-from flexstage.stage.limits import AxisLimits
-from flexstage.system import MechanicalSystem, modes
-from flexstage.system.servo import ServoSettings
-from flexstage.virtual.hammer import Blow, Hammer
-from flexstage.virtual.imperfections import GuideErrors
 from flexstage.virtual.sensors import (
-    Disturbances,
     SensorBench,
     kinds_of,
     neighbour,
@@ -37,9 +37,8 @@ from flexstage.virtual.sensors import (
     sources,
 )
 from flexstage.virtual.stack import VirtualStack
+from flexstage.virtual.stack_stepping import ChargeDrive, relaxed_stacks, stack_arrays
 from flexstage.virtual.stage import StageSamples, VirtualStage, commands
-
-_CONVERTER_BITS = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,7 +75,7 @@ def drive_arrays(
         if part.limits.voltage is None:
             raise ModelError(f"axis '{part.name}' needs a voltage range: give it in its limits")
         low, high = part.limits.voltage
-        converter.append((low, high, 0.0 if quiet else (high - low) / (2**_CONVERTER_BITS - 1)))
+        converter.append((low, high, 0.0 if quiet else (high - low) / (2**LOOP_CONVERTER_BITS - 1)))
         amplifier.append((1.0 / (sample_rate_hz * time), part.largest_rate * time))
     return DriveArrays(converter=np.array(converter), amplifier=np.array(amplifier))
 
@@ -139,7 +138,7 @@ class PiezoStage(VirtualStage):
         sample_rate_hz: float = 10e3,
         seed: int = 0,
         creep: Creep | None = None,
-        bandwidth_hz: float = 2000.0,
+        bandwidth_hz: float = AMPLIFIER_BANDWIDTH_HZ,
         charge: ChargeDrive | None = None,
         quiet: bool = False,
         scatter: bool = True,

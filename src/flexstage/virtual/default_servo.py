@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.chain.creep import Creep
-from flexstage.instruments.twin.loop import ModeArrays, sampled_response
-from flexstage.instruments.twin.piezo_stage import PiezoAxis, mode_arrays
-from flexstage.instruments.twin.stack import free_displacements, relaxed_stacks, stack_arrays
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.servo import Notch, ServoSettings
+from flexstage.virtual.piezo_loop import ModeArrays, sampled_response
+from flexstage.virtual.piezo_stage import PiezoAxis, mode_arrays
+from flexstage.virtual.stack_stepping import free_displacements, relaxed_stacks, stack_arrays
 
 #: Largest of |1 / (1 + L)|: by it the gain may double (6 dB) before the loop is unstable.
 _SENSITIVITY = 1.6

@@ -18,7 +18,7 @@ from flexstage.arrays import Array, Complex
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
-from flexstage.instruments.twin.stack import StackArrays, StackState, step_stack
+from flexstage.virtual.stack_stepping import StackArrays, StackState, step_stack
 
 Flags = NDArray[np.bool_]
 

@@ -1,14 +1,12 @@
 """Whole periods: the linear chain undone harmonic by harmonic, the hysteresis until it repeats."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array, Complex
-from flexstage.control.trajectories.trajectory import Trajectory
-from flexstage.errors import ConvergenceError, ModelError
-from flexstage.hysteresis import DriveModel
+from flexstage.errors import ConvergenceError
+from flexstage.hysteresis.drive_model import DriveModel
+from flexstage.hysteresis.limited_inverse import LimitedInverse, command_limits, limited_inverse
 
 #: Harmonics above this part of the rate of samples are left out.
 _HIGHEST = 0.4
@@ -25,16 +23,6 @@ def chain_response(model: DriveModel, frequency_hz: ArrayLike, *, creep: bool = 
         if element is not None:
             total = total * element.frequency_response(f)
     return total
-
-
-def delayed(trajectory: Trajectory, delay: float) -> Trajectory:
-    """Return a trajectory later by a delay [s], any part of a sample; earlier below 0."""
-    n = trajectory.size
-    turn = np.exp(-2j * np.pi * np.fft.rfftfreq(n, 1.0 / trajectory.sample_rate_hz) * delay)
-    moved = {a: np.asarray(np.fft.irfft(np.fft.rfft(x) * turn, n), dtype=np.float64)
-             for a, x in trajectory.positions.items()}  # fmt: skip
-    whole = round(delay * trajectory.sample_rate_hz)
-    return replace(trajectory, positions=moved, linear=np.roll(trajectory.linear, whole))
 
 
 def steady_displacement(
@@ -62,7 +50,7 @@ def steady_displacement(
 def steady_output(model: DriveModel, u: ArrayLike) -> Array:
     """Return the output of the hysteresis for an input that has long repeated."""
     given = np.asarray(u, dtype=np.float64)
-    state = _start(model)
+    state = steady_start(model)
     before = np.zeros(given.size)
     for _ in range(_MOST_PERIODS):
         made = model.hysteresis.simulate(given, state)
@@ -72,60 +60,42 @@ def steady_output(model: DriveModel, u: ArrayLike) -> Array:
     raise ConvergenceError(_no_repeat(model, "output"))
 
 
+def steady_reading(model: DriveModel, u: ArrayLike, sample_rate_hz: float, settled: float) -> Array:
+    """Return one period of the reading for an input that repeats, settled [s] after its start."""
+    x = steady_output(model, u)
+    f = np.fft.rfftfreq(x.size, 1.0 / sample_rate_hz)
+    y = np.fft.irfft(np.fft.rfft(x) * chain_response(model, f), x.size)
+    gain = 1.0 if model.creep is None else float(model.creep.step_response([settled])[0])
+    return np.asarray(model.offset + y + (model.sign * gain * np.mean(x) - np.mean(y)))
+
+
 def steady_input(
-    model: DriveModel, x: ArrayLike, limits: tuple[float, float] | None = None
-) -> tuple[Array, int]:
+    model: DriveModel,
+    x: ArrayLike,
+    limits: tuple[float, float] | None = None,
+    *,
+    wanted: Array | None = None,
+) -> LimitedInverse:
     """Return the input for which the hysteresis gives an output that repeats.
 
-    Beside it, how many samples were out of reach and led back to what the drive reaches.
     The inverse is run over the same period until what it remembers is the same at the beginning
     of each: three periods for models whose memory is wiped out, some more for those that forget.
+    The readings that are wanted, for a message, are those of the output itself where not given.
     """
-    wanted = np.asarray(x, dtype=np.float64)
-    low, high = reach_limits(model, limits)
-    start = _start(model)
-    inside, beyond = within_reach(model, wanted, start, (low, high))
-    state, before = start, np.full(wanted.size, np.inf)
+    target = np.asarray(x, dtype=np.float64)
+    readings = model.offset + model.sign * target if wanted is None else wanted
+    low, high = command_limits(model, limits)
+    state, before = steady_start(model), np.full(target.size, np.inf)
     for _ in range(_MOST_PERIODS):
-        made = model.hysteresis.inverse(inside, state)
-        u = np.clip(made.values, low, high)
-        if np.max(np.abs(u - before)) <= _SAME * (high - low):
-            return u, beyond
-        before, state = u, made.state
+        made = limited_inverse(model, target, state, (low, high), readings)
+        if np.max(np.abs(made.command - before)) <= _SAME * (high - low):
+            return made
+        before, state = made.command, made.state
     raise ConvergenceError(_no_repeat(model, "input"))
 
 
-def within_reach(
-    model: DriveModel, wanted: Array, state: Array, limits: tuple[float, float]
-) -> tuple[Array, int]:
-    """Return displacements as far as the drive reaches them, and how many it does not reach."""
-    top, bottom = model.hysteresis.simulate(limits[::-1], state).values
-    inside = np.clip(wanted, bottom, top)
-    beyond = np.abs(inside - wanted) > 1e-9 * (top - bottom)
-    if beyond.all():
-        raise ModelError(
-            f"the motion needs displacements of {wanted.min():.4g} to {wanted.max():.4g}, the "
-            f"drive gives {bottom:.4g} to {top:.4g} {model.output_unit}: shift it into that range"
-        )
-    return inside, int(beyond.sum())
-
-
-def reach_limits(model: DriveModel, limits: tuple[float, float] | None) -> tuple[float, float]:
-    """Return the range of the input that a model and its limits allow."""
-    if limits is None:
-        if model.validity is None:
-            raise ModelError("the model has no range of its own: give the limits of the command")
-        limits = model.validity.input_range
-    low, high = limits
-    own = model.hysteresis.input_limits
-    if own is not None:
-        low, high = max(low, own[0]), min(high, own[1])
-    if not low < high:
-        raise ModelError(f"the limits of the command must rise and meet the model, got {limits!r}")
-    return low, high
-
-
-def _start(model: DriveModel) -> Array:
+def steady_start(model: DriveModel) -> Array:
+    """Return the memory that the search for a motion that repeats begins with."""
     return model.hysteresis.initial_state() if model.validity is None else model.conditioned()
 
 

@@ -9,9 +9,6 @@ import numpy as np
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.loops import loop_width
-from flexstage.instruments.twin.default_servo import delivered_settings
-from flexstage.instruments.twin.piezo_stage import PiezoAxis, PiezoStage
-from flexstage.instruments.twin.stack import ChargeDrive
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.stage.assumptions import (
     AMPLIFIER_BANDWIDTH_HZ,
@@ -27,6 +24,7 @@ from flexstage.stage.limits import AxisLimits, stage_limits
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.analysis import axis_mode
 from flexstage.virtual.as_built import AsBuilt, as_built
+from flexstage.virtual.default_servo import delivered_settings
 from flexstage.virtual.hammer import Hammer
 from flexstage.virtual.imperfections import (
     Scatter,
@@ -34,9 +32,11 @@ from flexstage.virtual.imperfections import (
     displacements,
     manufactured,
 )
+from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage
 from flexstage.virtual.screw_stage import ScrewAxis, ScrewStage
 from flexstage.virtual.sensors import EDDY_CURRENT_SENSORS, SensorBench
 from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, loop_share, matched_stacks, virtual_stack
+from flexstage.virtual.stack_stepping import ChargeDrive
 
 #: Part of the stroke that is kept free at each end.
 _KEPT_FREE = 0.015
