@@ -1,6 +1,8 @@
 """The manual: Sphinx with MyST, and a page for the API of every subpackage."""
 
+import dataclasses
 import importlib.util
+import inspect
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +118,23 @@ def _exists(name: str) -> bool:
     return spec is not None and spec.origin is not None
 
 
+def _hysteresis_models() -> str:
+    """The models of the registry: what each is, and the units of its parameters."""
+    from flexstage.hysteresis.drive_model import parameter_unit
+    from flexstage.hysteresis.identification.model_fit import fits
+
+    lines = ["# Hysteresis models", "", "| name | what it is | parameters, from V to m | fitted |"]
+    lines.append("|---|---|---|---|")
+    for kind, fit in fits().items():
+        units = [
+            f"`{f.name}` [{parameter_unit(kind, f.name, 'V', 'm')}]"
+            for f in dataclasses.fields(fit.law)
+        ]
+        what = inspect.getdoc(fit.law).splitlines()[0]
+        lines.append(f"| `{kind}` | {fit.law.__name__}: {what} | {', '.join(units)} | {fit.size} |")
+    return "\n".join(lines) + "\n"
+
+
 def write_reference() -> None:
     """Write the page of the command line, one for each subpackage, and the list of these."""
     folder = Path(__file__).parent / "reference" / "api"
@@ -135,6 +154,8 @@ def write_reference() -> None:
 
     page = folder.parent / "command-line.md"
     page.write_text(command_line_page(app), encoding="utf-8")
+    (folder / "hysteresis-models.md").write_text(_hysteresis_models(), encoding="utf-8")
+    names.append("hysteresis-models")
     listing = "# API reference\n\n```{toctree}\n:maxdepth: 1\n\n" + "\n".join(names)
     (folder / "index.md").write_text(listing + "\n```\n", encoding="utf-8")
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from flexstage.instruments.catalogue.folder import run_files
 from flexstage.instruments.protocol import Identity
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
@@ -73,6 +74,23 @@ def assert_true(record, numbers=None):
             assert (
                 record.channel(name).values[part].tobytes() == wanted[name][found[part]].tobytes()
             )
+
+
+class RunFolder:
+    """A folder of a run, with its records."""
+
+    def __init__(self, path):
+        self.path = path
+        (path / "records").mkdir(parents=True)
+
+    def stream(self, name):
+        return self.path / "records" / f"{name}.stream"
+
+    def records(self):
+        return [p for p in run_files(self.path) if p.suffix == ".h5"]
+
+    def streams(self):
+        return [p for p in run_files(self.path) if p.suffix == ".stream"]
 
 
 class FullDisk(io.FileIO):

@@ -1,11 +1,18 @@
 """Small simulated stages whose behaviour is known, for tests of the twin."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from flexstage.designs import design
-from flexstage.hysteresis import Duhem, ModifiedPrandtlIshlinskii
+from flexstage.hysteresis import (
+    Amplifier,
+    Duhem,
+    ModelDrive,
+    ModifiedPrandtlIshlinskii,
+    assembled_model,
+)
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.lumped import lumped_system
 from flexstage.stage.limits import AxisLimits
@@ -58,30 +65,38 @@ def small_stage(
     charge: ChargeDrive | None = None,
 ) -> PiezoStage:
     """Return the study's piezo stage with stacks of the test's own, and nothing set or drawn."""
-    parts = []
+    amplifier = Amplifier(
+        bandwidth_hz=2000.0, slew_limit=None if math.isinf(largest_rate) else largest_rate
+    )
+    parts, drives = [], []
     for name, free, width in (("x", 38e-6, 0.131), ("y", 33e-6, 0.117)):
         stack = straight_stack(SLOPES[name])
         if not straight:
             stack = virtual_stack((0.0, 120.0), free, width, plays=plays)
+        drives.append(
+            ModelDrive(
+                name=name,
+                hysteresis=stack,
+                amplifier=amplifier,
+                creep=creep,
+                input_range=(0.0, 120.0),
+            )
+        )
         parts.append(
             PiezoAxis(
                 name=name,
                 drive=name,
                 probe=name,
-                stack=stack,
                 limits=AxisLimits(voltage=(0.0, 120.0), slew=40e3),
-                largest_rate=largest_rate,
             )
         )
     if settings is not None:
         parts = [replace(part, settings=settings) for part in parts]
     return PiezoStage(
         stage=STAGE,
-        system=damped_system(),
+        model=assembled_model(damped_system(), drives),
         axes=parts,
         sample_rate_hz=sample_rate_hz,
-        creep=creep,
-        bandwidth_hz=2000.0,
         quiet=quiet,
         scatter=False,
         sensors=sensors,

@@ -63,6 +63,87 @@ class Estimate:
     note: str = ""
     """Condition or remark that belongs to the value."""
 
+    @classmethod
+    def of(
+        cls,
+        value: float,
+        uncertainty: float,
+        unit: str,
+        *,
+        source: str = "noise",
+        degrees_of_freedom: float = math.inf,
+        bounds: tuple[float, float] | None = None,
+        note: str = "",
+    ) -> "Estimate":
+        """Return a value with one contribution of kind A to its uncertainty.
+
+        Parameters
+        ----------
+        value, uncertainty : float
+            The value and its standard uncertainty, in the unit.
+        unit : str
+            Their unit.
+        source : str
+            What the uncertainty comes from.
+        degrees_of_freedom : float
+            How well it is known.
+        bounds : tuple of float, optional
+            Ends of its 95 % interval where that is not symmetric.
+        note : str
+            Condition or remark that belongs to the value.
+
+        Returns
+        -------
+        Estimate
+            The value.
+        """
+        part = Component(
+            name=source, uncertainty=uncertainty, degrees_of_freedom=degrees_of_freedom
+        )
+        return cls(value=value, unit=unit, components=(part,), bounds=bounds, note=note)
+
+    @classmethod
+    def of_deviation(
+        cls,
+        value: float,
+        degrees_of_freedom: float,
+        unit: str,
+        *,
+        source: str = "finite record",
+        note: str = "",
+    ) -> "Estimate":
+        r"""Return a standard deviation, with its bounds by chi-squared.
+
+        Its standard uncertainty is s / sqrt(2 nu) (JCGM 100:2008, table E.1, approximately).
+
+        Parameters
+        ----------
+        value : float
+            The standard deviation s, in the unit.
+        degrees_of_freedom : float
+            Those of the variance, nu.
+        unit : str
+            Its unit.
+        source : str
+            What the uncertainty comes from.
+        note : str
+            Condition or remark that belongs to the value.
+
+        Returns
+        -------
+        Estimate
+            The deviation.
+        """
+        return cls.of(
+            value,
+            value / math.sqrt(2.0 * degrees_of_freedom),
+            unit,
+            source=source,
+            degrees_of_freedom=degrees_of_freedom,
+            bounds=deviation_bounds(value, degrees_of_freedom),
+            note=note,
+        )
+
     @property
     def uncertainty(self) -> float:
         """Standard uncertainty: root of the sum of squares of the components."""
@@ -187,6 +268,26 @@ class Estimate:
             components=scaled,
             bounds=ends,
         )
+
+
+def deviation_bounds(value: float, degrees_of_freedom: float) -> tuple[float, float]:
+    """Return the 95 % interval of a standard deviation by chi-squared.
+
+    Examples
+    --------
+    >>> [round(end, 3) for end in deviation_bounds(1.0, 10.0)]
+    [0.699, 1.755]
+    """
+    from scipy.special import gammaincinv
+
+    half = 0.5 * degrees_of_freedom
+    if not math.isfinite(half):
+        return value, value
+    high, low = (2.0 * float(gammaincinv(half, p)) for p in (0.025, 0.975))
+    return (
+        value * math.sqrt(degrees_of_freedom / low),
+        value * math.sqrt(degrees_of_freedom / high) if high > 0.0 else math.inf,
+    )
 
 
 def _student(degrees_of_freedom: float, confidence: float) -> float:

@@ -8,12 +8,16 @@ import pytest
 
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Estimate
-from flexstage.measure.modal.basis import ModalBasis
 from flexstage.measure.modal.fit import fit_modes
 from flexstage.measure.modal.result import modal_assurance, shape_from_residues
 from flexstage.measure.modal.ring_down import ring_down
 from flexstage.measure.modal.stabilisation import stable_poles
-from flexstage.measure.modal.variable_projection import ResponseBlock, eliminate, remaining
+from flexstage.measure.modal.variable_projection import (
+    ModalBasis,
+    ResponseBlock,
+    eliminate,
+    remaining,
+)
 from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.records import Channel, Record
 from flexstage.report.figures.modal_fit import draw_modal_fit, draw_stabilisation

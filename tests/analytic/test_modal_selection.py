@@ -10,8 +10,8 @@ from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.lumped import lumped_system
 from flexstage.measure.modal.fit import fit_modes
+from flexstage.measure.modal.local_rational import line_scatter, local_poles
 from flexstage.measure.modal.result import ModalFit
-from flexstage.measure.modal.scatter import line_scatter, local_poles
 from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.system import ModalDamping, modes
 from tests.tiers import sizes

@@ -10,15 +10,13 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.measure.motion.approaches import staircase_dwells
-from flexstage.measure.motion.coupling import cross_coupling, squareness
+from flexstage.measure.motion.axis_figures import cross_coupling, linearity, squareness, stroke
 from flexstage.measure.motion.curve_extremes import curve_loop_width, curve_range, zone_contacts
 from flexstage.measure.motion.curve_fit import fit_motion_curve
 from flexstage.measure.motion.cycles import motion_cycles, spread_estimate
 from flexstage.measure.motion.motion_curve import CurveBasis, MotionCurve
-from flexstage.measure.motion.stroke import linearity, stroke
 from flexstage.measure.motion.workspace import (
     workspace,
-    workspace_from_grid,
     workspace_from_path,
 )
 from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
@@ -531,7 +529,7 @@ def test_grid_and_path_give_the_same_workspace() -> None:
         return 63e-6 * u + 0.2e-6 * u * v, 57e-6 * v - 0.4e-6 * u
 
     grid = np.stack(reached(u, v), axis=-1)
-    of_grid = workspace_from_grid([grid, grid])
+    of_grid = workspace([grid, grid])
     corners = np.array([0, 1, 1, 0, 0, 1, 1, 0, 0, 1]), np.array([0, 0, 1, 1, 0, 0, 1, 1, 0, 0])
     steps = np.linspace(0.0, 9.0, 2701)
     path = [np.interp(steps, np.arange(10), c.astype(float)) for c in corners]
@@ -555,7 +553,7 @@ def test_workspace_refused() -> None:
         with pytest.raises(RecordError, match=message):
             workspace(bad)
     with pytest.raises(RecordError, match="two rows"):
-        workspace_from_grid(np.zeros((2, 1, 3, 2)))
+        workspace(np.zeros((2, 1, 3, 2)))
     line = np.linspace(0.0, 1.0, 50)
     with pytest.raises(RecordError, match="command of y does not move"):
         workspace_from_path(line, line, line, 0.0 * line)

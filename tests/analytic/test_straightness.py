@@ -11,9 +11,9 @@ from flexstage.measure.motion.narrowest_zone import minimum_zone_cylinder, narro
 from flexstage.measure.motion.straightness import (
     end_point_straightness,
     least_squares_straightness,
+    less_noise,
     minimum_zone,
 )
-from flexstage.measure.motion.straightness_noise import less_noise
 from tests.tiers import limits, sizes
 
 

@@ -1,6 +1,7 @@
 """The simulated piezo stage against the models that it steps, and against its own equations."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +10,8 @@ from scipy.signal import lfilter
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hysteresis.build_model import assembled_model
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import LogCreep
-from flexstage.hysteresis.dynamic_model import ModelDrive
 from flexstage.hysteresis.loops import loop_width
 from flexstage.system import modes, static_forces
 from flexstage.system.servo import Notch, ServoSettings
@@ -56,7 +55,7 @@ def test_stepped_creep_is_the_creep_of_the_chain() -> None:
     creep = LogCreep(rate_per_decade=0.017, shortest=0.003, longest=200.0, per_decade=3)
     stack = virtual_stack((0.0, 120.0), 38e-6, 0.131, plays=23)
     u = wander(2000, 9)
-    arrays = stack_arrays([stack], 700.0, creep=creep)
+    arrays = stack_arrays([stack], 700.0, creep=[creep])
     found = free_displacements(arrays, relaxed_stacks(arrays), u[None])[0]
     wanted = creep.simulate(stack.simulate(u).values, 1 / 700.0, creep.settled(0.0, 1.0)).values
     assert np.max(np.abs(found - wanted)) < 1e-12 * np.ptp(wanted)
@@ -79,10 +78,10 @@ def at_rest(free: dict[str, float]) -> dict[str, float]:
     return static_forces(system, forces, drives="in place").readings
 
 
-def exact_readings(stage: PiezoStage, voltage: Array, creep: LogCreep | None) -> Array:
+def exact_readings(stage: PiezoStage, voltage: Array) -> Array:
     """What the exact model does under the voltages that the stage had."""
-    drives = [ModelDrive(name=p.drive, hysteresis=p.stack, creep=creep) for p in stage.parts]
-    model = assembled_model(stage.system, drives, step=1.0 / stage.sample_rate_hz)
+    drives = tuple(replace(d, amplifier=None, input_range=None) for d in stage.model.drives)
+    model = replace(stage.model, drives=drives)
     response = model.simulate(dict(zip(stage.axes, voltage, strict=True)), model.settled())
     return np.array([response.readings[name] for name in stage.axes])
 
@@ -103,7 +102,7 @@ def test_full_strokes_are_the_exact_ones(rate_hz: float, allowed: float) -> None
     u = 60.0 - 60.0 * np.cos(2.0 * np.pi * rate_hz * t)
     slower = 41.0 - 41.0 * np.cos(1.4 * np.pi * rate_hz * t)
     block = stage.run(np.array([u, slower]), OPEN)
-    wanted = exact_readings(stage, block.voltage, creep)
+    wanted = exact_readings(stage, block.voltage)
     off = np.max(np.abs(block.position - wanted), axis=1) / np.ptp(wanted, axis=1)
     assert np.all(off < allowed)
     assert np.any(off > 1e-13)  # it is a comparison of two ways
@@ -113,7 +112,7 @@ def test_a_straight_stage_is_exact_to_rounding() -> None:
     stage = small_stage(straight=True)
     u = np.array([wander(900, 1, 30.0), wander(900, 2, 30.0)])
     block = stage.run(u, OPEN)
-    wanted = exact_readings(stage, block.voltage, None)
+    wanted = exact_readings(stage, block.voltage)
     assert np.max(np.abs(block.position - wanted)) < 1e-11 * np.ptp(wanted)
 
 

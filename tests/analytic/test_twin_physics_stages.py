@@ -82,8 +82,8 @@ def test_without_scatter_the_published_measured_figures_come_back(
     )
     width = loop_width(u, y, np.array([0, y.size]))
     assert width == pytest.approx(published("vgtu-piezo", "hysteresis_loop_width", axis), rel=1e-2)
-    found = modes(stage.system, count=None)
-    mode = axis_mode(stage.system, found, axis, axis)
+    found = modes(stage.model.system, count=None)
+    mode = axis_mode(stage.model.system, found, axis, axis)
     # hinges are tuned to 1e-6 of it, and both models are led to the same
     assert found.frequency_hz[mode] == pytest.approx(
         published("vgtu-piezo", "natural_frequency_hz", axis), rel=1e-4
@@ -142,7 +142,7 @@ def test_seeds_scatter_strokes_and_frequencies_by_some_percent() -> None:
         stage = piezo(seed)
         low, high = stage.limits["x"].position or (0.0, 0.0)
         spans.append((high - low) / 0.97)
-        frequencies.append(float(modes(stage.system, count=1).frequency_hz[0]))
+        frequencies.append(float(modes(stage.model.system, count=1).frequency_hz[0]))
     # 8 draws of 2 %: their deviation is known to a quarter
     assert 0.007 < np.std(spans) / 63.12e-6 < 0.035
     assert np.mean(spans) == pytest.approx(63.12e-6, rel=0.025)
@@ -172,7 +172,7 @@ def test_control_as_delivered_has_margins(model: str, axis: str) -> None:
     stage = piezo(0, model)
     part = next(p for p in stage.parts if p.name == axis)
     f = np.linspace(0.5, 4999.0, 50_000)
-    plant = stage.small_signal_response(axis, f, slope=largest_slope(part))
+    plant = stage.small_signal_response(axis, f, slope=largest_slope(stage.model.drive(part.drive)))
     loop = stage.servo_settings(axis).response(f, 10e3) * plant * np.exp(-2j * np.pi * f / 10e3)
     # where its phase is that of an oscillator, it is less than half: 6 dB
     crossings = np.flatnonzero(np.diff(np.sign(loop.imag)) != 0)
@@ -242,7 +242,9 @@ def test_a_blow_rings_at_the_natural_frequency_without_drives() -> None:
     f = np.fft.rfftfreq(n, 1.0 / blow.sample_rate_hz)
     near = (f > 200.0) & (f < 450.0)
     peak = f[near][np.argmax(np.abs(ratio[near]))]
-    assert peak == pytest.approx(float(modes(stage.system, count=1).frequency_hz[0]), rel=0.01)
+    assert peak == pytest.approx(
+        float(modes(stage.model.system, count=1).frequency_hz[0]), rel=0.01
+    )
 
 
 # ----------------------------------------------------------------------------------------- screws

@@ -280,7 +280,7 @@ HOSTILE = {
     "no model": (replaced("model: preisach", "modle_x: preisach"), "'model' is missing (one of"),
     "a list as model": (
         replaced("model: preisach", "model: [preisach]"),
-        "expected one of asymmetric-bouc-wen, bouc-wen",
+        "expected one of asymmetric-bouc-wen, ",
     ),
     "another model": (
         replaced("model: preisach", "model: dahl"),

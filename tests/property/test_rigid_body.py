@@ -8,9 +8,7 @@ from scipy.special import stdtrit
 
 from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError, RecordError
-from flexstage.measure.motion.rigid_body import PARAMETERS, rigid_motion, travel_frame
-from flexstage.measure.motion.sensor_motion import from_sensors
-from flexstage.measure.motion.sphere import sphere_fit
+from flexstage.measure.motion.rigid_body import PARAMETERS, rigid_motion, sphere_fit, travel_frame
 
 SPHERES = np.array(
     [[0.0, 0.0, 0.0], [82e-3, 6e-3, 1e-3], [11e-3, 61e-3, 7e-3], [70e-3, 55e-3, -4e-3]]
@@ -174,45 +172,6 @@ def test_intervals_cover(known: bool, poses: int) -> None:
     assert 0.925 <= held / count <= 0.98
 
 
-def test_sensors_see_what_the_body_does() -> None:
-    random = np.random.default_rng(6)
-    p, d = random.normal(size=(9, 3)) * 40e-3, random.normal(size=(9, 3)) * 3.0
-    theta, t = np.array([11e-6, -7e-6, 23e-6]), np.array([1.2e-6, -0.4e-6, 2.1e-6])
-    about = np.array([5e-3, 2e-3, -8e-3])
-    unit = d / np.linalg.norm(d, axis=1, keepdims=True)
-    readings = np.sum(unit * (t + np.cross(theta, p - about)), axis=1)
-    found = from_sensors(p, d, [readings, 2.0 * readings], variance=1e-18, about=about)
-    assert found.values[0] == pytest.approx(np.concatenate([t, theta]), rel=1e-9)
-    assert found.values[1] == pytest.approx(2.0 * found.values[0], rel=1e-12)
-    assert found.rank == 6
-    assert found.residuals == pytest.approx(np.zeros((2, 9)), abs=1e-18)
-    # with two parameters held at nothing, the others are least squares by themselves
-    some = from_sensors(p, d, readings, variance=1e-18, parameters=("across", "yaw"))
-    A = np.column_stack([unit[:, 1], np.cross(p, unit)[:, 2]])
-    expected, *_ = np.linalg.lstsq(A, readings, rcond=None)
-    assert some.values == pytest.approx(expected, rel=1e-9)
-    assert some.covariance == pytest.approx(1e-18 * np.linalg.inv(A.T @ A), rel=1e-9)
-
-
-def test_sensors_with_unequal_noise_cover() -> None:
-    random = np.random.default_rng(7)
-    p, d = random.normal(size=(8, 3)) * 30e-3, random.normal(size=(8, 3))
-    noise = np.array([1.0, 5.0, 2.0, 1.0, 3.0, 1.0, 2.0, 4.0]) * 1e-9
-    held = {True: 0, False: 0}
-    truth = from_sensors(p, d, np.zeros(8), variance=noise**2)
-    assert truth.values == pytest.approx(np.zeros(6))
-    for seed in range(300):
-        e = np.random.default_rng([1, seed]).standard_normal((5, 8))
-        number = seed % 6
-        given_noise = from_sensors(p, d, noise * e, variance=noise**2)
-        held[True] += given_noise.estimate(PARAMETERS[number], 2).covers(0.0)
-        found = from_sensors(p, d, 2e-9 * e)
-        assert found.degrees_of_freedom == 10.0
-        held[False] += found.estimate(PARAMETERS[number], 2).covers(0.0)
-    assert 0.92 <= held[True] / 300 <= 0.98
-    assert 0.92 <= held[False] / 300 <= 0.98
-
-
 def sphere_points(count: int, seed: int, polar: float = 2.0) -> Array:
     random = np.random.default_rng([9, seed])
     z, phi = random.uniform(np.cos(polar), 1.0, count), random.uniform(0.0, 6.28, count)
@@ -273,22 +232,6 @@ def test_spheres_cover(noise: float | None, radius: float | None) -> None:
         (lambda: rigid_motion(SPHERES, SPHERES).rigidity(), ModelError, "covariance"),
         (lambda: rigid_motion(SPHERES, SPHERES).estimate("tilt"), ModelError, "pitch"),  # type: ignore[arg-type]
         (lambda: travel_frame((0, 0, 2), (0, 0, 1)), ModelError, "parallel"),
-        (lambda: from_sensors(SPHERES, SPHERES, [1.0]), RecordError, "reading"),
-        (
-            lambda: from_sensors(SPHERES, [[0.0, 0, 1]] * 4, [1.0] * 4, variance=1.0),
-            ModelError,
-            "determine 3 of the 6",
-        ),
-        (
-            lambda: from_sensors(SPHERES[:1], [[0, 1, 0]], [1.0], parameters=["across"]),
-            ModelError,
-            "variance",
-        ),
-        (
-            lambda: from_sensors(SPHERES[:1], [[0, 0, 0]], [1.0], parameters=["across"]),
-            RecordError,
-            "nothing",
-        ),
         (lambda: sphere_fit(SPHERES), RecordError, "at least 5"),
         (lambda: sphere_fit(np.c_[SPHERES[:, :2], np.zeros(4)], noise=1.0), RecordError, "plane"),
         (lambda: sphere_fit(SPHERES, noise=-1.0), ModelError, "positive"),

@@ -20,9 +20,8 @@ from flexstage.instruments.catalogue.entries import (
 from flexstage.instruments.catalogue.folder import enter_folder, folder_entries
 from flexstage.instruments.catalogue.tables import METADATA, VERSION
 from flexstage.instruments.recording.archive import archived
-from flexstage.instruments.recording.folder import RunFolder
 from tests.postgresql import database, postgresql_server  # noqa: F401
-from tests.recordings import metadata, truth, writer, written
+from tests.recordings import RunFolder, metadata, truth, writer, written
 
 START = datetime(2031, 5, 17, 9, 30, 5, 123456, tzinfo=UTC)
 PIEZO = StageEntry(name="vgtu-piezo", serial_number="A-1", design="vgtu-piezo", hash="ab" * 32)
@@ -482,7 +481,7 @@ def test_a_file_that_is_no_database_is_left_alone(tmp_path):
 @pytest.fixture
 def folder(tmp_path):
     """A folder of a run with a record, one with a gap, one recovered, and one left behind."""
-    place = RunFolder.create(tmp_path / "runs", "vgtu-piezo", "stroke")
+    place = RunFolder(tmp_path / "run")
     one, _ = written(
         place.stream("one"), [40], leave=False, metadata=metadata(step="one", note="plain")
     )
@@ -555,7 +554,7 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_entered(folder, address):
 
 
 def test_a_run_in_progress_is_entered_as_failed_until_it_ends(tmp_path, address):
-    place = RunFolder.create(tmp_path, "s")
+    place = RunFolder(tmp_path / "run")
     going = writer(place.stream("now"))
     going.append(0, truth(0, 12))
     assert [e.status for e in enter_folder(place.path, address).runs] == ["failed"]

@@ -23,7 +23,7 @@ from flexstage.instruments.pi.replies import (
     whole_number,
 )
 from flexstage.instruments.pi.simulated import errors_gcs
-from flexstage.instruments.pi.transport import (
+from flexstage.instruments.transport import (
     GatewayLink,
     InProcess,
     NoAnswerError,

@@ -19,8 +19,8 @@ from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN, Controller
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import GcsServer
 from flexstage.instruments.pi.simulated.session import Loopback
-from flexstage.instruments.pi.transport import InProcess, TcpLink
 from flexstage.instruments.protocol import Capability, Instrument, Signal
+from flexstage.instruments.transport import InProcess, TcpLink
 from flexstage.instruments.waveform import Waveform
 from flexstage.system.servo import Notch, ServoSettings
 from flexstage.virtual.build import virtual_stage

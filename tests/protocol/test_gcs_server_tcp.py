@@ -123,7 +123,7 @@ GONE = """
 import signal, socket, time
 signal.signal(signal.SIGPIPE, signal.SIG_DFL)
 from flexstage.errors import NotConnectedError
-from flexstage.instruments.pi.transport import TcpLink
+from flexstage.instruments.transport import TcpLink
 from flexstage.instruments.pi.simulated.server import GcsServer
 from tests.gcs_device import controller
 

@@ -58,7 +58,7 @@ class Tables(HTMLParser):
 
 def as_measured(found):
     """The same figures as of a real stage, which are compared with models and publications."""
-    return replace(found, campaign=replace(found.campaign, origin="measured"))
+    return replace(found, origin="measured")
 
 
 def characterised(stage, seed=4, kinds=None):
@@ -179,7 +179,7 @@ def test_results_are_plain_data(result):
 
 def test_words_of_files_cannot_break_the_page(result):
     found = result.found
-    tricky = replace(found, campaign=replace(found.campaign, notes=('<b>bold & "quoted"</b>',)))
+    tricky = replace(found, notes=('<b>bold & "quoted"</b>',))
     first = found.results[0]
     named = replace(first, test=replace(first.test, name="<i>'m'"), notes=("a <script> b",))
     # with the pictures of one test
@@ -211,7 +211,7 @@ def test_a_model_that_cannot_be_made_is_left_out(monkeypatch, result):
 def study():
     stage = design("vgtu-piezo")
     found = characterised(stage, kinds=("motion",))
-    real = replace(found, campaign=replace(found.campaign, origin="measured", notes=("bench 7",)))
+    real = replace(found, origin="measured", notes=("bench 7",))
     return run_study(stage, ("lumped",), measured=real, virtual=True, seed=2)
 
 
@@ -249,7 +249,7 @@ def test_a_study_shows_what_was_measured_and_what_is_virtual(study, study_page):
 
 
 def test_a_simulated_measurement_is_compared_with_nothing(result):
-    found = replace(result.found, campaign=replace(result.found.campaign, origin="virtual"))
+    found = replace(result.found, origin="virtual")
     quiet = replace(found, results=tuple(replace(r, details={}) for r in found.results))
     text = measurement_text(compare_measurement(quiet, result.stage, ("lumped",)))
     rows = Tables(text).sections["figures"]
@@ -274,7 +274,7 @@ def test_half_a_page_on_the_simulated_measurement_is_in_the_report(study, study_
 
 
 def test_a_virtual_campaign_that_joins_a_study_is_not_its_own_reference(study):
-    found = replace(study.measured, campaign=replace(study.measured.campaign, origin="virtual"))
+    found = replace(study.measured, origin="virtual")
     found = replace(found, results=tuple(replace(r, details={}) for r in found.results))
     section = sections_of(replace(study, measured=found), "measured")
     heads = Tables(section).sections["measured"][1]

@@ -1,6 +1,6 @@
 """`flexstage characterise`: the figures of a stage from measured records."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,90 +18,27 @@ from flexstage.cli.options import (
 )
 from flexstage.cli.output import OutputFolder, console, print_json, progress_bar
 from flexstage.cli.reading import (
-    DatasetOption,
-    DecimalOption,
-    DelimiterOption,
-    FormatOption,
-    RowsOption,
-    SampleRateOption,
-    SkipLinesOption,
-    TimeOption,
+    AS_TIMED,
+    WHOLE_FILE,
+    FileOptions,
+    TimeOptions,
 )
 from flexstage.errors import ModelError
+from flexstage.files.plain import json_text
 
 if TYPE_CHECKING:
-    from flexstage.experiments.campaign.plan import Campaign, Columns
+    from flexstage.experiments.campaign.plan import Columns, FileReading
     from flexstage.experiments.campaign.results import Characterisation
 
 _PLANS = (".yaml", ".yml")
 
 
-def _column(what: str) -> Any:
-    return typer.Option(metavar="COLUMN", help=f"Number or name of the column of {what}.")
-
-
-@from_docstring
-def characterise(
-    records: Annotated[list[Path] | None, typer.Argument()] = None,
-    stage: str | None = None,
-    virtual_seed: Annotated[int | None, typer.Option(min=0)] = None,
-    test: str = "motion",
-    axis: str = "x",
-    command: str | None = None,
-    along: str | None = None,
-    across: str | None = None,
-    vertical: str | None = None,
-    roll: str | None = None,
-    pitch: str | None = None,
-    yaw: str | None = None,
-    input: str | None = None,
-    output: str | None = None,
-    corner: str | None = None,
-    x: str | None = None,
-    y: str | None = None,
-    spheres: str | None = None,
-    direction: str | None = None,
-    upward: str | None = None,
-    downward: str | None = None,
-    cycle: str = "auto",
-    deviations: bool = False,
-    commands: str | None = None,
-    column_unit: list[str] | None = None,
-    calibration: str | None = None,
-    alignment: str | None = None,
-    confidence: Annotated[float, typer.Option(min=0.5, max=0.9999)] = 0.95,
-    models: ModelsOption = "lumped,superelement",
-    sample_rate: SampleRateOption = None,
-    time: TimeOption = None,
-    format: FormatOption = None,
-    dataset: DatasetOption = None,
-    rows: RowsOption = None,
-    skip_lines: SkipLinesOption = 0,
-    delimiter: DelimiterOption = None,
-    decimal: DecimalOption = None,
-    out: OutputFolder = None,
-    quiet: QuietOption = False,
-    json: JsonOption = False,
-) -> None:
-    """Evaluate stroke, resolution, straightness and modes.
-
-    Every value has its uncertainty, and its difference from models of the stage and published
-    values.
+@dataclass(frozen=True, kw_only=True)
+class ColumnOptions:
+    """Which column holds what.
 
     Parameters
     ----------
-    records
-        FILE...: One test description (.yaml), or the measured files of one test.
-    stage
-        STAGE: A stage file, or the name of a built-in design, to compare with its models and
-        published values.
-    virtual_seed
-        SEED: Instead of files: simulate the measurements of --stage, with this random seed.
-    test
-        KIND: Kind of test: motion, spheres, positioning, staircase, hold, response, ring-down or
-        workspace.
-    axis
-        NAME: The axis that moves; for a workspace both, as xy.
     command
         COLUMN: Number or name of the column of the command.
     along
@@ -135,6 +72,71 @@ def characterise(
         commas.
     downward
         COLUMNS: For such a table: columns of the downward runs.
+    """
+
+    command: str | None = None
+    along: str | None = None
+    across: str | None = None
+    vertical: str | None = None
+    roll: str | None = None
+    pitch: str | None = None
+    yaw: str | None = None
+    input: str | None = None
+    output: str | None = None
+    corner: str | None = None
+    x: str | None = None
+    y: str | None = None
+    spheres: str | None = None
+    direction: str | None = None
+    upward: str | None = None
+    downward: str | None = None
+
+
+#: None of them given.
+_NO_COLUMNS = ColumnOptions()
+
+
+@from_docstring
+def characterise(
+    records: Annotated[list[Path] | None, typer.Argument()] = None,
+    stage: str | None = None,
+    virtual_seed: Annotated[int | None, typer.Option(min=0)] = None,
+    test: str = "motion",
+    axis: str = "x",
+    columns: ColumnOptions = _NO_COLUMNS,
+    cycle: str = "auto",
+    deviations: bool = False,
+    commands: str | None = None,
+    column_unit: list[str] | None = None,
+    calibration: str | None = None,
+    alignment: str | None = None,
+    confidence: Annotated[float, typer.Option(min=0.5, max=0.9999)] = 0.95,
+    models: ModelsOption = "lumped,superelement",
+    timing: TimeOptions = AS_TIMED,
+    how: FileOptions = WHOLE_FILE,
+    out: OutputFolder = None,
+    quiet: QuietOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Evaluate stroke, resolution, straightness and modes.
+
+    Every value has its uncertainty, and its difference from models of the stage and published
+    values.
+
+    Parameters
+    ----------
+    records
+        FILE...: One test description (.yaml), or the measured files of one test.
+    stage
+        STAGE: A stage file, or the name of a built-in design, to compare with its models and
+        published values.
+    virtual_seed
+        SEED: Instead of files: simulate the measurements of --stage, with this random seed.
+    test
+        KIND: Kind of test: motion, spheres, positioning, staircase, hold, response, ring-down or
+        workspace.
+    axis
+        NAME: The axis that moves; for a workspace both, as xy.
     cycle
         FORM: For positioning with a row for each approach: standard (series up and down) or step
         (each target from both sides in turn); auto also finds rests of several samples.
@@ -156,18 +158,15 @@ def characterise(
     """
     from flexstage.designs import find_stage
     from flexstage.experiments.campaign.evaluate import characterise as run
-    from flexstage.experiments.campaign.plan import Columns, read_campaign
+    from flexstage.experiments.campaign.plan import Campaign, Test, read_campaign
     from flexstage.files.write import write_files
     from flexstage.report.measurement import measurement_text
+    from flexstage.sensor import SensorSpecification
     from flexstage.studies import compare_measurement
     from flexstage.studies.measurement import measurement_results
 
     files = records or []
     written: dict[str, bytes] = {}
-    named = _named(
-        command=command, along=along, across=across, vertical=vertical, roll=roll, pitch=pitch,
-        yaw=yaw, input=input, corner=corner, x=x, y=y, direction=direction,
-    )  # fmt: skip
     plans = [file for file in files if file.suffix.lower() in _PLANS]
     if plans and len(files) > 1:
         raise ModelError(
@@ -178,16 +177,17 @@ def characterise(
         _no_columns(
             "--virtual-seed" if virtual_seed is not None else f"'{plans[0]}'",
             {
-                **named, "output": output, "spheres": spheres, "commands": commands,
-                "column-unit": column_unit,
-                "upward": upward, "downward": downward, "deviations": deviations,
+                **vars(columns),
+                "commands": commands,
+                "column_unit": column_unit,
+                "deviations": deviations,
                 "cycle": cycle != "auto",
-                "calibration": calibration, "alignment": alignment, "sample-rate": sample_rate,
-                "time": time, "format": format, "rows": rows,
-                "skip-lines": skip_lines, "dataset": dataset, "delimiter": delimiter,
-                "decimal": decimal,
+                "calibration": calibration,
+                "alignment": alignment,
+                **vars(timing),
+                **vars(how),
             },
-        )  # fmt: skip
+        )
     folder = Path()
     with progress_bar("characterise", quiet=quiet):
         if virtual_seed is not None:
@@ -200,23 +200,35 @@ def characterise(
             folder = plans[0].parent
             found = run(read_campaign(plans[0]), folder)
         else:
-            campaign = _single(
-                files, test, axis,
-                Columns(
-                    **named, output=_words(output), spheres=_words(spheres), upward=_words(upward),
-                    downward=_words(downward),
-                ),
-                commands=_words(commands), cycle=cycle, deviations=deviations,
-                units=column_unit or [],
-                calibration=calibration, alignment=alignment, confidence=confidence,
-                reading=_named(
-                    time=time, format=format, dataset=dataset, delimiter=delimiter,
-                    decimal=decimal, rows=rows,
-                ),
-                sample_rate=sample_rate, skip_lines=skip_lines,
-            )  # fmt: skip
+            if not files:
+                raise ModelError(
+                    "no file is given: give measured files or a test description (.yaml), or "
+                    "--virtual-seed with --stage"
+                )
+            sensor = SensorSpecification(
+                name="sensor",
+                calibration=0.0 if calibration is None else relative(calibration),
+                alignment=0.0 if alignment is None else quantity(alignment, "angle"),
+            )
+            one = Test(
+                name=test,
+                kind=test,
+                axis=axis,
+                records=tuple(map(str, files)),
+                columns=_columns(columns),
+                units=_units(column_unit or []),
+                reading=_reading(timing, how),
+                along="sensor",
+                transverse="sensor",
+                angle="sensor",
+                confidence=confidence,
+                commands=tuple(quantity(text, "length") for text in _words(commands)),
+                cycle=cycle,
+                deviations=deviations,
+            )
+            campaign = Campaign(instruments=(sensor,), tests=(one,))
             found = run(campaign, Path())
-        described = stage or _beside(found.campaign.stage, folder)
+        described = stage or _beside(found.stage, folder)
         result = compare_measurement(
             found,
             find_stage(described) if described else None,
@@ -224,10 +236,8 @@ def characterise(
         )
     results = measurement_results(result)
     if out is not None:
-        import json as writer
-
         written["report.html"] = measurement_text(result).encode()
-        written["results.json"] = (writer.dumps(results, indent=2, allow_nan=False) + "\n").encode()
+        written["results.json"] = json_text(results).encode()
         saved = [str(path) for path in write_files(out, written)]
     else:
         saved = []
@@ -241,13 +251,9 @@ def _words(text: str | None) -> tuple[str, ...]:
     return tuple(w.strip() for w in (text or "").split(",") if w.strip())
 
 
-def _named(**given: str | None) -> dict[str, str]:
-    return {name: text for name, text in given.items() if text is not None}
-
-
 def _no_columns(source: str, given: dict[str, Any]) -> None:
     """Refuse options on columns and files where a description says all that."""
-    idle = [f"--{name}" for name, value in given.items() if value]
+    idle = [f"--{name.replace('_', '-')}" for name, value in given.items() if value]
     if idle:
         raise ModelError(
             f"{', '.join(idle)} has no meaning with {source}, which says what its records hold: "
@@ -285,54 +291,22 @@ def _virtual(stage: str, seed: int) -> "tuple[Characterisation, dict[str, bytes]
     return made.evaluated(), files
 
 
-def _single(
-    files: list[Path],
-    kind: str,
-    axis: str,
-    columns: "Columns",
-    *,
-    commands: tuple[str, ...],
-    cycle: str,
-    deviations: bool,
-    units: list[str],
-    calibration: str | None,
-    alignment: str | None,
-    confidence: float,
-    reading: dict[str, str],
-    sample_rate: str | None,
-    skip_lines: int,
-) -> "Campaign":
-    from flexstage.experiments.campaign.plan import Campaign, FileReading, Test
-    from flexstage.sensor import SensorSpecification
+def _columns(given: ColumnOptions) -> "Columns":
+    from flexstage.experiments.campaign.plan import Columns
 
-    if not files:
-        raise ModelError(
-            "no file is given: give measured files or a test description (.yaml), or "
-            "--virtual-seed with --stage"
-        )
-    rate = None if sample_rate is None else quantity(sample_rate, "frequency", bare_unit="Hz")
-    sensor = SensorSpecification(
-        name="sensor",
-        calibration=0.0 if calibration is None else relative(calibration),
-        alignment=0.0 if alignment is None else quantity(alignment, "angle"),
-    )
-    test = Test(
-        name=kind,
-        kind=kind,
-        axis=axis,
-        records=tuple(str(file) for file in files),
-        columns=columns,
-        units=_units(units),
-        reading=FileReading(sample_rate=rate, skip_lines=skip_lines, **reading),
-        along="sensor",
-        transverse="sensor",
-        angle="sensor",
-        confidence=confidence,
-        commands=tuple(quantity(text, "length") for text in commands),
-        cycle=cycle,
-        deviations=deviations,
-    )
-    return Campaign(instruments=(sensor,), tests=(test,))
+    several = {"output", "spheres", "upward", "downward"}
+    roles: dict[str, Any] = {
+        role: _words(text) if role in several else text for role, text in vars(given).items()
+    }
+    return Columns(**roles)
+
+
+def _reading(timing: TimeOptions, how: FileOptions) -> "FileReading":
+    from flexstage.experiments.campaign.plan import FileReading
+
+    rate = timing.sample_rate
+    hertz = None if rate is None else quantity(rate, "frequency", bare_unit="Hz")
+    return FileReading(sample_rate=hertz, time=timing.time, **vars(how))
 
 
 def _units(given: list[str]) -> Any:

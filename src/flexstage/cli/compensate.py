@@ -16,10 +16,10 @@ from flexstage.cli.options import (
 from flexstage.cli.output import OutputFile, console, print_json, print_notes, write_file
 from flexstage.cli.predict import moved_for
 from flexstage.cli.reading import (
-    AS_TIMED,
+    AS_EVEN,
     WHOLE_FILE,
+    EvenTimeOptions,
     FileOptions,
-    TimeOptions,
     column,
     read_records,
     record_format,
@@ -36,7 +36,7 @@ def compensate(
     model: Annotated[Path, typer.Argument()],
     reference: Path,
     column_: str = "0",
-    timing: TimeOptions = AS_TIMED,
+    timing: EvenTimeOptions = AS_EVEN,
     reference_unit: str | None = None,
     relative: bool = False,
     voltage: str | None = None,

@@ -24,10 +24,10 @@ from flexstage.cli.output import (
     write_file,
 )
 from flexstage.cli.reading import (
-    AS_TIMED,
+    AS_EVEN,
     WHOLE_FILE,
+    EvenTimeOptions,
     FileOptions,
-    TimeOptions,
     column_list,
     read_records,
     record_format,
@@ -65,7 +65,7 @@ def frf(
     ring_down: bool = False,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
-    timing: TimeOptions = AS_TIMED,
+    timing: EvenTimeOptions = AS_EVEN,
     how: FileOptions = WHOLE_FILE,
     out: OutputFile = None,
     figure: FigureFile = None,

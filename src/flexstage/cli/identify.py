@@ -34,10 +34,10 @@ from flexstage.cli.predict import (
     print_predictions,
 )
 from flexstage.cli.reading import (
-    AS_TIMED,
+    AS_EVEN,
     WHOLE_FILE,
+    EvenTimeOptions,
     FileOptions,
-    TimeOptions,
 )
 from flexstage.errors import ModelError, RecordError
 from flexstage.stage.assumptions import DAMPING_RATIO
@@ -55,7 +55,7 @@ def identify(
     branches: BranchesOption = None,
     curve: CurveOption = None,
     hysteresis_model: str = "auto",
-    timing: TimeOptions = AS_TIMED,
+    timing: EvenTimeOptions = AS_EVEN,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
     train: str | None = None,

@@ -29,21 +29,18 @@ def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     The text of a parameter in the section Parameters is its help; what its value is called stands
     before it, ``LENGTH: Radius of the fillets.``, after a name of its own where it has one,
     ``--column COLUMN: ...``. What is not described there says itself what it is, as the options
-    that several commands share do; a parameter whose type is a dataclass stands for an option for
-    each of its fields.
+    that several commands share do. A parameter whose type is a dataclass stands for an option for
+    each of its fields, which its docstring describes likewise; its `panel` is their section.
     """
-    sentence, texts = _parameters(command)
-    groups: dict[str, type[Any]] = {}
-    own: list[inspect.Parameter] = []
-    for name, parameter in inspect.signature(command).parameters.items():
-        kind = parameter.annotation
-        if isinstance(kind, type) and is_dataclass(kind):
-            groups[name] = kind
-            own += inspect.signature(kind).parameters.values()
-            continue
-        if name in texts:
-            kind = _with_help(name, kind, texts[name])
-        own.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kind))
+    sentence, own = _described(command)
+    groups = {
+        parameter.name: parameter.annotation
+        for parameter in own
+        if isinstance(parameter.annotation, type) and is_dataclass(parameter.annotation)
+    }
+    for name, kind in groups.items():
+        at = next(i for i, parameter in enumerate(own) if parameter.name == name)
+        own[at : at + 1] = _described(kind, getattr(kind, "panel", None))[1]
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
@@ -57,17 +54,28 @@ def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def _parameters(command: Callable[..., None]) -> tuple[str, dict[str, str]]:
-    """Divide the docstring of a command into what it says of all, and of each parameter."""
-    # an interpreter that drops docstrings leaves options without help
-    text = inspect.getdoc(command) or ""
-    sentence, _, section = text.partition("\n\nParameters\n----------\n")
-    entries = re.split(r"^(?=\S)", section, flags=re.MULTILINE)
-    named = (entry.split("\n", 1) for entry in entries if entry)
-    return sentence, {name: " ".join(told.split()) for name, told in named}
+def _described(
+    thing: Callable[..., Any], panel: str | None = None
+) -> tuple[str, list[inspect.Parameter]]:
+    """Return what a docstring says first, and the parameters with what it says of each."""
+    sentence, texts = "", {}
+    for part in (*reversed(getattr(thing, "__mro__", ())), thing):  # what a class inherits, too
+        # an interpreter that drops docstrings leaves options without help
+        text = inspect.cleandoc(part.__doc__ or "")
+        sentence, _, section = text.partition("\n\nParameters\n----------\n")
+        entries = re.split(r"^(?=\S)", section, flags=re.MULTILINE)
+        named = (entry.split("\n", 1) for entry in entries if entry)
+        texts |= {name: " ".join(told.split()) for name, told in named}
+    parameters = []
+    for name, parameter in inspect.signature(thing).parameters.items():
+        kind = parameter.annotation
+        if name in texts:
+            kind = _with_help(name, kind, texts[name], panel)
+        parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kind))
+    return sentence, parameters
 
 
-def _with_help(name: str, kind: Any, text: str) -> Any:
+def _with_help(name: str, kind: Any, text: str, panel: str | None) -> Any:
     """Return the type of a parameter with its help, the name of its value and its own names."""
     base, *known = get_args(kind) if get_origin(kind) is Annotated else (kind,)
     info = copy.copy(known[0]) if known else typer.Option()
@@ -78,6 +86,7 @@ def _with_help(name: str, kind: Any, text: str) -> Any:
     if sum(not word.startswith("--") for word in words) > 1:
         words, rest = [], text
     info.help = rest
+    info.rich_help_panel = panel or info.rich_help_panel
     info.metavar = " ".join(w for w in words if not w.startswith("--")) or info.metavar
     names = tuple(w for w in words if w.startswith("--"))
     # a flag has no second name that takes it back

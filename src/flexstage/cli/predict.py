@@ -23,10 +23,10 @@ from flexstage.cli.output import (
     write_file,
 )
 from flexstage.cli.reading import (
-    AS_TIMED,
+    AS_EVEN,
     WHOLE_FILE,
+    EvenTimeOptions,
     FileOptions,
-    TimeOptions,
 )
 from flexstage.errors import ModelError, UnitError
 from flexstage.files.plain import picked
@@ -49,7 +49,7 @@ def predict(
     output: str | None = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
-    timing: TimeOptions = AS_TIMED,
+    timing: EvenTimeOptions = AS_EVEN,
     input_unit: InputUnitOption = None,
     output_unit: OutputUnitOption = None,
     start: str = "auto",

@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from flexstage.cli.options import option, quantity
+import typer
+
+from flexstage.cli.options import quantity
 from flexstage.errors import ModelError, RecordError
 
 if TYPE_CHECKING:
@@ -20,88 +22,73 @@ _SUCH = {
 _FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 
 _SECTION = "Reading files"
-SampleRateOption = Annotated[
-    str | None,
-    option(
-        "RATE",
-        'Sample rate, such as "200" or "10 kHz"; one for each file if separated by commas.',
-        rich_help_panel=_SECTION,
-    ),
-]
-TimeOption = Annotated[
-    str | None, option("COLUMN", "Number or name of the time column.", rich_help_panel=_SECTION)
-]
-FormatOption = Annotated[
-    str | None,
-    option(
-        "NAME",
-        "text, matlab, hdf5, tdms, numpy, universal, gcs, touchstone or cmm (default: by "
-        "content and ending).",
-        rich_help_panel=_SECTION,
-    ),
-]
-DatasetOption = Annotated[
-    str | None,
-    option(
-        "NAME",
-        "Group, variable, array, function or feature of a file that contains several; several "
-        "separated by commas.",
-        rich_help_panel=_SECTION,
-    ),
-]
-SkipLinesOption = Annotated[
-    int,
-    option("NUMBER", "Lines to skip at the start of a text file.", rich_help_panel=_SECTION, min=0),
-]
-DelimiterOption = Annotated[
-    str | None, option("TEXT", "Column separator of a text file.", rich_help_panel=_SECTION)
-]
-DecimalOption = Annotated[
-    str | None, option(".|,", "Decimal sign of a text file.", rich_help_panel=_SECTION)
-]
-RowsOption = Annotated[
-    str | None,
-    option(
-        "START:STOP",
-        "Samples to read, numbered from 0; either end may be omitted.",
-        rich_help_panel=_SECTION,
-    ),
-]
-ResampleOption = Annotated[
-    str | None,
-    option(
-        "RATE|median",
-        'Resample unevenly timed samples to even times: at a rate such as "10 Hz", not finer '
-        "than the samples, or at that of the median step; one for each file if separated by "
-        "commas.",
-        rich_help_panel=_SECTION,
-    ),
-]
 
 
 @dataclass(frozen=True, kw_only=True)
 class TimeOptions:
-    """Options on the times of samples."""
+    """How the times of samples are found.
 
-    sample_rate: SampleRateOption = None
-    time: TimeOption = None
-    resample: ResampleOption = None
+    Parameters
+    ----------
+    sample_rate
+        RATE: Sample rate, such as "200" or "10 kHz"; one for each file if separated by commas.
+    time
+        COLUMN: Number or name of the time column.
+    """
+
+    panel: ClassVar[str] = _SECTION
+    sample_rate: str | None = None
+    time: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvenTimeOptions(TimeOptions):
+    """How samples with even times are found.
+
+    Parameters
+    ----------
+    resample
+        RATE|median: Resample unevenly timed samples to even times: at a rate such as "10 Hz", not
+        finer than the samples, or at that of the median step; one for each file if separated by
+        commas.
+    """
+
+    resample: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class FileOptions:
-    """Options on what is read of a file, and how."""
+    """What is read of a file, and how.
 
-    rows: RowsOption = None
-    format: FormatOption = None
-    dataset: DatasetOption = None
-    skip_lines: SkipLinesOption = 0
-    delimiter: DelimiterOption = None
-    decimal: DecimalOption = None
+    Parameters
+    ----------
+    rows
+        START:STOP: Samples to read, numbered from 0; either end may be omitted.
+    format
+        NAME: text, matlab, hdf5, tdms, numpy, universal, gcs, touchstone or cmm (default: by
+        content and ending).
+    dataset
+        NAME: Group, variable, array, function or feature of a file that contains several; several
+        separated by commas.
+    skip_lines
+        NUMBER: Lines to skip at the start of a text file.
+    delimiter
+        TEXT: Column separator of a text file.
+    decimal
+        .|,: Decimal sign of a text file.
+    """
+
+    panel: ClassVar[str] = _SECTION
+    rows: str | None = None
+    format: str | None = None
+    dataset: str | None = None
+    skip_lines: Annotated[int, typer.Option(min=0)] = 0
+    delimiter: str | None = None
+    decimal: str | None = None
 
 
 #: None of them given.
-AS_TIMED, WHOLE_FILE = TimeOptions(), FileOptions()
+AS_TIMED, AS_EVEN, WHOLE_FILE = TimeOptions(), EvenTimeOptions(), FileOptions()
 
 
 def column(text: str) -> str | int:

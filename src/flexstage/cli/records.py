@@ -8,10 +8,10 @@ import typer
 from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import console, print_json, print_notes, print_table
 from flexstage.cli.reading import (
+    AS_TIMED,
     WHOLE_FILE,
     FileOptions,
-    SampleRateOption,
-    TimeOption,
+    TimeOptions,
     column,
     file_rates,
 )
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 @from_docstring
 def records(
     files: Annotated[list[Path], typer.Argument()],
-    sample_rate: SampleRateOption = None,
-    time: TimeOption = None,
+    timing: TimeOptions = AS_TIMED,
     how: FileOptions = WHOLE_FILE,
     json: JsonOption = False,
 ) -> None:
@@ -41,7 +40,7 @@ def records(
     from flexstage.records import read_record
     from flexstage.records.sampling import row_range
 
-    rates = file_rates(sample_rate, "--sample-rate", len(files))
+    rates = file_rates(timing.sample_rate, "--sample-rate", len(files))
     found = []
     for file, rate in zip(files, rates, strict=True):
         given: dict[str, Any] = {
@@ -55,12 +54,12 @@ def records(
             record = read_record(
                 file,
                 sample_rate_hz=rate,
-                time=None if time is None else column(time),
+                time=None if timing.time is None else column(timing.time),
                 largest_step=float("inf"),
                 **given,
             )
         except RecordError as error:
-            if rate is not None or time is not None:
+            if rate is not None or timing.time is not None:
                 raise
             said = str(error)
             record = read_record(file, over="point", **given)

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from flexstage.characteristic import measured_value
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
 from flexstage.instruments.waveform import Quantity
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.stage.limits import AxisLimits, stage_limits
+from flexstage.virtual.published import platform_stroke
 
 #: Of a stroke that is only estimated, the middle part that a command under control keeps to.
 _CLEAR = 0.03
@@ -102,18 +102,10 @@ def estimated_stroke(stage: Stage, axis: str) -> float:
     >>> print(f"{1e6 * estimated_stroke(design('vgtu-piezo'), 'x'):.2f} um")
     63.12 um
     """
-    known = measured_value(stage.published, "output_displacement", axis)
-    if known is not None:
-        return known
-    from flexstage.lumped import lumped_system
-    from flexstage.system import static_displacements
-
-    port = stage.axis(axis)
-    stroke = stage.drive(port.drive).stroke
+    stroke = platform_stroke(stage, axis)
     if stroke is None:
         raise PlanError(f"the drive of axis '{axis}' of {stage.name} has no stroke: give it one")
-    solution = static_displacements(lumped_system(stage), {port.drive: stroke})
-    return abs(float(solution.readings[port.probe]))
+    return stroke
 
 
 def lowest_frequency(stage: Stage) -> float | None:

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from flexstage.experiments.run_context import RunContext
     from flexstage.hysteresis import DriveModel
 
+#: Under which name the errors of learning are kept among the settings of a record.
+LEARNING = "learning errors [m]"
+#: And what a reader of its figures should know, a line each.
+NOTES = "notes"
 #: Samples in a cycle, at least.
 _SAMPLES_PER_CYCLE = 200
 #: A cycle that is compared has at least so many samples.

@@ -1,9 +1,7 @@
 """What the steps of a plan gave."""
 
-import json
-import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -15,10 +13,13 @@ from flexstage.characteristic import (
     one_of_each,
 )
 from flexstage.errors import PlanError
+from flexstage.experiments.campaign.results import Characterisation, TestResult
 from flexstage.experiments.plan import Plan
 from flexstage.experiments.verb import StepResult
+from flexstage.files.plain import picked, plain
 from flexstage.instruments.protocol import Identity
 from flexstage.provenance import provenance
+from flexstage.section import Section
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
@@ -150,6 +151,30 @@ class PlanResult:
         """The models that were identified."""
         return cast("tuple[IdentifiedStep, ...]", self.of("identify"))
 
+    @property
+    def characterisation(self) -> Characterisation:
+        """All figures as those of one set of tests."""
+        tests: dict[str, TestResult] = {}
+        for test in (test for step in self.steps for test in step.tests):
+            tests.setdefault(test.test.name, test)
+        return Characterisation(
+            stage=self.plan.stage,
+            origin=self.origin,
+            results=tuple(tests.values()),
+            figures=self.figures,
+            sources={name: digest for s in self.steps for name, digest in s.sources.items()},
+        )
+
+    def sections(self) -> Iterator[Section]:
+        """Give the section of the report of each verb that was carried out."""
+        from flexstage.experiments.verbs import VERBS
+
+        for verb in VERBS.values():
+            steps = self.of(verb.verb)
+            section = verb.section(steps, self) if steps else None
+            if section is not None:
+                yield section
+
     def figure(self, quantity: str, axis: str) -> MeasuredCharacteristic:
         """Return one figure.
 
@@ -208,61 +233,30 @@ class PlanResult:
     def plain_figure(self, figure: MeasuredCharacteristic) -> dict[str, Any]:
         """Return a figure of this result as plain data."""
         in_place = self.drives_in_place(figure)
+        published = self.published_of(figure)
         return {
-            "quantity": figure.quantity,
-            "axis": figure.axis,
-            "value": figure.value,
-            "unit": figure.unit,
-            "uncertainty": figure.uncertainty,
-            "degrees_of_freedom": figure.degrees_of_freedom,
-            "interval": figure.estimate.interval(),
+            **picked(figure, "quantity", "axis", "value", "unit", "uncertainty"),
+            **picked(figure, "degrees_of_freedom", "interval=estimate.interval"),
             "origin": self.origin,
             "step": figure.test,
             "note": f"{figure.note}, drives in place".lstrip(", ") if in_place else figure.note,
-            "published": [
-                {"origin": r.origin, "value": r.value} for r in self.published_of(figure)
-            ],
+            "published": [picked(row, "origin", "value") for row in published],
         }
 
     def plain(self) -> dict[str, Any]:
         """Return all figures as plain data."""
-        made = asdict(provenance(self.plan, dict(self.settings)))
-        return _plain(
-            {
-                "plan": self.title or self.plan.title,
-                "stage": self.stage.name,
-                "serial_number": self.serial_number,
-                "origin": self.origin,
-                "instrument": asdict(self.instrument),
-                "operator": self.operator,
-                "note": self.note,
-                "started": self.started,
-                "finished": self.finished,
-                "duration": self.duration,
-                "folder": str(self.folder),
-                "figures": [self.plain_figure(f) for f in self.figures],
-                "further_figures": [self.plain_figure(f) for f in self.further_figures],
-                "steps": [
-                    {"name": s.name, "verb": self.plan.step(s.name).verb, **s.plain(self)}
-                    for s in self.steps
-                ],
-                "notes": list(self.notes),
-                "provenance": {k: v for k, v in made.items() if k != "created"},
-            }
+        made = provenance(self.plan, dict(self.settings))
+        steps = (
+            {"name": s.name, "verb": self.plan.step(s.name).verb, **s.plain(self)}
+            for s in self.steps
         )
-
-
-def results_text(result: PlanResult) -> str:
-    """Return the figures of a plan as the text of a file."""
-    return json.dumps(result.plain(), indent=2, allow_nan=False) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    """Return data as JSON has it: lists, and nothing for a number that is none."""
-    if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(v) for v in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value
+        return {
+            "plan": self.title or self.plan.title,
+            **picked(self, "stage=stage.name", "serial_number", "origin", "instrument", "operator"),
+            **picked(self, "note", "started", "finished", "duration", "folder"),
+            "figures": [self.plain_figure(f) for f in self.figures],
+            "further_figures": [self.plain_figure(f) for f in self.further_figures],
+            "steps": plain(list(steps)),
+            "notes": list(self.notes),
+            "provenance": {k: v for k, v in plain(made).items() if k != "created"},
+        }

@@ -5,7 +5,6 @@ before and its files are whole.
 """
 
 import datetime
-import hashlib
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -16,23 +15,29 @@ from pathlib import Path
 import flexstage
 from flexstage import progress
 from flexstage.errors import FlexstageError, PlanError
-from flexstage.experiments.cataloguing import enter_all
 from flexstage.experiments.dry_run import dry_run, natural_frequency
-from flexstage.experiments.plan import Plan, SensorEntry, Step
-from flexstage.experiments.results import PlanResult, results_text
+from flexstage.experiments.plan import Plan, Step
+from flexstage.experiments.results import PlanResult
 from flexstage.experiments.run_context import RunContext, base_rate_of
 from flexstage.experiments.state import (
     RunState,
     StepState,
     clear_leftovers,
     file_hash,
+    files_hash,
+    fingerprint,
+    is_whole,
     read_state,
     write_state,
 )
+from flexstage.files.plain import json_text
 from flexstage.files.write import write_whole
+from flexstage.instruments.catalogue.catalogue import Catalogue
+from flexstage.instruments.catalogue.entries import StageEntry
+from flexstage.instruments.catalogue.folder import enter_folder
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.lock import stage_lock
-from flexstage.instruments.protocol import Identity, Instrument
+from flexstage.instruments.protocol import Instrument
 from flexstage.instruments.ramp import to_safe
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
@@ -161,7 +166,7 @@ def run_plan(
             to_safe(instrument)
     finally:
         # what was recorded until then is entered too
-        told = enter_all(context, catalogue)
+        told = _enter_all(context, catalogue)
     finished = _now()
     write_state(where, replace(state, finished=finished))
     result = PlanResult(
@@ -180,7 +185,7 @@ def run_plan(
         steps=tuple(context.results[s.name] for s in plan.steps if s.name in context.results),
         notes=(*_notes(context), *told),
     )
-    write_whole(where / "results.json", results_text(result))
+    write_whole(where / "results.json", json_text(result.plain()))
     return result
 
 
@@ -247,9 +252,9 @@ def _run_steps(context: RunContext, state: RunState, steps: tuple[Step, ...]) ->
     for k, step in enumerate(steps):
         with progress.subtask(k / len(steps), (k + 1) / len(steps)):
             progress.update(step.name[:17])
-            mark = _fingerprint(step, context.plan, context.stage, identity, outputs)
+            mark = fingerprint(step, context.plan, context.stage, identity, outputs)
             before = state.steps.get(step.name)
-            now = before is None or not _whole(context.folder, before, mark)
+            now = before is None or not is_whole(context.folder, before, mark)
             if now:
                 state = _carried_out(context, state, step, mark)
             files = [context.folder / name for name in state.steps[step.name].files]
@@ -257,17 +262,6 @@ def _run_steps(context: RunContext, state: RunState, steps: tuple[Step, ...]) ->
                 context.results[step.name] = step.action.result(context, step.name, files, now=now)
             outputs[step.name] = _output(context, step, state.steps[step.name])
     return state
-
-
-def _whole(folder: Path, step: StepState, mark: str) -> bool:
-    """Say whether a step need not be repeated."""
-    if step.status != "complete" or step.fingerprint != mark:
-        return False
-    for name, digits in step.files.items():
-        path = folder / name
-        if not path.is_file() or file_hash(path) != digits:
-            return False
-    return True
 
 
 def _carried_out(context: RunContext, state: RunState, step: Step, mark: str) -> RunState:
@@ -309,7 +303,7 @@ def _output(context: RunContext, step: Step, done: StepState) -> str:
     command = context.commands.get(step.name)
     if command is not None:
         return command.hash
-    return _files_hash(done.files) if done.files else done.fingerprint
+    return files_hash(done.files) if done.files else done.fingerprint
 
 
 def _notes(context: RunContext) -> tuple[str, ...]:
@@ -323,22 +317,34 @@ def _now() -> str:
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
 
 
-def _fingerprint(
-    step: Step, plan: Plan, stage: Stage, instrument: Identity, upstream: Mapping[str, str]
-) -> str:
-    """Return the hash of everything that the result of a step depends on."""
-    words = [step.name, content_hash(step.action), content_hash(stage), content_hash(plan.defaults)]
-    words += [f"{name}={upstream[name]}" for name in step.needs]
-    if step.action.moving:
-        # which sensor is read where, but not how well it is known
-        sensors = tuple(SensorEntry(name=s.name, channel=s.channel, unit=s.unit)
-                        for s in plan.sensors)  # fmt: skip
-        words += [content_hash(sensors), content_hash(replace(instrument, firmware=""))]
-    words += [content_hash(part) for part in step.action.depends_on(plan)]
-    return hashlib.sha256("\n".join(words).encode()).hexdigest()
+def _enter_all(context: RunContext, catalogue: str | None) -> tuple[str, ...]:
+    """Enter every record and model of a run; what cannot be entered is told and never lost."""
+    if catalogue is None:
+        return ()
+    try:
+        entered = enter_folder(context.folder, catalogue)
+        problems = list(entered.problems)
+        if not problems:
+            runs = {entry.file: entry.identifier for entry in entered.runs}
+            _enter_models(context, catalogue, runs)
+    except (FlexstageError, OSError) as error:
+        problems = [str(error)]
+    return tuple(
+        f"not in the catalogue: {said}; enter it later by 'flexstage runs add {context.folder}'"
+        for said in problems
+    )
 
 
-def _files_hash(files: Mapping[str, str]) -> str:
-    """Return the hash of files from the hashes of each."""
-    words = "\n".join(f"{name} {files[name]}" for name in sorted(files))
-    return hashlib.sha256(words.encode()).hexdigest()
+def _enter_models(context: RunContext, catalogue: str, runs: Mapping[str, str]) -> None:
+    stage = StageEntry(
+        name=context.stage.name,
+        serial_number=context.serial_number,
+        design=context.plan.stage,
+        hash=content_hash(context.stage),
+    )
+    made = (step.model_entry(context, stage, runs) for step in context.results.values())
+    entries = [entry for entry in made if entry is not None]
+    if entries:
+        with Catalogue.open(catalogue) as database:
+            for entry in entries:
+                database.enter_model(entry)

@@ -11,10 +11,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flexstage.errors import PlanError, RecordError
+from flexstage.experiments.plan import Plan, SensorEntry, Step
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
 from flexstage.files.write import write_whole
+from flexstage.instruments.protocol import Identity
 from flexstage.instruments.recording.metadata import utc_time
+from flexstage.provenance import content_hash
+from flexstage.stage import Stage
 
 _NAME = "run.json"
 
@@ -119,6 +123,38 @@ def read_state(folder: Path) -> RunState | None:
     except OSError as error:
         reason = error.strerror or error
         raise PlanError(f"the file {path} cannot be read: {reason}{STATE_FILE.ending}") from None
+
+
+def fingerprint(
+    step: Step, plan: Plan, stage: Stage, instrument: Identity, upstream: Mapping[str, str]
+) -> str:
+    """Return the hash of everything that the result of a step depends on."""
+    words = [step.name, content_hash(step.action), content_hash(stage), content_hash(plan.defaults)]
+    words += [f"{name}={upstream[name]}" for name in step.needs]
+    if step.action.moving:
+        # which sensor is read where, but not how well it is known
+        sensors = tuple(SensorEntry(name=s.name, channel=s.channel, unit=s.unit)
+                        for s in plan.sensors)  # fmt: skip
+        words += [content_hash(sensors), content_hash(replace(instrument, firmware=""))]
+    words += [content_hash(part) for part in step.action.depends_on(plan)]
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()
+
+
+def files_hash(files: Mapping[str, str]) -> str:
+    """Return the hash of files from the hashes of each."""
+    words = "\n".join(f"{name} {files[name]}" for name in sorted(files))
+    return hashlib.sha256(words.encode()).hexdigest()
+
+
+def is_whole(folder: Path, step: StepState, mark: str) -> bool:
+    """Say whether a step need not be repeated."""
+    if step.status != "complete" or step.fingerprint != mark:
+        return False
+    for name, digits in step.files.items():
+        path = folder / name
+        if not path.is_file() or file_hash(path) != digits:
+            return False
+    return True
 
 
 def clear_leftovers(folder: Path, name: str, before: tuple[str, ...]) -> tuple[str, ...]:

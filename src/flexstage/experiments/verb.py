@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
     from flexstage.characteristic import MeasuredCharacteristic
+    from flexstage.experiments.campaign.results import TestResult
     from flexstage.experiments.plan import Plan
     from flexstage.experiments.results import PlanResult
     from flexstage.experiments.run_context import RunContext
@@ -206,6 +207,16 @@ class StepResult:
     def figures(self) -> "tuple[MeasuredCharacteristic, ...]":
         """What it measured of the stage."""
         return ()
+
+    @property
+    def tests(self) -> "tuple[TestResult, ...]":
+        """Tests that it evaluated."""
+        return ()
+
+    @property
+    def sources(self) -> Mapping[str, str]:
+        """SHA-256 of each record that it evaluated, by its name."""
+        return {}
 
     def plain(self, result: "PlanResult") -> dict[str, Any]:
         """Return what ``results.json`` keeps of it beside its name and verb."""

@@ -15,12 +15,13 @@ from flexstage.control.two_degree_of_freedom import ControlRun, made_ready, with
 from flexstage.errors import ModelError, PlanError
 from flexstage.experiments.command import CommandWaveform, park, prepare_loops
 from flexstage.experiments.reference import (
+    LEARNING,
+    NOTES,
     ReferenceTrajectory,
     joined,
     reference_of,
     settled_range,
 )
-from flexstage.experiments.verbs.verify import LEARNING, NOTES, Verify
 from flexstage.instruments.protocol import Capability, Signal
 from flexstage.instruments.record_run import run_waveform
 from flexstage.instruments.recording.metadata import RunMetadata
@@ -30,6 +31,7 @@ from flexstage.system.servo import ServoSettings
 
 if TYPE_CHECKING:
     from flexstage.experiments.run_context import RunContext
+    from flexstage.experiments.verbs.verify import Verify
 
 #: Samples of the loop from a reading to the voltage that answers it; and from reading to target.
 _LOOP_DELAY, _READING_DELAY = 2.0, 1.0
@@ -47,7 +49,7 @@ class TrackingSetup:
 
     name: str
     """Name of the step."""
-    action: Verify
+    action: "Verify"
     """The step."""
     course: ReferenceTrajectory
     """The reference, by the model with the zero that the sensor has now."""
@@ -59,7 +61,7 @@ class TrackingSetup:
     """By how much the zero of the sensor has moved since the model was identified [m]."""
 
 
-def tracking_setup(context: "RunContext", name: str, action: Verify) -> TrackingSetup:
+def tracking_setup(context: "RunContext", name: str, action: "Verify") -> TrackingSetup:
     """Look where the zero of the sensor is now, and make the reference for it."""
     controlled = any(way in ("feedback", "both") for way in action.ways)
     course = reference_of(context, action.model, action.reference, controlled=controlled)

@@ -180,6 +180,10 @@ class DynamicModel:
                 return drive
         raise ModelError(has_no("the model", "drive", name, (d.name for d in self.drives)))
 
+    def row(self, probe: str) -> int:
+        """Return the number of a probe, from 0."""
+        return [p.name for p in self.probes].index(self.system.probe(probe).name)
+
     def as_exported(self) -> "DynamicModel":
         """Return the model as other programs have it: no noise, and no voltage is refused."""
         return replace(
@@ -224,8 +228,7 @@ class DynamicModel:
         float
             The ratio [m/m]; creep is part of the free displacement.
         """
-        d = self.drive(drive)
-        row = [p.name for p in self.probes].index(self.system.probe(probe).name)
+        d, row = self.drive(drive), self.row(probe)
         return float(self.probe_shapes[row] @ d.modal_gain + d.feedthrough[row])
 
     def settled(self, commands: Mapping[str, float] | None = None) -> ModelState:

@@ -80,7 +80,7 @@ def connect(
     if stage is None and driver.needs_stage:
         raise ModelError(f"connecting to {where} needs the stage that is mounted there: give it")
     if driver is _GATEWAY:
-        from flexstage.instruments.pi.transport import is_gateway
+        from flexstage.instruments.transport import is_gateway
 
         if not is_gateway(address):
             raise ModelError(

@@ -1,14 +1,19 @@
 """What every instrument offers, whatever it is: axes, a recorder, a generator of waveforms.
 
 A caller asks for what an instrument can do (`Capability`) and never for what it is. All values are
-SI: positions in m, voltages in V, times in s; the drivers convert at the wire.
+SI: positions in m, voltages in V, times in s; the drivers convert at the wire. A driver derives its
+classes from `Instrument` and `MotionAxis`, and writes what its instrument can do; what is left out
+refuses with a sentence.
 """
 
+import math
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
+from flexstage.errors import ModelError
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
 from flexstage.stage.limits import AxisLimits
@@ -100,12 +105,13 @@ class MotionAxis(Protocol):
 
     @property
     def closed_loop(self) -> bool:
-        """Whether its position control is on."""
-        ...
+        """Whether its position control is on; always, or never, where it has no other way."""
+        return Capability.OPEN_LOOP not in self.capabilities
 
     def set_closed_loop(self, on: bool) -> None:
         """Switch its position control on or off; the stage stays where it is as far as it can."""
-        ...
+        if on != self.closed_loop:
+            raise not_able(self, Capability.CLOSED_LOOP if on else Capability.OPEN_LOOP)
 
     def position(self) -> float:
         """Return what its sensor reads [m]."""
@@ -113,15 +119,15 @@ class MotionAxis(Protocol):
 
     def voltage(self) -> float:
         """Return the voltage at its drive [V]; not a number where nobody knows."""
-        ...
+        return math.nan
 
     def move_to(self, position: float, *, wait: bool = True) -> None:
         """Move to a position [m]; the limits are checked before any command leaves."""
-        ...
+        raise not_able(self, Capability.CLOSED_LOOP)
 
     def set_voltage(self, voltage: float) -> None:
         """Set the voltage [V] in open loop, by a ramp where a step would pass the slew limit."""
-        ...
+        raise not_able(self, Capability.OPEN_LOOP)
 
     def moving(self) -> bool:
         """Say whether it moves."""
@@ -133,11 +139,18 @@ class MotionAxis(Protocol):
 
     def servo(self) -> ServoSettings:
         """Return the settings of its position control."""
-        ...
+        raise not_able(self, Capability.SERVO_TUNING)
 
     def set_servo(self, settings: ServoSettings) -> None:
         """Change the settings of its position control."""
-        ...
+        raise not_able(self, Capability.SERVO_TUNING)
+
+
+def not_able(axis: MotionAxis, capability: Capability) -> ModelError:
+    """Return the error of an axis that is asked for what it cannot do."""
+    return ModelError(
+        f"axis '{axis.name}' of this controller cannot do this: there is no {capability.value}"
+    )
 
 
 @runtime_checkable
@@ -228,8 +241,8 @@ class Instrument(Protocol):
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        """What it can do."""
-        ...
+        """What it can do: what one of its axes can, where it does not say more."""
+        return frozenset().union(*(axis.capabilities for axis in self.axes.values()))
 
     @property
     def axes(self) -> Mapping[str, MotionAxis]:
@@ -239,24 +252,27 @@ class Instrument(Protocol):
     @property
     def recorder(self) -> Recorder:
         """Its recorder; `ModelError` where it has none."""
-        ...
+        raise ModelError("this instrument has no data recorder")
 
     @property
     def waves(self) -> WaveGenerator:
         """Its wave generator; `ModelError` where it has none."""
-        ...
+        raise ModelError("this instrument has no wave generator")
 
     def channel(self, number: int) -> float:
         """Return what a sensor, by its number, reads now [m, rad, N]."""
-        ...
+        raise ModelError(f"there is no sensor {number}: this instrument has none")
 
     def strike(self, axis: str) -> None:
         """Strike the stage along an axis with a hammer; only where `Capability.IMPACT` is there."""
-        ...
+        del axis
+        raise ModelError(
+            "this controller cannot strike the stage: strike it by hand, and record it"
+        )
 
     def pause(self, seconds: float) -> None:
         """Let time pass [s] on the instrument's own clock, which in a simulation may run fast."""
-        ...
+        time.sleep(seconds)
 
     def stop(self) -> None:
         """Stop all motion, from any thread, whatever else goes on; never raises on a lost link."""
@@ -264,7 +280,7 @@ class Instrument(Protocol):
 
     def settings(self) -> Mapping[str, str]:
         """Return what was set, as text for the record."""
-        ...
+        return {}
 
     def close(self) -> None:
         """End the link; nothing moves by it."""

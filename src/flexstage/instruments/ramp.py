@@ -1,12 +1,15 @@
-"""Slow motion between what was and what comes: to the start of a waveform, to the safe voltage."""
+"""Slow motion between what was and what comes, and waiting for its end.
+
+To the start of a waveform, to the safe voltage.
+"""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.errors import ControllerError, ModelError
+from flexstage.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_position, check_voltage
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.instruments.waveform import Quantity, Waveform
@@ -81,6 +84,26 @@ def to_safe(instrument: Instrument, *, time: float = 0.5) -> None:
             ends[name] = limits.safe_voltage
     if ends:
         _climb(instrument, begins, ends, time)
+
+
+def wait_for_rest(
+    instrument: Instrument, moving: Callable[[], bool], timeout: float, what: str
+) -> None:
+    """Wait until nothing moves; stop the instrument on time-out [s], a lost link, or Ctrl-C.
+
+    `what` happened, for the message: ``axis 'x' still moved``.
+    """
+    waited = 0.0
+    try:
+        while moving():
+            if waited > timeout:
+                instrument.stop()
+                raise ControllerError(f"{what} after {timeout:g} s: it was stopped")
+            instrument.pause(_STEP_TIME)
+            waited += _STEP_TIME
+    except (KeyboardInterrupt, NotConnectedError):
+        instrument.stop()
+        raise
 
 
 def require_loop(instrument: Instrument, axes: Mapping[str, float], quantity: Quantity) -> None:

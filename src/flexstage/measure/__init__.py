@@ -9,23 +9,32 @@ if TYPE_CHECKING:
     from flexstage.measure.modal.result import ModalFit, modal_assurance
     from flexstage.measure.modal.ring_down import RingDown, ring_down
     from flexstage.measure.modal.stabilisation import Stabilisation, stable_poles
-    from flexstage.measure.motion.coupling import cross_coupling, squareness
+    from flexstage.measure.motion.axis_figures import (
+        Linearity,
+        Stroke,
+        cross_coupling,
+        linearity,
+        squareness,
+        stroke,
+    )
     from flexstage.measure.motion.curve_extremes import curve_loop_width, curve_range
     from flexstage.measure.motion.curve_fit import fit_motion_curve
     from flexstage.measure.motion.motion_curve import MotionCurve
     from flexstage.measure.motion.narrowest_zone import minimum_zone_cylinder
     from flexstage.measure.motion.positioning import Positioning, positioning
-    from flexstage.measure.motion.rigid_body import rigid_motion
-    from flexstage.measure.motion.sphere import sphere_fit
+    from flexstage.measure.motion.rigid_body import rigid_motion, sphere_fit
     from flexstage.measure.motion.straightness import (
         Straightness,
         end_point_straightness,
         least_squares_straightness,
+        less_noise,
         minimum_zone,
     )
-    from flexstage.measure.motion.straightness_noise import less_noise
-    from flexstage.measure.motion.stroke import Linearity, Stroke, linearity, stroke
-    from flexstage.measure.motion.workspace import Workspace, workspace
+    from flexstage.measure.motion.workspace import (
+        Workspace,
+        workspace,
+        workspace_from_path,
+    )
     from flexstage.measure.noise.allan import allan_deviation
     from flexstage.measure.noise.hold import HoldNoise, hold_noise
     from flexstage.measure.noise.mains import mains_lines
@@ -103,6 +112,7 @@ __all__ = [
     "update_stage",
     "validate",
     "workspace",
+    "workspace_from_path",
 ]
 
 import_on_use(__name__)

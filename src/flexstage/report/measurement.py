@@ -34,14 +34,14 @@ def measurement_text(result: MeasurementComparison) -> str:
         ),
         version=flexstage.__version__,
         sections=_sections(result),
-        notes=result.found.campaign.notes,
+        notes=result.found.notes,
     )
 
 
 def measurement_section(result: MeasurementComparison, *further: Content) -> Section:
     """Return what was measured as one section of another page, with more behind its figures."""
     figures, *others = _sections(result)
-    notes = "; ".join(result.found.campaign.notes)
+    notes = "; ".join(result.found.notes)
     return Section(
         title="",
         content=(*figures.content, *others, *further),
@@ -65,7 +65,7 @@ def _sections(result: MeasurementComparison) -> Iterator[Section]:
     yield Section(
         key="budgets", title="Budgets of uncertainty", content=(_BUDGETS, _budgets(result))
     )
-    words = [n for n in result.notes if n not in result.found.campaign.notes]
+    words = [n for n in result.notes if n not in result.found.notes]
     sources = {name: f"SHA-256 {digest}" for name, digest in result.found.sources.items()}
     if words or sources:
         content = (Bullets(words), Definitions(sources))
@@ -73,7 +73,7 @@ def _sections(result: MeasurementComparison) -> Iterator[Section]:
 
 
 def _figures(result: MeasurementComparison) -> Iterator[Content]:
-    simulated = result.found.campaign.origin == "virtual"
+    simulated = result.found.origin == "virtual"
     # a simulated stage is made from published values and random errors: it tests no model
     references = () if simulated else result.references
     here = "simulated measurement" if simulated else "measured here"

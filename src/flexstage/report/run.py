@@ -1,10 +1,10 @@
 """The report of an experiment plan that was carried out: one HTML file that needs nothing else."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import flexstage
 from flexstage.experiments.results import PlanResult
-from flexstage.experiments.verbs import VERBS
 from flexstage.quantities import beside, display
 from flexstage.report.measurement import measurement_section
 from flexstage.report.page import page_html
@@ -55,20 +55,24 @@ def _notes(result: PlanResult) -> Sequence[str]:
 
 def _sections(result: PlanResult) -> Iterator[Section]:
     measured = compare_plan(result)
-    if measured.found.results:
+    if measured.rows or measured.found.results:
         whole = measurement_section(measured, *_further(result))
         yield Section(key="figures", title="Figures", content=whole.content, notes=whole.notes)
-    found = {}
-    for word, verb in VERBS.items():
-        steps = result.of(word)
-        section = verb.section(steps, result) if steps else None
-        if section is not None:
-            found[word] = section
-    records = found.pop("measure", None)
-    yield from found.values()
-    # what was recorded, and by what, is looked up last
-    content = (*(records.content if records else ()), _settings(result))
-    yield Section(key="record", title="What was recorded", content=content)
+    records = Section(key="record", title="What was recorded", content=())
+    for section in result.sections():
+        if section.key == records.key:
+            records = section
+        else:
+            yield section
+    identity = result.instrument
+    settings = {
+        "instrument": f"{identity.vendor} {identity.model}".strip(),
+        "its serial number": identity.serial_number,
+        "firmware": identity.firmware,
+        **result.settings,
+    }
+    defined = Definitions({name: value for name, value in settings.items() if value})
+    yield replace(records, content=(*records.content, defined))
 
 
 def _further(result: PlanResult) -> Iterator[Content]:
@@ -89,14 +93,3 @@ def _further(result: PlanResult) -> Iterator[Content]:
     )
     heads = ("Quantity", "<Axis", "<Test", "value", "±\u00a0(95\u00a0%)", "<Unit")
     yield table("", heads, rows)
-
-
-def _settings(result: PlanResult) -> Definitions:
-    identity = result.instrument
-    settings = {
-        "instrument": f"{identity.vendor} {identity.model}".strip(),
-        "its serial number": identity.serial_number,
-        "firmware": identity.firmware,
-        **result.settings,
-    }
-    return Definitions({name: value for name, value in settings.items() if value})

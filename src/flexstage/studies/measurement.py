@@ -52,7 +52,7 @@ class MeasurementComparison:
     def title(self) -> str:
         """What it is of, in one line."""
         name = self.stage.name if self.stage is not None else "records"
-        kind = "simulated measurement" if self.found.campaign.origin == "virtual" else "measured"
+        kind = "simulated measurement" if self.found.origin == "virtual" else "measured"
         return f"{name}: {kind}"
 
     @property
@@ -60,7 +60,7 @@ class MeasurementComparison:
         """Remarks of the campaign, of its tests, and on models that were left out."""
         own = [n for r in self.found.results for n in (f"{r.test.name}: {t}" for t in r.notes)]
         out = [f"the {name} model was left out: {why}" for name, why in self.left_out.items()]
-        return tuple(dict.fromkeys((*self.found.campaign.notes, *own, *out)))
+        return tuple(dict.fromkeys((*self.found.notes, *own, *out)))
 
 
 def compare_measurement(
@@ -100,7 +100,7 @@ def compare_with_references(
     for figure in found.figures:
         given: dict[str, Characteristic] = {}
         for row in references.select(figure.quantity, figure.axis):
-            if row.origin == found.campaign.origin:
+            if row.origin == found.origin:
                 continue  # its own row, of a table that it has joined
             # a model gives some figures for several conditions; the first is the usual one
             given.setdefault(row.origin, row)
@@ -124,37 +124,12 @@ def compare_with_references(
 
 def compare_plan(result: "PlanResult") -> MeasurementComparison:
     """Compare all figures of a plan with what is published of the stage."""
-    from flexstage.experiments.campaign.plan import Campaign, Test
-    from flexstage.experiments.campaign.results import Characterisation, TestResult
-    from flexstage.experiments.verbs.characterise import CharacterisedStep
-    from flexstage.experiments.verbs.verify import VerifiedStep
-
-    found: list[TestResult] = []
-    instruments, sources = {}, {}
-    for step in result.steps:
-        if isinstance(step, CharacterisedStep):
-            taken = {r.test.name for r in found}
-            found += [r for r in step.found.results if r.test.name not in taken]
-            instruments |= {i.name: i for i in step.found.campaign.instruments}
-            sources |= step.found.sources
-        elif isinstance(step, VerifiedStep) and step.figures:
-            record = str(step.runs[0].file.name)
-            test = Test(name=step.name, kind="motion", axis=step.axis, records=(record,))
-            found.append(TestResult(test=test, figures=step.figures))
-    campaign = Campaign(
-        stage=result.plan.stage,
-        origin=result.origin,
-        instruments=tuple(instruments.values()),
-        tests=tuple(r.test for r in found),
-        notes=(),
-    )
-    whole = Characterisation(campaign=campaign, results=tuple(found), sources=sources)
     # a mode with the drives in place is another than that which was published
-    in_place = {(f.quantity, f.axis) for f in whole.figures if result.drives_in_place(f)}
+    in_place = {(f.quantity, f.axis) for f in result.figures if result.drives_in_place(f)}
     published = Characteristics(
         row for row in result.stage.published if (row.quantity, row.axis) not in in_place
     )
-    return compare_with_references(whole, result.stage, published)
+    return compare_with_references(result.characterisation, result.stage, published)
 
 
 def _compared(own: Characteristic, other: Characteristic) -> Difference:
@@ -172,7 +147,7 @@ def measurement_results(result: MeasurementComparison) -> dict[str, Any]:
     """Return what was measured as plain data, in SI units."""
     return {
         "stage": result.stage.name if result.stage is not None else "",
-        "origin": result.found.campaign.origin,
+        "origin": result.found.origin,
         "characteristics": [_row(row) for row in result.rows],
         "tests": [
             {

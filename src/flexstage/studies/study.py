@@ -17,7 +17,7 @@ from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.studies.models import MODELS, ModelOptions, ModelRun, Plane, known_model, run_model
-from flexstage.studies.virtual_experiments import run_experiments
+from flexstage.studies.virtual_experiments import carry_out, virtual_steps
 from flexstage.system import Analysis
 
 if TYPE_CHECKING:
@@ -222,20 +222,20 @@ def run_study(
         left_out=left_out,
         measured=measured,
     )
-    if virtual:
-        from flexstage.studies.virtual_experiments import run_centring, run_measurement
-
-        with progress.subtask(1.0 - _EXPERIMENT, 1.0 - 0.5 * _EXPERIMENT):
-            made = replace(
-                made,
-                virtual=run_measurement(stage, seed=seed),
-                centring=run_centring(stage, seed=seed),
-            )
-    if not hysteresis:
+    steps = virtual_steps(stage, measure=virtual, compensate=hysteresis)
+    if not steps:
         return made
-    with progress.subtask(1.0 - 0.5 * _EXPERIMENT, 1.0):
-        experiments, reasons = run_experiments(stage, made.main.system)
-    return replace(made, experiments=experiments, experiments_left_out=reasons)
+    with progress.subtask(1.0 - _EXPERIMENT, 1.0):
+        found = carry_out(steps, stage, made.main.system, seed=seed)
+    of_stage = {step.verb: given for step, given in found.items() if step.verb != "verify"}
+    of_axes = {step.axis: given for step, given in found.items() if step.verb == "verify"}
+    return replace(
+        made,
+        virtual=of_stage.get("characterise"),
+        centring=of_stage.get("centre"),
+        experiments={a: given for a, given in of_axes.items() if not isinstance(given, str)},
+        experiments_left_out={a: why for a, why in of_axes.items() if isinstance(why, str)},
+    )
 
 
 def _over_the_stroke(

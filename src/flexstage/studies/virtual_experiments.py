@@ -1,6 +1,7 @@
 """Experiments on the virtual stage: it is measured, compensated, and centres a scale."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.characteristic import Characteristics
-from flexstage.errors import FlexstageError
+from flexstage.errors import FlexstageError, ModelError
 from flexstage.stage import PiezoStack, Stage
 from flexstage.studies.measurement import MeasurementComparison, compare_with_references
 from flexstage.system import MechanicalSystem
@@ -25,6 +26,8 @@ HEADS = (0.0, 1.6, 3.1, 4.8)
 HEAD_NOISE, LINE_ERRORS = 1.0, 2.0
 #: Direction that the scale is off in, in the axes of the stage: one that both can push [rad].
 _DIRECTION = 0.8
+#: Angle of the stage on the table, which trial moves find out [rad].
+_MOUNTING_ANGLE = 0.7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,60 +44,98 @@ class CentringTrial:
     """Angles of their samples [rad]."""
 
 
-def run_measurement(stage: Stage, *, seed: int) -> MeasurementComparison | str:
-    """Measure a virtual stage; a text says why that could not be done.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VirtualStep:
+    """One experiment on the virtual stage: a verb of plans, and the axis or axes it is about."""
 
-    It is made from published values and random errors, so that its figures are compared with none.
-    The seed is that of the virtual stage and of its measurement.
+    verb: str
+    """``characterise``, ``centre``, or ``verify``: its hysteresis is identified and undone."""
+    axis: str
+    """The axis; both, such as ``xy``."""
+
+
+def virtual_steps(stage: Stage, *, measure: bool, compensate: bool) -> tuple[VirtualStep, ...]:
+    """Return what is tried on the virtual stage.
+
+    It is measured, and centres a scale; and the hysteresis of each axis that a piezo stack drives
+    is compensated.
     """
+    both = "".join(axis.name for axis in stage.axes)
+    steps = [VirtualStep(verb=verb, axis=both) for verb in ("characterise", "centre") if measure]
+    if compensate:
+        steps += [
+            VirtualStep(verb="verify", axis=axis.name)
+            for axis in stage.axes
+            if isinstance(stage.drive(axis.drive), PiezoStack)
+        ]
+    return tuple(steps)
+
+
+def carry_out(
+    steps: Sequence[VirtualStep], stage: Stage, system: MechanicalSystem, *, seed: int
+) -> dict[VirtualStep, Any]:
+    """Carry out steps on the virtual stage; a text says why one could not be.
+
+    `system` is the model by which the stage moves fast; the seed is that of the virtual stage, of
+    its measurement, of noise, and of the lines of the scale.
+    """
+    found: dict[VirtualStep, Any] = {}
+    for i, step in enumerate(steps):
+        with progress.subtask(i / len(steps), (i + 1) / len(steps)):
+            try:
+                found[step] = _VERBS[step.verb](stage, system, step.axis, seed)
+            except FlexstageError as error:  # as of a stage that is not held: the rest stands
+                found[step] = str(error)
+    return found
+
+
+def _characterise(
+    stage: Stage, system: MechanicalSystem, axis: str, seed: int
+) -> MeasurementComparison:
+    """It is made from published values and random errors: its figures are compared with none."""
     from flexstage.experiments.virtual_campaign import virtual_campaign
     from flexstage.virtual.as_built import as_built
 
-    try:
-        made = virtual_campaign(as_built(stage, seed=seed), seed=seed)
-        found = made.evaluated()
-    except FlexstageError as error:
-        return str(error)
-    return compare_with_references(found, stage, Characteristics())
+    del system, axis
+    made = virtual_campaign(as_built(stage, seed=seed), seed=seed)
+    return compare_with_references(made.evaluated(), stage, Characteristics())
 
 
-def run_centring(stage: Stage, *, seed: int) -> CentringTrial | str:
-    """Centre a scale with the virtual stage on a virtual table; a text says why it failed.
-
-    The seed is that of noise and of the lines of the scale.
-    """
+def _centre(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> CentringTrial:
     from flexstage.centring import ARCSEC, fit_harmonics
     from flexstage.centring.procedure import centre
+    from flexstage.experiments.verbs.centre import Centre
     from flexstage.virtual.positioner import VirtualPositioner
-    from flexstage.virtual.table import VirtualBench, VirtualTable, scale_errors
+    from flexstage.virtual.table import VirtualBench, scale_errors
 
-    try:
-        positioner = VirtualPositioner(
-            stage, start=(-1.0, -1.0), mounting_angle=0.7, mirrored=True, seed=seed
-        )
-        towards = positioner.matrix @ np.array((np.cos(_DIRECTION), np.sin(_DIRECTION)))
-        mount = -ECCENTRICITY * towards / np.hypot(*towards) - positioner.true_position
-        table = VirtualTable(
-            radius=SCALE_RADIUS,
-            heads=HEADS,
-            eccentricity=(float(mount[0]), float(mount[1])),
-            noise=HEAD_NOISE * ARCSEC,
-            scale=scale_errors(range(2, 20), LINE_ERRORS * ARCSEC, seed=seed),
-            seed=seed,
-        )
-        bench = VirtualBench(table, positioner)
+    del system, axis
+    positioner = VirtualPositioner(
+        stage, start=(-1.0, -1.0), mounting_angle=_MOUNTING_ANGLE, mirrored=True, seed=seed
+    )
+    towards = positioner.matrix @ np.array((np.cos(_DIRECTION), np.sin(_DIRECTION)))
+    mount = -ECCENTRICITY * towards / np.hypot(*towards) - positioner.true_position
+    action = Centre(
+        radius=SCALE_RADIUS,
+        eccentricity=(float(mount[0]), float(mount[1])),
+        heads=HEADS,
+        mounting_angle=_MOUNTING_ANGLE,
+        noise=HEAD_NOISE * ARCSEC,
+        closed_loop=False,
+        seed=seed,
+    )
+    lines = scale_errors(range(2, 20), LINE_ERRORS * ARCSEC, seed=seed)
+    table = replace(action.table(), scale=lines)
+    bench = VirtualBench(table, positioner)
 
-        def turn(index: int) -> tuple[Array, Any]:
-            x, y = positioner.true_position
-            record = table.moved(float(x), float(y)).record(index=index)
-            angle, error = (channel.values for channel in record.channels[:2])
-            return angle, fit_harmonics(angle, error, orders=12)
+    def turn(index: int) -> tuple[Array, Any]:
+        x, y = positioner.true_position
+        record = table.moved(float(x), float(y)).record(index=index)
+        angle, error = (channel.values for channel in record.channels[:2])
+        return angle, fit_harmonics(angle, error, orders=12)
 
-        before = turn(1000)
-        done = centre(bench.measure, positioner)
-        after = turn(1001)
-    except FlexstageError as error:
-        return str(error)
+    before = turn(1000)
+    done = centre(bench.measure, positioner, target=action.target, moves=action.moves)
+    after = turn(1001)
     return CentringTrial(
         done=done,
         left=float(np.hypot(*bench.true_eccentricity)),
@@ -103,30 +144,22 @@ def run_centring(stage: Stage, *, seed: int) -> CentringTrial | str:
     )
 
 
-def run_experiments(
-    stage: Stage, system: MechanicalSystem
-) -> "tuple[dict[str, AxisExperiment], dict[str, str]]":
-    """Identify and compensate each axis of a stage that is driven by a piezo stack.
-
-    Returns the experiment by axis, and why it could not be made, by axis; both are empty where no
-    axis has a stack.
-    """
+def _verify(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> "AxisExperiment":
     from flexstage.studies.compensation import virtual_experiment
 
-    stacks = {a.name: stage.drive(a.drive) for a in stage.axes}
-    stacks = {name: d for name, d in stacks.items() if isinstance(d, PiezoStack)}
-    driven = [name for name, stack in stacks.items() if stack.voltage_range is not None]
-    made: dict[str, AxisExperiment] = {}
-    left_out = {
-        name: f"drive '{stack.name}' has no voltage range: add it to the drive in the stage file, "
-        "as in 'voltage_range: [0 V, 120 V]'"
-        for name, stack in stacks.items()
-        if stack.voltage_range is None
-    }
-    for i, axis in enumerate(driven):
-        with progress.subtask(i / len(driven), (i + 1) / len(driven)):
-            try:
-                made[axis] = virtual_experiment(stage, system, axis)
-            except FlexstageError as error:  # as of a stage that is not held: the rest stands
-                left_out[axis] = str(error)
-    return made, left_out
+    # its noise is the same whatever stage is measured
+    del seed
+    drive = stage.drive(stage.axis(axis).drive)
+    if isinstance(drive, PiezoStack) and drive.voltage_range is None:
+        raise ModelError(
+            f"drive '{drive.name}' has no voltage range: add it to the drive in the stage file, "
+            "as in 'voltage_range: [0 V, 120 V]'"
+        )
+    return virtual_experiment(stage, system, axis)
+
+
+_VERBS: Mapping[str, Callable[[Stage, MechanicalSystem, str, int], Any]] = {
+    "characterise": _characterise,
+    "centre": _centre,
+    "verify": _verify,
+}

@@ -1,5 +1,6 @@
 """Simulated stages from their description: made with scatter, and set to what was measured."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
@@ -7,7 +8,10 @@ from typing import Literal
 import numpy as np
 
 from flexstage.errors import ModelError
+from flexstage.hysteresis.build_model import assembled_model
+from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.hysteresis.loops import loop_width
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.stage.assumptions import (
@@ -16,7 +20,6 @@ from flexstage.stage.assumptions import (
     BACKLASH,
     BACKLASH_SPREAD,
     CREEP,
-    LOOP_WIDTH,
     LOOP_WIDTH_SPREAD,
     STROKE_SPREAD,
 )
@@ -32,10 +35,12 @@ from flexstage.virtual.imperfections import (
     displacements,
     manufactured,
 )
+from flexstage.virtual.piezo_loop import amplifier_of
 from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage
+from flexstage.virtual.published import loop_share
 from flexstage.virtual.screw_stage import ScrewAxis, ScrewStage
 from flexstage.virtual.sensors import EDDY_CURRENT_SENSORS, SensorBench
-from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, loop_share, matched_stacks, virtual_stack
+from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, matched_stacks, virtual_stack
 from flexstage.virtual.stack_stepping import ChargeDrive
 
 #: Part of the stroke that is kept free at each end.
@@ -174,39 +179,40 @@ def _piezos(
     built: AsBuilt, seed: int, rate: float, *, charge: bool, quiet: bool, scatter: bool
 ) -> PiezoStage:
     rng = _draws(seed)
-    creep = LogCreep(rate_per_decade=CREEP)
     aims, parts = [], []
     for state in built.axes:
         off = rng.standard_normal(2).tolist() if scatter else (0.0, 0.0)
         share = loop_share(built.stage, state.name, state.stroke)
         share *= 1.0 + LOOP_WIDTH_SPREAD * off[0]
         aims.append((state.stroke * (1.0 + STROKE_SPREAD * off[1]), float(np.clip(share, *WIDTHS))))
-        parts.append(_axis_of(built, state.name))
+        axis = built.stage.axis(state.name)
+        limits = stage_limits(built.stage, state.name)
+        parts.append(PiezoAxis(name=state.name, drive=axis.drive, probe=axis.probe, limits=limits))
+    model = assembled_model(built.system, [_drive_of(built.stage, part) for part in parts])
 
     def measured(sizes: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-        stacked = [_with_stack(p, *s) for p, s in zip(parts, sizes, strict=True)]
-        return [found[:2] for found in _conditioned(built, stacked, creep)]
+        return [f[:2] for f in _conditioned(built.stage, _with_stacks(model, sizes), parts)]
 
     free = [built.stage.drive(part.drive).stroke or 0.0 for part in parts]
     start = [(f, share) for f, (_, share) in zip(free, aims, strict=True)]
-    sizes = matched_stacks(start, aims, measured)
-    parts = [_with_stack(p, *s) for p, s in zip(parts, sizes, strict=True)]
+    model = _with_stacks(model, matched_stacks(start, aims, measured))
     final = []
-    for part, (stroke, _, low) in zip(parts, _conditioned(built, parts, creep), strict=True):
-        free = _KEPT_FREE * stroke
+    rows = zip(parts, model.drives, _conditioned(built.stage, model, parts), strict=True)
+    for part, drive, (stroke, _, low) in rows:
+        margin = _KEPT_FREE * stroke
+        slew = amplifier_of(drive).largest_rate
+        limits = part.limits if math.isinf(slew) else part.limits.within(AxisLimits(slew=slew))
+        limits = replace(limits, position=(low + margin, low + stroke - margin))
         guide = replace(built.axis(part.name).guide, stroke=stroke)
-        limits = replace(part.limits, position=(low + free, low + stroke - free))
         final.append(replace(part, limits=limits, guide=guide, low=low))
-    final = delivered_settings(built.system, final, rate, AMPLIFIER_BANDWIDTH_HZ, creep)
+    final = delivered_settings(model, final, rate)
     return PiezoStage(
         stage=built.stage,
-        system=built.system,
+        model=model,
         axes=final,
         sample_rate_hz=rate,
         seed=seed,
-        creep=creep,
-        bandwidth_hz=AMPLIFIER_BANDWIDTH_HZ,
-        charge=ChargeDrive(voltage_range=_range(final[0])) if charge else None,
+        charge=ChargeDrive(voltage_range=final[0].limits.voltage or (0.0, 1.0)) if charge else None,
         quiet=quiet,
         scatter=scatter,
         hammer=Hammer(built, seed),
@@ -214,42 +220,43 @@ def _piezos(
     )
 
 
-def _range(part: PiezoAxis) -> tuple[float, float]:
-    return part.limits.voltage or (0.0, 1.0)
+def _drive_of(stage: Stage, part: PiezoAxis) -> ModelDrive:
+    """Return what lies before the stack of an axis, and its creep."""
+    drive = stage.drive(part.drive)
+    capacitance = drive.capacitance if isinstance(drive, PiezoStack) else None
+    return ModelDrive(
+        name=part.drive,
+        amplifier=Amplifier(
+            bandwidth_hz=AMPLIFIER_BANDWIDTH_HZ,
+            capacitance=capacitance or 0.0,
+            current_limit=AMPLIFIER_CURRENT,
+        ),
+        creep=LogCreep(rate_per_decade=CREEP),
+        input_range=part.limits.voltage,
+    )
 
 
-def _axis_of(built: AsBuilt, name: str) -> PiezoAxis:
-    """Return an axis with the limits of its drive and its amplifier."""
-    axis = built.stage.axis(name)
-    drive = built.stage.drive(axis.drive)
-    limits = stage_limits(built.stage, name)
-    rate = float("inf")
-    if isinstance(drive, PiezoStack) and drive.capacitance is not None:
-        rate = AMPLIFIER_CURRENT / drive.capacitance
-        limits = limits.within(AxisLimits(slew=rate))
-    return PiezoAxis(
-        name=name, drive=axis.drive, probe=axis.probe, limits=limits, largest_rate=rate,
-        stack=virtual_stack(limits.voltage or (0.0, 1.0), 1.0, LOOP_WIDTH, plays=8),
-    )  # fmt: skip
-
-
-def _with_stack(part: PiezoAxis, free: float, width: float) -> PiezoAxis:
-    return replace(part, stack=virtual_stack(_range(part), free, width, plays=FINE_PLAYS))
+def _with_stacks(model: DynamicModel, sizes: Sequence[tuple[float, float]]) -> DynamicModel:
+    """Give each drive a stack of a free stroke [m] and a width of its loop over it [1]."""
+    drives = [
+        replace(d, hysteresis=virtual_stack(d.input_range or (0.0, 1.0), *size, plays=FINE_PLAYS))
+        for d, size in zip(model.drives, sizes, strict=True)
+    ]
+    return replace(model, drives=tuple(drives))
 
 
 def _conditioned(
-    built: AsBuilt, parts: list[PiezoAxis], creep: LogCreep
+    stage: Stage, model: DynamicModel, parts: list[PiezoAxis]
 ) -> list[tuple[float, float, float]]:
     """Return stroke, width of the loop over it, and low end of each axis after some cycles."""
     rate = 1000.0
-    stage = PiezoStage(
-        stage=built.stage, system=built.system, axes=parts, sample_rate_hz=rate, creep=creep,
-        bandwidth_hz=AMPLIFIER_BANDWIDTH_HZ, quiet=True, scatter=False,
-    )  # fmt: skip
+    made = PiezoStage(
+        stage=stage, model=model, axes=parts, sample_rate_hz=rate, quiet=True, scatter=False
+    )
     n = int(rate)
     swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(_CYCLES * n) / n)
-    ends = np.array([_range(p) for p in parts])
-    block = stage.run(ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * swing, [False] * len(parts))
+    ends = np.array([d.input_range for d in model.drives])
+    block = made.run(ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * swing, [False] * len(parts))
     found = []
     for u, y in zip(block.voltage[:, -2 * n :], block.position[:, -2 * n :], strict=True):
         stroke = float(np.ptp(y))

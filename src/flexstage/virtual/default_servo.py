@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.chain.creep import Creep
-from flexstage.system import MechanicalSystem, modes
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.system.servo import Notch, ServoSettings
-from flexstage.virtual.piezo_loop import ModeArrays, sampled_response
-from flexstage.virtual.piezo_stage import PiezoAxis, mode_arrays
+from flexstage.virtual.piezo_loop import sampled_response
+from flexstage.virtual.piezo_stage import PiezoAxis, stack_of
 from flexstage.virtual.stack_stepping import free_displacements, relaxed_stacks, stack_arrays
 
 #: Largest of |1 / (1 + L)|: by it the gain may double (6 dB) before the loop is unstable.
@@ -23,11 +22,7 @@ _GRID = 4000
 
 
 def delivered_settings(
-    system: MechanicalSystem,
-    parts: Sequence[PiezoAxis],
-    sample_rate_hz: float,
-    bandwidth_hz: float,
-    creep: Creep | None,
+    model: DynamicModel, parts: Sequence[PiezoAxis], sample_rate_hz: float
 ) -> list[PiezoAxis]:
     """Give each axis an integral control with a notch at the mode that it excites most.
 
@@ -36,21 +31,22 @@ def delivered_settings(
     Validity: each axis by itself, at the steepest slope of its major loop, with all modes and the
     delay of the loop.
     """
-    arrays = mode_arrays(system, parts, sample_rate_hz)
-    found = modes(system, drives="in place", count=None)
+    model = replace(model, step=1.0 / sample_rate_hz)
+    natural = model.omega / (2.0 * np.pi)
     frequency = np.geomspace(0.1, 0.499 * sample_rate_hz, _GRID)
     # and close to each mode, whose peak is narrower than any grid
-    near = found.frequency_hz[found.frequency_hz < 0.49 * sample_rate_hz]
+    near = natural[natural < 0.49 * sample_rate_hz]
     fine = near[:, None] * (1.0 + 0.05 * np.linspace(-1.0, 1.0, 201) ** 3)
     frequency = np.sort(np.concatenate((frequency, fine.ravel())))
     frequency = frequency[frequency < 0.5 * sample_rate_hz]
     out = []
-    for a, part in enumerate(parts):
+    for part in parts:
+        drive = model.drive(part.drive)
         response = sampled_response(
-            arrays, a, a, frequency, sample_rate_hz, slope=largest_slope(part),
-            bandwidth_hz=bandwidth_hz, creep=creep,
-        ) * np.exp(-2j * np.pi * frequency / sample_rate_hz)  # fmt: skip
-        notches = _notch(arrays, a, found.frequency_hz, sample_rate_hz)
+            model, part.drive, part.probe, frequency, slope=largest_slope(drive)
+        ) * np.exp(-2j * np.pi * frequency / sample_rate_hz)
+        weights = drive.modal_gain * model.probe_shapes[model.row(part.probe)]
+        notches = _notch(np.abs(weights), natural, sample_rate_hz)
         unit = ServoSettings(integral=1.0, notches=notches)
         loop = response * unit.response(frequency, sample_rate_hz)
         settings = ServoSettings(integral=_MODEST * _largest_gain(loop), notches=notches)
@@ -58,21 +54,18 @@ def delivered_settings(
     return out
 
 
-def largest_slope(part: PiezoAxis) -> float:
-    """Return the steepest slope of the major loop of a stack, without creep [m/V]."""
-    low, high = part.limits.voltage or (0.0, 1.0)
+def largest_slope(drive: ModelDrive) -> float:
+    """Return the steepest slope of the major loop of a virtual stack, without creep [m/V]."""
+    low, high = drive.input_range or (0.0, 1.0)
     line = np.linspace(low, high, 300)
     u = np.concatenate([line, line[::-1], line, line[::-1]])
-    arrays = stack_arrays([part.stack], 1e3)
+    arrays = stack_arrays([stack_of(drive)], 1e3)
     w = free_displacements(arrays, relaxed_stacks(arrays), u[None, :])[0]
     du, dw = np.diff(u), np.diff(w)
     return float(np.max(dw[du != 0.0] / du[du != 0.0]))
 
 
-def _notch(
-    arrays: ModeArrays, a: int, frequency_hz: Array, sample_rate_hz: float
-) -> tuple[Notch, ...]:
-    size = np.abs(arrays.force[a] * arrays.reader[a])[: frequency_hz.size]
+def _notch(size: Array, frequency_hz: Array, sample_rate_hz: float) -> tuple[Notch, ...]:
     size[frequency_hz > 0.4 * sample_rate_hz] = 0.0
     if not np.any(size):
         return ()

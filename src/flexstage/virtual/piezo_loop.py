@@ -4,8 +4,8 @@ In sample k the stage is led from the time of sample k - 1 to its own, with what
 since then. Then it is read. The control takes the reading of sample k - 1, which has just been
 converted; what it computes is put out in sample k + 1.
 
-Compiled loops are kept beside this file and not made anew when only the steps of the stacks change:
-touch this file then.
+Compiled loops are kept beside this file and not made anew when only the steps of the stacks or of
+the amplifier change: touch this file then.
 """
 
 import math
@@ -15,9 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array, Complex
-from flexstage.hysteresis.chain.creep import Creep
+from flexstage.errors import ModelError
+from flexstage.hysteresis.chain.amplifier import Amplifier, amplifier_step
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
+from flexstage.hysteresis.chain.modal import UnitStep, unit_step
 from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.virtual.stack_stepping import StackArrays, StackState, step_stack
 
 Flags = NDArray[np.bool_]
@@ -118,7 +121,11 @@ def run_loop(
     for k in range(n):
         for a in range(axes):
             axis = state.axis[a]
-            axis[2] = _amplify(axis[0], axis[2], drives.amplifier[a, 0], drives.amplifier[a, 1])
+            # what the converter holds is within the range
+            axis[2] = amplifier_step(
+                axis[0], 0.0, axis[2], drives.amplifier[a, 0], drives.amplifier[a, 1],
+                -np.inf, np.inf,
+            )  # fmt: skip
             voltage[a, k] = axis[2]
             free = step_stack(stacks, memory, a, axis[2])
             rise[a] = free - axis[6]
@@ -154,19 +161,6 @@ def run_loop(
             axis[0] = axis[1]
             axis[1] = u
             axis[3] = reading[a, k]
-
-
-@compiled
-def _amplify(target: float, u: float, h: float, threshold: float) -> float:
-    """Follow a held voltage with one pole, and no faster than the threshold allows."""
-    e = target - u
-    if abs(e) > threshold:
-        sign = 1.0 if e > 0.0 else -1.0
-        slewing = abs(e) / threshold - 1.0
-        if slewing >= h:
-            return u + sign * threshold * h
-        return target - sign * threshold * math.exp(slewing - h)
-    return target - e * math.exp(-h)
 
 
 @compiled
@@ -242,22 +236,20 @@ def _control(
     return min(max(u, low), high)
 
 
-def sampled_response(
-    modes: ModeArrays,
-    drive: int,
-    sensor: int,
-    frequency_hz: ArrayLike,
-    sample_rate_hz: float,
-    *,
-    slope: float,
-    bandwidth_hz: float,
-    creep: Creep | None,
-) -> Complex:
-    r"""Return position over voltage asked for [m/V], for small signals, exactly as it is sampled.
+def amplifier_of(drive: ModelDrive) -> Amplifier:
+    """Return the amplifier of a drive after checking that it has one, of gain 1."""
+    if drive.amplifier is None or drive.amplifier.gain != 1.0:
+        raise ModelError(f"drive '{drive.name}' needs an amplifier of gain 1 to be run in a loop")
+    return drive.amplifier
 
-    Of the axis numbered `sensor` by that numbered `drive`; `slope` is that of the stack, without
-    creep [m/V]. With z the shift by one sample, from the voltage that is asked for to the position
-    in the same sample:
+
+def sampled_response(
+    model: DynamicModel, drive: str, probe: str, frequency_hz: ArrayLike, *, slope: float
+) -> Complex:
+    r"""Return reading over voltage asked for [m/V], for small signals, exactly as it is sampled.
+
+    `slope` is that of the stack, without creep [m/V]. With z the shift by one sample, from the
+    voltage that is asked for to the position in the same sample:
 
     .. math:: \frac{Y}{U} = z^{-1} \cdot \frac{(1 - d) z^{-1}}{1 - d z^{-1}} \cdot s \cdot C(z)
               \cdot \sum_i r_i g_i M_i(z)
@@ -266,25 +258,28 @@ def sampled_response(
     lines between the samples, as in the loop itself.
     """
     f = np.asarray(frequency_hz, dtype=np.float64)
-    late = np.exp(-2j * np.pi * f / sample_rate_hz)
-    d = math.exp(-2.0 * math.pi * bandwidth_hz / sample_rate_hz)
+    late = np.exp(-2j * np.pi * f * model.step)
+    given = model.drive(drive)
+    d = math.exp(-model.step / amplifier_of(given).time_constant)
     total = slope * late * (1.0 - d) * late / (1.0 - d * late)
-    if creep is not None:
-        ratio = 1.0 / (sample_rate_hz * creep.time_constants)
+    if given.creep is not None:
+        ratio = model.step / given.creep.time_constants
         decay, ramp = decay_share(ratio), ramp_share(ratio)
         lag = decay * late[:, None] + ramp * (1.0 - late[:, None])
         lag /= 1.0 - (1.0 - decay) * late[:, None]
-        total = total * (1.0 + lag @ creep.lag_gains)
-    return total * _sum_of_modes(modes, drive, sensor, late)
+        total = total * (1.0 + lag @ given.creep.lag_gains)
+    step = unit_step(model.omega * model.step, model.damping_ratio)
+    weights = given.modal_gain * model.probe_shapes[model.row(probe)]
+    return total * _sum_of_modes(step, weights, late)
 
 
-def _sum_of_modes(modes: ModeArrays, drive: int, sensor: int, late: Complex) -> Complex:
+def _sum_of_modes(unit: UnitStep, weights: Array, late: Complex) -> Complex:
     """Sum of the modes, each a state of two that a force on straight lines drives."""
-    t, m = modes.transition, modes.moments
+    t, m = unit.transition, unit.moments
     step = late[:, None]
     by_z = m[1] * step + m[2] * (1.0 - step)
     by_v = m[0] * step + m[1] * (1.0 - step)
     # (1 - zz/z) a - zv/z b = by_z;  -vz/z a + (1 - vv/z) b = by_v
     one, four = 1.0 - t[0] * step, 1.0 - t[3] * step
     a = (four * by_z + t[1] * step * by_v) / (one * four - t[1] * t[2] * step**2)
-    return a @ (modes.force[drive] * modes.reader[sensor])
+    return a @ weights

@@ -1,7 +1,7 @@
 """A simulated stage driven by piezo stacks, its position control inside."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,12 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.modal import unit_step
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.stage import Stage
-from flexstage.stage.assumptions import AMPLIFIER_BANDWIDTH_HZ, LOOP_CONVERTER_BITS
+from flexstage.stage.assumptions import LOOP_CONVERTER_BITS
 from flexstage.stage.limits import AxisLimits
-from flexstage.system import MechanicalSystem, modes
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.disturbances import Disturbances
 from flexstage.virtual.hammer import Blow, Hammer
@@ -25,6 +24,7 @@ from flexstage.virtual.piezo_loop import (
     ModeArrays,
     SensorArrays,
     ServoArrays,
+    amplifier_of,
     run_loop,
     sampled_response,
 )
@@ -51,12 +51,8 @@ class PiezoAxis:
     """Name of the drive of its system."""
     probe: str
     """Name of the probe of its system."""
-    stack: VirtualStack
-    """From voltage to free displacement."""
     limits: AxisLimits
-    """What may be commanded; its voltage range is that of the amplifier."""
-    largest_rate: float = float("inf")
-    """Largest rate of the amplifier on its stack [V/s]; infinite for none."""
+    """What may be commanded; its voltage range is that of the converter."""
     guide: GuideErrors | None = None
     """What its guide does beside it; nothing where not given."""
     low: float = 0.0
@@ -65,45 +61,40 @@ class PiezoAxis:
     """Settings of its control as delivered."""
 
 
-def drive_arrays(
-    parts: Sequence[PiezoAxis], sample_rate_hz: float, bandwidth_hz: float, *, quiet: bool
-) -> DriveArrays:
+def _drive_arrays(model: DynamicModel, parts: Sequence[PiezoAxis], *, quiet: bool) -> DriveArrays:
     """Return converters and amplifiers as the loop takes them."""
     converter, amplifier = [], []
-    time = 1.0 / (2.0 * np.pi * bandwidth_hz)
     for part in parts:
         if part.limits.voltage is None:
             raise ModelError(f"axis '{part.name}' needs a voltage range: give it in its limits")
         low, high = part.limits.voltage
         converter.append((low, high, 0.0 if quiet else (high - low) / (2**LOOP_CONVERTER_BITS - 1)))
-        amplifier.append((1.0 / (sample_rate_hz * time), part.largest_rate * time))
+        own = amplifier_of(model.drive(part.drive))
+        amplifier.append((model.step / own.time_constant, own.largest_rate * own.time_constant))
     return DriveArrays(converter=np.array(converter), amplifier=np.array(amplifier))
 
 
-def mode_arrays(
-    system: MechanicalSystem, parts: Sequence[PiezoAxis], sample_rate_hz: float
-) -> ModeArrays:
-    """Return the modes of a stage with its stacks in place as the loop takes them.
+def _mode_arrays(model: DynamicModel, parts: Sequence[PiezoAxis]) -> ModeArrays:
+    """Return the modes as the loop takes them.
 
     A few empty ones follow, so that they are a multiple of 4.
     """
-    found = modes(system, drives="in place", count=None)
-    force, reader = [], []
-    for part in parts:
-        port = system.drive(part.drive)
-        if not port.stiffness:
-            raise ModelError(f"drive '{part.drive}' needs the stiffness of a stack")
-        force.append(port.stiffness * (port.vector @ found.shapes) / found.omega**2)
-        reader.append(system.probe(part.probe).vector @ found.shapes)
-    step = unit_step(found.omega / sample_rate_hz, np.asarray(found.damping_ratio))
+    step = unit_step(model.omega * model.step, model.damping_ratio)
     # by fours, as they are summed
-    more = (0, -found.omega.size % 4)
+    more = ((0, 0), (0, -model.omega.size % 4))
     return ModeArrays(
-        force=np.pad(np.array(force), ((0, 0), more)),
-        transition=np.pad(step.transition, ((0, 0), more)),
-        moments=np.pad(step.moments[:3], ((0, 0), more)),
-        reader=np.pad(np.array(reader), ((0, 0), more)),
+        force=np.pad(np.array([model.drive(p.drive).modal_gain for p in parts]), more),
+        transition=np.pad(step.transition, more),
+        moments=np.pad(step.moments[:3], more),
+        reader=np.pad(model.probe_shapes[[model.row(p.probe) for p in parts]], more),
     )
+
+
+def stack_of(drive: ModelDrive) -> VirtualStack:
+    """Return the virtual stack of a drive after checking that it has one."""
+    if not isinstance(drive.hysteresis, VirtualStack):
+        raise ModelError(f"drive '{drive.name}' needs a virtual stack to be stepped in a loop")
+    return drive.hysteresis
 
 
 #: Most filters of a control.
@@ -111,7 +102,7 @@ _FILTERS = 8
 
 
 class PiezoStage(VirtualStage):
-    """A piezo stage sample by sample, as `VirtualStage` says.
+    """A piezo stage sample by sample, as `VirtualStage` says: its `DynamicModel` in a loop.
 
     Each command goes through a converter, which holds it (20 bit over the voltage range), and an
     amplifier of one pole and limited current, to a stack with hysteresis and creep; all modes of
@@ -132,13 +123,11 @@ class PiezoStage(VirtualStage):
         self,
         *,
         stage: Stage,
-        system: MechanicalSystem,
+        model: DynamicModel,
         axes: Sequence[PiezoAxis],
         sensors: SensorBench | None = None,
         sample_rate_hz: float = 10e3,
         seed: int = 0,
-        creep: Creep | None = None,
-        bandwidth_hz: float = AMPLIFIER_BANDWIDTH_HZ,
         charge: ChargeDrive | None = None,
         quiet: bool = False,
         scatter: bool = True,
@@ -146,16 +135,17 @@ class PiezoStage(VirtualStage):
         notes: Sequence[str] = (),
     ) -> None:
         super().__init__(stage, {a.name: a.limits for a in axes}, sample_rate_hz, hammer, notes)
-        #: What drives and guides each axis; the model as made.
-        self.parts, self.system = tuple(axes), system
-        self._creep, self._bandwidth = creep, bandwidth_hz
+        #: What guides each axis; what is stepped, at the rate of the loop.
+        self.parts, self.model = tuple(axes), replace(model, step=1.0 / sample_rate_hz)
         self._bench, self._seed = sensors or SensorBench(), seed
         self._quiet, self._scatter = quiet, scatter
-        self._modes = mode_arrays(system, self.parts, sample_rate_hz)
+        drives = [model.drive(part.drive) for part in self.parts]
+        self._modes = _mode_arrays(self.model, self.parts)
         self._stacks = stack_arrays(
-            [a.stack for a in self.parts], sample_rate_hz, creep=creep, charge=charge
-        )
-        self._drives = drive_arrays(self.parts, sample_rate_hz, bandwidth_hz, quiet=quiet)
+            [stack_of(d) for d in drives], sample_rate_hz, creep=[d.creep for d in drives],
+            charge=charge,
+        )  # fmt: skip
+        self._drives = _drive_arrays(self.model, self.parts, quiet=quiet)
         guides = {a.name: a.guide or GuideErrors(stroke=1.0, coefficients={}) for a in self.parts}
         self._source, self._rows = sources(self.axes, guides, {a.name: a.low for a in self.parts})
         self._bow = self._bows(guides)
@@ -256,10 +246,11 @@ class PiezoStage(VirtualStage):
         self, axis: str, frequency_hz: ArrayLike, *, slope: float, read: str | None = None
     ) -> NDArray[np.complex128]:
         """Return the response from the voltage asked for to the position, for small signals."""
-        return sampled_response(
-            self._modes, self._number(axis), self._number(read or axis), frequency_hz,
-            self.sample_rate_hz, slope=slope, bandwidth_hz=self._bandwidth, creep=self._creep,
-        )  # fmt: skip
+        drive, probe = self._part(axis).drive, self._part(read or axis).probe
+        return sampled_response(self.model, drive, probe, frequency_hz, slope=slope)
+
+    def _part(self, axis: str) -> PiezoAxis:
+        return self.parts[self._number(axis)]
 
     def _number(self, axis: str) -> int:
         if axis not in self.axes:
@@ -270,12 +261,14 @@ class PiezoStage(VirtualStage):
         """What the guide of one axis adds along another, beside what the model does."""
         names = self.axes
         bow = np.zeros((len(names), len(names), 6))
-        static = self._modes.force @ self._modes.reader.T
         for s, part in enumerate(self.parts):
             other = neighbour(names, part.name)
             if other is None or part.guide is None:
                 continue
             a = names.index(other)
             bow[a, s] = polynomial(guides[part.name], "across", part.low)
-            bow[a, s, 1] -= static[s, a] / static[s, s]
+            along, across = (
+                self.model.static_gain(part.drive, p.probe) for p in (part, self.parts[a])
+            )
+            bow[a, s, 1] -= across / along
         return bow

@@ -7,11 +7,11 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.centring.positioner import Positioner, PositionerAxis
-from flexstage.characteristic import measured_value
 from flexstage.errors import ModelError
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.stage.assumptions import CONVERTER_BITS, POSITION_NOISE, SETTLING, VOLTAGE_RANGE
-from flexstage.virtual.stack import loop_share, virtual_stack
+from flexstage.virtual.published import loop_share, platform_stroke
+from flexstage.virtual.stack import virtual_stack
 
 if TYPE_CHECKING:
     from flexstage.hysteresis import HysteresisModel
@@ -114,21 +114,12 @@ def _closed_loop_axis(stage: Stage, axis: str, quantum: float | None, noise: flo
 
 
 def _stroke(stage: Stage, axis: str) -> float:
-    """Stroke that was measured and is published, else that of the lumped model."""
-    known = measured_value(stage.published, "output_displacement", axis)
-    if known is not None:
-        return known
-    from flexstage.lumped import lumped_system
-    from flexstage.system import static_displacements
-
-    port = stage.axis(axis)
-    stroke = stage.drive(port.drive).stroke
+    stroke = platform_stroke(stage, axis)
     if stroke is None:
         raise ModelError(
             f"the drive of axis '{axis}' of {stage.name} has no stroke: it cannot be simulated"
         )
-    solution = static_displacements(lumped_system(stage), {port.drive: stroke})
-    return abs(float(np.float64(solution.readings[port.probe])))
+    return stroke
 
 
 class VirtualPositioner(Positioner):

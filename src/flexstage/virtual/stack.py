@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
-from flexstage.characteristic import measured_value
 from flexstage.errors import ModelError
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import (
@@ -21,8 +20,6 @@ from flexstage.hysteresis.model import (
 )
 from flexstage.hysteresis.models.duhem.law import Duhem
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii.law import ModifiedPrandtlIshlinskii
-from flexstage.stage import Stage
-from flexstage.stage.assumptions import LOOP_WIDTH
 
 #: Widths that the loop of a virtual stack can have over its stroke [1].
 WIDTHS = (0.03, 0.25)
@@ -187,12 +184,6 @@ def _stack(
         dead_zone_weights=np.full(count, _BEND / count),
     )
     return VirtualStack(bent=bent, fading=fading)
-
-
-def loop_share(stage: Stage, axis: str, stroke: float) -> float:
-    """Return the width of an axis's loop over its stroke: measured and published, else usual."""
-    width = measured_value(stage.published, "hysteresis_loop_width", axis)
-    return LOOP_WIDTH if width is None else width / stroke
 
 
 def matched_stacks(

@@ -125,19 +125,21 @@ def stack_arrays(
     stacks: Sequence[VirtualStack],
     sample_rate_hz: float,
     *,
-    creep: Creep | None = None,
+    creep: Sequence[Creep | None] = (),
     charge: ChargeDrive | None = None,
 ) -> StackArrays:
     """Return the parameters of stacks as they are stepped; without `charge`, driven by voltage.
 
-    The fading part of a stack has a straight curve and a constant tangent.
+    Creep is that of each stack, none where not given. The fading part of a stack has a straight
+    curve and a constant tangent.
     """
     lines = [stack.bent.line() for stack in stacks]
     # rows of one length: a play that never moves has no weight, a knot at infinity is never passed
     most = max(stack.bent.thresholds.size for stack in stacks)
     plays, knots = -(-most // 8) * 8, max(line.knots.size for line in lines)
     h = 1.0 / sample_rate_hz
-    lag = np.zeros((3, 0)) if creep is None else _lags(creep, h)
+    lags = [np.zeros((3, 0)) if c is None else _lags(c, h) for c in creep or [None] * len(stacks)]
+    crept = max(lag.shape[1] for lag in lags)
     return StackArrays(
         plays=np.array([_scalars(stack) for stack in stacks]),
         thresholds=_rows([s.bent.thresholds for s in stacks], plays, np.inf),
@@ -148,7 +150,7 @@ def stack_arrays(
         charge=np.array(
             [(0.0, 0.0, 1.0, 0.0, 0.0) if charge is None else charge.row(s, h) for s in stacks]
         ),
-        creep=np.repeat(lag[:, None, :], len(stacks), axis=1),
+        creep=np.array([_rows(list(row), crept, 0.0) for row in zip(*lags, strict=True)]),
     )
 
 
@@ -191,13 +193,14 @@ def step_stack(arrays: StackArrays, state: StackState, a: int, u: float) -> floa
     """Step stack `a` to a voltage [V], on a straight line; return displacement and creep [m]."""
     last = state.last[a]
     x = _memory(arrays, state, a, u, last)
-    offset, slope, part, decay, ramp = arrays.charge[a]
+    offset, slope, part, away, along = arrays.charge[a]
     if part != 1.0:
         chord = offset + slope * u
         e = x - chord
-        last[3] += (last[2] - last[3]) * decay + (e - last[2]) * ramp
+        last[3] += (last[2] - last[3]) * away + (e - last[2]) * along
         last[2] = e
         x = chord + part * e + (1.0 - part) * last[3]
+    # the lags of `Creep`; a call for them makes the whole loop a tenth slower
     rise = x - last[4]
     total = 0.0
     for i in range(state.lags.shape[1]):

@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 from flexstage.characteristic import (
     Characteristic,
     Characteristics,
     MeasuredCharacteristic,
-    one_of_each,
 )
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
@@ -51,25 +50,26 @@ class TestResult:
 class Characterisation:
     """What all tests of a stage gave."""
 
-    campaign: Campaign
-    """The tests."""
+    stage: str = ""
+    """Stage file or name of a built-in design; empty where there is none."""
+    origin: Literal["measured", "virtual"]
+    """Whether the records are measured or simulated."""
     results: tuple[TestResult, ...]
-    """What each gave, in the same order."""
+    """What each test gave."""
+    figures: tuple[MeasuredCharacteristic, ...]
+    """One figure for each quantity and axis: that of the first test that gives it."""
     sources: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of each file that was read, by its name."""
+    notes: tuple[str, ...] = ()
+    """Remarks that belong to every figure."""
 
     __repr__ = short_repr
-
-    @property
-    def figures(self) -> tuple[MeasuredCharacteristic, ...]:
-        """One figure for each quantity and axis: that of the first test that gives it."""
-        return one_of_each(figure for result in self.results for figure in result.figures)
 
     @property
     def characteristics(self) -> Characteristics:
         """The figures as rows of the table that an engineer quotes."""
         return Characteristics(
-            replace(f.row, origin=self.campaign.origin, note=f.note or f"test '{f.test}'")
+            replace(f.row, origin=self.origin, note=f.note or f"test '{f.test}'")
             for f in self.figures
         )
 

@@ -13,8 +13,8 @@ from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
 from flexstage.files.ranges import Range, Seed, require_ranges
 from flexstage.files.write import write_whole
-from flexstage.section import Bullets, Section
-from flexstage.table import Column, table
+from flexstage.section import Section
+from flexstage.table import table
 from flexstage.units import DIMENSIONS, Angle, Length
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from flexstage.experiments.results import PlanResult
     from flexstage.experiments.run_context import RunContext
     from flexstage.section import Content
+    from flexstage.virtual.table import VirtualTable
 
 _SIZE = Range(low=0.0, high=1e3, above=True)
 _RESULT = Format(
@@ -92,11 +93,23 @@ class Centre(Verb):
         what = f"up to {self.moves + 2} moves of {', '.join(self.axes)}"
         return PlannedStep(name=name, verb=self.verb, what=what)
 
+    def table(self) -> "VirtualTable":
+        """Return the simulated table, whose scale has lines without errors."""
+        from flexstage.virtual.table import VirtualTable
+
+        return VirtualTable(
+            radius=self.radius,
+            heads=self.heads,
+            eccentricity=self.eccentricity,
+            noise=self.noise,
+            seed=self.seed,
+        )
+
     def run(self, context: "RunContext", name: str) -> list[Path]:
         from flexstage.centring.procedure import centre
         from flexstage.experiments.command import park
         from flexstage.experiments.positioner import InstrumentPositioner
-        from flexstage.virtual.table import VirtualBench, VirtualTable
+        from flexstage.virtual.table import VirtualBench
 
         park(context.instrument, self.axes)
         first, second = (context.plan.sensor(s).channel for s in self.sensors)
@@ -109,14 +122,7 @@ class Centre(Verb):
             angle=self.mounting_angle,
         )
         positioner.to_middle()
-        table = VirtualTable(
-            radius=self.radius,
-            heads=self.heads,
-            eccentricity=self.eccentricity,
-            noise=self.noise,
-            seed=self.seed,
-        )
-        bench = VirtualBench(table, positioner)
+        bench = VirtualBench(self.table(), positioner)
         done = centre(bench.measure, positioner, target=self.target, moves=self.moves)
         moves = []
         for step, true in zip(done.steps, bench.true_lengths, strict=True):
@@ -159,7 +165,7 @@ class Centre(Verb):
     def section(steps: "Sequence[CentredStep]", result: "PlanResult") -> Section:
         del result
         heads = (
-            Column("move"), "kind", "x [µm]", "y [µm]", "eccentricity [µm]", "± (95 %)",
+            "move", "kind", "x [µm]", "y [µm]", "eccentricity [µm]", "± (95 %)",
             "expected [µm]", "true [µm]",
         )  # fmt: skip
         content: list[Content] = []
@@ -173,7 +179,7 @@ class Centre(Verb):
                 f"Step {step.name}: target {step.target * _UM:.3g} µm; {step.reason}. The scale "
                 "and its heads are simulated, so the true one is known."
             )
-            content += [words, table("", heads, rows), Bullets(step.notes)]
+            content += [words, table("", heads, rows, notes=step.notes)]
         return Section(title="Centring", key="centring", content=tuple(content))
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import PlanError
 from flexstage.estimate import Component
+from flexstage.experiments.campaign.kinds import KINDS
 from flexstage.experiments.campaign.plan import Campaign, Columns, Test
-from flexstage.experiments.campaign.results import Characterisation, figure_of
+from flexstage.experiments.campaign.results import Characterisation, TestResult, figure_of
 from flexstage.experiments.command import RESPONSE
 from flexstage.experiments.verb import StepResult, Verb
 from flexstage.experiments.verbs.measure import Measure
@@ -25,17 +26,9 @@ if TYPE_CHECKING:
 
 #: Cycles without which a motion and its drift cannot be told apart.
 _FEWEST_CYCLES = 3
-#: Roles that a kind of test reads.
-_ROLES: dict[str, tuple[str, ...]] = {
-    "motion": ("along", "across", "vertical", "roll", "pitch", "yaw"),
-    "positioning": ("along",),
-    "staircase": ("along",),
-    "hold": ("along",),
-    "workspace": ("x", "y"),
-    "response": (),
-}
 _SIMULATED = ("the instrument is a simulation: nothing was measured",)
-_COMMANDED = ("motion", "positioning", "staircase")
+#: How a test is evaluated, which a step of measure says in the same words.
+_OPTIONS = ("modes", "band", "confidence", "smallest_steps", "smallest_step")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +96,8 @@ class Characterise(Verb):
             return [corner_visits(record, test.columns.x or "", test.columns.y or "")]
 
         found = evaluate(campaign, load)
-        return CharacterisedStep(name=name, found=found, ratios=tuple(_ratios(context, found)))
+        ratios = tuple(_ratios(context, campaign, found))
+        return CharacterisedStep(name=name, found=found, ratios=ratios)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -115,6 +109,14 @@ class CharacterisedStep(StepResult):
     ratios: tuple[MeasuredCharacteristic, ...] = ()
     """Motion of the platform over that of the drive, of the motions that were commanded in metres.
     """
+
+    @property
+    def tests(self) -> tuple[TestResult, ...]:
+        return self.found.results
+
+    @property
+    def sources(self) -> Mapping[str, str]:
+        return self.found.sources
 
     @property
     def figures(self) -> tuple[MeasuredCharacteristic, ...]:
@@ -129,14 +131,16 @@ class CharacterisedStep(StepResult):
         }
 
 
-def _ratios(context: "RunContext", found: Characterisation) -> Iterator[MeasuredCharacteristic]:
+def _ratios(
+    context: "RunContext", campaign: Campaign, found: Characterisation
+) -> Iterator[MeasuredCharacteristic]:
     """Give the ratio of each axis that a screw drives."""
     for result in found.results:
         stroke = result.details.get("stroke")
         record = context.measured(result.test.name).record
         if stroke is None or record.channel("command").unit != "m":
             continue
-        sensor = found.campaign.instrument(result.test.along)
+        sensor = campaign.instrument(result.test.along)
         gain = stroke.gain.times(math.copysign(1.0, stroke.gain.value), "1")
         if sensor is not None:
             # what a sensor is off by is a share of the stroke, and so of the ratio
@@ -144,40 +148,34 @@ def _ratios(context: "RunContext", found: Characterisation) -> Iterator[Measured
             part = Component(name="sensitivity", uncertainty=share * gain.value, kind="B")
             gain = gain.plus(part)
         note = "slope of the platform's motion over that of the drive"
-        yield figure_of(found.campaign, result.test, "transmission_ratio", gain, note)
+        yield figure_of(campaign, result.test, "transmission_ratio", gain, note)
 
 
 def _test(context: "RunContext", name: str) -> Test:
     """Return the description of a test that a step has measured."""
     action = cast("Measure", context.plan.step(name).action)
-    kind = action.test or ""
+    kind = KINDS[action.test or ""]
     source = context.plan.step(action.of).action
     axis = context.plan.axis_of(name)
-    roles = {r: s for r, s in action.roles.items() if r in _ROLES[kind]}
-    given: dict[str, Any] = dict(roles)
-    if kind in _COMMANDED:
-        given["command"] = "command"
-    if kind == "workspace":
-        given["corner"] = "corner"
-    if kind == "response":
+    roles = {r: s for r, s in action.roles.items() if r in (kind.sensors or ())}
+    given: dict[str, Any] = {**roles, **kind.beside}
+    excitation = "auto"
+    if action.test == "response":
+        excitation = source.response
         outputs = action.output or ((axis,) if source.struck else ())
         given["input"] = "force" if source.struck else "voltage"
         given["output"] = tuple(map(RESPONSE.format, outputs)) if source.struck else outputs
     return Test(
         name=name,
-        kind=kind,
+        kind=action.test or "",
         axis=axis,
         records=(context.measured(name).file.name,),
         columns=Columns(**given),
         along=action.along or action.x,
         transverse=action.across or action.vertical,
         angle=action.yaw or action.pitch or action.roll,
-        excitation=source.response if kind == "response" else "auto",
-        modes=action.modes,
-        band=action.band,
-        confidence=action.confidence,
-        smallest_steps=action.smallest_steps,
-        smallest_step=action.smallest_step,
+        excitation=excitation,
+        **{name: getattr(action, name) for name in _OPTIONS},
     )
 
 

@@ -18,6 +18,7 @@ from flexstage.experiments.verb import (
     StepResult,
     Verb,
 )
+from flexstage.files.plain import picked
 from flexstage.files.ranges import Range, require_ranges
 from flexstage.instruments.limits import check_waveform
 from flexstage.instruments.waveform import Waveform
@@ -171,10 +172,7 @@ class CommandedStep(StepResult):
     def plain(self, result: "PlanResult") -> dict[str, Any]:
         del result
         return {
-            "axis": self.axis,
-            "kind": self.kind,
-            "unit": self.unit,
-            "samples": int(self.time.size),
+            **picked(self, "axis", "kind", "unit", "samples=time.size"),
             "range": {a: [float(np.min(v)), float(np.max(v))] for a, v in self.values.items()},
             "notes": list(self.notes),
         }

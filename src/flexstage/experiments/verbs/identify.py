@@ -12,6 +12,7 @@ from flexstage.arrays import Array
 from flexstage.characteristic import measured_value
 from flexstage.errors import PlanError
 from flexstage.experiments.verb import StepResult, Verb
+from flexstage.files.plain import picked
 from flexstage.files.write import write_whole
 from flexstage.provenance import provenance
 from flexstage.quantities import number
@@ -227,12 +228,9 @@ class IdentifiedStep(StepResult):
 
     def plain(self, result: "PlanResult") -> dict[str, Any]:
         return {
-            "axis": self.axis,
-            "model": self.kind,
+            **picked(self, "axis", "model=kind"),
             "file": result.relative(self.file),
-            "errors_percent": dict(self.errors_percent),
-            "deviation": self.deviation,
-            "warnings": list(self.warnings),
+            **picked(self, "errors_percent", "deviation", "warnings"),
         }
 
     @property

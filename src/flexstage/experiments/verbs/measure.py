@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from flexstage.errors import PlanError
-from flexstage.experiments.campaign.plan import KINDS
+from flexstage.experiments.campaign.kinds import KINDS
 from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
+from flexstage.files.plain import picked
 from flexstage.files.ranges import INNER_SHARE, POSITIVE, Range, require_ranges
 from flexstage.quantities import number
 from flexstage.records import Record, read_record
@@ -22,16 +23,7 @@ if TYPE_CHECKING:
 
 #: Sensors by what they read in a test.
 ROLES: tuple[str, ...] = ("along", "across", "vertical", "roll", "pitch", "yaw", "x", "y")
-_TESTS = ("motion", "positioning", "staircase", "hold", "response", "workspace")
-#: Sensors without which a test cannot be evaluated.
-_NEEDED: dict[str, tuple[str, ...]] = {
-    "motion": ("along",),
-    "positioning": ("along",),
-    "staircase": ("along",),
-    "hold": ("along",),
-    "workspace": ("x", "y"),
-}
-
+_TESTS = tuple(name for name, kind in KINDS.items() if kind.sensors is not None)
 SampleRate = Annotated[Frequency, Range(low=1e-3, high=1e7)]
 
 
@@ -113,7 +105,7 @@ class Measure(Verb):
         if self.test is None:
             return ""
         source = before[self.of]
-        if missing := [r for r in _NEEDED.get(self.test, ()) if r not in self.roles]:
+        if missing := [r for r in KINDS[self.test].needed if r not in self.roles]:
             return (
                 f"step '{name}' is a test of kind {self.test} and does not say which sensor "
                 f"reads {' and '.join(missing)}"
@@ -229,12 +221,9 @@ class MeasuredStep(StepResult):
 
     def plain(self, result: "PlanResult") -> dict[str, Any]:
         return {
-            "axis": self.axis,
-            "test": self.test,
+            **picked(self, "axis", "test"),
             "file": result.relative(self.file),
-            "samples": self.record.size,
-            "sample_rate_hz": self.record.sample_rate_hz,
+            **picked(self.record, "samples=size", "sample_rate_hz"),
             "columns": {c.name: c.unit for c in self.record.channels},
-            "taken_now": self.repeated,
-            "notes": list(self.notes),
+            **picked(self, "taken_now=repeated", "notes"),
         }

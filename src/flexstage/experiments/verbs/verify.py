@@ -12,9 +12,16 @@ from flexstage.characteristic import MeasuredCharacteristic, measured_value
 from flexstage.errors import PlanError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiments.axis_limits import estimated_stroke
-from flexstage.experiments.reference import Reference, reference_rate, require_whole_cycles
+from flexstage.experiments.reference import (
+    LEARNING,
+    NOTES,
+    Reference,
+    reference_rate,
+    require_whole_cycles,
+)
 from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
 from flexstage.experiments.verbs.measure import SampleRate
+from flexstage.files.plain import picked
 from flexstage.files.ranges import Range, require_ranges
 from flexstage.quantities import number
 from flexstage.records import Record, read_record
@@ -36,10 +43,6 @@ WAYS: dict[str, str] = {
     "both": "feedback and inverse of {kind}",
     "learning": "learned over trials",
 }
-#: Under which name the errors of learning are kept among the settings of a record.
-LEARNING = "learning errors [m]"
-#: And what a reader of its figures should know, a line each.
-NOTES = "notes"
 #: What the figures of a reference that was followed are given in.
 _UNITS = {
     "loop_width": "m",
@@ -263,20 +266,14 @@ class VerifiedStep(StepResult):
 
     def plain(self, result: "PlanResult") -> dict[str, Any]:
         return {
-            "axis": self.axis,
-            "model": self.kind,
-            "stroke": self.stroke,
-            "rate_hz": self.rate_hz,
+            **picked(self, "axis", "model=kind", "stroke", "rate_hz"),
             "units": dict(_UNITS),
             "runs": [
                 {
-                    "way": run.way,
-                    "loop_width": run.tracking.loop_width,
-                    "tracking_rms": run.tracking.rms,
-                    "tracking_max": run.tracking.largest,
+                    **picked(run, "way", "loop_width=tracking.loop_width"),
+                    **picked(run, "tracking_rms=tracking.rms", "tracking_max=tracking.largest"),
                     "tracking_rms_percent": 100.0 * run.tracking.rms / self.stroke,
-                    "reduction_percent": run.reduction_percent,
-                    "learning_errors": list(run.errors),
+                    **picked(run, "reduction_percent", "learning_errors=errors"),
                     "file": result.relative(run.file),
                     "notes": list(run.notes),
                 }

@@ -8,9 +8,9 @@ from flexstage.errors import FlexstageError, RecordError
 from flexstage.instruments.catalogue.catalogue import Catalogue
 from flexstage.instruments.catalogue.entries import RunEntry, RunStatus, StageEntry
 from flexstage.instruments.recording.archive import file_summary
-from flexstage.instruments.recording.folder import RunFolder
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.recovery import examine
+from flexstage.instruments.recording.stream import STREAM_SUFFIX
 
 #: What an entry takes from the description of its run as it is.
 _SHARED = ("plan", "step", "kind", "axis", "operator", "note", "version", "seed")
@@ -33,12 +33,12 @@ def folder_entries(folder: str | Path) -> tuple[tuple[RunEntry, ...], tuple[str,
 
     A run of which there is only a stream has failed.
     """
-    place = RunFolder.open(folder)
+    place = Path(folder)
     entries: list[RunEntry] = []
     problems: list[str] = []
-    for path in (*place.records(), *place.streams()):
+    for path in run_files(place):
         try:
-            entries.append(_entry(path, place.path.resolve()))
+            entries.append(_entry(path, place.resolve()))
         except RecordError as error:
             problems.append(str(error))
         except OSError as error:
@@ -61,6 +61,20 @@ def enter_folder(folder: str | Path, address: str | None = None) -> Entered:
     except FlexstageError as error:
         told.append(str(error))
     return Entered(runs=entries, new=new, problems=tuple(told))
+
+
+def run_files(folder: Path) -> list[Path]:
+    """Return the HDF5 files of a run's folder, then the streams that none of them stands for.
+
+    They lie in it or in its folder ``records``: one that was laid out by hand is one too.
+    """
+    if not folder.is_dir():
+        raise RecordError(f"there is no folder '{folder}': give the folder of a run")
+    places = [place for place in (folder, folder / "records") if place.is_dir()]
+    found = sorted(p for place in places for p in place.iterdir() if not p.name.startswith("."))
+    records = [p for p in found if p.suffix == ".h5"]
+    streams = [p for p in found if p.suffix == STREAM_SUFFIX]
+    return records + [p for p in streams if not p.with_suffix(".h5").exists()]
 
 
 def _entry(path: Path, folder: Path) -> RunEntry:

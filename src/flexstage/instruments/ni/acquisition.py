@@ -10,7 +10,7 @@ from flexstage.instruments.ni.outputs import NiOutputs
 from flexstage.instruments.ni.recorder import NiRecorder
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup
 from flexstage.instruments.protocol import Capability, Identity, Instrument, MotionAxis
-from flexstage.instruments.ramp import to_safe
+from flexstage.instruments.ramp import to_safe, wait_for_rest
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits, stage_limits
 from flexstage.system.servo import ServoSettings
@@ -33,10 +33,6 @@ class NiAxis(MotionAxis):
     @property
     def limits(self) -> AxisLimits:
         return self._limits
-
-    @property
-    def closed_loop(self) -> bool:
-        return False
 
     def set_closed_loop(self, on: bool) -> None:
         if on:
@@ -126,8 +122,8 @@ class NiAcquisition(Instrument):
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        drives = {Capability.OPEN_LOOP, Capability.WAVE_GENERATOR} if self._axes else set()
-        return frozenset({Capability.DATA_RECORDER, Capability.CHANNELS} | drives)
+        waves = {Capability.WAVE_GENERATOR} if self._axes else set()
+        return super().capabilities | {Capability.DATA_RECORDER, Capability.CHANNELS} | waves
 
     @property
     def axes(self) -> Mapping[str, NiAxis]:
@@ -170,13 +166,7 @@ class NiAcquisition(Instrument):
 
     def wait(self, timeout: float = 30.0) -> None:
         """Wait until nothing runs; stop it on time-out."""
-        waited = 0.0
-        while self.outputs.running():
-            if waited > timeout:
-                self.stop()
-                raise ControllerError(f"a waveform still ran after {timeout:g} s: it was stopped")
-            self.pause(0.01)
-            waited += 0.01
+        wait_for_rest(self, self.outputs.running, timeout, "a waveform still ran")
 
     def stop(self) -> None:
         self.outputs.stop()

@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 from flexstage.errors import ModelError
 from flexstage.instruments.address import longest_silence, options_of
 from flexstage.instruments.pi.controller import PiController
-from flexstage.instruments.pi.transport import (
+from flexstage.instruments.transport import (
     DEFAULT_BAUD,
     DEFAULT_PORT,
     GatewayLink,

@@ -9,7 +9,7 @@ from flexstage.instruments.limits import check_position, check_voltage
 from flexstage.instruments.pi.connection import Connection
 from flexstage.instruments.pi.tuning import ServoTuning
 from flexstage.instruments.pi.units import VOLTS, WireUnit
-from flexstage.instruments.protocol import Capability, MotionAxis
+from flexstage.instruments.protocol import Capability, MotionAxis, not_able
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
 
@@ -244,10 +244,7 @@ class PiAxis(MotionAxis):
 
     def _require(self, capability: Capability) -> None:
         if capability not in self.capabilities:
-            raise ModelError(
-                f"axis '{self.name}' of this controller cannot do this: there is no "
-                f"{capability.value}"
-            )
+            raise not_able(self, capability)
 
 
 def _on(on: bool) -> str:

@@ -13,7 +13,7 @@ from flexstage.instruments.pi.replies import (
     number,
     whole_number,
 )
-from flexstage.instruments.pi.transport import Transport
+from flexstage.instruments.transport import Transport
 
 
 class GcsClient:

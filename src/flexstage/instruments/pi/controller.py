@@ -11,9 +11,9 @@ from flexstage.instruments.pi.connection import Connection
 from flexstage.instruments.pi.discovery import discover
 from flexstage.instruments.pi.profile import ControllerProfile, TransferLimits, read_profile
 from flexstage.instruments.pi.recorder import PiRecorder
-from flexstage.instruments.pi.transport import Transport
 from flexstage.instruments.pi.waves import PiWaves
 from flexstage.instruments.protocol import Capability, ChannelMap, Identity, Instrument
+from flexstage.instruments.transport import Transport
 from flexstage.stage import Stage
 
 
@@ -122,9 +122,7 @@ class PiController(Instrument):
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        found: set[Capability] = set()
-        for axis in self._axes.values():
-            found |= axis.capabilities
+        found = set(super().capabilities)
         if self._recorder is not None:
             found.add(Capability.DATA_RECORDER)
         if self._waves is not None:
@@ -171,9 +169,7 @@ class PiController(Instrument):
 
     def strike(self, axis: str) -> None:
         if not self._can_strike():
-            raise ModelError(
-                "this controller cannot strike the stage: strike it by hand, and record it"
-            )
+            super().strike(axis)
         if axis not in self._axes:
             raise ModelError(
                 f"there is no axis '{axis}': they are {', '.join(map(repr, self._axes))}"

@@ -12,7 +12,7 @@ from flexstage.instruments.pi.replies import (
     take_lines,
     whole_number,
 )
-from flexstage.instruments.pi.transport import NoAnswerError, OpensAnother, Transport
+from flexstage.instruments.transport import NoAnswerError, OpensAnother, Transport
 
 #: The single character that stops everything; it needs no line feed.
 STOP_ALL = b"\x18"

@@ -15,8 +15,8 @@ from flexstage.instruments.recording.stream import (
     END,
     FRAME_SIZE,
     SAMPLES,
-    Frame,
     Irregularity,
+    StreamFrame,
     StreamHead,
     read_frame,
 )
@@ -116,7 +116,7 @@ def _examined(file: BinaryIO, path: Path) -> StreamRecovery:
     ended = False
     frames = following = damaged = tail = 0
 
-    def frame_at(place: int) -> Frame | None:
+    def frame_at(place: int) -> StreamFrame | None:
         frame = read_frame(file, place, size, head.row_size)
         # no writer puts a frame behind a later one
         return frame if frame is not None and frame.number >= frames else None
@@ -155,7 +155,7 @@ def _examined(file: BinaryIO, path: Path) -> StreamRecovery:
 
 
 def _next_frame(
-    file: BinaryIO, start: int, size: int, frame_at: Callable[[int], Frame | None]
+    file: BinaryIO, start: int, size: int, frame_at: Callable[[int], StreamFrame | None]
 ) -> int:
     """Return where the next whole frame begins, or the end of the file."""
     while start < size:

@@ -48,7 +48,7 @@ _VERSION = 2
 _HEAD_TEXT = replace(RUN_DESCRIPTION, noun="head of a stream")
 
 
-class Frame(NamedTuple):
+class StreamFrame(NamedTuple):
     """What stands before the samples of a frame."""
 
     mark: bytes
@@ -202,13 +202,13 @@ def frame_bytes(mark: bytes, number: int, first: int, columns: Sequence[Array]) 
     return b"".join([begun, _CHECKSUM.pack(checksum), *(column.data for column in columns)])
 
 
-def read_frame(file: BinaryIO, position: int, size: int, row_size: int) -> Frame | None:
+def read_frame(file: BinaryIO, position: int, size: int, row_size: int) -> StreamFrame | None:
     """Return the frame at a position of a file of some size, None where there is no whole one."""
     file.seek(position)
     begun = file.read(FRAME_SIZE)
     if len(begun) < FRAME_SIZE or not begun.startswith((SAMPLES, END)):
         return None
-    frame = Frame._make(_FRAME.unpack_from(begun))
+    frame = StreamFrame._make(_FRAME.unpack_from(begun))
     length = frame.rows * row_size
     if length > LARGEST_PAYLOAD + row_size or position + FRAME_SIZE + length > size:
         return None

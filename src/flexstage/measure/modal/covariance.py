@@ -7,9 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.arrays import Array, Complex
-from flexstage.measure.modal.basis import ModalBasis
 from flexstage.measure.modal.prepare import Prepared
-from flexstage.measure.modal.variable_projection import Projected, ResponseBlock, project
+from flexstage.measure.modal.variable_projection import (
+    ModalBasis,
+    Projected,
+    ResponseBlock,
+    project,
+)
 
 _LAGS = 8
 # a correlation of noise goes beyond this, over the root of the number of lines, once in 500 times

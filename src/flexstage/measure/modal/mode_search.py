@@ -9,7 +9,7 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
-from flexstage.measure.modal.basis import ModalBasis
+from flexstage.measure.modal.local_rational import local_poles
 from flexstage.measure.modal.mode_selection import (
     cleaned,
     distinct,
@@ -20,9 +20,9 @@ from flexstage.measure.modal.mode_selection import (
     threshold,
 )
 from flexstage.measure.modal.prepare import Prepared, reweighted
-from flexstage.measure.modal.scatter import local_poles
 from flexstage.measure.modal.stabilisation import Stabilisation, WeightedLines, stabilised
 from flexstage.measure.modal.variable_projection import (
+    ModalBasis,
     ResponseBlock,
     eliminate,
     minimise,

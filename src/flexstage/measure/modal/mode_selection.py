@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array, Complex
-from flexstage.measure.modal.basis import ModalBasis
 from flexstage.measure.modal.variable_projection import (
     Eliminated,
+    ModalBasis,
     ResponseBlock,
     deviations_of,
     eliminate,

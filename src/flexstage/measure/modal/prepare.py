@@ -9,7 +9,7 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
-from flexstage.measure.modal.scatter import line_scatter, moving_mean
+from flexstage.measure.modal.local_rational import line_scatter, moving_mean
 from flexstage.measure.modal.variable_projection import ResponseBlock
 from flexstage.measure.spectra.response import MeasuredResponse
 
@@ -77,13 +77,7 @@ def prepared(
                 f"a modal fit needs at least 8 lines above 0 Hz in the band, got {keep.sum()}: "
                 "widen the band, or use longer segments"
             )
-        part = replace(
-            part,
-            frequency_hz=part.frequency_hz[keep],
-            response=part.response[keep],
-            variance=None if part.variance is None else part.variance[keep],
-            coherence=None if part.coherence is None else part.coherence[keep],
-        )
+        part = part.lines(keep)
         size = np.sqrt(np.mean(np.abs(part.response) ** 2, axis=0))
         if np.any(size == 0.0):
             dead = part.outputs[int(np.argwhere(size == 0.0)[0, 0])]

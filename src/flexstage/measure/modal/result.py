@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.measure.modal.basis import ModalBasis
 from flexstage.measure.modal.stabilisation import Stabilisation
+from flexstage.measure.modal.variable_projection import ModalBasis
 from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.short_repr import short_repr
 
@@ -255,11 +255,11 @@ def shape_from_residues(residues: Complex, covariance: Array) -> tuple[Complex, 
         slope = np.zeros((outputs, inputs), dtype=np.complex128)
         slope[o, taken] += weights / mean[largest]
         slope[chosen[largest], taken] -= values[n] * weights / mean[largest]
-        spread[o] = spread_of_parts(slope.ravel(), covariance)
+        spread[o] = _spread_of_parts(slope.ravel(), covariance)
     return shape, spread
 
 
-def spread_of_parts(slope: Complex, covariance: Array) -> Array:
+def _spread_of_parts(slope: Complex, covariance: Array) -> Array:
     """Return the uncertainty of the real and the imaginary part of a sum of complex numbers.
 
     The covariance is of their real and imaginary parts in turn, `slope` their factors.
@@ -273,6 +273,6 @@ def noisy_estimate(
     value: float, uncertainty: float, unit: str, degrees_of_freedom: float, clock: float = 0.0
 ) -> Estimate:
     """Return a figure that noise makes uncertain, and `clock` the sample rate."""
-    noise = Component(name="noise", uncertainty=uncertainty, degrees_of_freedom=degrees_of_freedom)
-    both = (noise, Component(name="sample rate", uncertainty=clock, kind="B"))
-    return Estimate(value=value, unit=unit, components=both[: 1 + (clock > 0.0)])
+    found = Estimate.of(value, uncertainty, unit, degrees_of_freedom=degrees_of_freedom)
+    rate = Component(name="sample rate", uncertainty=clock, kind="B")
+    return found.plus(rate) if clock > 0.0 else found

@@ -18,7 +18,7 @@ from flexstage.measure.modal.decay_model import (
     project_decay,
 )
 from flexstage.measure.modal.mode_selection import distinct
-from flexstage.measure.modal.result import noisy_estimate, spread_of_parts
+from flexstage.measure.modal.result import noisy_estimate, shape_from_residues
 from flexstage.records import Record, step_uncertainty
 from flexstage.records.sampling import require_complete, require_uniform
 
@@ -270,14 +270,7 @@ def _mode(r: int, fit: DecayFit, times: int, rate: float, share: float) -> Decay
         ]
     )
     pair = np.sqrt(np.maximum(np.diagonal(slopes @ covariance[:2, :2] @ slopes.T), 0.0))
-    largest = int(np.argmax(np.abs(amplitudes)))
-    shape = amplitudes / amplitudes[largest]
-    spread = np.empty((shape.size, 2))
-    for c in range(shape.size):
-        slope = np.zeros(shape.size, dtype=np.complex128)
-        slope[c] += 1.0 / amplitudes[largest]
-        slope[largest] -= shape[c] / amplitudes[largest]
-        spread[c] = spread_of_parts(slope, covariance[2:, 2:])
+    shape, spread = shape_from_residues(amplitudes[:, None], covariance[2:, 2:])
     frequency = size / (2.0 * math.pi)
     return DecayMode(
         frequency_hz=noisy_estimate(frequency, float(pair[0]), "Hz", freedom, share * frequency),

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.measure.motion.motion_curve import Direction, MotionCurve, position_weights
+from flexstage.measure.motion.narrowest_zone import narrowest_strip
 
 # curves that are simulated to find what noise adds: each takes a search of its own
 _ZONE_TRIALS = 120
@@ -32,6 +32,11 @@ class _Extreme:
     rows: Array
     absolute: bool = False
 
+    @property
+    def reach(self) -> float:
+        """How many times the misfit counts: misfits at two places add."""
+        return 1.0 if self.absolute else math.sqrt(2.0)
+
     def of(self, coefficients: Array) -> Array:
         values = coefficients @ self.rows.T
         if self.absolute:
@@ -45,6 +50,27 @@ class _Extreme:
             at = int(np.argmax(np.abs(values)))
             return math.copysign(1.0, values[at]) * self.rows[at]
         return self.rows[int(np.argmax(values))] - self.rows[int(np.argmin(values))]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Zone:
+    """The width of the narrowest zone about the values at positions, of one run or of two."""
+
+    position: Array
+    rows: Array  # (r g, 2 k)
+    reach: float = 1.5
+
+    def of(self, coefficients: Array) -> Array:
+        each = [self._contacts(c)[0] for c in np.atleast_2d(coefficients)]
+        return np.reshape(each, coefficients.shape[:-1])
+
+    def weights(self, coefficients: Array) -> Array:
+        """Return the derivative of the width after the coefficients."""
+        return self._contacts(coefficients)[1].ravel() @ self.rows
+
+    def _contacts(self, coefficients: Array) -> tuple[float, Array]:
+        values = self.rows @ coefficients
+        return zone_contacts(self.position, values.reshape(-1, self.position.size))
 
 
 def curve_range(
@@ -88,8 +114,12 @@ def curve_range(
         There is no such direction or line.
     """
     if line == "minimum_zone":
-        return zone_range(curve, direction, seed=seed)
-    return _estimate(curve, _Extreme(rows=_deviation_rows(curve, direction, line)), seed)
+        # what a straight line adds changes no zone: without it the noise is told from the shape
+        x = curve.grid(201)
+        zone = _Zone(position=x, rows=_deviation_rows(curve, direction, "least_squares", x))
+        return _estimate(curve, zone, seed, _ZONE_TRIALS)
+    rows = _deviation_rows(curve, direction, line, curve.grid())
+    return _estimate(curve, _Extreme(rows=rows), seed)
 
 
 def curve_largest(
@@ -100,7 +130,7 @@ def curve_largest(
     seed: int = 0,
 ) -> Estimate:
     """Return the largest distance of a curve from a line, less what noise adds to it."""
-    rows = _deviation_rows(curve, direction, line)
+    rows = _deviation_rows(curve, direction, line, curve.grid())
     return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
 
 
@@ -156,10 +186,9 @@ def line_weights(position: Array, line: Line) -> Array:
 
 
 def _deviation_rows(
-    curve: MotionCurve, direction: Direction | Literal["both"], line: Line
+    curve: MotionCurve, direction: Direction | Literal["both"], line: Line, x: Array
 ) -> Array:
-    """Return what coefficients count by in the distances from the line."""
-    x = curve.grid()
+    """Return what coefficients count by in the distances from the line at positions."""
     off = line_weights(x, line)
     if direction != "both":
         rows = curve.rows(x, direction)
@@ -168,20 +197,20 @@ def _deviation_rows(
     return np.vstack((curve.rows(x, "forward") - base, curve.rows(x, "backward") - base))
 
 
-def _estimate(curve: MotionCurve, figure: _Extreme, seed: int) -> Estimate:
+def _estimate(
+    curve: MotionCurve, figure: _Extreme | _Zone, seed: int, trials: int = _TRIALS
+) -> Estimate:
     coefficients = curve.coefficients.ravel()
     observed = float(figure.of(coefficients))
-    noise, wide = noise_of_coefficients(curve, seed)
-    truth = shrunk(curve, figure.rows)
+    noise, wide = (n[:: max(n.shape[0] // trials, 1)] for n in _noise_of_coefficients(curve, seed))
+    truth = _shrunk(curve, figure.rows)
     added = float(figure.of(truth + noise).mean() - figure.of(truth))
-    # misfits at two places add; one place where a magnitude is asked
-    reach = 1.0 if figure.absolute else math.sqrt(2.0)
-    found = curve.of_coefficients(figure.weights(coefficients), reach=reach)
+    found = curve.of_coefficients(figure.weights(coefficients), reach=figure.reach)
     alone = float(np.quantile(figure.of(wide), 0.95))
-    return corrected(found, observed, added, alone)
+    return _corrected(found, observed, added, alone)
 
 
-def corrected(found: Estimate, observed: float, added: float, alone: float) -> Estimate:
+def _corrected(found: Estimate, observed: float, added: float, alone: float) -> Estimate:
     """Return a figure that cannot be negative less what noise adds to it.
 
     Noise alone exceeds `alone` once in twenty times: below it the interval begins at 0.
@@ -193,7 +222,7 @@ def corrected(found: Estimate, observed: float, added: float, alone: float) -> E
     return replace(result, bounds=(0.0, high)) if low < 0.0 or observed <= alone else result
 
 
-def noise_of_coefficients(curve: MotionCurve, seed: int) -> tuple[Array, Array]:
+def _noise_of_coefficients(curve: MotionCurve, seed: int) -> tuple[Array, Array]:
     """Simulate errors of the coefficients of a curve.
 
     Errors of the flattened coefficients as large as they are thought to be, and with the spread of
@@ -221,7 +250,7 @@ def noise_of_coefficients(curve: MotionCurve, seed: int) -> tuple[Array, Array]:
     return np.vstack((noise, -noise)), np.vstack((wide, -wide))
 
 
-def shrunk(curve: MotionCurve, rows: Array) -> Array:
+def _shrunk(curve: MotionCurve, rows: Array) -> Array:
     """Return coefficients from which the share of noise is taken, as James and Stein (1961) do.
 
     Measured values spread by noise as well as by what is measured: to simulate about them as they
@@ -246,43 +275,13 @@ def shrunk(curve: MotionCurve, rows: Array) -> Array:
     return max(1.0 - of_noise / spread, 0.0) ** 0.5 * coefficients
 
 
-def zone_range(
-    curve: MotionCurve, direction: Direction | Literal["both"] = "mean", *, seed: int = 0
-) -> Estimate:
-    """Return the width of the narrowest zone, in the direction of the reading, about a curve.
-
-    Of both runs, one zone about the two; what noise adds is taken off.
-    """
-    x = curve.grid(201)
-    names: tuple[Direction, ...] = ("forward", "backward") if direction == "both" else (direction,)
-    rows = np.array([curve.rows(x, name) for name in names])  # (r, g, 2 k)
-    # what a straight line adds changes no zone: without it the noise is told from the shape
-    off = line_weights(x, "least_squares")
-    base = off @ rows.mean(axis=0)
-    rows = rows - base
-    coefficients = curve.coefficients.ravel()
-
-    def width(c: Array) -> float:
-        return zone_contacts(x, rows @ c)[0]
-
-    observed, weights = zone_contacts(x, rows @ coefficients)
-    noise, wide = (
-        n[:: max(n.shape[0] // _ZONE_TRIALS, 1)] for n in noise_of_coefficients(curve, seed)
-    )
-    truth = shrunk(curve, rows.reshape(-1, rows.shape[-1]))
-    added = float(np.mean([width(truth + e) for e in noise])) - width(truth)
-    alone = float(np.quantile([width(e) for e in wide], 0.95))
-    found = curve.of_coefficients(np.einsum("rg,rgk->k", weights, rows), reach=1.5)
-    return corrected(found, observed, added, alone)
-
-
 def zone_contacts(position: Array, values: Array) -> tuple[float, Array]:
     """Return the width of the narrowest zone about values, and how it depends on them.
 
-    The zone touches two points on one side and one between them on the other; its width, in the
-    direction of the values, is the distance of the one from the line through the two. One side of
-    it is an edge of the convex hull. With several values at each position, shape (r, g); the
-    weights are the derivative of the width after the values, in their shape.
+    The zone touches two points on one side and one between them on the other (`narrowest_strip`);
+    its width, in the direction of the values, is the distance of the one from the line through the
+    two. With several values at each position, shape (r, g); the weights are the derivative of the
+    width after the values, in their shape.
 
     Examples
     --------
@@ -290,40 +289,13 @@ def zone_contacts(position: Array, values: Array) -> tuple[float, Array]:
     >>> float(width), weights.tolist()
     (2.0, [-0.75, 1.0, -0.25])
     """
-    y = np.atleast_2d(values)
-    top, bottom = np.argmax(y, axis=0), np.argmin(y, axis=0)
-    columns = np.arange(position.size)
-    upper, lower = y[top, columns], y[bottom, columns]
-    best, weights = np.inf, np.zeros_like(y)
-    for sign, side, other, rows, opposite in (
-        (1.0, upper, lower, top, bottom),
-        (-1.0, -lower, -upper, bottom, top),
-    ):
-        hull = _upper_hull(position, side)
-        slopes = np.diff(side[hull]) / np.diff(position[hull])
-        # the farthest point below an edge: one product of edges and points is fast enough
-        a = hull[:-1]
-        depth = (side[a] - slopes * position[a])[:, None] + np.outer(slopes, position) - other
-        widths = depth.max(axis=1)
-        i = int(np.argmin(widths))
-        if widths[i] < best:
-            best = float(widths[i])
-            j, k, m = int(hull[i]), int(hull[i + 1]), int(np.argmax(depth[i]))
-            share = (position[m] - position[j]) / (position[k] - position[j])
-            weights = np.zeros_like(y)
-            weights[rows[j], j] += sign * (1.0 - share)
-            weights[rows[k], k] += sign * share
-            weights[opposite[m], m] -= sign
-    return best, weights.reshape(values.shape)
-
-
-def _upper_hull(x: Array, y: Array) -> NDArray[np.intp]:
-    hull: list[int] = []
-    for i in range(x.size):
-        while len(hull) > 1:
-            a, b = hull[-2], hull[-1]
-            if (y[b] - y[a]) * (x[i] - x[a]) > (y[i] - y[a]) * (x[b] - x[a]):
-                break
-            hull.pop()
-        hull.append(i)
-    return np.array(hull, dtype=np.intp)
+    y = np.asarray(values, dtype=np.float64)
+    flat, x = y.ravel(), np.tile(position, y.size // position.size)
+    first, second, opposite = narrowest_strip(x, flat, orthogonal=False)
+    share = (x[opposite] - x[first]) / (x[second] - x[first])
+    height = flat[opposite] - (1.0 - share) * flat[first] - share * flat[second]
+    weights = np.zeros(flat.size)
+    sides = math.copysign(1.0, height) * np.array([1.0, share - 1.0, -share])
+    # a point may be its own neighbour where two lie one over the other
+    np.add.at(weights, [opposite, first, second], sides)
+    return abs(float(height)), weights.reshape(y.shape)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 from flexstage.measure.motion.approaches import staircase_dwells
 from flexstage.measure.motion.cycles import MotionCycles, motion_cycles
 from flexstage.measure.motion.motion_curve import CurveBasis, MotionCurve, position_weights
@@ -313,8 +313,9 @@ def _curve(
     rate, estimate = 0.0, None
     if drift:
         rate, u = _drift_line(_levels(basis, reading), _levels(basis, time))
-        part = Component(name="repeatability", uncertainty=u, degrees_of_freedom=count - 2)
-        estimate = Estimate(value=rate, unit=f"{unit}/s", components=(part,))
+        estimate = Estimate.of(
+            rate, u, f"{unit}/s", source="repeatability", degrees_of_freedom=count - 2
+        )
     each = reading - rate * time
     mean = each.mean(axis=0)
     scatter = each - mean

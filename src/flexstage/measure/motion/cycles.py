@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 from flexstage.records.quality import difference_noise
 
 #: A run leads from below this share of the range to above one less it.
@@ -184,8 +184,7 @@ def spread_estimate(
     r"""Return the standard deviation of values that were repeated under the same conditions.
 
     With n values, (n - 1) s^2 / sigma^2 is distributed as chi-squared with n - 1 degrees of
-    freedom, which gives the interval; the standard uncertainty of s is s / sqrt(2 (n - 1)) (JCGM
-    100:2008, table E.1, approximately). Where degrees of freedom are given, the values are
+    freedom, which gives the interval. Where degrees of freedom are given, the values are
     residuals, of any shape.
 
     Examples
@@ -202,10 +201,4 @@ def spread_estimate(
         )
     left = x - x.mean() if degrees_of_freedom is None else x
     s = math.sqrt(float(np.sum(left**2)) / freedom)
-    from scipy.special import chdtri
-
-    low, high = (s * math.sqrt(freedom / float(chdtri(freedom, p))) for p in (0.025, 0.975))
-    part = Component(
-        name="repeatability", uncertainty=s / math.sqrt(2.0 * freedom), degrees_of_freedom=freedom
-    )
-    return Estimate(value=s, unit=unit, components=(part,), bounds=(low, high), note=note)
+    return Estimate.of_deviation(s, freedom, unit, source="repeatability", note=note)

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array, Integers
 from flexstage.errors import ConvergenceError, RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 
 #: Parts of the abscissa whose highest points rule out most others before the hull is built.
 _PARTS = 256
@@ -303,8 +303,8 @@ def _room(a: Array, p: Array, axis: Array, t: float, step: Array) -> float:
 def _estimate(
     value: float, gradient: Array, contacts: Integers, covariance: ArrayLike | None, n: int
 ) -> Estimate:
+    note = "noise widens a distance between extremes, which is not taken off here"
     if covariance is None:
-        note = "noise widens a distance between extremes, which is not taken off here"
         return Estimate(value=value, unit="m", note=note)
     c = np.asarray(covariance, dtype=np.float64)
     if c.shape in {(), (n,)}:
@@ -317,9 +317,4 @@ def _estimate(
     own = np.broadcast_to(c, (n, 2, 2))[contacts]
     variance = float(np.einsum("ni,nij,nj->", gradient, own, gradient))
     uncertainty = float(np.sqrt(max(variance, 0.0)))
-    return Estimate(
-        value=value,
-        unit="m",
-        components=(Component(name="noise of the points", uncertainty=uncertainty),),
-        note="noise widens a distance between extremes, which is not taken off here",
-    )
+    return Estimate.of(value, uncertainty, "m", source="noise of the points", note=note)

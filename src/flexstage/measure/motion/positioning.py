@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 
 #: Figures that are spreads: their errors are in proportion to them.
 _SPREADS = ("repeatability_upward", "repeatability_downward")
@@ -267,15 +267,15 @@ def _estimate(
             ends.append(value - float(np.quantile(error, p)) + kept)
     if name not in _SIGNED:
         ends = [max(end, 0.0) for end in ends]
-    part = Component(
-        name="repeatability",
-        uncertainty=float(np.std(high[0] - high[1])),
+    return Estimate.of(
+        value,
+        float(np.std(high[0] - high[1])),
+        "m",
+        source="repeatability",
         degrees_of_freedom=runs - 1,
-    )
-    return Estimate(
-        value=value, unit="m", components=(part,), bounds=(min(*ends, value), max(*ends, value)),
+        bounds=(min(*ends, value), max(*ends, value)),
         note=f"{runs} runs upward and downward",
-    )  # fmt: skip
+    )
 
 
 def _run_share(deviation: Array, chance: float | None = None) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 from flexstage.measure.motion.cycles import spread_estimate
 
 #: A command within this share of its range from an end is at that end.
@@ -57,9 +57,11 @@ def workspace(outline: ArrayLike, *, corners: tuple[int, int, int, int] | None =
     Parameters
     ----------
     outline : array_like
-        Points of the outline in order, for each round, shape (r, k, 2) [m].
+        Points of the outline in order, for each round, shape (r, k, 2) [m]; or a grid of positions
+        by command of y (row) and of x (column), both rising, shape (r, n_y, n_x, 2), of which the
+        outer ones are the outline.
     corners : tuple of int, optional
-        Which of the points are the corners; needed where there are more than four, in the order
+        Which of the points are the corners; needed of an outline of more than four, in the order
         that `Workspace` has.
 
     Returns
@@ -75,8 +77,8 @@ def workspace(outline: ArrayLike, *, corners: tuple[int, int, int, int] | None =
     Raises
     ------
     RecordError
-        There are fewer than two rounds or four points, a point is not finite, or the corners are
-        not in that order.
+        There are fewer than two rounds or four points, rows or columns of a grid fewer than two, a
+        point is not finite, or the corners are not in that order.
 
     Examples
     --------
@@ -86,6 +88,8 @@ def workspace(outline: ArrayLike, *, corners: tuple[int, int, int, int] | None =
     3811.7 um^2, -9.66 mrad
     """
     points = np.asarray(outline, dtype=np.float64)
+    if points.ndim == 4:
+        points, corners = _around(points)
     if points.ndim != 3 or points.shape[2] != 2 or points.shape[1] < 4 or points.shape[0] < 2:
         raise RecordError(
             "a workspace needs two rounds of four points at least, as an array of shape (rounds, "
@@ -125,35 +129,16 @@ def workspace(outline: ArrayLike, *, corners: tuple[int, int, int, int] | None =
     )
 
 
-def workspace_from_grid(points: ArrayLike) -> Workspace:
-    """Find the figures of a workspace from a grid of positions, reached several times.
-
-    Positions [m] for each round, command of y (row) and command of x (column), both rising, shape
-    (r, n_y, n_x, 2). The outline is that of the outer points.
-
-    Examples
-    --------
-    >>> y, x = np.meshgrid([0.0, 30e-6, 61e-6], [0.0, 63e-6], indexing="ij")
-    >>> once = np.stack((x, y + 0.1e-6 * (x > 0.0)), axis=-1)
-    >>> print(f"{1e12 * workspace_from_grid([once, once]).area.value:.1f} um^2")
-    3843.0 um^2
-    """
-    grid = np.asarray(points, dtype=np.float64)
-    if grid.ndim != 4 or grid.shape[-1] != 2 or min(grid.shape[1:3]) < 2:
+def _around(grid: Array) -> tuple[Array, tuple[int, int, int, int]]:
+    """Return the outer points of a grid, counterclockwise, and which of them are its corners."""
+    if grid.shape[-1] != 2 or min(grid.shape[1:3]) < 2:
         raise RecordError(
             "a grid of positions needs two rows and two columns at least, as an array of shape "
             f"(rounds, rows, columns, 2), got {grid.shape}"
         )
-    rows, columns = grid.shape[1:3]
-    edge = (
-        [(0, j) for j in range(columns)]
-        + [(i, columns - 1) for i in range(1, rows)]
-        + [(rows - 1, j) for j in range(columns - 2, -1, -1)]
-        + [(i, 0) for i in range(rows - 2, 0, -1)]
-    )
-    around = np.stack([grid[:, i, j] for i, j in edge], axis=1)
-    right, up = columns - 1, rows - 1
-    return workspace(around, corners=(0, right, right + up, 2 * right + up))
+    sides = (grid[:, 0, :-1], grid[:, :-1, -1], grid[:, -1, :0:-1], grid[:, :0:-1, 0])
+    up, right = grid.shape[1] - 1, grid.shape[2] - 1
+    return np.concatenate(sides, axis=1), (0, right, right + up, 2 * right + up)
 
 
 def workspace_from_path(
@@ -163,13 +148,32 @@ def workspace_from_path(
 
     The commands tell where the stage is: on a side where one of them is at an end of its range, in
     a corner where both are. Each side is averaged in pieces of equal command, each corner over the
-    samples that rest in it, so noise neither widens the area nor shifts a corner. Positions [m] and
-    commands have shape (n,); the path goes around in either sense, one axis moving at a time.
+    samples that rest in it, so noise neither widens the area nor shifts a corner.
+
+    Parameters
+    ----------
+    x, y : array_like
+        Positions [m], shape (n,).
+    command_x, command_y : array_like
+        Commands, shape (n,); the path goes around in either sense, one axis moving at a time.
+    pieces : int
+        Pieces of a side.
+
+    Returns
+    -------
+    Workspace
+        The figures.
 
     Validity
     --------
     A round ends where the path comes back to the corner that it began from; what is left over is
     not used. Both senses in one record mix the two branches of the hysteresis.
+
+    Raises
+    ------
+    RecordError
+        The columns do not belong together or are not finite, a command does not move, there are
+        fewer than two whole rounds, or a side has too few samples.
 
     Examples
     --------
@@ -299,12 +303,10 @@ def _figure(figure: Callable[[Array], Array], points: Array, unit: str) -> Estim
         derivative[i] = (above - below) / (2.0 * step)
     each = np.tensordot(points - mean, derivative, axes=2)
     rounds = points.shape[0]
-    part = Component(
-        name="repeatability",
-        uncertainty=math.sqrt(float(each @ each) / (rounds * (rounds - 1))),
-        degrees_of_freedom=rounds - 1,
+    uncertainty = math.sqrt(float(each @ each) / (rounds * (rounds - 1)))
+    return Estimate.of(
+        value, uncertainty, unit, source="repeatability", degrees_of_freedom=rounds - 1
     )
-    return Estimate(value=value, unit=unit, components=(part,))
 
 
 def _require_order(corners: Array) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate, deviation_bounds
 
 #: Estimates in one averaging time that are summed at most: more of them hold nothing new.
 _STRIDE = 48
@@ -159,7 +159,8 @@ class AllanDeviation:
         """
         i = int(np.argmin(np.abs(np.log(self.tau / tau))))
         value, freedom = float(self.deviation[i]), float(self.degrees_of_freedom[i])
-        return deviation_estimate(value, freedom, self.unit, f"averaged over {self.tau[i]:.4g} s")
+        note = f"averaged over {self.tau[i]:.4g} s"
+        return Estimate.of_deviation(value, freedom, self.unit, note=note)
 
     def floor(self) -> Estimate:
         """Return the least deviation: what averaging longer does not better.
@@ -167,42 +168,6 @@ class AllanDeviation:
         Its bounds are by chi-squared; the note tells the averaging time.
         """
         return self.at(float(self.tau[np.argmin(self.deviation)]))
-
-
-def deviation_bounds(value: float, degrees_of_freedom: float) -> tuple[float, float]:
-    """Return the 95 % interval of a standard deviation by chi-squared.
-
-    Examples
-    --------
-    >>> [round(end, 3) for end in deviation_bounds(1.0, 10.0)]
-    [0.699, 1.755]
-    """
-    from scipy.special import gammaincinv
-
-    half = 0.5 * degrees_of_freedom
-    if not math.isfinite(half):
-        return value, value
-    high, low = (2.0 * float(gammaincinv(half, p)) for p in (0.025, 0.975))
-    return (
-        value * math.sqrt(degrees_of_freedom / low),
-        value * math.sqrt(degrees_of_freedom / high) if high > 0.0 else math.inf,
-    )
-
-
-def deviation_estimate(value: float, degrees_of_freedom: float, unit: str, note: str) -> Estimate:
-    """Return a standard deviation as an estimate with chi-squared bounds."""
-    spread = Component(
-        name="finite record",
-        uncertainty=value / math.sqrt(2.0 * degrees_of_freedom),
-        degrees_of_freedom=degrees_of_freedom,
-    )
-    return Estimate(
-        value=value,
-        unit=unit,
-        components=(spread,),
-        bounds=deviation_bounds(value, degrees_of_freedom),
-        note=note,
-    )
 
 
 def allan_deviation(

@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Component, Estimate
-from flexstage.measure.noise.allan import deviation_bounds, deviation_estimate
+from flexstage.estimate import Estimate, deviation_bounds
 from flexstage.measure.noise.mains import MainsLine, mains_lines
 from flexstage.measure.spectra.density import SpectralDensity, spectral_density
 
@@ -288,22 +287,22 @@ def hold_noise(
     correlation = min(max(float(rest[1:] @ rest[:-1]) / power, -0.99), 0.999999)
     between = float(np.ptp(rest))
     bounds = _range_bounds(between, n, correlation, freedom)
-    spread = Component(name="chance of extremes", uncertainty=(bounds[1] - bounds[0]) / 3.92)
-    # a line through all samples is the better slope, that of the blocks tells how good
-    slope = Component(
-        name="noise",
-        uncertainty=line.slope_uncertainty * sample_rate_hz,
-        degrees_of_freedom=line.degrees_of_freedom,
-    )
     return HoldNoise(
-        drift=Estimate(value=line.slope * sample_rate_hz, unit=f"{unit}/s", components=(slope,)),
-        rms=deviation_estimate(
-            rms, freedom, unit, f"about a line, over {n / sample_rate_hz:.4g} s"
+        # a line through all samples is the better slope, that of the blocks tells how good
+        drift=Estimate.of(
+            line.slope * sample_rate_hz,
+            line.slope_uncertainty * sample_rate_hz,
+            f"{unit}/s",
+            degrees_of_freedom=line.degrees_of_freedom,
         ),
-        peak_to_peak=Estimate(
-            value=between,
-            unit=unit,
-            components=(spread,),
+        rms=Estimate.of_deviation(
+            rms, freedom, unit, note=f"about a line, over {n / sample_rate_hz:.4g} s"
+        ),
+        peak_to_peak=Estimate.of(
+            between,
+            (bounds[1] - bounds[0]) / 3.92,
+            unit,
+            source="chance of extremes",
             bounds=bounds,
             note=f"in {n / sample_rate_hz:.4g} s; it grows with time",
         ),

@@ -1,6 +1,5 @@
 """Levels of a staircase: where they begin and end, their means, and the drift that they share."""
 
-import itertools
 import math
 from dataclasses import dataclass
 
@@ -9,12 +8,10 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array, Integers
 from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 
 #: Parts of a level whose means tell how certain its mean is.
 PARTS = 6
-#: Rounds in which each change is put to its best place between its neighbours.
-_ROUNDS = 30
 
 
 def levels_of_command(command: ArrayLike, *, tolerance: float = 0.0, shortest: int = 1) -> Integers:
@@ -40,78 +37,8 @@ def levels_of_command(command: ArrayLike, *, tolerance: float = 0.0, shortest: i
     keep[0] = True
     bounds = np.append(starts[keep], u.size).astype(np.intp)
     if bounds.size < 3:
-        raise RecordError(
-            "the command has fewer than two levels: name the column that holds it, or give the "
-            "number of levels"
-        )
+        raise RecordError("the command has fewer than two levels: name the column that holds it")
     return bounds
-
-
-def levels_of_reading(values: ArrayLike, count: int, *, shortest: int = 4) -> Integers:
-    """Return the bounds of a given number of levels that fit a reading best.
-
-    Bounds are added one by one, each where it lowers the sum of squares about the level means most,
-    and after each all are put to their best places between their neighbours until none moves
-    (binary segmentation: Scott and Knott, 1974, Biometrics 30; with refinement). O(n) for each. The
-    bounds are the first sample of each level and the sample after the last, shape (count + 1,).
-
-    Validity
-    --------
-    Steps that stand out of the noise of the mean of a level. The best place of one bound at a time
-    is not always the best of all together. Take a drift of more than a step over the record off
-    first.
-
-    Examples
-    --------
-    >>> noise = 0.2 * np.random.default_rng(5).standard_normal(90)
-    >>> levels_of_reading(np.repeat([0.0, 1.0, 2.5], [25, 40, 25]) + noise, 3)
-    array([ 0, 25, 65, 90])
-    """
-    y = np.asarray(values, dtype=np.float64)
-    if count < 2 or shortest < 1:
-        raise ModelError(
-            f"a staircase has two levels or more, of one sample or more, got {count}, {shortest}"
-        )
-    if y.ndim != 1 or y.size < count * shortest or not np.isfinite(y).all():
-        raise RecordError(
-            f"{count} levels of {shortest} samples need {count * shortest} finite readings at "
-            f"least, got an array of shape {y.shape}"
-        )
-    total = np.concatenate(([0.0], np.cumsum(y - y.mean())))
-    bounds = [0, y.size]
-    while len(bounds) < count + 1:
-        found = [_best(total, a, b, shortest) for a, b in itertools.pairwise(bounds)]
-        gain, place = max(found)
-        if gain < 0.0:
-            raise RecordError(
-                f"the reading has no room for {count} levels of {shortest} samples: ask for fewer "
-                "or shorter ones"
-            )
-        bounds = sorted([*bounds, place])
-        bounds = _refined(total, bounds, shortest)
-    return np.array(bounds, dtype=np.intp)
-
-
-def _best(total: Array, a: int, b: int, shortest: int) -> tuple[float, int]:
-    """Return what a bound between a and b saves at most of the sum of squares, and where it is."""
-    at = np.arange(a + shortest, b - shortest + 1)
-    if at.size == 0:
-        return -1.0, -1
-    left, right = total[at] - total[a], total[b] - total[at]
-    saved = left**2 / (at - a) + right**2 / (b - at) - (total[b] - total[a]) ** 2 / (b - a)
-    i = int(np.argmax(saved))
-    return float(saved[i]), int(at[i])
-
-
-def _refined(total: Array, bounds: list[int], shortest: int) -> list[int]:
-    out = list(bounds)
-    for _ in range(_ROUNDS):
-        before = list(out)
-        for i in range(1, len(out) - 1):
-            out[i] = _best(total, out[i - 1], out[i + 1], shortest)[1]
-        if out == before:
-            break
-    return out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -132,8 +59,7 @@ class LevelFit:
     def combination(self, weights: Array, unit: str) -> Estimate:
         """Return the sum of the steps times weights."""
         by = np.concatenate([np.diff(-weights, prepend=0.0, append=0.0), [0.0]])
-        value = float(by[:-1] @ self.means)
-        return Estimate(value=value, unit=unit, components=(self._noise(by),))
+        return self._estimate(float(by[:-1] @ self.means), by, unit)
 
     def drift(self, rate: float, unit: str) -> Estimate:
         """Return the drift within the levels.
@@ -141,14 +67,11 @@ class LevelFit:
         In the unit of the readings in a second; `rate` in Hz.
         """
         by = np.concatenate([np.zeros(self.means.size), [rate]])
-        return Estimate(value=rate * self.slope, unit=f"{unit}/s", components=(self._noise(by),))
+        return self._estimate(rate * self.slope, by, f"{unit}/s")
 
-    def _noise(self, by: Array) -> Component:
-        return Component(
-            name="noise",
-            uncertainty=math.sqrt(max(float(by @ self.covariance @ by), 0.0)),
-            degrees_of_freedom=self.degrees_of_freedom,
-        )
+    def _estimate(self, value: float, by: Array, unit: str) -> Estimate:
+        uncertainty = math.sqrt(max(float(by @ self.covariance @ by), 0.0))
+        return Estimate.of(value, uncertainty, unit, degrees_of_freedom=self.degrees_of_freedom)
 
 
 def fit_levels(y: Array, spans: Integers) -> LevelFit:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 
 #: Share by which the mains frequency strays, and at which a line counts as a multiple of it.
 _STRAY = 0.004
@@ -123,10 +123,11 @@ def _line(y: Array, peak: int, rate: float, mains: int, k: int, unit: str) -> Ma
     # noise about the line, from lines near it on both sides, beyond its own width
     near = [abs(fit(f + s * j * width)) ** 2 for s in (-1, 1) for j in range(2, 12)]
     uncertainty = math.sqrt(float(np.mean(near)) / 2.0)
-    noise = Component(
-        name="noise about the line",
-        uncertainty=uncertainty / math.sqrt(2.0),
+    rms = Estimate.of(
+        abs(amplitude) / math.sqrt(2.0),
+        uncertainty / math.sqrt(2.0),
+        unit,
+        source="noise about the line",
         degrees_of_freedom=2.0 * len(near),
     )
-    rms = Estimate(value=abs(amplitude) / math.sqrt(2.0), unit=unit, components=(noise,))
     return MainsLine(frequency_hz=f, mains_hz=mains, multiple=k, rms=rms)

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array, Integers
 from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Component, Estimate
-from flexstage.measure.noise.allan import allan_freedom, deviation_bounds, power_of_noise
+from flexstage.estimate import Estimate
+from flexstage.measure.noise.allan import allan_freedom, power_of_noise
 from flexstage.measure.noise.levels import PARTS, LevelFit, fit_levels, settled
 
 #: How often a settling that is left exceeds its standard error before it is spoken of.
@@ -89,22 +89,11 @@ def resolution(
     spans = np.array([[0, y.size]]) if bounds is None else np.asarray(bounds, dtype=np.intp)
     deviation, freedom = _pooled(y, spans, samples)
     factor = 2.0 * math.sqrt(2.0) * float(ndtri(probability))
-    low, high = deviation_bounds(deviation, freedom)
-    spread = Component(
-        name="finite record",
-        uncertainty=factor * deviation / math.sqrt(2.0 * freedom),
-        degrees_of_freedom=freedom,
+    note = (
+        f"two averages of {samples} samples, bandwidth "
+        f"{0.5 * sample_rate_hz / samples:.4g} Hz, distinguishable at {100.0 * probability:g} %"
     )
-    return Estimate(
-        value=factor * deviation,
-        unit=unit,
-        components=(spread,),
-        bounds=(factor * low, factor * high),
-        note=(
-            f"two averages of {samples} samples, bandwidth "
-            f"{0.5 * sample_rate_hz / samples:.4g} Hz, distinguishable at {100.0 * probability:g} %"
-        ),
-    )
+    return Estimate.of_deviation(deviation, freedom, unit, note=note).times(factor)
 
 
 def _pooled(y: Array, spans: Integers, m: int) -> tuple[float, float]:
@@ -151,8 +140,7 @@ def screw_resolution(step: Estimate, ratio: Estimate) -> Estimate:
 
     Examples
     --------
-    >>> turn = Component(name="division", uncertainty=0.05e-6, kind="B")
-    >>> step = Estimate(value=1e-6, unit="m", components=(turn,))
+    >>> step = Estimate.of(1e-6, 0.05e-6, "m", source="division")
     >>> ratio = Estimate(value=-0.157, unit="1")
     >>> found = screw_resolution(step, ratio)
     >>> print(f"{1e9 * found.value:.0f} nm +- {1e9 * found.expanded:.0f} nm")
@@ -163,12 +151,7 @@ def screw_resolution(step: Estimate, ratio: Estimate) -> Estimate:
     # bounds of the ratio, where it has any, are replaced by its standard uncertainty
     return product.plus(
         *(
-            Component(
-                name=f"ratio: {c.name}",
-                uncertainty=size * c.uncertainty,
-                degrees_of_freedom=c.degrees_of_freedom,
-                kind=c.kind,
-            )
+            replace(c, name=f"ratio: {c.name}", uncertainty=size * c.uncertainty)
             for c in ratio.components
         )
     )
@@ -243,8 +226,7 @@ def staircase(
     sample_rate_hz : float
         Readings in a second [Hz].
     bounds : array_like
-        First sample of each level and the sample after the last, shape (k + 1,), as
-        `levels_of_command` and `levels_of_reading` give them.
+        First sample of each level and the sample after the last, shape (k + 1,).
     command : array_like, optional
         The command at each sample, shape (n,): steps of the same commanded size are one size.
     samples : int, optional

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 from flexstage.measure.spectra.averaging import (
     effective_averages,
     hop_of,
@@ -48,12 +48,14 @@ class SpectralDensity:
         Random Data, 4th edition, chapter 8), of half as many at 0 and half the sample rate. In
         unit^2/Hz, shape (k,) each.
         """
+        from scipy.special import chdtri
+
         if not 0.0 < confidence < 1.0:
             raise ModelError(f"a confidence lies between 0 and 1, got {confidence!r}")
         nu = np.full(self.density.size, 2.0 * self.averages)
         nu[[0, -1]] = self.averages
-        low, high = _chi_squared_factors(nu, confidence)
-        return self.density * low, self.density * high
+        power, tail = nu * self.density, 0.5 * (1.0 - confidence)
+        return power / chdtri(nu, tail), power / chdtri(nu, 1.0 - tail)
 
     def rms(self, low_hz: float = 0.0, high_hz: float = np.inf) -> Estimate:
         """Return the rms of what lies between two frequencies.
@@ -88,20 +90,7 @@ class SpectralDensity:
             return Estimate(value=0.0, unit=self.unit)
         # degrees of freedom of a chi-squared variable with this mean and variance
         nu = max(2.0 * power**2 / squares * self.integral_averages, 1.0)
-        low, high = _chi_squared_factors(np.array([nu]), 0.95)
-        noise = Component(
-            name="finite record", uncertainty=rms / (2.0 * nu) ** 0.5, degrees_of_freedom=nu
-        )
-        ends = (rms * float(low[0]) ** 0.5, rms * float(high[0]) ** 0.5)
-        return Estimate(value=rms, unit=self.unit, components=(noise,), bounds=ends)
-
-
-def _chi_squared_factors(nu: Array, confidence: float) -> tuple[Array, Array]:
-    """What a power with these degrees of freedom is times, at the ends of its interval."""
-    from scipy.special import chdtri
-
-    tail = 0.5 * (1.0 - confidence)
-    return nu / chdtri(nu, tail), nu / chdtri(nu, 1.0 - tail)
+        return Estimate.of_deviation(rms, nu, self.unit)
 
 
 def spectral_density(

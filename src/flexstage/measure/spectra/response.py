@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import RecordError
@@ -105,12 +106,27 @@ class MeasuredResponse:
                 f"response from {self.frequency_hz[0]:g} to {self.frequency_hz[-1]:g} Hz: widen "
                 "the band, or use longer segments"
             )
+        return self.lines(inside)
+
+    def lines(self, kept: NDArray[np.bool_]) -> "MeasuredResponse":
+        """Return the response at some of its frequencies.
+
+        Parameters
+        ----------
+        kept : numpy.ndarray
+            Which of them, shape (k,).
+
+        Returns
+        -------
+        MeasuredResponse
+            The rest.
+        """
         return replace(
             self,
-            frequency_hz=self.frequency_hz[inside],
-            response=self.response[inside],
-            variance=None if self.variance is None else self.variance[inside],
-            coherence=None if self.coherence is None else self.coherence[inside],
+            frequency_hz=self.frequency_hz[kept],
+            response=self.response[kept],
+            variance=None if self.variance is None else self.variance[kept],
+            coherence=None if self.coherence is None else self.coherence[kept],
         )
 
 

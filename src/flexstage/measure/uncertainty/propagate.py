@@ -177,7 +177,9 @@ def _derivatives(
     """Value of a function, and its derivatives by GTC."""
     from GTC import reporting, ureal
 
-    # with an uncertainty of 1 each component is the derivative, even of what is exactly known
+    # with an uncertainty of 1 each component is the derivative, even of what is exactly known; its
+    # own sums would lose that, and refuse what is correlated and differs in degrees of freedom, has
+    # fewer than one, or is exact
     numbers: list[Any] = [ureal(i.value, 1.0) for i in influences]
     try:
         y: Any = function(*numbers)

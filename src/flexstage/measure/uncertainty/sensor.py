@@ -118,7 +118,7 @@ def measured(
         raise ModelError(f"a duration must be 0 or more and finite, got {duration!r} s")
     reading = influence_from(replace(raw, bounds=None), "reading")
     model = _Model(raw, sensor, pitch, duration, abs(raw.value) if span is None else abs(span))
-    errors, function = getattr(model, _BUILDERS[role])()
+    errors, function = getattr(model, _MODELS.get(role, role))()
     # what is exactly known adds no line
     found = propagate(lambda r, *e: function(r, e), (reading, *(i for _, i in errors)))
     own, *others = found.lines
@@ -142,17 +142,8 @@ def measured(
 _Errors = list[tuple[str, Influence]]
 _Function = Callable[[Any, Any], Any]
 
-_BUILDERS: dict[str, str] = {
-    "length": "length",
-    "transverse range": "transverse",
-    "coupling": "ratio",
-    "squareness": "ratio",
-    "angle": "angle",
-    "area": "area",
-    "frequency": "frequency",
-    "drift": "drift",
-    "noise": "noise",
-}
+#: The model of a role, where it is not called like it.
+_MODELS = {"transverse range": "transverse", "coupling": "ratio", "squareness": "ratio"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,19 +165,18 @@ class _Model:
             _error("temperature", s.expansion * s.length_of_loop * s.temperature_uncertainty),
             _error("drift", s.drift * self.duration),
         ]
+
+        def level(r: Any, e: Any) -> Any:
+            return r * (1 + e[0]) / (1 - e[1]) + e[2] + e[3] - e[4] - e[5]
+
         if self.pitch is None:
-            return errors, lambda r, e: r * (1 + e[0]) / (1 - e[1]) + e[2] + e[3] - e[4] - e[5]
+            return errors, level
         offset = Influence(name="offset", value=s.abbe_offset, uncertainty=s.abbe_uncertainty)
         turned = influence_from(self.pitch, "pitch")
         # of a product of independent factors this term is exact, and all there is where both are 0
         both = s.abbe_uncertainty * self.pitch.uncertainty
         errors += [("Abbe", offset), ("Abbe", turned), _error("Abbe", both, " of both")]
-        return (
-            errors,
-            lambda r, e: (
-                r * (1 + e[0]) / (1 - e[1]) + e[2] + e[3] - e[4] - e[5] - e[6] * e[7] - e[8]
-            ),
-        )
+        return errors, lambda r, e: level(r, e) - e[6] * e[7] - e[8]
 
     def transverse(self) -> tuple[_Errors, _Function]:
         errors = [_error("calibration", self.sensor.calibration), *self.ends()]

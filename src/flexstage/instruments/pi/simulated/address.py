@@ -12,7 +12,7 @@ from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.session import Loopback
-from flexstage.instruments.pi.transport import InProcess
+from flexstage.instruments.transport import InProcess
 from flexstage.stage import Stage
 from flexstage.virtual.build import virtual_stage
 
