@@ -1,36 +1,17 @@
 """Evaluate the tests of a campaign, one by one."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 from flexstage import progress
 from flexstage.characteristic import one_of_each
 from flexstage.errors import FlexstageError, RecordError
-from flexstage.experiments.campaign.holding import evaluate_hold, evaluate_staircase
+from flexstage.experiments.campaign.kinds import KINDS
 from flexstage.experiments.campaign.loading import load_records
-from flexstage.experiments.campaign.motion import (
-    evaluate_motion,
-    evaluate_spheres,
-    evaluate_workspace,
-)
 from flexstage.experiments.campaign.plan import Campaign, Test
-from flexstage.experiments.campaign.positioning import evaluate_positioning
-from flexstage.experiments.campaign.response import evaluate_response, evaluate_ring_down
-from flexstage.experiments.campaign.results import Characterisation, TestResult
+from flexstage.experiments.campaign.results import Characterisation
 from flexstage.records import Record
-
-#: What evaluates each kind of test.
-EVALUATIONS: Mapping[str, Callable[[Test, list[Record], Campaign], TestResult]] = {
-    "motion": evaluate_motion,
-    "spheres": evaluate_spheres,
-    "positioning": evaluate_positioning,
-    "staircase": evaluate_staircase,
-    "hold": evaluate_hold,
-    "response": evaluate_response,
-    "ring-down": evaluate_ring_down,
-    "workspace": evaluate_workspace,
-}
 
 
 def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Characterisation:
@@ -56,7 +37,7 @@ def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Charac
             progress.update(f"test {test.name}"[:17])
             try:
                 records = load(test)
-                results.append(EVALUATIONS[test.kind](test, records, campaign))
+                results.append(KINDS[test.kind].evaluate(test, records, campaign))
             except FlexstageError as error:
                 if f"'{test.name}'" in str(error):
                     raise

@@ -9,16 +9,12 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
+from flexstage.experiments.campaign.kinds import KINDS
 from flexstage.experiments.campaign.plan import Columns, Test
 from flexstage.records import Channel, Record, read_record, saturation
 from flexstage.records.quality import require_live, require_unclipped
 from flexstage.records.sampling import row_range
 
-#: Kinds of tests whose rows follow one another by number where the file has no time.
-_POINTS = frozenset(("workspace", "spheres", "positioning"))
-#: What the rows of other kinds may follow one another by.
-_TIMES = ("time",)
-_OVER: dict[str, tuple[str, ...]] = {"response": ("time", "frequency")}
 #: Units that a role may have; a role that is not named here may have any.
 _UNITS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("along", "across", "vertical", "x", "y", "upward", "downward"), ("m",)),
@@ -56,7 +52,7 @@ def load_records(test: Test, folder: Path) -> list[Record]:
             skip_lines=how.skip_lines,
             delimiter=delimiter,
             decimal=how.decimal,
-            over="point" if test.kind in _POINTS else "time",
+            over="point" if KINDS[test.kind].points else "time",
             labels=test.columns.direction,
         )
         for name in test.records
@@ -68,7 +64,7 @@ def load_records(test: Test, folder: Path) -> list[Record]:
 
 def _require_kind(test: Test, record: Record) -> None:
     """Refuse points where times are needed, and spectra where neither has a meaning."""
-    allowed = ("time", "point") if test.kind in _POINTS else _OVER.get(test.kind, _TIMES)
+    allowed = KINDS[test.kind].over
     if record.over not in allowed:
         such = {"time": "samples with their times or their rate", "point": "rows of points"}
         such["frequency"] = "responses over frequency"
@@ -123,7 +119,7 @@ def column(test: Test, record: Record, role: str) -> Array:
         )
     channel = _in_unit(test, record, role, named)
     require_live(record, [channel.name])
-    if role in _SENSORS and test.kind not in _POINTS:
+    if role in _SENSORS and not KINDS[test.kind].points:
         _require_whole(test, record, channel)
     return channel.values
 

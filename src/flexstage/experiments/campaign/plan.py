@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from flexstage.errors import ModelError, StageError
+from flexstage.experiments.campaign.kinds import KINDS
 from flexstage.files.decoder import Decoder, read_file
 from flexstage.files.encoder import Encoder
 from flexstage.files.format import Format
@@ -15,18 +16,6 @@ from flexstage.files.ranges import POSITIVE, Range, require_ranges
 from flexstage.measure.motion.approaches import CYCLES
 from flexstage.sensor import SensorSpecification
 from flexstage.units import DIMENSIONS, Frequency, Length
-
-#: Kinds of tests, and what each of them is.
-KINDS: dict[str, str] = {
-    "motion": "cycles over the stroke: stroke, hysteresis, straightness, rotations, coupling",
-    "spheres": "the same by spheres of a plate that a measuring machine probes at stations",
-    "positioning": "targets gone to from both sides: accuracy and repeatability as in ISO 230-2",
-    "staircase": "small steps: resolution",
-    "hold": "the stage held: noise and drift",
-    "response": "hammer, sweep or noise: natural frequencies and damping",
-    "ring-down": "free decay: natural frequencies and damping",
-    "workspace": "corners gone to again and again: area, squareness",
-}
 
 #: What can excite a response; auto looks at the input.
 EXCITATIONS: tuple[str, ...] = ("auto", "random", "periodic", "hammer", "step", "sweep")

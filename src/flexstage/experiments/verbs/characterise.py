@@ -11,6 +11,7 @@ import numpy as np
 from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import PlanError
 from flexstage.estimate import Component
+from flexstage.experiments.campaign.kinds import KINDS
 from flexstage.experiments.campaign.plan import Campaign, Columns, Test
 from flexstage.experiments.campaign.results import Characterisation, TestResult, figure_of
 from flexstage.experiments.command import RESPONSE
@@ -25,17 +26,9 @@ if TYPE_CHECKING:
 
 #: Cycles without which a motion and its drift cannot be told apart.
 _FEWEST_CYCLES = 3
-#: Roles that a kind of test reads.
-_ROLES: dict[str, tuple[str, ...]] = {
-    "motion": ("along", "across", "vertical", "roll", "pitch", "yaw"),
-    "positioning": ("along",),
-    "staircase": ("along",),
-    "hold": ("along",),
-    "workspace": ("x", "y"),
-    "response": (),
-}
 _SIMULATED = ("the instrument is a simulation: nothing was measured",)
-_COMMANDED = ("motion", "positioning", "staircase")
+#: How a test is evaluated, which a step of measure says in the same words.
+_OPTIONS = ("modes", "band", "confidence", "smallest_steps", "smallest_step")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,34 +154,28 @@ def _ratios(
 def _test(context: "RunContext", name: str) -> Test:
     """Return the description of a test that a step has measured."""
     action = cast("Measure", context.plan.step(name).action)
-    kind = action.test or ""
+    kind = KINDS[action.test or ""]
     source = context.plan.step(action.of).action
     axis = context.plan.axis_of(name)
-    roles = {r: s for r, s in action.roles.items() if r in _ROLES[kind]}
-    given: dict[str, Any] = dict(roles)
-    if kind in _COMMANDED:
-        given["command"] = "command"
-    if kind == "workspace":
-        given["corner"] = "corner"
-    if kind == "response":
+    roles = {r: s for r, s in action.roles.items() if r in (kind.sensors or ())}
+    given: dict[str, Any] = {**roles, **kind.beside}
+    excitation = "auto"
+    if action.test == "response":
+        excitation = source.response
         outputs = action.output or ((axis,) if source.struck else ())
         given["input"] = "force" if source.struck else "voltage"
         given["output"] = tuple(map(RESPONSE.format, outputs)) if source.struck else outputs
     return Test(
         name=name,
-        kind=kind,
+        kind=action.test or "",
         axis=axis,
         records=(context.measured(name).file.name,),
         columns=Columns(**given),
         along=action.along or action.x,
         transverse=action.across or action.vertical,
         angle=action.yaw or action.pitch or action.roll,
-        excitation=source.response if kind == "response" else "auto",
-        modes=action.modes,
-        band=action.band,
-        confidence=action.confidence,
-        smallest_steps=action.smallest_steps,
-        smallest_step=action.smallest_step,
+        excitation=excitation,
+        **{name: getattr(action, name) for name in _OPTIONS},
     )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from flexstage.errors import PlanError
-from flexstage.experiments.campaign.plan import KINDS
+from flexstage.experiments.campaign.kinds import KINDS
 from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
 from flexstage.files.plain import picked
 from flexstage.files.ranges import INNER_SHARE, POSITIVE, Range, require_ranges
@@ -23,16 +23,7 @@ if TYPE_CHECKING:
 
 #: Sensors by what they read in a test.
 ROLES: tuple[str, ...] = ("along", "across", "vertical", "roll", "pitch", "yaw", "x", "y")
-_TESTS = ("motion", "positioning", "staircase", "hold", "response", "workspace")
-#: Sensors without which a test cannot be evaluated.
-_NEEDED: dict[str, tuple[str, ...]] = {
-    "motion": ("along",),
-    "positioning": ("along",),
-    "staircase": ("along",),
-    "hold": ("along",),
-    "workspace": ("x", "y"),
-}
-
+_TESTS = tuple(name for name, kind in KINDS.items() if kind.sensors is not None)
 SampleRate = Annotated[Frequency, Range(low=1e-3, high=1e7)]
 
 
@@ -114,7 +105,7 @@ class Measure(Verb):
         if self.test is None:
             return ""
         source = before[self.of]
-        if missing := [r for r in _NEEDED.get(self.test, ()) if r not in self.roles]:
+        if missing := [r for r in KINDS[self.test].needed if r not in self.roles]:
             return (
                 f"step '{name}' is a test of kind {self.test} and does not say which sensor "
                 f"reads {' and '.join(missing)}"
