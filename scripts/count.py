@@ -147,6 +147,10 @@ def main(source: Path) -> None:
     sys.setrecursionlimit(10_000)
     modules = [read(p, source) for p in sorted((source / PACKAGE).rglob("*.py"))]
     known = {m.name for m in modules}
+    for m in modules:
+        # a star on a face brings what another module imports for types
+        starred = {name.removesuffix(".*") for name in m.of_types if name.endswith(".*")}
+        m.face += [name for other in modules if other.name in starred for name in other.of_types]
     rooms: dict[str, Counter[str]] = defaultdict(Counter)
     for m in modules:
         top = m.face if m.name.count(".") <= 1 and m.path.name == "__init__.py" else []

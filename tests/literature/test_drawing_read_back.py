@@ -170,6 +170,26 @@ def test_the_audit_of_the_writing_library_finds_nothing(name: str) -> None:
     assert len(set(counts.values())) == 1
 
 
+@ALL
+def test_width_and_height_are_dimensions_of_the_file(name: str) -> None:
+    from ezdxf import bbox
+    from ezdxf.filemanagement import read
+
+    document = read(io.StringIO(dxf(name, kerf=KERF).decode()))
+    dimensions = list(document.modelspace().query("DIMENSION"))
+    outline = plate_contours(smooth_notches(STAGES[name])).outline.loop.polyline(1e-7) * 1e3
+    found = [d.get_measurement() for d in dimensions]
+    assert found == pytest.approx(np.ptp(outline, axis=0).tolist(), abs=1e-3)
+    # what is written at them, by the library that draws them; whole and beside all contours
+    texts = [e.text for d in dimensions for e in d.virtual_entities() if e.dxftype() == "MTEXT"]
+    assert texts == [f"{round(value, 3):g}" for value in found]
+    cut = [e for e in document.modelspace() if e.dxf.layer in ("WIRE_PATH", "START_HOLES")]
+    box = bbox.extents(cut)
+    across, up = (d.dxf.defpoint for d in dimensions)
+    assert across.y > box.extmax.y
+    assert up.x < box.extmin.x
+
+
 def test_the_header_says_millimetres() -> None:
     pairs = tags(dxf("parallelogram"))
     at = pairs.index((9, "$INSUNITS"))

@@ -24,6 +24,7 @@ DXF_LAYERS: dict[str, tuple[str, int, int]] = {
     "START_HOLES": ("holes for threading the wire", 5, 25),
     "LEAD_IN": ("from each start hole to the wire path", 6, 18),
     "CUT_ORDER": ("number of each cut", 2, 18),
+    "DIMENSIONS": ("overall dimensions of the plate", 8, 18),
     "NOTES": ("title and notes", 8, 18),
 }
 
@@ -72,6 +73,7 @@ def dxf_files(
         _hinges(space, plate, 0.006 * size)
         for cut in made:
             _cut(space, cut, start_hole, 0.012 * size)
+        _dimensions(space, plate, start_hole if made else 0.0)
         _words(space, stage, plate, kerf, start_hole)
         _view(document, space)
         content = _written(document)
@@ -157,6 +159,38 @@ def _cut(space: Any, cut: Cut, start_hole: float, height: float) -> None:
         height,
         "CUT_ORDER",
     )
+
+
+def _dimensions(space: Any, plate: PlateContours, start_hole: float) -> None:
+    """Dimension width and height, above and at the left, clear of a start hole beside the plate."""
+    (x0, y0), (x1, y1) = _bounds(plate)
+    height = 0.012 * _extent(plate)
+    away = 5.0 * height + 4.0 * start_hole * _MM
+    space.doc.dimstyles.new(
+        "PLATE",
+        dxfattribs={
+            "dimtxt": height,  # letters
+            "dimasz": height,  # arrows
+            "dimexe": 0.5 * height,  # extension lines beyond the dimension line
+            "dimexo": 0.3 * height,  # and off the plate
+            "dimgap": 0.3 * height,
+            "dimtad": 1,  # text above the line, and along it
+            "dimtih": 0,
+            "dimtoh": 0,
+            "dimdec": 3,  # decimals, a point before them, no zeros at their end
+            "dimdsep": ord("."),
+            "dimzin": 8,
+        },
+    )
+    corner, attributes = (x0, y1), {"layer": "DIMENSIONS"}
+    for base, start, end, angle in (
+        ((x0, y1 + away), corner, (x1, y1), 0.0),
+        ((x0 - away, y1), (x0, y0), corner, 90.0),
+    ):
+        made = space.add_linear_dim(
+            base, start, end, angle=angle, dimstyle="PLATE", dxfattribs=attributes
+        )
+        made.render()
 
 
 def _words(

@@ -33,29 +33,20 @@ from flexstage.hysteresis.identification.misfit import (
 from flexstage.hysteresis.identification.model_choice import (
     Candidate,
     FittedModel,
-    PredictionErrors,
-    Verdict,
     choose,
     failed_candidate,
     fit_model,
     passed_over,
     prediction_errors,
-    verdict,
 )
 from flexstage.hysteresis.identification.model_fit import FitData, behind_chain, fits
+from flexstage.hysteresis.identification.verdict import Verdict, remarks, stands_still, verdict
 from flexstage.hysteresis.models.registry import MODELS
 from flexstage.records import Record
 from flexstage.short_repr import short_repr
-from flexstage.units import readable
 
-#: Stages ring at some 100 Hz: faster cycles than these may show it.
-_SHOWS_MODES_HZ = 10.0
 #: Samples of all records that models are fitted with; those of longer ones are averaged.
 _MOST_SAMPLES = 40_000
-#: Piezo drives creep by 1 to 3 % per decade of time: what is found beyond this is something else.
-_UNUSUAL_CREEP = 0.05
-#: Held-out samples over which the input moves by less than this share of its range hold no motion.
-_STILL = 0.1
 #: What a drive did before is told by a misfit that is larger by this factor with anything else.
 _ALIKE = 1.01
 #: Two starts that differ by less than this share of what starts can change are the same.
@@ -203,7 +194,7 @@ def identify(
         short = replace(data, sections=tuple(averaged(s, share) for s in data.sections))
         every = _data(short, found.values, None)
     every = replace(every, measurement=data, chain=found.values) if train else every
-    still = train is not None and _stands_still(every)
+    still = train is not None and stands_still(every)
     tried: dict[str, FittedModel] = {}
     failed: list[Candidate] = []
     for i, name in enumerate(names):
@@ -276,17 +267,6 @@ def _times_in_file(record: Record) -> Array:
     return since + float(numbers[0] * since[-1] / (numbers[-1] - numbers[0]))
 
 
-def _stands_still(data: FitData) -> bool:
-    """Whether the input hardly moves where samples are held out."""
-    low, high = data.measurement.input_range
-    moved = [
-        float(np.ptp(s.u[r.at[~use]]))
-        for s, r, use in zip(data.measurement.sections, data.rows, data.use, strict=True)
-        if not use.all()
-    ]
-    return max(moved, default=0.0) < _STILL * (high - low)
-
-
 def _at(made: Identification, temperature: tuple[float, float]) -> Identification:
     """Say at which temperature a model was identified."""
     if not 0.0 < temperature[0] <= temperature[1] < 2000.0:
@@ -354,15 +334,7 @@ def _result(
         offset=replace(offset, value=m.sign * offset.value),
         warnings=(
             *judged.sentences,
-            *_untold(m, found),
-            *m.warnings,
-            *_no_motion(train, data),
-            *_history(settling, errors, data),
-            *found.notes,
-            *_unusual_creep(found, data),
-            *_hidden_mode(found, m),
-            *_broken(tried),
-            *tried.fit.notes,
+            *remarks(tried, data, found, errors, settling, held_out=train is not None),
             *said,
         ),
         settling=settling,
@@ -408,86 +380,11 @@ def _before(tried: FittedModel, data: FitData) -> tuple[float, tuple[Start, ...]
     return settling, tuple(alike)
 
 
-def _history(settling: float, errors: PredictionErrors, data: FitData) -> tuple[str, ...]:
-    """Say where what the drive did before matters more than the model's own error."""
-    held = errors.held if errors.held is not None else errors.rms
-    own = 100.0 * settling / data.measurement.stroke
-    if own <= held:
-        return ()
-    return (
-        f"creep from earlier motion changes readings by up to {own:.2g} % of the stroke, more than "
-        "the error of the model: before recording, and before using the model, let the drive rest "
-        "or repeat its motion for as long as the record lasts",
-    )
-
-
-def _untold(m: IdentificationData, found: FoundChain) -> tuple[str, ...]:
-    """Say which values of the chain mean nothing by themselves, and why."""
-    names = " and ".join(n.split("_")[0] for n, e in found.errors.items() if math.isinf(e))
-    alone = f"; the values of {names} belong to this fit and mean nothing by themselves"
-    if len(m.rates_hz) > 1:
-        return (f"the records do not determine {names}{alone}",) if names else ()
-    at = f"{m.rates_hz[0]:.3g} Hz" if m.rates_hz else "one rate"
-    return (
-        f"one rate only ({at}): lag, creep and hysteresis cannot be separated"
-        f"{alone if names else ''}; record the same cycles at a second rate, ten times slower or "
-        "faster",
-    )
-
-
-def _no_motion(train: tuple[int, int] | None, data: FitData) -> tuple[str, ...]:
-    if train is None or not _stands_still(data):
-        return ()
-    return (
-        "the input hardly moves over the samples that were held out: their error says nothing "
-        "about the hysteresis, and the model was chosen on parts of the fitted samples; hold out "
-        "whole cycles",
-    )
-
-
 def _chain(found: FoundChain) -> tuple[ParameterEstimate, ...]:
     """What was found of the chain, with its errors."""
     return tuple(
         ParameterEstimate(name=name, value=getattr(found.values, name), standard_error=error)
         for name, error in found.errors.items()
-    )
-
-
-def _unusual_creep(found: FoundChain, data: FitData) -> tuple[str, ...]:
-    """Say that what was found is more than creep, unless the search has said so."""
-    creep = data.chain.creep_per_decade
-    if (
-        not found.searched
-        or creep <= _UNUSUAL_CREEP
-        or any("the creep is" in n for n in found.notes)
-    ):
-        return ()
-    return (
-        f"creep of {100.0 * creep:.2g} % per decade is more than piezo drives show (1 to 3 %): a "
-        "drift of the output (compare with --drift), a change of its zero, or a slow sensor may be "
-        "taken for creep",
-    )
-
-
-def _hidden_mode(found: FoundChain, data: IdentificationData) -> tuple[str, ...]:
-    """Warn of a resonance that may hide in creep: it too makes fast cycles other than slow ones."""
-    if found.values.resonance_hz > 0.0 or len(data.rates_hz) < 2 or not found.searched:
-        return ()
-    fastest = data.rates_hz[-1]
-    if fastest < _SHOWS_MODES_HZ:
-        return ()
-    return (
-        f"no resonance was seen: one below {readable('Hz', 30.0 * fastest)} would change cycles at "
-        f"{fastest:.3g} Hz by 0.1 % and more, and be taken for creep; name it, or record a small "
-        "multisine about it",
-    )
-
-
-def _broken(tried: FittedModel) -> tuple[str, ...]:
-    return tuple(
-        f"{tried.fit.model.title}: not {c.name}: {c.detail}"
-        for c in tried.fit.model.properties()
-        if not c.holds
     )
 
 
