@@ -13,7 +13,7 @@ from flexstage.centring.geometry import require_radius
 from flexstage.centring.harmonics import fit_many
 from flexstage.centring.turns import find_turns
 from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,15 +148,13 @@ def _rms(motion: Array, noise: float, bounds: Sequence[int]) -> Estimate:
     value = math.sqrt(square)
     freedom = squares.size - 1.0
     # the square is what scatters: its interval has ends where the root of it has
-    half = Estimate(
-        value=square,
-        unit="m^2",
-        components=(Component(name="turns", uncertainty=spread, degrees_of_freedom=freedom),),
-    ).interval()
-    own = Component(
-        name="turns differ",
-        uncertainty=min(0.5 * spread / value, math.sqrt(spread)) if value else math.sqrt(spread),
-        degrees_of_freedom=freedom,
-    )
+    half = Estimate.of(square, spread, "m^2", degrees_of_freedom=freedom).interval()
     low, high = (math.sqrt(max(end, 0.0)) for end in half)
-    return Estimate(value=value, unit="m", components=(own,), bounds=(low, high))
+    return Estimate.of(
+        value,
+        min(0.5 * spread / value, math.sqrt(spread)) if value else math.sqrt(spread),
+        "m",
+        source="turns differ",
+        degrees_of_freedom=freedom,
+        bounds=(low, high),
+    )

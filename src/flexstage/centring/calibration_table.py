@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 from flexstage.records import Channel, Record
 
 
@@ -153,12 +153,14 @@ class CalibrationTable:
             Reading less angle [rad].
         """
         u = np.interp(angle, self.angle, self.uncertainty, period=2.0 * np.pi)
-        part = Component(
-            name="readings", uncertainty=float(u), degrees_of_freedom=self.degrees_of_freedom
-        )
         blind = f"without the orders {_listed(self.blind)}" if self.blind else ""
-        return Estimate(
-            value=float(self.error_at(angle)), unit="rad", components=(part,), note=blind
+        return Estimate.of(
+            float(self.error_at(angle)),
+            float(u),
+            "rad",
+            source="readings",
+            degrees_of_freedom=self.degrees_of_freedom,
+            note=blind,
         )
 
     def harmonic(self, order: int) -> tuple[float, float]:

@@ -328,12 +328,8 @@ def centre_from(
 
     parts = []
     for i in (0, 1):
-        own = Component(
-            name="noise",
-            uncertainty=math.sqrt(noise[i, i]),
-            degrees_of_freedom=found.degrees_of_freedom,
-        )
-        plain = Estimate(value=float(v[i]), unit="m", components=(own,))
+        own = math.sqrt(noise[i, i])
+        plain = Estimate.of(float(v[i]), own, "m", degrees_of_freedom=found.degrees_of_freedom)
         parts.append(with_others(plain, scale * v[i], turned * v[1 - i], grid))
     freedom = found.degrees_of_freedom
     amplitude = length_estimate(v, noise, "m", degrees_of_freedom=freedom)

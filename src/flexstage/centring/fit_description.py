@@ -13,7 +13,7 @@ from flexstage.centring.outliers import Outlier
 from flexstage.centring.residual_noise import from_spectrum, from_turns
 from flexstage.centring.turns import Turns
 from flexstage.errors import RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 
 #: From so many turns on their scatter tells the noise, whatever it is like.
 MANY_TURNS = 8
@@ -174,10 +174,8 @@ def _nuisance(
     problem: HarmonicProblem, c: Array, covariance: Array, freedom: Array, unit: str
 ) -> tuple[Estimate, Estimate | None]:
     def estimate(value: float, variance: float, i: int) -> Estimate:
-        component = Component(
-            name="noise", uncertainty=math.sqrt(variance), degrees_of_freedom=float(freedom[i])
-        )
-        return Estimate(value=float(value), unit=unit, components=(component,))
+        u, own = math.sqrt(variance), float(freedom[i])
+        return Estimate.of(float(value), u, unit, degrees_of_freedom=own)
 
     if not problem.drift:
         return estimate(c[0], covariance[0, 0], 0), None

@@ -12,7 +12,7 @@ from flexstage.centring.normal_equations import evaluated
 from flexstage.centring.outliers import Outlier
 from flexstage.centring.vector_interval import direction_estimate, length_estimate
 from flexstage.errors import RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 
 _TURN = 2.0 * math.pi
 
@@ -151,10 +151,8 @@ def harmonic_of(
     """Return a harmonic from its a and b, which only noise makes uncertain."""
 
     def part(i: int) -> Estimate:
-        own = Component(
-            name="noise", uncertainty=math.sqrt(covariance[i, i]), degrees_of_freedom=freedom
-        )
-        return Estimate(value=float(vector[i]), unit=unit, components=(own,))
+        u = math.sqrt(covariance[i, i])
+        return Estimate.of(float(vector[i]), u, unit, degrees_of_freedom=freedom)
 
     return _harmonic(order, part(0), part(1), covariance, freedom)
 

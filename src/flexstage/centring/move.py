@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array
 from flexstage.centring.positioner import Positioner
 from flexstage.errors import ModelError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 
 #: Rings and directions of the points that stand for a normal distribution in the plane.
 _RINGS, _DIRECTIONS = 2400, 12
@@ -227,15 +227,12 @@ def length_prediction(vector: ArrayLike, covariance: ArrayLike, *, note: str = "
     cloud = v[:, np.newaxis] + axes @ (np.sqrt(np.maximum(size, 0.0))[:, np.newaxis] * points)
     length = np.hypot(cloud[0], cloud[1])
     low, high = (float(end) for end in np.quantile(length, (0.025, 0.975)))
-    part = Component(name="prediction", uncertainty=float(length.std()))
-    return Estimate(
-        value=float(length.mean()), unit="m", components=(part,), bounds=(low, high), note=note
-    )
+    mean, spread = float(length.mean()), float(length.std())
+    return Estimate.of(mean, spread, "m", source="prediction", bounds=(low, high), note=note)
 
 
 def _plain(value: float, uncertainty: float, unit: str) -> Estimate:
-    part = Component(name="moves", uncertainty=uncertainty)
-    return Estimate(value=value, unit=unit, components=(part,))
+    return Estimate.of(value, uncertainty, unit, source="moves")
 
 
 Approach = Literal["direct", "from below"]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array
 from flexstage.centring.harmonic_fit import Harmonic
 from flexstage.errors import RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 
 Follows = Literal["in proportion", "as the square"]
 
@@ -229,9 +229,10 @@ def _stands_still(fit: _Fit, sign: float) -> tuple[float, Array | None, Array]:
 
 def _estimate(value: float, uncertainty: float, positions: int) -> Estimate:
     freedom = 2.0 * positions - 6.0
-    part = Component(
-        name="records at the positions",
-        uncertainty=float(uncertainty),
+    return Estimate.of(
+        float(value),
+        float(uncertainty),
+        "m",
+        source="records at the positions",
         degrees_of_freedom=freedom if freedom > 0.0 else math.inf,
     )
-    return Estimate(value=float(value), unit="m", components=(part,))

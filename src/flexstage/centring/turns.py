@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 
 _TURN = 2.0 * math.pi
 
@@ -249,9 +249,5 @@ def _rms(left: Array, turns: Turns, taken: float) -> Estimate:
     square = (float(np.sum(left**2)) + taken) / left.size
     value = math.sqrt(square)
     spread = float(np.std(per_turn, ddof=1)) / math.sqrt(per_turn.size)
-    component = Component(
-        name="turns differ",
-        uncertainty=0.5 * spread / value if value > 0.0 else 0.0,
-        degrees_of_freedom=per_turn.size - 1.0,
-    )
-    return Estimate(value=value, unit="", components=(component,))
+    u = 0.5 * spread / value if value > 0.0 else 0.0
+    return Estimate.of(value, u, "", source="turns differ", degrees_of_freedom=per_turn.size - 1.0)

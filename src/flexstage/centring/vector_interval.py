@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 
 #: Beyond this many standard uncertainties a length is as good as normal.
 _FAR = 8.0
@@ -51,11 +51,10 @@ def length_estimate(
     # a vector that is none has no direction: the mean over all of them stands for it
     along = v / length if length > 0.0 else np.array([1.0, 1.0]) / math.sqrt(2.0)
     u = math.sqrt(max(float(along @ cov @ along), 0.0))
-    component = Component(name="noise", uncertainty=u, degrees_of_freedom=degrees_of_freedom)
     bounds = None
     if u > 0.0 and length < _FAR * u:
         bounds = _rice_interval(length, u, degrees_of_freedom)
-    return Estimate(value=length, unit=unit, components=(component,), bounds=bounds)
+    return Estimate.of(length, u, unit, degrees_of_freedom=degrees_of_freedom, bounds=bounds)
 
 
 def direction_estimate(
@@ -92,19 +91,14 @@ def direction_estimate(
     value = math.atan2(v[1], v[0])
     if length == 0.0:
         u = math.pi / math.sqrt(3.0)
-        component = Component(name="noise", uncertainty=u)
         bounds = (value - math.pi, value + math.pi)
-        return Estimate(value=value, unit="rad", components=(component,), bounds=bounds)
+        return Estimate.of(value, u, "rad", bounds=bounds)
     across = np.array([-v[1], v[0]]) / length
     u = math.sqrt(max(float(across @ cov @ across), 0.0)) / length
     # of a direction that is not known, that of equal chances all round
-    own = Component(
-        name="noise",
-        uncertainty=min(u, math.pi / math.sqrt(3.0)),
-        degrees_of_freedom=degrees_of_freedom,
-    )
-    plain = Estimate(value=value, unit="rad", components=(own,))
-    half = replace(plain, components=(replace(own, uncertainty=u),)).expanded
+    known, freedom = min(u, math.pi / math.sqrt(3.0)), degrees_of_freedom
+    plain = Estimate.of(value, known, "rad", degrees_of_freedom=freedom)
+    half = Estimate.of(value, u, "rad", degrees_of_freedom=freedom).expanded
     reach = math.asin(half) if half < 1.0 else math.pi
     return replace(plain, bounds=(value - reach, value + reach)) if half > 0.1 else plain
 

@@ -185,11 +185,12 @@ def _along_lines(
             v[i] = (transition[2, i] * at + transition[3, i] * speed) + (
                 moments[0, i] * start + moments[1, i] * rise
             )
-        _read(z, v, reader, y, n)
+        read_modes(z, v, reader, y, n)
 
 
 @compiled
-def _read(z: Array, v: Array, reader: Array, y: Array, n: int) -> None:
+def read_modes(z: Array, v: Array, reader: Array, y: Array, n: int) -> None:
+    """Add to column n of y what the reader weighs, as in `modes_along_lines`."""
     k = z.size
     for p in range(y.shape[0]):
         total = y[p, n]
@@ -249,7 +250,7 @@ def _through(
                         z[m], v[m], angle[m], zeta[m], end - here, a, b, c, mu
                     )
             here = end
-        _read(z, v, reader, y, n)
+        read_modes(z, v, reader, y, n)
 
 
 @compiled

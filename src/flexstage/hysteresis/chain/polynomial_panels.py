@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.hysteresis.chain.lag import read_lags
+from flexstage.hysteresis.chain.modal import read_modes
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, HysteresisModel
 
@@ -150,7 +152,7 @@ def modes_through_panels(
 def lags_through_panels(force: Panels, ratio: Array, lag: Array, reader: Array, y: Array) -> None:
     """Step lags through an input on panels, and add their readings.
 
-    Arguments as in `first_order.lags_through_segments`.
+    Arguments as in `lag.lags_through_segments`.
     """
     levels, index = np.unique(force.level, return_inverse=True)
     decay = np.exp(-ratio * 0.5 ** levels[:, None])
@@ -217,10 +219,10 @@ def _modes_through(
     reader: Array,
     y: Array,
 ) -> None:
-    n, k = 0, z.size
+    n = 0
     for i in range(index.size):
         table, weight, force = transition[index[i]], weights[index[i]], values[i]
-        for m in range(k):
+        for m in range(z.size):
             at, speed = z[m], v[m]
             by_z = by_v = 0.0
             for j in range(force.size):
@@ -229,11 +231,7 @@ def _modes_through(
             z[m] = (table[0, m] * at + table[1, m] * speed) + by_z
             v[m] = (table[2, m] * at + table[3, m] * speed) + by_v
         if ends[i] != 0.0:
-            for p in range(y.shape[0]):
-                total = y[p, n]
-                for m in range(k):
-                    total += reader[p, m] * z[m] + reader[p, k + m] * v[m]
-                y[p, n] = total
+            read_modes(z, v, reader, y, n)
             n += 1
 
 
@@ -257,9 +255,5 @@ def _lags_through(
                 total += weight[m, j] * force[j]
             lag[m] = total
         if ends[i] != 0.0:
-            for p in range(y.shape[0]):
-                total = y[p, n]
-                for m in range(lag.size):
-                    total += reader[p, m] * lag[m]
-                y[p, n] = total
+            read_lags(lag, reader, y, n)
             n += 1

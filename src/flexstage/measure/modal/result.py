@@ -114,19 +114,9 @@ class ModalFit:
     __repr__ = short_repr
 
     def response(self, frequency_hz: ArrayLike, number: int = 0) -> Complex:
-        """Return the fitted response, in the units of the measured one.
+        """Return the fitted response at frequencies above 0 [Hz], in the units of the measured one.
 
-        Parameters
-        ----------
-        frequency_hz : array_like
-            Frequencies above 0 [Hz], shape (k,).
-        number : int
-            Which of the responses that were fitted together.
-
-        Returns
-        -------
-        numpy.ndarray
-            The response, shape (k, outputs, inputs).
+        `number` says which of the responses that were fitted together; shape (k, outputs, inputs).
 
         Validity
         --------
@@ -143,19 +133,9 @@ class ModalFit:
         return value * self._motion(s, one)[:, :, None]
 
     def response_uncertainty(self, frequency_hz: ArrayLike, number: int = 0) -> Array:
-        """Return the standard uncertainty of the fitted response.
+        """Return the standard uncertainty of the fitted response at frequencies above 0 [Hz].
 
-        Parameters
-        ----------
-        frequency_hz : array_like
-            Frequencies above 0 [Hz], shape (k,).
-        number : int
-            Which of the responses that were fitted together.
-
-        Returns
-        -------
-        numpy.ndarray
-            Root of the expected square of the complex error, shape (k, outputs, inputs).
+        Root of the expected square of the complex error, shape (k, outputs, inputs).
 
         Raises
         ------

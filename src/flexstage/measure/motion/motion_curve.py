@@ -56,7 +56,7 @@ class CurveBasis:
         return found
 
     def grid(self, count: int = 401) -> Array:
-        """Return so many even positions over the range, and the knots."""
+        """Return even positions over the stroke, `count` of them, and the knots of a staircase."""
         even = np.linspace(self.low, self.high, count)
         return even if self.knots is None else np.union1d(even, self.knots)
 
@@ -157,19 +157,7 @@ class MotionCurve:
         return self.basis.grid(count)
 
     def rows(self, position: ArrayLike, direction: Direction) -> Array:
-        """Return what coefficients count by in the values at positions.
-
-        Parameters
-        ----------
-        position : array_like
-            Positions within the stroke, shape (n,).
-        direction : {"forward", "backward", "mean"}
-            Which run.
-
-        Returns
-        -------
-        numpy.ndarray
-            Weights of the flattened coefficients, shape (n, 2 k).
+        """Return what the flattened coefficients count by at positions, shape (n, 2 k).
 
         Raises
         ------
@@ -192,39 +180,14 @@ class MotionCurve:
         return np.hstack((forward * columns, backward * columns))
 
     def value(self, position: ArrayLike, direction: Direction = "mean") -> Array:
-        """Return the curve.
-
-        Parameters
-        ----------
-        position : array_like
-            Positions within the stroke, shape (n,).
-        direction : {"forward", "backward", "mean"}
-            Which run.
-
-        Returns
-        -------
-        numpy.ndarray
-            Its values, shape (n,).
-        """
+        """Return the curve at positions within the stroke, shape (n,)."""
         return self.rows(position, direction) @ self.coefficients.ravel()
 
     def uncertainty(self, position: ArrayLike, direction: Direction = "mean") -> Array:
-        """Return the standard uncertainty of the shape of the curve.
+        """Return the standard uncertainty of the shape of the curve at positions, shape (n,).
 
         It is that of the curve less its own mean level, as an offset is of no concern to a figure
         of motion.
-
-        Parameters
-        ----------
-        position : array_like
-            Positions within the stroke, shape (n,).
-        direction : {"forward", "backward", "mean"}
-            Which run.
-
-        Returns
-        -------
-        numpy.ndarray
-            Standard uncertainties, shape (n,).
         """
         weights = self.rows(position, direction)
         weights = weights - self.level_weights()
@@ -233,10 +196,7 @@ class MotionCurve:
     def level_weights(self) -> Array:
         """Return what coefficients count by in the mean level of both runs over the stroke.
 
-        Returns
-        -------
-        numpy.ndarray
-            Weights, shape (2 k,).
+        Shape (2 k,).
         """
         x = self.grid()
         return position_weights(x) @ self.rows(x, "mean")
@@ -244,43 +204,17 @@ class MotionCurve:
     def functional(
         self, weights: ArrayLike, position: ArrayLike, direction: Direction = "mean"
     ) -> Estimate:
-        """Return a weighted sum of values of the curve.
-
-        Parameters
-        ----------
-        weights : array_like
-            Weights [1], shape (n,).
-        position : array_like
-            Positions within the stroke, shape (n,).
-        direction : {"forward", "backward", "mean"}
-            Which run.
-
-        Returns
-        -------
-        Estimate
-            The sum.
-        """
+        """Return the sum of values at positions times weights, both of shape (n,)."""
         w = np.atleast_1d(np.asarray(weights, dtype=np.float64))
         reach = float(np.linalg.norm(w))
         return self.of_coefficients(w @ self.rows(position, direction), reach=reach)
 
     def of_coefficients(self, weights: Array, *, reach: float = 1.0, note: str = "") -> Estimate:
-        """Return a weighted sum of the coefficients.
+        """Return a weighted sum of the flattened coefficients; the weights have shape (2 k,).
 
-        Parameters
-        ----------
-        weights : numpy.ndarray
-            Weights of the flattened coefficients, shape (2 k,).
-        reach : float
-            How many times the misfit of the curve counts.
-        note : str
-            Remark on the value.
-
-        Returns
-        -------
-        Estimate
-            The sum; from the scatter of the cycles with one degree of freedom less than there are
-            cycles, two less where it depends on the level and a drift was fitted.
+        Its uncertainty is from the scatter of the cycles, with one degree of freedom less than
+        there are cycles, two less where it depends on the level and a drift was fitted. `reach` is
+        how many times the misfit of the curve counts.
         """
         c = self.cycles
         each = self.scatter.reshape(c, -1) @ weights
@@ -313,32 +247,16 @@ class MotionCurve:
         )
 
     def each_cycle(self, weights: Array) -> Array:
-        """Return a weighted sum of the coefficients of each cycle, drift removed.
+        """Return a weighted sum of the coefficients of each cycle, drift removed, shape (c,).
 
-        Parameters
-        ----------
-        weights : numpy.ndarray
-            Weights of the flattened coefficients, shape (2 k,).
-
-        Returns
-        -------
-        numpy.ndarray
-            The sums, shape (c,).
+        The weights, of the flattened coefficients, have shape (2 k,).
         """
         return (self.scatter + self.coefficients).reshape(self.cycles, -1) @ weights
 
     def slope(self, direction: Direction = "mean") -> Estimate:
         """Return the slope of the least-squares line through the curve, all positions alike.
 
-        Parameters
-        ----------
-        direction : {"forward", "backward", "mean"}
-            Which run.
-
-        Returns
-        -------
-        Estimate
-            The slope, in the unit of the reading over that of the position.
+        In the unit of the reading over that of the position.
         """
         x = self.grid()
         w = position_weights(x)
@@ -348,13 +266,7 @@ class MotionCurve:
         return found.times(1.0, "1" if self.unit == self.position_unit else unit)
 
     def reversal(self) -> Estimate:
-        """Return the forward less the backward curve, averaged over the stroke.
-
-        Returns
-        -------
-        Estimate
-            The mean reversal value.
-        """
+        """Return the forward less the backward curve, averaged over the stroke."""
         x = self.grid()
         difference = self.rows(x, "forward") - self.rows(x, "backward")
         return self.of_coefficients(position_weights(x) @ difference)

@@ -138,17 +138,9 @@ class HoldNoise:
     """What a reader should know."""
 
     def peak_to_peak_in(self, duration: float) -> float:
-        """Return the peak-to-peak that is expected in another time.
+        """Return the peak-to-peak that is expected in another time [s].
 
-        Parameters
-        ----------
-        duration : float
-            The time [s].
-
-        Returns
-        -------
-        float
-            Mean of highest less lowest, of Gaussian noise of this rms and bandwidth.
+        The mean of highest less lowest, of Gaussian noise of this rms and bandwidth.
         """
         samples = max(int(duration * self.sample_rate_hz), 2)
         return self.rms.value * expected_peak_to_peak(samples, correlation=self.correlation)

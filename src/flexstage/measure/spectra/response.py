@@ -82,17 +82,7 @@ class MeasuredResponse:
             raise RecordError("a frequency response must be finite at all of its frequencies")
 
     def between(self, low_hz: float, high_hz: float) -> "MeasuredResponse":
-        """Return the part of the response in a band.
-
-        Parameters
-        ----------
-        low_hz, high_hz : float
-            Ends of the band, both within [Hz].
-
-        Returns
-        -------
-        MeasuredResponse
-            The part.
+        """Return the part of the response between two frequencies [Hz], both within.
 
         Raises
         ------
@@ -109,18 +99,7 @@ class MeasuredResponse:
         return self.lines(inside)
 
     def lines(self, kept: NDArray[np.bool_]) -> "MeasuredResponse":
-        """Return the response at some of its frequencies.
-
-        Parameters
-        ----------
-        kept : numpy.ndarray
-            Which of them, shape (k,).
-
-        Returns
-        -------
-        MeasuredResponse
-            The rest.
-        """
+        """Return the response at some of its frequencies, by a mask of shape (k,)."""
         return replace(
             self,
             frequency_hz=self.frequency_hz[kept],

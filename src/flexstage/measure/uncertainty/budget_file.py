@@ -46,13 +46,7 @@ class Budget:
     """Remarks of its author."""
 
     def propagate(self) -> Propagated:
-        """Propagate to first order.
-
-        Returns
-        -------
-        Propagated
-            Result in SI, and budget.
-        """
+        """Propagate to first order; the result is in SI."""
         names = tuple(i.name for i in self.influences)
         function = self.equation.ordered(names)
         return propagate(function, self.influences, self.correlations, unit=self.si)
@@ -64,21 +58,10 @@ class Budget:
         seed: int = 0,
         confidence: float = 0.95,
     ) -> MonteCarlo:
-        """Draw the result at random.
+        """Draw the result at random, in SI.
 
-        Parameters
-        ----------
-        trials : int or "auto"
-            Number of trials, or as many as two digits of the uncertainty need.
-        seed : int
-            Seed of the draws.
-        confidence : float
-            Probability that the intervals hold the value [1].
-
-        Returns
-        -------
-        MonteCarlo
-            Result in SI.
+        ``auto`` draws as many trials as two digits of the uncertainty need; the intervals hold the
+        value with the confidence [1].
         """
         names = tuple(i.name for i in self.influences)
         return monte_carlo(

@@ -144,18 +144,7 @@ class UpdateParameter:
         return self.expected if self.expected is not None else float(usual or 0.0)
 
     def holds(self, hinge: str) -> bool:
-        """Say whether it is for a hinge.
-
-        Parameters
-        ----------
-        hinge : str
-            Name of the hinge.
-
-        Returns
-        -------
-        bool
-            Whether one of its patterns fits.
-        """
+        """Say whether it is for a hinge of this name: whether one of its patterns fits."""
         return any(fnmatchcase(hinge, pattern) for pattern in self.hinges)
 
 

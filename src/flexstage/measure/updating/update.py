@@ -94,17 +94,7 @@ class Updated:
     def samples(self, count: int, *, seed: int = 0) -> Array:
         """Draw parameters from the posterior distribution, by its quadratic approximation.
 
-        Parameters
-        ----------
-        count : int
-            How many.
-        seed : int
-            Seed of the draws.
-
-        Returns
-        -------
-        numpy.ndarray
-            Values in the order of `parameters`, shape (count, p).
+        Values in the order of `parameters`, shape (count, p).
         """
         mean = [self.values[p.name].value for p in self.parameters]
         generator = np.random.default_rng(seed)
