@@ -53,10 +53,40 @@ def refuse(reason):
     raise RefusedError(reason, "no")
 
 
+class FormulaRecorder:
+    """The tables of records of a device by formula."""
+
+    count, capacity = 3, 2000
+
+    def __init__(self, device):
+        self.device = device
+
+    def signal(self, table):
+        return self.device.signals.get(table)
+
+    @property
+    def divider(self):
+        return self.device.divider
+
+    def set_divider(self, divider):
+        self.device.divider = divider
+
+    @property
+    def recorded(self):
+        return self.device.filled
+
+    @property
+    def recording(self):
+        return self.device.filled < self.device.full
+
+    def read(self, table, first, count):
+        return np.array(self.device.data[table][first : first + count])
+
+
 class FormulaDevice:
     """Two axes, `piezo` (moved by a voltage, exact under control) or screws."""
 
-    wave_tables, wave_capacity, record_tables, record_capacity = 4, 5000, 3, 2000
+    wave_tables, wave_capacity = 4, 5000
     sample_rate_hz = RATE
 
     def __init__(self, kind="piezo"):
@@ -84,6 +114,7 @@ class FormulaDevice:
         self.identity = Identity(
             vendor="flexstage", model="formula", serial_number="7", firmware="1.2", simulated=True
         )
+        self.recorder = FormulaRecorder(self)
         self.samples = 0
         self.calls = []
         self.fresh()
@@ -317,19 +348,10 @@ class FormulaDevice:
     def wave_running(self, axis):
         return self.state[axis].wave is not None
 
-    def record_signal(self, table):
-        return self.signals.get(table)
-
     def set_record_signal(self, table, signal):
         self.signals.pop(table, None)
         if signal is not None:
             self.signals[table] = signal
-
-    def record_divider(self):
-        return self.divider
-
-    def set_record_divider(self, divider):
-        self.divider = divider
 
     def arm_recorder(self, trigger):
         self.full = self.filled
@@ -343,16 +365,7 @@ class FormulaDevice:
             self.kept = dict(self.signals)
             self.data = {table: [] for table in self.kept}
             self.first, self.filled = self.samples + 1, 0
-            self.full = self.record_capacity if self.kept else 0
-
-    def recorded(self):
-        return self.filled
-
-    def recording(self):
-        return self.filled < self.full
-
-    def record(self, table, first, count):
-        return np.array(self.data[table][first : first + count])
+            self.full = self.recorder.capacity if self.kept else 0
 
     def drives_removed(self):
         return self.out

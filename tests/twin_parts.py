@@ -4,7 +4,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.hysteresis import (
     Amplifier,
@@ -14,6 +16,7 @@ from flexstage.hysteresis import (
     assembled_model,
 )
 from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.compiled import compiled
 from flexstage.lumped import lumped_system
 from flexstage.stage.limits import AxisLimits
 from flexstage.system import MechanicalSystem, ModalDamping
@@ -21,7 +24,13 @@ from flexstage.system.servo import ServoSettings
 from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage
 from flexstage.virtual.sensors import SensorBench
 from flexstage.virtual.stack import VirtualStack, virtual_stack
-from flexstage.virtual.stack_stepping import ChargeDrive
+from flexstage.virtual.stack_stepping import (
+    ChargeDrive,
+    StackArrays,
+    StackState,
+    relaxed_stacks,
+    step_stack,
+)
 
 #: Slopes of stacks without hysteresis, by axis [m/V].
 SLOPES = {"x": 3.1e-7, "y": 2.6e-7}
@@ -103,3 +112,17 @@ def small_stage(
         seed=seed,
         charge=charge,
     )
+
+
+def free_displacements(arrays: StackArrays, voltage: ArrayLike) -> Array:
+    """Return what relaxed stacks do under sequences of voltages, shape (axes, n), with creep."""
+    u = np.array(voltage, dtype=np.float64, order="C")
+    return _all_steps(arrays, relaxed_stacks(arrays), u, np.empty_like(u))
+
+
+@compiled
+def _all_steps(arrays: StackArrays, state: StackState, u: Array, out: Array) -> Array:
+    for a in range(u.shape[0]):
+        for k in range(u.shape[1]):
+            out[a, k] = step_stack(arrays, state, a, u[a, k])
+    return out

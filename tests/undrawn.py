@@ -9,7 +9,9 @@ from contextlib import contextmanager
 from typing import BinaryIO, TypeVar
 
 import pytest
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 _EMPTY = {
     "svg": b'<?xml version="1.0"?>\n<svg xmlns="http://www.w3.org/2000/svg" version="1.1"></svg>',
@@ -23,11 +25,17 @@ def _save(figure: Figure, file: BinaryIO, *, format: str, **_settings: object) -
     file.write(_EMPTY[format])
 
 
+def _save_svg(canvas: FigureCanvasSVG, file: BinaryIO, **_settings: object) -> None:
+    file.write(_EMPTY["svg"])
+
+
 @contextmanager
 def undrawn() -> Iterator[None]:
     """Leave every figure empty that is written in here."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", _save)
+        patch.setattr(FigureCanvasSVG, "print_svg", _save_svg)
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
         yield
 
 

@@ -380,7 +380,7 @@ def test_a_reboot_returns_to_what_was_delivered(
         )
     assert device.wave(3).size == 0
     assert device.wave_rate_divider() == 1
-    assert device.recorded() == 0
+    assert device.recorder.recorded == 0
 
 
 # arrival and portions of time -------------------------------------------------------------------

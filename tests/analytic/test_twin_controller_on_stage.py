@@ -65,7 +65,10 @@ def converse(device: VirtualController, portion: float) -> list[np.ndarray]:
     wait(0.01)
     device.set_servo("1", False)
     wait(0.02)
-    return [device.record(table, 0, device.recorded()) for table in range(1, len(KINDS) + 1)]
+    return [
+        device.recorder.read(table, 0, device.recorder.recorded)
+        for table in range(1, len(KINDS) + 1)
+    ]
 
 
 def test_time_in_portions_makes_no_difference(device: VirtualController) -> None:
@@ -82,14 +85,14 @@ def test_control_is_switched_without_a_jump(device: VirtualController) -> None:
     device.set_commands({"1": 64.0})
     device.advance(0.3)
     record_all(device)
-    device.set_record_divider(1)
+    device.recorder.set_divider(1)
     device.arm_recorder("now")
     device.advance(0.05)
     device.set_servo("1", True)
     device.advance(0.05)
     device.set_servo("1", False)
     device.advance(0.05)
-    voltage, position = device.record(2, 0, 1500), device.record(1, 0, 1500)
+    voltage, position = device.recorder.read(2, 0, 1500), device.recorder.read(1, 0, 1500)
     # The target is one reading, 5 nm rms and 10 nm of mains off, and creep goes on: the loop
     # corrects some tens of nanometres at 0.5 um/V.
     assert np.ptp(voltage) < 0.2
@@ -114,7 +117,7 @@ def test_a_move_arrives_and_stays(device: VirtualController) -> None:
         device.advance(5e-3)
         away += not device.on_target("1")
     assert away == 0  # noise and mains do not lead it out of its window again
-    position = device.record(1, 0, 10_000)
+    position = device.recorder.read(1, 0, 10_000)
     assert_allclose(position.mean(), 41e-6, atol=2e-9)
     assert position.std() < 12e-9
 
@@ -137,7 +140,7 @@ def test_feedforward_does_most_of_the_work(device: VirtualController) -> None:
         device.arm_recorder("wave")
         device.start_waves(["1"])
         device.advance(0.2)
-        error = device.record(1, 1000, 1000) - device.record(3, 1000, 1000)
+        error = device.recorder.read(1, 1000, 1000) - device.recorder.read(3, 1000, 1000)
         errors.append(error.std())
         device.advance(0.1)
     assert errors[0] > 1e-6  # the integral alone is far too slow for 100 Hz
@@ -148,13 +151,13 @@ def test_a_blow_rings_at_the_natural_frequency(device: VirtualController) -> Non
     for table, kind in ((1, "force"), (2, "response")):
         device.set_record_signal(table, Signal(kind=kind, source="1", name=kind))
     device.remove_drives(True)
-    device.set_record_divider(2)
+    device.recorder.set_divider(2)
     device.arm_recorder("wave")
     device.strike("1")
-    while device.recording():
+    while device.recorder.recording:
         device.advance(0.1)
-    n = device.recorded()
-    force, response = device.record(1, 0, n), device.record(2, 0, n)
+    n = device.recorder.recorded
+    force, response = device.recorder.read(1, 0, n), device.recorder.read(2, 0, n)
     assert 4.0 < force.max() < 16.0
     assert 0.005 < np.argmax(force) / 5e3 < 0.05
     spectrum = np.abs(np.fft.rfft(response)) / np.maximum(np.abs(np.fft.rfft(force)), 1e-2)

@@ -248,9 +248,9 @@ def test_a_question_about_a_recording_leads_on_to_its_end(device: VirtualControl
     pace = FastTime(device)
     device.set_record_signal(1, Signal(kind="position", source="1", name="x"))
     device.arm_recorder("now")
-    device._recorder._length = 777
+    device.recorder._length = 777
     pace.before_command(poll=True)
-    assert not device.recording()
+    assert not device.recorder.recording
     assert device.now < 0.085
 
 

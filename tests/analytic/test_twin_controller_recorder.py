@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import resample
 
-from flexstage.instruments.pi.simulated.controller import VirtualController, resampled
+from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.data_recorder import resampled
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
 from flexstage.instruments.protocol import Signal
 from tests.simple_stage import ACROSS, GAIN, SimpleStage, pulse, ring
@@ -41,33 +42,33 @@ def refusal(call: object, *args: object) -> Refusal:
 def test_the_first_sample_is_the_first_of_the_waveform(device: VirtualController) -> None:
     device.arm_recorder("wave")
     device.advance(0.013)
-    assert device.recorded() == 0
-    assert not device.recording()
+    assert device.recorder.recorded == 0
+    assert not device.recorder.recording
     device.start_waves(["1"])
     device.advance(20e-4)
-    assert device.recorded() == 20
-    assert device.recording()
+    assert device.recorder.recorded == 20
+    assert device.recorder.recording
     device.advance(0.1)
-    assert_array_equal(device.record(1, 0, 40), np.append(TABLE, np.full(9, 9.0)))
+    assert_array_equal(device.recorder.read(1, 0, 40), np.append(TABLE, np.full(9, 9.0)))
     # the first-order lag of the stage, by its own recursion
     x, expected = 0.0, []
-    for u in device.record(1, 0, 40):
+    for u in device.recorder.read(1, 0, 40):
         x = 0.62 * x + 0.38 * GAIN[0] * u
         expected.append(x)
-    assert_allclose(device.record(3, 0, 40), expected, rtol=1e-12)
+    assert_allclose(device.recorder.read(3, 0, 40), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("divider", [2, 5, 7])
 def test_every_dth_sample_is_kept_as_it_is(device: VirtualController, divider: int) -> None:
-    device.set_record_divider(divider)
+    device.recorder.set_divider(divider)
     device.arm_recorder("wave")
     device.start_waves(["1"])
     for _ in range(31):
         device.advance(1e-4)
     count = -(-31 // divider)
-    assert device.recorded() == count
-    assert_array_equal(device.record(1, 0, count), TABLE[::divider])
-    assert_array_equal(device.record(1, 2, 2), TABLE[::divider][2:4])
+    assert device.recorder.recorded == count
+    assert_array_equal(device.recorder.read(1, 0, count), TABLE[::divider])
+    assert_array_equal(device.recorder.read(1, 2, 2), TABLE[::divider][2:4])
 
 
 def test_it_ends_when_the_tables_are_full_and_not_with_the_waveform(
@@ -77,13 +78,13 @@ def test_it_ends_when_the_tables_are_full_and_not_with_the_waveform(
     device.start_waves(["1"])
     device.advance(1.0)
     assert not device.wave_running("1")
-    assert device.recording()
-    device._recorder._length = 10_321  # so that the test need not run for 26 s
+    assert device.recorder.recording
+    device.recorder._length = 10_321  # so that the test need not run for 26 s
     device.advance(1.0)
-    assert device.recorded() == 10_321
-    assert not device.recording()
-    assert device.record(1, 10_320, 1)[0] == 9.0
-    assert (device.record_tables, device.record_capacity) == (8, 2**18)
+    assert device.recorder.recorded == 10_321
+    assert not device.recorder.recording
+    assert device.recorder.read(1, 10_320, 1)[0] == 9.0
+    assert (device.recorder.count, device.recorder.capacity) == (8, 2**18)
 
 
 def test_each_signal_is_what_it_says(device: VirtualController, stage: SimpleStage) -> None:
@@ -96,12 +97,12 @@ def test_each_signal_is_what_it_says(device: VirtualController, stage: SimpleSta
     device.set_commands({"1": 20.0})
     before = stage.samples
     device.advance(0.005)
-    assert_array_equal(device.record(2, 0, 50), stage.commands[1, before:])
-    assert_array_equal(device.record(4, 0, 50), ACROSS * device.record(3, 0, 50))
-    assert device.record(5, 49, 1)[0] == device.position("2")
-    assert device.record(7, 49, 1)[0] == device.voltage("2")
-    assert_array_equal(device.record(6, 0, 50), 0.0)
-    assert refusal(device.record, 8, 0, 1) is Refusal.UNKNOWN
+    assert_array_equal(device.recorder.read(2, 0, 50), stage.commands[1, before:])
+    assert_array_equal(device.recorder.read(4, 0, 50), ACROSS * device.recorder.read(3, 0, 50))
+    assert device.recorder.read(5, 49, 1)[0] == device.position("2")
+    assert device.recorder.read(7, 49, 1)[0] == device.voltage("2")
+    assert_array_equal(device.recorder.read(6, 0, 50), 0.0)
+    assert refusal(device.recorder.read, 8, 0, 1) is Refusal.UNKNOWN
 
 
 def test_in_open_loop_the_target_is_the_last_one(device: VirtualController) -> None:
@@ -112,37 +113,37 @@ def test_in_open_loop_the_target_is_the_last_one(device: VirtualController) -> N
     device.set_servo("2", False)
     device.arm_recorder("now")
     device.advance(0.001)
-    assert_array_equal(device.record(2, 0, 10), np.full(10, 5e-6))
+    assert_array_equal(device.recorder.read(2, 0, 10), np.full(10, 5e-6))
 
 
 def test_it_starts_once_with_what_it_was_armed_for(device: VirtualController) -> None:
     device.arm_recorder("move")
     device.start_waves(["1"])
     device.advance(0.01)
-    assert device.recorded() == 0
+    assert device.recorder.recorded == 0
     device.set_commands({"2": 30.0})
     device.advance(0.01)
-    assert device.recorded() == 100
+    assert device.recorder.recorded == 100
     device.set_commands({"2": 10.0})
     device.advance(0.01)
-    assert device.recorded() == 200  # it went on, and did not begin anew
+    assert device.recorder.recorded == 200  # it went on, and did not begin anew
     device.arm_recorder("wave")
-    assert device.recorded() == 200  # still to be read
-    assert not device.recording()
+    assert device.recorder.recorded == 200  # still to be read
+    assert not device.recorder.recording
     device.advance(0.01)
-    assert device.recorded() == 200
+    assert device.recorder.recorded == 200
     device.set_commands({"1": 0.0})
     device.advance(0.01)
     device.start_waves(["1"])
     device.advance(0.001)
-    assert device.recorded() == 10
+    assert device.recorder.recorded == 10
 
 
 def test_a_refused_command_starts_nothing(device: VirtualController) -> None:
     device.arm_recorder("move")
     assert refusal(device.set_commands, {"1": 500.0}) is Refusal.OUT_OF_LIMITS
     device.advance(0.01)
-    assert device.recorded() == 0
+    assert device.recorder.recorded == 0
 
 
 def test_a_stop_ends_a_recording_of_a_waveform_and_no_other(device: VirtualController) -> None:
@@ -151,12 +152,12 @@ def test_a_stop_ends_a_recording_of_a_waveform_and_no_other(device: VirtualContr
     device.advance(0.001)
     device.stop()
     device.advance(0.01)
-    assert device.recorded() == 10
+    assert device.recorder.recorded == 10
     device.arm_recorder("now")
     device.advance(0.001)
     device.stop()
     device.advance(0.001)
-    assert device.recorded() == 20
+    assert device.recorder.recorded == 20
 
 
 def test_a_stop_of_one_axis_leaves_the_recording_of_the_other(device: VirtualController) -> None:
@@ -166,35 +167,35 @@ def test_a_stop_of_one_axis_leaves_the_recording_of_the_other(device: VirtualCon
     device.advance(0.001)
     device.stop(["1"])
     device.advance(0.001)
-    assert device.recorded() == 20
+    assert device.recorder.recorded == 20
     device.stop(["2"])
     device.advance(0.001)
-    assert device.recorded() == 20
+    assert device.recorder.recorded == 20
 
 
 def test_a_change_of_settings_waits_for_the_next_recording(device: VirtualController) -> None:
     device.arm_recorder("now")
     device.advance(0.001)
-    device.set_record_divider(10)
+    device.recorder.set_divider(10)
     device.set_record_signal(3, None)
     device.advance(0.001)
-    assert device.recorded() == 20
-    assert device.record(3, 0, 20).size == 20
+    assert device.recorder.recorded == 20
+    assert device.recorder.read(3, 0, 20).size == 20
     device.arm_recorder("now")
     device.advance(0.001)
-    assert device.recorded() == 1
-    assert refusal(device.record, 3, 0, 1) is Refusal.UNKNOWN
-    assert device.record_signal(3) is None
-    assert device.record_signal(1) == signal("voltage", "1")
-    assert device.record_divider() == 10
+    assert device.recorder.recorded == 1
+    assert refusal(device.recorder.read, 3, 0, 1) is Refusal.UNKNOWN
+    assert device.recorder.signal(3) is None
+    assert device.recorder.signal(1) == signal("voltage", "1")
+    assert device.recorder.divider == 10
 
 
 def test_nothing_chosen_records_nothing(stage: SimpleStage) -> None:
     device = VirtualController(stage)
     device.arm_recorder("now")
     device.advance(0.01)
-    assert not device.recording()
-    assert device.recorded() == 0
+    assert not device.recorder.recording
+    assert device.recorder.recorded == 0
 
 
 def test_refusals(device: VirtualController) -> None:
@@ -207,12 +208,12 @@ def test_refusals(device: VirtualController) -> None:
         (Refusal.UNKNOWN, device.set_record_signal, 1, signal("channel", "4")),
         (Refusal.UNKNOWN, device.set_record_signal, 1, signal("channel", "x")),
         (Refusal.UNKNOWN, device.set_record_signal, 1, signal("current", "1")),
-        (Refusal.BAD_VALUE, device.set_record_divider, 0),
+        (Refusal.BAD_VALUE, device.recorder.set_divider, 0),
         (Refusal.BAD_VALUE, device.arm_recorder, "noon"),
-        (Refusal.BAD_VALUE, device.record, 1, 0, 11),
-        (Refusal.BAD_VALUE, device.record, 1, -1, 2),
-        (Refusal.BAD_VALUE, device.record, 1, 0, -1),
-        (Refusal.UNKNOWN, device.record, 9, 0, 1),
+        (Refusal.BAD_VALUE, device.recorder.read, 1, 0, 11),
+        (Refusal.BAD_VALUE, device.recorder.read, 1, -1, 2),
+        (Refusal.BAD_VALUE, device.recorder.read, 1, 0, -1),
+        (Refusal.UNKNOWN, device.recorder.read, 9, 0, 1),
     ):
         assert refusal(call, *args) is reason, (call, args)
     screws = VirtualController(SimpleStage("screw"))
@@ -228,25 +229,27 @@ def test_a_blow_is_recorded_at_the_rate_of_the_recorder(
 ) -> None:
     for table, kind, source in ((1, "force", "2"), (2, "response", "2"), (4, "response", "1")):
         device.set_record_signal(table, signal(kind, source))
-    device.set_record_divider(divider)
+    device.recorder.set_divider(divider)
     device.arm_recorder("wave")
     device.remove_drives(True)
     device.strike("2")
-    assert device.recording()
-    assert device.recorded() == 0
+    assert device.recorder.recording
+    assert device.recorder.recorded == 0
     device.advance(0.1)
-    assert device.recorded() == 1000 // divider
+    assert device.recorder.recorded == 1000 // divider
     device.advance(1.0)
-    assert not device.recording()
-    n = device.recorded()
+    assert not device.recorder.recording
+    n = device.recorder.recorded
     assert n == 5000 // divider  # half a second
     t = np.arange(n) * divider * 1e-4
     # A Gaussian of 0.3 ms has 530 Hz: beyond 2.5 kHz is exp(-11) = 1.5e-5 of it, beyond 4.1 kHz
     # exp(-30). Several times that is lost in the blow; the answer lies at 300 to 400 Hz.
     force = pulse(t - 0.051, 9.0)
-    assert_allclose(device.record(1, 0, n), force, atol=9.0 * (1e-6 if divider == 1 else 1e-4))
-    assert_allclose(device.record(2, 0, n), ring(t, "y"), atol=1e-9)
-    assert_array_equal(device.record(4, 0, n), 0.0)  # another axis: only the struck one is read
+    assert_allclose(
+        device.recorder.read(1, 0, n), force, atol=9.0 * (1e-6 if divider == 1 else 1e-4)
+    )
+    assert_allclose(device.recorder.read(2, 0, n), ring(t, "y"), atol=1e-9)
+    assert_array_equal(device.recorder.read(4, 0, n), 0.0)  # only the struck axis is read
 
 
 def test_resampling_is_that_of_scipy_over_whole_periods() -> None:

@@ -19,11 +19,9 @@ from flexstage.virtual.piezo_stage import PiezoStage
 from flexstage.virtual.stack import virtual_stack
 from flexstage.virtual.stack_stepping import (
     ChargeDrive,
-    free_displacements,
-    relaxed_stacks,
     stack_arrays,
 )
-from tests.twin_parts import SLOPES, damped_system, small_stage
+from tests.twin_parts import SLOPES, damped_system, free_displacements, small_stage
 
 OPEN = (False, False)
 
@@ -44,7 +42,7 @@ def test_stepped_stacks_are_the_virtual_stacks(plays: int, width: float) -> None
     ]
     u = np.array([wander(3000, 3), 0.9 * wander(3000, 4) - 20.0])
     arrays = stack_arrays(stacks, 10e3)
-    found = free_displacements(arrays, relaxed_stacks(arrays), u)
+    found = free_displacements(arrays, u)
     for stack, given, got in zip(stacks, u, found, strict=True):
         wanted = stack.simulate(given).values
         # sums of up to 192 terms in another order
@@ -56,7 +54,7 @@ def test_stepped_creep_is_the_creep_of_the_chain() -> None:
     stack = virtual_stack((0.0, 120.0), 38e-6, 0.131, plays=23)
     u = wander(2000, 9)
     arrays = stack_arrays([stack], 700.0, creep=[creep])
-    found = free_displacements(arrays, relaxed_stacks(arrays), u[None])[0]
+    found = free_displacements(arrays, u[None])[0]
     wanted = creep.simulate(stack.simulate(u).values, 1 / 700.0, creep.settled(0.0, 1.0)).values
     assert np.max(np.abs(found - wanted)) < 1e-12 * np.ptp(wanted)
 
@@ -356,7 +354,7 @@ def test_a_charge_drive_has_little_hysteresis_above_its_corner_and_all_of_it_bel
             n = 400
             arrays = stack_arrays([stack], rate * n, charge=charge)
             u = 60.0 - 60.0 * np.cos(2.0 * np.pi * np.arange(cycles * n) / n)
-            w = free_displacements(arrays, relaxed_stacks(arrays), u[None])[0]
+            w = free_displacements(arrays, u[None])[0]
             widths[name, rate] = loop_width(u[-2 * n :], w[-2 * n :], np.array([0, n]))
     # far above the corner the remainder is left, 0.08; below it, all
     assert widths["charge", 50.0] / widths["voltage", 50.0] == pytest.approx(0.08, abs=0.005)
@@ -369,7 +367,7 @@ def test_a_charge_drive_in_between_is_the_lag_of_its_deviation() -> None:
     u = wander(4000, 11, 2.0)
     u[0] = 0.0
     arrays = stack_arrays([stack], 50.0, charge=drive)
-    got = free_displacements(arrays, relaxed_stacks(arrays), u[None])[0]
+    got = free_displacements(arrays, u[None])[0]
     free = stack.simulate(u).values
     ends = stack.simulate([0.0, 120.0] * 6).values[-2:]
     e = free - (ends[0] + (ends[1] - ends[0]) / 120.0 * u)

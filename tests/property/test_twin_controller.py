@@ -1,6 +1,7 @@
 """Whatever a client says: time in portions makes no difference, and limits are never left."""
 
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,7 @@ commands = st.one_of(
     st.tuples(st.just("set_wave_rate_divider"), st.tuples(st.integers(1, 5))),
     st.tuples(st.just("follow"), st.tuples(axes, samples())),
     st.tuples(st.just("stop_waves"), st.tuples(axes.map(lambda a: [a]))),
-    st.tuples(st.just("set_record_divider"), st.tuples(st.integers(1, 9))),
+    st.tuples(st.just("recorder.set_divider"), st.tuples(st.integers(1, 9))),
     st.tuples(st.just("arm_recorder"), st.tuples(st.sampled_from(["wave", "move", "now"]))),
     st.tuples(
         st.just("set_servo_settings"),
@@ -72,7 +73,7 @@ def say(device: VirtualController, command: Command) -> str:
     """Carry out a command; return what came of it."""
     name, args = command
     call: Callable[..., None] = (
-        (lambda *a: follow(device, *a)) if name == "follow" else getattr(device, name)
+        (lambda *a: follow(device, *a)) if name == "follow" else attrgetter(name)(device)
     )
     try:
         call(*args)
@@ -89,7 +90,7 @@ def state(device: VirtualController) -> list[Any]:
         per_axis += ["command", "voltage", "servo"]
     answers: list[Any] = [[getattr(device, ask)(a) for a in device.axes] for ask in per_axis]
     answers += [[device.channel(c.number) for c in device.channels], device.now]
-    answers += [device.recorded(), device.recording(), device.record_divider()]
+    answers += [device.recorder.recorded, device.recorder.recording, device.recorder.divider]
     return [*answers, device.wave_rate_divider(), *(list(device.wave(t)) for t in (1, 2, 3))]
 
 
@@ -125,9 +126,9 @@ def test_time_in_portions_makes_no_difference(
     assert_array_equal(one_stage.commands, two_stage.commands)
     assert_array_equal(one_stage.beside, two_stage.beside)
     for table in (1, 2, 5):
-        if one.recorded():
-            n = one.recorded()
-            assert_array_equal(one.record(table, 0, n), two.record(table, 0, n))
+        if one.recorder.recorded:
+            n = one.recorder.recorded
+            assert_array_equal(one.recorder.read(table, 0, n), two.recorder.read(table, 0, n))
 
 
 @pytest.mark.parametrize("kind", ["piezo", "screw"])

@@ -79,8 +79,8 @@ def test_it_can_do_everything_that_the_device_can(twin):
         c.unit for c in device.channels
     ]
     assert controller.recorder.base_rate_hz == pytest.approx(device.sample_rate_hz, rel=1e-9)
-    assert controller.recorder.capacity == device.record_capacity
-    assert controller.recorder.signals == device.record_tables
+    assert controller.recorder.capacity == device.recorder.capacity
+    assert controller.recorder.signals == device.recorder.count
     assert controller.waves.capacity == device.wave_capacity
 
 
@@ -123,7 +123,9 @@ def test_a_record_is_what_the_device_recorded(twin):
     record = controller.recorder.read(0, 1700)
     for table, signal in enumerate(signals, 1):
         values = record.channel(signal.name).values
-        np.testing.assert_allclose(values, device.record(table, 0, 1700), rtol=1e-9, atol=1e-18)
+        np.testing.assert_allclose(
+            values, device.recorder.read(table, 0, 1700), rtol=1e-9, atol=1e-18
+        )
     assert record.sample_rate_hz == pytest.approx(2500.0, rel=1e-9)
     # it holds the waveform: a cosine from 0 to 90 V with a period of 0.2 s, late by 1 ms at most
     wanted = 45.0 - 45.0 * np.cos(2.0 * np.pi * record.time / 0.2)

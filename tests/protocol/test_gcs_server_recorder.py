@@ -10,8 +10,8 @@ def test_a_refused_move_starts_no_record_later():
     session = opened()
     device = session._interpreter.device
     assert talk(session, "DRC 1 1 7\nDRT 0 1 0\nSVA 1 999\nDRT 0 0 0\nSVA 1 5") == ("", [302])
-    assert not device.recording()
-    assert device.recorded() == 0
+    assert not device.recorder.recording
+    assert device.recorder.recorded == 0
 
 
 def test_a_wave_that_runs_is_recorded_again():
@@ -19,9 +19,9 @@ def test_a_wave_that_runs_is_recorded_again():
     device = session._interpreter.device
     talk(session, "DRC 1 1 7\nWAV 1 X PNT 1 2 1 2\nWSL 1 1\nWGC 1 0\nWTR 0 50 1\nWGO 1 1")
     # the error was asked for 1 ms later: ten samples of the loop
-    assert device.recorded() == 10
+    assert device.recorder.recorded == 10
     assert talk(session, "POS?\nPOS?\nWGR")[1] == 0
-    assert device.recorded() == 10
+    assert device.recorder.recorded == 10
     assert device.now > 8e-3
 
 
@@ -41,7 +41,7 @@ def test_triggers_of_the_recorder():
         device = FormulaDevice()
         session = ServerSession(Interpreter(device, FastTime(device)))
         assert talk(session, "DRC 1 1 7\n" + lines)[1] == 0
-        return device.recording() or device.recorded() > 0
+        return device.recorder.recording or device.recorder.recorded > 0
 
     assert not recording("DRT 0 0 0\nSVA 1 5")
     assert recording("DRT 0 1 0\nSVA 1 5")
@@ -56,13 +56,13 @@ def test_a_recording_that_a_client_started_goes_on_while_a_wave_starts():
     session = opened()
     device = session._interpreter.device
     talk(session, "DRC 1 1 7\nWAV 1 X PNT 1 2 0 2\nWSL 1 1\nDRT 0 4 0\nPOS?\nPOS?")
-    before = device.recorded()
+    before = device.recorder.recorded
     assert talk(session, "WGO 1 1")[1] == 0
-    assert device.recorded() == before + 20 > 20
+    assert device.recorder.recorded == before + 20 > 20
     # one that a wave started begins again with the next
     session = opened()
     device = session._interpreter.device
     talk(session, "DRC 1 1 7\nWAV 1 X PNT 1 2 0 2\nWSL 1 1\nWGO 1 1\nPOS?\nPOS?")
-    before = device.recorded()
+    before = device.recorder.recorded
     assert talk(session, "WGO 1 1")[1] == 0
-    assert device.recorded() == 10 < before
+    assert device.recorder.recorded == 10 < before

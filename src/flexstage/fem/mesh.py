@@ -139,9 +139,11 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
         f.name = MIDDLE
     # Faces that lie over one another are meshed alike, with prisms between them. Layers are slabs
     # of their own: splitting prisms afterwards would lose the curvature of their sides.
+    # the kernel takes long over an outline
+    seen = {level: [(_outline(f), f) for f in found] for level, found in levels.items()}
     for level in range(settings.layers):
-        for below in levels[level]:
-            above = min(levels[level + 1], key=lambda f: math.dist(_outline(f), _outline(below)))
+        for outline, below in seen[level]:
+            _, above = min(seen[level + 1], key=lambda pair: math.dist(pair[0], outline))
             below.Identify(above, f"layer {level}", IdentificationType.CLOSESURFACES)
     for share in _SIZES:
         mesh = _generate(whole, 3, share * settings.size * stage.thickness, settings.grading)

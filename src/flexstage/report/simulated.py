@@ -11,6 +11,7 @@ from flexstage.report.figures.tracking import draw_compensation
 from flexstage.report.page import fragment
 from flexstage.section import Content, Picture, Pictures
 from flexstage.stage import Stage
+from flexstage.stage.assumptions import CREEP, POSITION_NOISE
 from flexstage.studies.measurement import MeasurementComparison
 from flexstage.studies.virtual_experiments import (
     ECCENTRICITY,
@@ -48,7 +49,7 @@ def hysteresis_section(study: "Study") -> Iterator[Content]:
     Nothing where no axis has a piezo stack.
     """
     if study.experiments:
-        yield fragment("hysteresis.html")
+        yield fragment("hysteresis.html", creep=100.0 * CREEP, noise=1e9 * POSITION_NOISE)
         yield _deviations(study.stage, study.experiments)
         yield _loops(study.stage, study.experiments)
         shown = Picture(

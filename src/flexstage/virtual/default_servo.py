@@ -11,7 +11,6 @@ from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.system.servo import Notch, ServoSettings
 from flexstage.virtual.piezo_loop import sampled_response
 from flexstage.virtual.piezo_stage import PiezoAxis, stack_of
-from flexstage.virtual.stack_stepping import free_displacements, relaxed_stacks, stack_arrays
 
 #: Largest of |1 / (1 + L)|: by it the gain may double (6 dB) before the loop is unstable.
 _SENSITIVITY = 1.6
@@ -59,9 +58,7 @@ def largest_slope(drive: ModelDrive) -> float:
     low, high = drive.input_range or (0.0, 1.0)
     line = np.linspace(low, high, 300)
     u = np.concatenate([line, line[::-1], line, line[::-1]])
-    arrays = stack_arrays([stack_of(drive)], 1e3)
-    w = free_displacements(arrays, relaxed_stacks(arrays), u[None, :])[0]
-    du, dw = np.diff(u), np.diff(w)
+    du, dw = np.diff(u), np.diff(stack_of(drive).simulate(u).values)
     return float(np.max(dw[du != 0.0] / du[du != 0.0]))
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
@@ -169,25 +169,6 @@ def relaxed_stacks(arrays: StackArrays) -> StackState:
     return state
 
 
-def free_displacements(arrays: StackArrays, state: StackState, voltage: ArrayLike) -> Array:
-    """Return the free displacements of stacks under sequences of voltages.
-
-    Voltages [V] and displacements with creep [m] have the shape (axes, n); the state is changed.
-
-    Examples
-    --------
-    >>> from flexstage.virtual import virtual_stack
-    >>> made = stack_arrays([virtual_stack((0.0, 120.0), 38e-6, 0.125)], 1e3)
-    >>> found = free_displacements(made, relaxed_stacks(made), [[120.0, 0.0, 120.0, 0.0]])
-    >>> round(float(np.ptp(found[0, 2:])) * 1e6, 1)
-    38.0
-    """
-    u = np.array(voltage, dtype=np.float64, order="C")
-    out = np.empty_like(u)
-    _all_steps(arrays, state, u, out)
-    return out
-
-
 @compiled
 def step_stack(arrays: StackArrays, state: StackState, a: int, u: float) -> float:
     """Step stack `a` to a voltage [V], on a straight line; return displacement and creep [m]."""
@@ -245,13 +226,6 @@ def _memory(arrays: StackArrays, state: StackState, a: int, u: float, last: Arra
         last[1] = curve + steep * u - behind
         last[0] = u
     return arrays.offsets[a, j] + arrays.slopes[a, j] * x + last[1]
-
-
-@compiled
-def _all_steps(arrays: StackArrays, state: StackState, u: Array, out: Array) -> None:
-    for a in range(u.shape[0]):
-        for k in range(u.shape[1]):
-            out[a, k] = step_stack(arrays, state, a, u[a, k])
 
 
 def _scalars(stack: VirtualStack) -> tuple[float, ...]:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.lumped.large_displacement import StrokePath
 from flexstage.quantities import number
 from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
 from flexstage.report.figures.style import (
@@ -28,6 +27,8 @@ from flexstage.system import Analysis, MechanicalSystem
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from flexstage.lumped.large_displacement import StrokePath
 
 
 _MM = 1e3
@@ -170,7 +171,7 @@ def _colour_bar(figure: "Figure", axes: "Axes", largest: float) -> None:
 _NOTHING = 1e-13
 
 
-def draw_stroke(path: StrokePath, axis: str) -> "Figure":
+def draw_stroke(path: "StrokePath", axis: str) -> "Figure":
     """Draw how far an axis is from the straight line of its first-order model.
 
     Deviation along the axis, across it, and rotation, over the elongation of the drive.
@@ -194,7 +195,7 @@ def draw_stroke(path: StrokePath, axis: str) -> "Figure":
     return figure
 
 
-def stroke_curves(path: StrokePath) -> list[tuple[str, Array, str]]:
+def stroke_curves(path: "StrokePath") -> list[tuple[str, Array, str]]:
     """Return label, values and unit of each curve that is seen: one of an axis going straight."""
     if path.displacement.size < 3:
         raise ModelError("a path needs at least three states to be drawn")

@@ -56,6 +56,8 @@ _SETTINGS: dict[str, Any] = {
     "path.simplify": True,
 }
 
+#: Dots per inch of pictures of pixels, and of those inside others.
+_DPI = 150.0
 _SCALES = {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}
 
 
@@ -131,8 +133,30 @@ def encode(figure: "Figure", kind: str) -> bytes:
     }[kind]
     buffer = io.BytesIO()
     with mpl.rc_context(_SETTINGS):  # type: ignore[arg-type]
-        figure.savefig(buffer, format=kind, dpi=150, facecolor=PAPER, metadata=metadata)
+        if kind == "svg":
+            _write_svg(figure, buffer, metadata)
+        else:
+            figure.savefig(buffer, format=kind, dpi=_DPI, facecolor=PAPER, metadata=metadata)
     return buffer.getvalue()
+
+
+def _write_svg(figure: "Figure", file: io.BytesIO, metadata: dict[str, Any]) -> None:
+    """Write what `Figure.savefig` writes, which draws twice, at first for the layout alone."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    canvas, dpi, engine = figure.canvas, figure.dpi, figure.get_layout_engine()
+    drawing = FigureCanvasSVG(figure)
+    try:
+        figure.dpi = _DPI
+        if engine is not None:
+            engine.execute(figure)
+            figure.set_layout_engine("none")
+            figure.dpi = _DPI  # the layout leaves another
+        drawing.print_svg(file, metadata=metadata)
+    finally:
+        figure.set_layout_engine(engine)
+        figure.dpi = dpi
+        figure.set_canvas(canvas)
 
 
 def svg_text(figure: "Figure") -> str:

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
-from flexstage.studies.compensation import AxisExperiment
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,12 +14,13 @@ if TYPE_CHECKING:
 
     from flexstage.experiments.verbs.identify import IdentifiedStep
     from flexstage.experiments.verbs.verify import FollowedRun, VerifiedStep
+    from flexstage.studies.compensation import AxisExperiment
 
 
 _UM = 1e6
 
 
-def draw_compensation(experiments: Mapping[str, AxisExperiment]) -> "Figure":
+def draw_compensation(experiments: "Mapping[str, AxisExperiment]") -> "Figure":
     """Draw the experiment of identification and compensation, a row for each axis.
 
     Simulated and modelled loop, with their difference; the loop over the reference without and with
@@ -41,7 +41,7 @@ def draw_compensation(experiments: Mapping[str, AxisExperiment]) -> "Figure":
     return figure
 
 
-def draw_loop(made: AxisExperiment) -> "Figure":
+def draw_loop(made: "AxisExperiment") -> "Figure":
     """Draw the loop of one axis over its reference, without and with the inverse."""
     figure = new_figure(5.0, 2.8)
     axes = figure.subplots()
@@ -50,7 +50,7 @@ def draw_loop(made: AxisExperiment) -> "Figure":
     return figure
 
 
-def _loop(axes: "Axes", name: str, made: AxisExperiment) -> None:
+def _loop(axes: "Axes", name: str, made: "AxisExperiment") -> None:
     dress(axes)
     axes.plot(
         made.voltage, _UM * made.measured, color=CYCLE[1], linewidth=2.2,
@@ -69,7 +69,7 @@ def _loop(axes: "Axes", name: str, made: AxisExperiment) -> None:
     )
 
 
-def _residual(axes: "Axes", made: AxisExperiment) -> None:
+def _residual(axes: "Axes", made: "AxisExperiment") -> None:
     dress(axes)
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     axes.plot(made.voltage, _UM * (made.measured - made.modelled), color=CYCLE[0], linewidth=0.8)
@@ -77,7 +77,7 @@ def _residual(axes: "Axes", made: AxisExperiment) -> None:
     axes.set_ylabel("residual [µm]", color=INK)
 
 
-def _over_reference(axes: "Axes", made: AxisExperiment) -> None:
+def _over_reference(axes: "Axes", made: "AxisExperiment") -> None:
     dress(axes)
     reference = _UM * made.reference
     runs = (
@@ -96,7 +96,7 @@ def _over_reference(axes: "Axes", made: AxisExperiment) -> None:
     entitle(axes, f"without and with inverse, {100.0 * share:.0f} % of the stroke")
 
 
-def _difference(axes: "Axes", made: AxisExperiment) -> None:
+def _difference(axes: "Axes", made: "AxisExperiment") -> None:
     dress(axes)
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     top = 0.0

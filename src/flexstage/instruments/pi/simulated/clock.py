@@ -204,4 +204,4 @@ class FastTime(Pace):
         waves = tuple(device.wave_running(axis) for axis in device.axes)
         moves = tuple(device.moving(axis) for axis in device.axes)
         waits = tuple(not there for there in arrived)
-        return (*waves, *moves, *waits, device.recording()), arrived
+        return (*waves, *moves, *waits, device.recorder.recording), arrived

@@ -54,7 +54,7 @@ def _options(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
         "0x16000300=Data Recorder Chan Number",
         "#Additional information",
         f"{state.recorder.tables} record tables (TNR?)",
-        f"{state.device.record_capacity} points in each record table",
+        f"{state.device.recorder.capacity} points in each record table",
         "Values are in um and urad, voltages in V, blows in N and m/s^2",
         "#Sources for Record Options",
         *(f"{number}={' '.join(sources[number])}" for number in offered),
@@ -102,12 +102,12 @@ def _set_rate(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     divider = unsigned(words[0])
     if divider < 1:
         raise GcsError(code.OUT_OF_RANGE)
-    state.device.set_record_divider(divider)
+    state.device.recorder.set_divider(divider)
     return None
 
 
 def _recorded(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    count = state.device.recorded()
+    count = state.device.recorder.recorded
     return [
         f"{table}={count if table in state.recorder.kept else 0}" for table in _tables(state, words)
     ]
@@ -116,7 +116,7 @@ def _recorded(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
 def _records(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     if len(words) == 1:
         raise GcsError(code.NUMBER_OF_PARAMETERS)
-    there = state.device.recorded()
+    there = state.device.recorder.recorded
     first, count = (unsigned(words[0]), unsigned(words[1])) if words else (1, there)
     tables = [_table(state, word) for word in words[2:]] or sorted(state.recorder.kept)
     if not tables or any(table not in state.recorder.kept for table in tables):
@@ -145,7 +145,7 @@ RECORDER = (
     GcsCommand("HDR?", "", "Get All Data Recorder Options", _options),
     GcsCommand("RTR", "<RecTableRate>", "Set Record Table Rate", _set_rate, changes=True),
     GcsCommand("RTR?", "", "Get Record Table Rate",
-               fact(lambda s: str(s.device.record_divider()))),
+               fact(lambda s: str(s.device.recorder.divider))),
     GcsCommand("TNR?", "", "Get Number Of Record Tables",
                fact(lambda s: str(s.recorder.tables))),
 )  # fmt: skip

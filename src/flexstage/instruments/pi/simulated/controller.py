@@ -1,21 +1,27 @@
-"""A simulated controller with its stage, in simulated time; its recorder and its test bench."""
+"""A simulated controller with its stage, in simulated time: how its axes are moved."""
 
-from fractions import Fraction
-from typing import Literal
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from flexstage import __version__
 from flexstage.arrays import Array
-from flexstage.instruments.pi.simulated.controller_motion import ControllerMotion
+from flexstage.errors import ModelError
+from flexstage.instruments.pi.simulated.axis_state import (
+    AxisState,
+    check_feedforward,
+    check_wave,
+    require_within,
+)
+from flexstage.instruments.pi.simulated.controller_core import ControllerCore
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
-from flexstage.instruments.protocol import Identity, Signal
-from flexstage.virtual.stage import VirtualStage
+from flexstage.instruments.pi.simulated.wave_tables import WaveRun
+from flexstage.system.servo import ServoSettings
 
-_KINDS = ("position", "target", "voltage", "channel", "force", "response")
+#: Part by which a speed may pass its limit because texts are rounded.
+_ROUNDING = 1e-6
 
 
-class VirtualController(ControllerMotion):
+class VirtualController(ControllerCore):
     """A controller of a stage that is simulated: axes, control, waveforms and a recorder.
 
     Everything is SI and in simulated time. The axes are ``1``, ``2`` ... in the order of the
@@ -23,6 +29,11 @@ class VirtualController(ControllerMotion):
     which portions it passes makes no difference to any sample. A command acts with the next sample
     of the loop. What a client says wrong is refused by a `RefusedError` with its reason, nothing
     else, and nothing has changed then.
+
+    Moves are ramps: under control at the speed of the axis, in open loop at the largest slew of its
+    voltage. A new target takes over from where the old ramp is. A wave table holds positions for an
+    axis under control, and voltages for one in open loop; when its waveform has ended an axis holds
+    the last sample.
 
     A piezo axis has arrived within 20 nm of its target for 5 ms; of a screw the window is its
     smallest step. A recording goes on until its tables are full, as long as nobody
@@ -47,166 +58,289 @@ class VirtualController(ControllerMotion):
     (True, 20)
     """
 
-    def __init__(self, stage: VirtualStage, *, serial_number: str = "") -> None:
-        super().__init__(stage)
-        self._identity = Identity(
-            vendor="flexstage",
-            model=f"simulated {stage.stage.name}",
-            serial_number=serial_number,
-            firmware=__version__,
-            simulated=True,
-        )
+    def servo_on(self, axis: str) -> bool:
+        """Say whether position control is on; always for a screw."""
+        return self._axis(axis).servo
 
-    @property
-    def identity(self) -> Identity:
-        """What it is: it says that it is simulated."""
-        return self._identity
+    def set_servo(self, axis: str, on: bool) -> None:
+        """Switch position control, without a jump.
 
-    @property
-    def record_tables(self) -> int:
-        """Number of tables of the recorder."""
-        return self._recorder.count
-
-    @property
-    def record_capacity(self) -> int:
-        """Samples of each of them."""
-        return self._recorder.capacity
-
-    def record_signal(self, table: int) -> Signal | None:
-        """Return what a table records; None for nothing."""
-        return self._recorder.signals.get(self._recorder.known(table))
-
-    def set_record_signal(self, table: int, signal: Signal | None) -> None:
-        """Choose what a table records, from the next recording on; None for nothing.
-
-        The `source` of a signal is the identifier of an axis or the number of a channel.
-        """
-        self._recorder.known(table)
-        if signal is not None:
-            self._require_signal(signal)
-        self._recorder.choose(table, signal)
-
-    def record_divider(self) -> int:
-        """Return how many samples of the loop one sample of a record lasts."""
-        return self._recorder.divider
-
-    def set_record_divider(self, divider: int) -> None:
-        """Set how many samples of the loop one sample of a record lasts."""
-        self._recorder.set_divider(divider)
-
-    def arm_recorder(self, trigger: Literal["wave", "move", "now"]) -> None:
-        """Start recording with the next waveform or blow, the next move, or now.
-
-        What was recorded before can be read until then.
-        """
-        if trigger not in ("wave", "move", "now"):
-            raise RefusedError(
-                Refusal.BAD_VALUE, f"a recording starts with wave, move or now, got {trigger!r}"
-            )
-        self._recorder.arm(trigger)
-        if trigger == "now":
-            self._recorder.trigger("now", self._sample + 1)
-
-    def recorded(self) -> int:
-        """Return the number of samples that are there, the same for every table."""
-        return self._recorder.recorded
-
-    def recording(self) -> bool:
-        """Say whether samples are still to come; not while it waits for its trigger."""
-        return self._recorder.recording
-
-    def record(self, table: int, first: int, count: int) -> Array:
-        """Return samples of a table, from number `first`, counted from 0."""
-        return self._recorder.read(table, first, count)
-
-    def drives_removed(self) -> bool:
-        """Say whether the drives are taken out, so that the stage can be struck."""
-        return self._drives_out
-
-    def remove_drives(self, removed: bool) -> None:
-        """Take the drives out, or put them back; no axis may move or be under control."""
-        for name, state in self._states.items():
-            if state.moving(self._sample):
-                reason = Refusal.WAVE_RUNNING if state.wave is not None else Refusal.NOT_ABLE
-                raise RefusedError(
-                    reason, f"axis '{name}' moves: let it come to rest before drives are handled"
-                )
-            if state.servo and not state.screw:
-                raise RefusedError(
-                    Refusal.SERVO_ON,
-                    f"the control of axis '{name}' is on: switch it off before drives are handled",
-                )
-        self._drives_out = bool(removed)
-
-    def strike(self, axis: str) -> None:
-        """Strike the stage with a hammer; a recorder armed for a waveform records it.
-
-        The record begins a little before the blow. Force and answer have a rate of their own and
-        are resampled, without a change within their band, to that of the record: above half of
-        the lower of both there is nothing in it. They come in as simulated time passes. The answer
-        is that along the axis that was struck; of another axis nothing is recorded but zeros.
+        Switched on, the target is what the sensor reads; switched off, the voltage stays.
         """
         state = self._axis(axis)
-        if not self._drives_out:
+        if state.servo == on:
+            return
+        if state.screw:
             raise RefusedError(
-                Refusal.NOT_ABLE, "take the drives out before the stage is struck with a hammer"
+                Refusal.NOT_ABLE, f"axis '{axis}' is a screw, and always under control"
             )
-        blow = self.stage.strike(state.description.stage_axis)
-        rate = self.sample_rate_hz / self._recorder.divider
-        force = resampled(blow.force, blow.sample_rate_hz, rate)
-        response = resampled(blow.response, blow.sample_rate_hz, rate)
+        self._need_drives()
+        self._need_no_wave(state)
+        state.switch(on)
 
-        def samples(kind: str, source: str) -> Array:
-            if kind == "force":
-                return force
-            return response if source == axis else np.zeros_like(response)
+    def target(self, axis: str) -> float:
+        """Return where a move goes, or where a waveform is; in open loop the last target [m]."""
+        state = self._axis(axis)
+        if state.servo and state.wave is not None:
+            return state.present(self._sample)
+        return state.target
 
-        self._recorder.trigger("wave", self._sample + 1, samples)
-
-    def _require_signal(self, signal: Signal) -> None:
-        if signal.kind not in _KINDS:
-            raise RefusedError(
-                Refusal.UNKNOWN,
-                f"nothing of the kind '{signal.kind}' is recorded: it is one of "
-                f"{', '.join(_KINDS)}",
-            )
-        if signal.kind == "channel":
-            numbers = {str(c.number) for c in self.stage.channels}
-            if signal.source not in numbers:
+    def set_targets(self, targets: Mapping[str, float]) -> None:
+        """Command positions [m] of one or more axes: all of them or none."""
+        self._need_drives()
+        found = {self._axis(axis): value for axis, value in targets.items()}
+        for state, value in found.items():
+            self._need_no_wave(state)
+            if not state.servo:
                 raise RefusedError(
-                    Refusal.UNKNOWN,
-                    f"there is no channel '{signal.source}': they are 1 to {len(numbers)}",
+                    Refusal.SERVO_OFF,
+                    f"axis '{state.description.name}' takes no position while its control is off: "
+                    "switch it on, or command a voltage",
                 )
-        elif signal.kind == "voltage":
-            self._piezo(signal.source)
-        else:
-            self._axis(signal.source)
+            found[state] = _allowed(state, value, state.description.limits.position, "m")
+        for state, value in found.items():
+            state.go(value, self._sample, state.speed)
+        self.recorder.trigger("move", self._sample + 1)
+
+    def command(self, axis: str) -> float:
+        """Return where a ramp goes, or where a waveform is; under control the last one [V]."""
+        state = self._piezo(axis)
+        if not state.servo and state.wave is not None:
+            return state.present(self._sample)
+        return state.voltage_command
+
+    def set_commands(self, commands: Mapping[str, float]) -> None:
+        """Command voltages [V] in open loop of one or more axes: all of them or none."""
+        self._need_drives()
+        found = {self._piezo(axis): value for axis, value in commands.items()}
+        for state, value in found.items():
+            self._need_no_wave(state)
+            if state.servo:
+                raise RefusedError(
+                    Refusal.SERVO_ON,
+                    f"axis '{state.description.name}' takes no voltage while its control is on: "
+                    "switch it off, or command a position",
+                )
+            found[state] = _allowed(state, value, state.description.limits.voltage, "V")
+        for state, value in found.items():
+            state.go(value, self._sample, state.largest_slew)
+        self.recorder.trigger("move", self._sample + 1)
+
+    def speed(self, axis: str) -> float:
+        """Return the speed of moves [m/s]."""
+        return self._axis(axis).speed
+
+    def set_speed(self, axis: str, speed: float) -> None:
+        """Set the speed of moves [m/s], from the next one on."""
+        state = self._axis(axis)
+        largest = self.largest_speed(axis)
+        if not 0.0 < speed <= largest * (1.0 + _ROUNDING):
+            raise RefusedError(
+                Refusal.SPEED_OUT_OF_LIMITS,
+                f"axis '{axis}' cannot move at {speed * 1e6:g} um/s: it must be above 0 and at "
+                f"most {largest * 1e6:g} um/s",
+            )
+        state.speed = min(float(speed), largest)
+
+    def largest_speed(self, axis: str) -> float:
+        """Return the largest speed of moves [m/s]."""
+        return self._axis(axis).largest_speed
+
+    def position(self, axis: str) -> float:
+        """Return what the axis's own sensor reads now; of a screw its advance [m]."""
+        return self._axis(axis).reading
+
+    def voltage(self, axis: str) -> float:
+        """Return the voltage at the drive now [V]."""
+        return self._piezo(axis).volts
+
+    def on_target(self, axis: str) -> bool:
+        """Say whether the axis has come to its target and stays there.
+
+        The reading, smoothed over 1 ms, has been near the target for some time; in open loop the
+        end of the ramp is enough. Shortly after the arrival mains in the reading may lead it out of
+        the window again.
+        """
+        return self._axis(axis).settled(self._sample)
+
+    def moving(self, axis: str) -> bool:
+        """Say whether the axis is being moved, by a command or a waveform."""
+        return self._axis(axis).moving(self._sample)
+
+    def channel(self, number: int) -> float:
+        """Return what a sensor reads now [m, or rad]."""
+        return float(self._readings[self._channel(number) - 1])
+
+    def stop(self, axes: Sequence[str] | None = None) -> None:
+        """Stop motion and waveforms at once; the axes hold where they are.
+
+        Under control the target becomes what the sensor reads; in open loop the voltage that is
+        commanded stays, and a screw stops. A recording that a waveform has started ends, unless one
+        runs on another axis.
+        """
+        states = [self._axis(axis) for axis in (self._states if axes is None else axes)]
+        for state in states:
+            if self._drives_out or not (state.moving(self._sample) or state.servo):
+                continue
+            state.stop(self._sample)
+        if not any(state.wave for state in self._states.values()):
+            self.recorder.end(by="wave")
+
+    def servo(self, axis: str) -> ServoSettings:
+        """Return the settings of the position control."""
+        return self.stage.servo_settings(self._piezo(axis).description.stage_axis)
+
+    def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
+        """Change the settings of the position control, at once."""
+        state = self._piezo(axis)
+        try:
+            settings.sections(self.sample_rate_hz)
+            self.stage.set_servo_settings(state.description.stage_axis, settings)
+        except ModelError as error:
+            raise RefusedError(Refusal.BAD_VALUE, str(error)) from error
+
+    def _channel(self, number: int) -> int:
+        count = len(self.stage.channels)
+        if not 1 <= number <= count:
+            raise RefusedError(
+                Refusal.UNKNOWN, f"there is no channel {number}: they are 1 to {count}"
+            )
+        return number
+
+    # waveforms ------------------------------------------------------------------------------
+
+    @property
+    def wave_tables(self) -> int:
+        """Number of tables."""
+        return self._tables.count
+
+    @property
+    def wave_capacity(self) -> int:
+        """Samples over all tables."""
+        return self._tables.capacity
+
+    def wave(self, table: int) -> Array:
+        """Return the samples of a table [m or V: whichever the axis takes that runs it]."""
+        return self._tables.samples(table)
+
+    def set_wave(self, table: int, samples: Array) -> None:
+        """Replace the samples of a table; an empty sequence clears it."""
+        self._tables.known(table)
+        for name, state in self._states.items():
+            if state.wave is not None and table in self._choice[name]:
+                raise RefusedError(
+                    Refusal.WAVE_RUNNING, f"wave table {table} runs on axis '{name}': stop it first"
+                )
+        self._tables.replace(table, samples)
+
+    def wave_rate_divider(self) -> int:
+        """Return how many samples of the loop one sample of a table lasts."""
+        return self._divider
+
+    def set_wave_rate_divider(self, divider: int) -> None:
+        """Set how many samples of the loop one sample of a table lasts."""
+        if divider < 1:
+            raise RefusedError(
+                Refusal.BAD_VALUE,
+                f"a sample of a table lasts 1 sample of the loop or more, got {divider}",
+            )
+        for state in self._states.values():
+            self._need_no_wave(state)
+        self._divider = int(divider)
+
+    def wave_choice(self, axis: str) -> tuple[int, int]:
+        """Return the table of an axis and that of its feedforward, 0 for none."""
+        self._axis(axis)
+        return self._choice[axis]
+
+    def choose_wave(self, axis: str, table: int, feedforward: int = 0) -> None:
+        """Choose the table of an axis and that of its feedforward, 0 for none."""
+        state = self._axis(axis)
+        self._need_no_wave(state)
+        if feedforward:
+            self._piezo(axis)
+        for number in (table, feedforward):
+            if number:
+                self._tables.known(number)
+        self._choice[axis] = (int(table), int(feedforward))
+
+    def wave_cycles(self, axis: str) -> int:
+        """Return how often the waveform of an axis is run; 0 for endlessly."""
+        self._axis(axis)
+        return self._cycles[axis]
+
+    def set_wave_cycles(self, axis: str, cycles: int) -> None:
+        """Set how often the waveform of an axis is run; 0 for endlessly."""
+        state = self._axis(axis)
+        self._need_no_wave(state)
+        if cycles < 0:
+            raise RefusedError(
+                Refusal.BAD_VALUE, f"a waveform runs 0 times (endlessly) or more, got {cycles}"
+            )
+        self._cycles[axis] = int(cycles)
+
+    def start_waves(self, axes: Sequence[str], onward: Collection[str] = ()) -> None:
+        """Check every sample of the chosen tables against the limits, then start all in step.
+
+        The cycles of axes that go `onward` each begin where the one before has ended. Where
+        anything is refused, nothing has started.
+        """
+        self._need_drives()
+        runs = [
+            (state, self._prepared(axis, state, axis in onward))
+            for axis, state in self._named(axes)
+        ]
+        for state, run in runs:
+            state.run(run, self._sample)
+        self.recorder.trigger("wave", self._sample + 1)
+
+    def stop_waves(self, axes: Sequence[str]) -> None:
+        """Stop waveforms; the axes hold where they are, and those that run none go on."""
+        for _, state in self._named(axes):
+            if state.wave is not None:
+                state.stop(self._sample)
+
+    def wave_running(self, axis: str) -> bool:
+        """Say whether a waveform runs on an axis."""
+        return self._axis(axis).wave is not None
+
+    def _named(self, axes: Sequence[str]) -> list[tuple[str, AxisState]]:
+        return [(axis, self._axis(axis)) for axis in dict.fromkeys(axes)]
+
+    def _prepared(self, axis: str, state: AxisState, onward: bool) -> WaveRun:
+        self._need_no_wave(state)
+        table, beside = self._choice[axis]
+        samples = self._filled(axis, table)
+        cycles = self._cycles[axis]
+        divider = self._divider
+        shift = float(samples[-1] - samples[0]) if onward and cycles != 1 else 0.0
+        samples = check_wave(
+            state, samples, cycles, divider, state.present(self._sample), shift=shift
+        )
+        voltages = None
+        if beside:
+            voltages = check_feedforward(
+                state, self._filled(axis, beside), samples.size, cycles, divider
+            )
+        return WaveRun(
+            first=self._sample + 1,
+            table=samples,
+            divider=divider,
+            cycles=cycles,
+            feedforward=voltages,
+            shift=shift,
+        )
+
+    def _filled(self, axis: str, table: int) -> Array:
+        if not table:
+            raise RefusedError(Refusal.NO_WAVE, f"no wave table is chosen for axis '{axis}'")
+        samples = self._tables.samples(table)
+        if not samples.size:
+            raise RefusedError(Refusal.NO_WAVE, f"wave table {table} of axis '{axis}' is empty")
+        return samples
 
 
-def resampled(values: Array, from_hz: float, to_hz: float) -> Array:
-    """Return a decaying record at another rate, by its Fourier series; the first sample stays.
-
-    Notes
-    -----
-    What lies below half of both rates is kept as it is, and what lies above is left out. Validity:
-    a record that does not begin and end at 0 rings at its ends.
-
-    Examples
-    --------
-    >>> t = np.arange(512) / 512.0
-    >>> pulse = np.exp(-0.5 * ((t - 0.4) / 0.02) ** 2)
-    >>> finer = resampled(pulse, 512.0, 800.0)
-    >>> finer.size, round(float(finer[320]), 6)
-    (800, 1.0)
-    """
-    ratio = Fraction(to_hz / from_hz).limit_denominator(10**5)
-    # whole periods at both rates: zeros behind the record
-    padded = np.zeros(-(-values.size // ratio.denominator) * ratio.denominator)
-    padded[: values.size] = values
-    size = padded.size * ratio.numerator // ratio.denominator
-    spectrum = np.fft.rfft(padded)
-    kept = np.zeros(size // 2 + 1, dtype=np.complex128)
-    below = (min(padded.size, size) + 1) // 2  # what is below both Nyquist frequencies
-    kept[:below] = spectrum[:below]
-    out = np.fft.irfft(kept, n=size) * (size / padded.size)
-    return out[: max(1, int(values.size * ratio))]
+def _allowed(
+    state: AxisState, value: float, bounds: tuple[float, float] | None, unit: str
+) -> float:
+    return float(require_within(state.description.name, np.array([value]), bounds, unit)[0])

@@ -1,20 +1,22 @@
 """The clockwork of a simulated controller: commands in, samples of stage and recorder out."""
 
 import math
-from collections.abc import Callable, Mapping
-from typing import Literal
+from collections.abc import Mapping
 
 import numpy as np
 
+from flexstage import __version__
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.instruments.pi.simulated.axis_state import AxisState
+from flexstage.instruments.pi.simulated.data_recorder import DataRecorder, Trigger, resampled
 from flexstage.instruments.pi.simulated.device import AxisDescription, Refusal, RefusedError
 from flexstage.instruments.pi.simulated.wave_tables import WaveTables
-from flexstage.instruments.protocol import Capability, Signal
+from flexstage.instruments.protocol import Capability, Identity, Signal
 from flexstage.stage import Stage
 from flexstage.virtual.stage import StageSamples, VirtualStage
 
+_KINDS = ("position", "target", "voltage", "channel", "force", "response")
 #: Samples of the loop that are computed at once.
 _BLOCK = 1000
 #: Part of a sample by which a time may miss it because seconds are rounded.
@@ -35,9 +37,9 @@ _SCREW = frozenset({Capability.CLOSED_LOOP})
 
 
 class ControllerCore:
-    """Axes, tables and recorder of a simulated controller, and the time that passes for them."""
+    """Axes, tables, recorder and test bench of a simulated controller, and the time that passes."""
 
-    def __init__(self, stage: VirtualStage) -> None:
+    def __init__(self, stage: VirtualStage, *, serial_number: str = "") -> None:
         #: The stage in time; its sensors in the order of their numbers; rate of the loop [Hz].
         self.stage, self.channels = stage, stage.channels
         self.sample_rate_hz = float(stage.sample_rate_hz)
@@ -64,8 +66,17 @@ class ControllerCore:
             for name, s in self._states.items()
             if not s.screw
         }
+        #: What it is: it says that it is simulated.
+        self.identity = Identity(
+            vendor="flexstage",
+            model=f"simulated {stage.stage.name}",
+            serial_number=serial_number,
+            firmware=__version__,
+            simulated=True,
+        )
         self._tables = WaveTables(_TABLES, _SAMPLES)
-        self._recorder = DataRecorder(_TABLES, _SAMPLES)
+        #: Its tables of records.
+        self.recorder = DataRecorder(_TABLES, _SAMPLES)
         self._switch_on()
 
     @property
@@ -94,7 +105,7 @@ class ControllerCore:
         for state in self._states.values():
             state.reset()
         self._tables.clear()
-        self._recorder.clear()
+        self.recorder.clear()
         self._choice: dict[str, tuple[int, int]] = dict.fromkeys(self._states, (0, 0))
         self._cycles = dict.fromkeys(self._states, 1)
         self._divider = 1
@@ -104,6 +115,73 @@ class ControllerCore:
         self._readings = np.zeros(len(self.stage.channels))
         # the sample at time 0, so that there is a reading from the beginning
         self._step(1)
+
+    def set_record_signal(self, table: int, signal: Signal | None) -> None:
+        """Choose what a table records, from the next recording on; None for nothing.
+
+        The `source` of a signal is the identifier of an axis or the number of a channel.
+        """
+        self.recorder.known(table)
+        if signal is not None:
+            self._require_signal(signal)
+        self.recorder.choose(table, signal)
+
+    def arm_recorder(self, trigger: Trigger) -> None:
+        """Start recording with the next waveform or blow, the next move, or now.
+
+        What was recorded before can be read until then.
+        """
+        if trigger not in ("wave", "move", "now"):
+            raise RefusedError(
+                Refusal.BAD_VALUE, f"a recording starts with wave, move or now, got {trigger!r}"
+            )
+        self.recorder.arm(trigger)
+        if trigger == "now":
+            self.recorder.trigger("now", self._sample + 1)
+
+    def drives_removed(self) -> bool:
+        """Say whether the drives are taken out, so that the stage can be struck."""
+        return self._drives_out
+
+    def remove_drives(self, removed: bool) -> None:
+        """Take the drives out, or put them back; no axis may move or be under control."""
+        for name, state in self._states.items():
+            if state.moving(self._sample):
+                reason = Refusal.WAVE_RUNNING if state.wave is not None else Refusal.NOT_ABLE
+                raise RefusedError(
+                    reason, f"axis '{name}' moves: let it come to rest before drives are handled"
+                )
+            if state.servo and not state.screw:
+                raise RefusedError(
+                    Refusal.SERVO_ON,
+                    f"the control of axis '{name}' is on: switch it off before drives are handled",
+                )
+        self._drives_out = bool(removed)
+
+    def strike(self, axis: str) -> None:
+        """Strike the stage with a hammer; a recorder armed for a waveform records it.
+
+        The record begins a little before the blow. Force and answer have a rate of their own and
+        are resampled, without a change within their band, to that of the record: above half of
+        the lower of both there is nothing in it. They come in as simulated time passes. The answer
+        is that along the axis that was struck; of another axis nothing is recorded but zeros.
+        """
+        state = self._axis(axis)
+        if not self._drives_out:
+            raise RefusedError(
+                Refusal.NOT_ABLE, "take the drives out before the stage is struck with a hammer"
+            )
+        blow = self.stage.strike(state.description.stage_axis)
+        rate = self.sample_rate_hz / self.recorder.divider
+        force = resampled(blow.force, blow.sample_rate_hz, rate)
+        response = resampled(blow.response, blow.sample_rate_hz, rate)
+
+        def samples(kind: str, source: str) -> Array:
+            if kind == "force":
+                return force
+            return response if source == axis else np.zeros_like(response)
+
+        self.recorder.trigger("wave", self._sample + 1, samples)
 
     def _step(self, count: int) -> None:
         """Compute the next samples."""
@@ -123,7 +201,7 @@ class ControllerCore:
             state.take(self._sample, command[row], source[row])
             state.volts, state.asked = float(block.voltage[row, -1]), float(block.command[row, -1])
         self._readings = block.reading[:, -1]
-        self._recorder.take(first, count, lambda signal: self._values(signal, command, block))
+        self.recorder.take(first, count, lambda signal: self._values(signal, command, block))
 
     def _values(self, signal: Signal, command: Array, block: StageSamples) -> Array:
         """Return the samples of a block that a signal stands for."""
@@ -137,6 +215,25 @@ class ControllerCore:
         if state.servo:
             return command[state.index]
         return np.full(command.shape[1], state.target)
+
+    def _require_signal(self, signal: Signal) -> None:
+        if signal.kind not in _KINDS:
+            raise RefusedError(
+                Refusal.UNKNOWN,
+                f"nothing of the kind '{signal.kind}' is recorded: it is one of "
+                f"{', '.join(_KINDS)}",
+            )
+        if signal.kind == "channel":
+            numbers = {str(c.number) for c in self.stage.channels}
+            if signal.source not in numbers:
+                raise RefusedError(
+                    Refusal.UNKNOWN,
+                    f"there is no channel '{signal.source}': they are 1 to {len(numbers)}",
+                )
+        elif signal.kind == "voltage":
+            self._piezo(signal.source)
+        else:
+            self._axis(signal.source)
 
     def _axis(self, axis: str) -> AxisState:
         if axis not in self._states:
@@ -176,128 +273,3 @@ def duration(seconds: float) -> float:
 
 def _smallest_step(stage: Stage, axis: str) -> float:
     return stage.drive(stage.axis(axis).drive).smallest_displacement or _WINDOW
-
-
-Trigger = Literal["wave", "move", "now"]
-
-
-class DataRecorder:
-    """Tables that record signals of the loop.
-
-    A recording begins with the sample after its trigger, takes every d-th sample as it is, and goes
-    on until the tables are full, also when the waveform that started it has ended. What is read may
-    be read while it goes on. A trigger starts one recording: it is armed anew for each.
-    """
-
-    def __init__(self, count: int, capacity: int) -> None:
-        self.count, self.capacity = count, capacity
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget what was recorded and what was to be recorded."""
-        #: What each table is to record, and samples of the loop for one of a record.
-        self.signals: dict[int, Signal] = {}
-        self._kept: dict[int, Signal] = {}
-        self._data: dict[int, Array] = {}
-        self._blow: dict[int, Array] = {}
-        self.divider = self._kept_divider = 1
-        self._armed: Trigger | None = None
-        self._by: Trigger | None = None
-        self._first = 0
-        self._filled = 0
-        self._length = 0
-
-    @property
-    def recorded(self) -> int:
-        """Samples of each table that are there."""
-        return self._filled
-
-    @property
-    def recording(self) -> bool:
-        """Whether it runs."""
-        return self._filled < self._length
-
-    def known(self, table: int) -> int:
-        """Return the number of a table, from 1; refuse one that there is not."""
-        if not 1 <= table <= self.count:
-            raise RefusedError(
-                Refusal.UNKNOWN, f"there is no record table {table}: they are 1 to {self.count}"
-            )
-        return table
-
-    def choose(self, table: int, signal: Signal | None) -> None:
-        """Choose what a table records, from the next trigger on."""
-        self.signals.pop(self.known(table), None)
-        if signal is not None:
-            self.signals[table] = signal
-
-    def set_divider(self, divider: int) -> None:
-        """Choose the rate, from the next trigger on."""
-        if divider < 1:
-            raise RefusedError(
-                Refusal.BAD_VALUE, f"a record takes every sample or fewer, got a rate of {divider}"
-            )
-        self.divider = divider
-
-    def arm(self, trigger: Trigger) -> None:
-        """Wait for a trigger; a recording that runs is ended."""
-        self._length = self._filled
-        self._armed = trigger
-
-    def trigger(
-        self, what: Trigger, sample: int, blow: Callable[[str, str], Array] | None = None
-    ) -> None:
-        """Start with this sample of the loop if it was armed for what happens.
-
-        `blow` gives samples of a blow, at the rate of the record, by kind and source of the signal.
-        """
-        if self._armed != what:
-            return
-        self._armed, self._by = None, what
-        self._first, self._filled = sample, 0
-        self._kept, self._kept_divider = dict(self.signals), self.divider
-        self._length = self.capacity if self._kept else 0
-        self._data = {table: np.zeros(self._length) for table in self._kept}
-        self._blow = {}
-        if blow is not None:
-            given = {table: blow(s.kind, s.source) for table, s in self._kept.items() if _struck(s)}
-            self._length = min([self._length, *(v.size for v in given.values())])
-            self._blow = given
-
-    def end(self, by: Trigger | None = None) -> None:
-        """End a recording that runs; only one that was started by this, where it is given."""
-        if by is None or by == self._by:
-            self._length = self._filled
-
-    def take(self, first: int, count: int, values: Callable[[Signal], Array]) -> None:
-        """Keep what belongs to a recording that runs, of the loop's samples from `first` on."""
-        if not self.recording:
-            return
-        d = self._kept_divider
-        start = self._first + self._filled * d - first
-        new = min(len(range(start, count, d)), self._length - self._filled)
-        if not new:
-            return
-        to = slice(self._filled, self._filled + new)
-        for table, signal in self._kept.items():
-            if table in self._blow:
-                self._data[table][to] = self._blow[table][to]
-            elif not _struck(signal):
-                self._data[table][to] = values(signal)[start : start + (new - 1) * d + 1 : d]
-        self._filled += new
-
-    def read(self, table: int, first: int, count: int) -> Array:
-        """Return samples of a table, from number `first`, counted from 0."""
-        if self.known(table) not in self._data:
-            raise RefusedError(Refusal.UNKNOWN, f"record table {table} has recorded nothing")
-        if first < 0 or count < 0 or first + count > self._filled:
-            raise RefusedError(
-                Refusal.BAD_VALUE,
-                f"{count} samples from number {first} on are not there: {self._filled} are "
-                "recorded",
-            )
-        return self._data[table][first : first + count].copy()
-
-
-def _struck(signal: Signal) -> bool:
-    return signal.kind in ("force", "response")

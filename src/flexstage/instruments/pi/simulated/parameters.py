@@ -87,7 +87,7 @@ def _wave_rate(state: ControllerState, _: str, word: str) -> None:
 
 
 def _record_rate(state: ControllerState, _: str, word: str) -> None:
-    state.device.set_record_divider(unsigned(word))
+    state.device.recorder.set_divider(unsigned(word))
 
 
 def _record_tables(state: ControllerState, _: str, word: str) -> None:
@@ -209,11 +209,11 @@ _PLAIN = {
     0x1300010A: Parameter("system", "Wave Generator", "Number Of Waves",
                           lambda s, _: int(s.device.wave_tables)),
     0x16000000: Parameter("system", "Data Recorder", "Data Recorder Table Rate",
-                          lambda s, _: int(s.device.record_divider()), set=_record_rate),
+                          lambda s, _: int(s.device.recorder.divider), set=_record_rate),
     0x16000200: Parameter("system", "Data Recorder", "Data Recorder Max Points",
-                          lambda s, _: int(s.device.record_tables * s.device.record_capacity)),
+                          lambda s, _: int(s.device.recorder.count * s.device.recorder.capacity)),
     0x16000201: Parameter("system", "Data Recorder", "Data Recorder Points Per Table",
-                          lambda s, _: int(s.device.record_capacity)),
+                          lambda s, _: int(s.device.recorder.capacity)),
     0x16000300: Parameter("system", "Data Recorder", "Data Recorder Chan Number",
                           lambda s, _: s.recorder.tables, set=_record_tables),
     # taken by SPA itself, after all other parameters

@@ -49,7 +49,7 @@ class RecordStore:
         self._units = {str(channel.number): channel.unit for channel in device.channels}
         #: The trigger option, and how many tables are in use.
         self.trigger = 0
-        self.tables = device.record_tables
+        self.tables = device.recorder.count
         #: What the last recording holds, by table, and the step of its samples [s].
         self.kept: dict[int, Signal] = {}
         self.kept_step = 0.0
@@ -62,7 +62,7 @@ class RecordStore:
 
     def choice(self, table: int) -> tuple[str, int]:
         """Return source and number of the option of a table; ``"0"`` and 0 for nothing."""
-        return self.source_and_option(self._device.record_signal(table))
+        return self.source_and_option(self._device.recorder.signal(table))
 
     def source_and_option(self, signal: Signal | None) -> tuple[str, int]:
         """Return by which source and option a signal is chosen."""
@@ -100,9 +100,9 @@ class RecordStore:
 
     def use(self, tables: int) -> None:
         """Choose how many tables are in use; those behind them record nothing."""
-        if not 1 <= tables <= self._device.record_tables:
+        if not 1 <= tables <= self._device.recorder.count:
             raise GcsError(code.OUT_OF_RANGE)
-        for table in range(tables + 1, self._device.record_tables + 1):
+        for table in range(tables + 1, self._device.recorder.count + 1):
             self.choose(table, None)
         self.tables = tables
 
@@ -111,7 +111,7 @@ class RecordStore:
 
         These are um, urad, V, N, or what a blow is answered in.
         """
-        values = np.array(self._device.record(table, first, count), dtype=np.float64)
+        values = np.array(self._device.recorder.read(table, first, count), dtype=np.float64)
         if self.kept[table].unit in ("m", "rad"):
             values /= _MICRO
         return values
@@ -130,7 +130,7 @@ class RecordStore:
 
         A recording that a client started at a moment of its own is not interrupted.
         """
-        armed = not (self._by_client and self._device.recording())
+        armed = not (self._by_client and self._device.recorder.recording)
         if armed:
             self._device.arm_recorder("wave")
         command()
@@ -158,9 +158,9 @@ class RecordStore:
 
     def _keep(self, *, by_client: bool) -> None:
         """Remember what the recording that has begun holds, and at which rate."""
-        if self._device.recording():
-            tables = range(1, self._device.record_tables + 1)
-            signals = {table: self._device.record_signal(table) for table in tables}
+        if self._device.recorder.recording:
+            tables = range(1, self._device.recorder.count + 1)
+            signals = {table: self._device.recorder.signal(table) for table in tables}
             self.kept = {table: signal for table, signal in signals.items() if signal is not None}
-            self.kept_step = self._device.record_divider() / self._device.sample_rate_hz
+            self.kept_step = self._device.recorder.divider / self._device.sample_rate_hz
             self._by_client = by_client
