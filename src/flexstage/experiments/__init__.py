@@ -9,10 +9,10 @@ if TYPE_CHECKING:
     from flexstage.experiments.campaign.plan import Campaign, Columns, Test, read_campaign
     from flexstage.experiments.campaign.results import Characterisation
     from flexstage.experiments.dry_run import DryRun, dry_run
-    from flexstage.experiments.file import find_plan, read_plan, ready_plans
+    from flexstage.experiments.file import find_plan, plan_stage, read_plan, ready_plans
     from flexstage.experiments.plan import Plan, Step
     from flexstage.experiments.results import PlanResult
-    from flexstage.experiments.runner import plan_stage, run_plan
+    from flexstage.experiments.runner import run_plan
     from flexstage.experiments.verbs.verify import VerifiedStep
     from flexstage.experiments.virtual_campaign import virtual_campaign
 

@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flexstage.choose import nearest
 from flexstage.errors import PlanError
@@ -14,14 +14,12 @@ from flexstage.files.decoder import Decoder, read, read_file
 from flexstage.files.format import Form, Format, check_name
 from flexstage.files.nodes import Mapping, Node, Sequence
 
+if TYPE_CHECKING:
+    from flexstage.stage import Stage
+
 
 def ready_plans() -> dict[str, Path]:
-    """Return the plans that come with flexstage.
-
-    Returns
-    -------
-    dict
-        Files by name.
+    """Return the files of the plans that come with flexstage, by name.
 
     Examples
     --------
@@ -33,23 +31,7 @@ def ready_plans() -> dict[str, Path]:
 
 
 def find_plan(text: str) -> Path:
-    """Return the file of a plan that the command line names.
-
-    Parameters
-    ----------
-    text : str
-        Path of a file, or name of a plan that comes with flexstage.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
-
-    Raises
-    ------
-    PlanError
-        There is neither.
-    """
+    """Return the file of a plan: a path, or the name of one that comes with flexstage."""
     ready = ready_plans()
     if text.casefold() in ready:
         return ready[text.casefold()]
@@ -66,25 +48,33 @@ def find_plan(text: str) -> Path:
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
-    """Read a plan from a file.
+    """Read a plan from a YAML file whose first key is ``plan: 1``.
 
-    Parameters
-    ----------
-    path : str or os.PathLike
-        A YAML file whose first key is ``plan: 1``.
-
-    Returns
-    -------
-    Plan
-        The plan.
-
-    Raises
-    ------
-    PlanError
-        There is no such file, or it describes no possible plan; the message is one sentence with
-        file, line and key.
+    Where it describes no possible plan, the message is one sentence with file, line and key.
     """
     return _plan(*read_file(Path(path), PLAN_FILE))
+
+
+def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> "Stage":
+    """Return the stage that a plan names: a built-in design, or a file as seen from a folder.
+
+    Examples
+    --------
+    >>> plan_stage(read_plan(find_plan("vgtu-piezo"))).name
+    'vgtu-piezo'
+    """
+    from flexstage.designs import DESIGNS, build, design
+    from flexstage.stage.file import read_stage
+
+    if plan.stage.casefold() in DESIGNS:
+        return design(plan.stage)
+    path = Path(folder) / plan.stage
+    if not path.exists():
+        raise PlanError(
+            f"the plan's stage '{plan.stage[:200]}' is no built-in design and no file: the designs "
+            f"are {', '.join(DESIGNS)}"
+        )
+    return read_stage(path, designs=build)
 
 
 def plan_from_text(text: str, *, source: str = "plan") -> Plan:

@@ -104,84 +104,25 @@ class Plan:
             raise PlanError(message)
 
     def step(self, name: str) -> Step:
-        """Return a step.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        Step
-            The step.
-
-        Raises
-        ------
-        PlanError
-            There is none of that name.
-        """
+        """Return a step by name; refused where there is none."""
         for step in self.steps:
             if step.name == name:
                 return step
         raise PlanError(has_no("the plan", "step", name, (step.name for step in self.steps)))
 
     def sensor(self, name: str) -> SensorEntry:
-        """Return a sensor.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        SensorEntry
-            The sensor.
-
-        Raises
-        ------
-        PlanError
-            There is none of that name.
-        """
+        """Return a sensor by name; refused where there is none."""
         for sensor in self.sensors:
             if sensor.name == name:
                 return sensor
         raise PlanError(has_no("the plan", "sensor", name, (s.name for s in self.sensors)))
 
     def axis_of(self, name: str) -> str:
-        """Return the axis that a step is about; both, such as ``xy``, where it is about two.
-
-        Parameters
-        ----------
-        name : str
-            Name of the step.
-
-        Returns
-        -------
-        str
-            The axis.
-        """
+        """Return the axis that a step is about; both, such as ``xy``, where it is about two."""
         return self.step(name).action.axis_of(self)
 
     def chosen(self, names: tuple[str, ...] | None) -> tuple[Step, ...]:
-        """Return steps with all that they use, in their order.
-
-        Parameters
-        ----------
-        names : tuple of str or None
-            Names of the steps that are wanted; all where None.
-
-        Returns
-        -------
-        tuple of Step
-            The steps.
-
-        Raises
-        ------
-        PlanError
-            There is none of that name.
-        """
+        """Return steps by name with all that they use, in their order; every step for None."""
         if names is None:
             return self.steps
         wanted: set[str] = set()

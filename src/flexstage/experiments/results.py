@@ -83,7 +83,7 @@ class PlanResult:
         """Figures of tests that repeat a quantity of an axis: not those of references followed."""
         own = {id(f) for f in self.figures}
         found: list[MeasuredCharacteristic] = []
-        for step in self.of("characterise"):
+        for step in (step for step in self.steps if step.tests):
             # a test that two steps evaluate has the same figures in both
             known = {(f.quantity, f.axis, f.test) for f in (*self.figures, *found)}
             found += [
@@ -96,16 +96,8 @@ class PlanResult:
     def drives_in_place(self, figure: MeasuredCharacteristic) -> bool:
         """Say whether a natural frequency or damping is that of the stage with its drives in place.
 
-        Parameters
-        ----------
-        figure : MeasuredCharacteristic
-            A figure of this result.
-
-        Returns
-        -------
-        bool
-            Whether it is, and so no figure to set beside those of the stage with its drives taken
-            out, which is what is published and computed under that name.
+        Then it is no figure to set beside those of the stage with its drives taken out, which is
+        what is published and computed under that name.
         """
         if figure.quantity not in _OF_MODES:
             return False
@@ -113,18 +105,7 @@ class PlanResult:
         return not self.plan.step(source).action.struck
 
     def published_of(self, figure: MeasuredCharacteristic) -> tuple[Characteristic, ...]:
-        """Return what was published of the same thing as a figure.
-
-        Parameters
-        ----------
-        figure : MeasuredCharacteristic
-            A figure of this result.
-
-        Returns
-        -------
-        tuple of Characteristic
-            The rows; none of a mode with the drives in place.
-        """
+        """Return what was published of the same thing; nothing of a mode with drives in place."""
         if self.drives_in_place(figure):
             return ()
         return tuple(Characteristics(self.stage.published).select(figure.quantity, figure.axis))
@@ -176,25 +157,7 @@ class PlanResult:
                 yield section
 
     def figure(self, quantity: str, axis: str) -> MeasuredCharacteristic:
-        """Return one figure.
-
-        Parameters
-        ----------
-        quantity : str
-            The quantity.
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        MeasuredCharacteristic
-            The figure.
-
-        Raises
-        ------
-        PlanError
-            No step gave it.
-        """
+        """Return one figure; refused where no step gave it."""
         for figure in self.figures:
             if (figure.quantity, figure.axis) == (quantity, axis):
                 return figure
@@ -202,23 +165,7 @@ class PlanResult:
         raise PlanError(f"no step gave {quantity} of axis '{axis}': there is {given}")
 
     def step(self, name: str) -> StepResult:
-        """Return what a step gave.
-
-        Parameters
-        ----------
-        name : str
-            Name of the step.
-
-        Returns
-        -------
-        StepResult
-            What it gave.
-
-        Raises
-        ------
-        PlanError
-            There is no such step, or it was not run.
-        """
+        """Return what a step gave; refused where it was not run."""
         for step in self.steps:
             if step.name == name:
                 return step

@@ -16,6 +16,7 @@ import flexstage
 from flexstage import progress
 from flexstage.errors import FlexstageError, PlanError
 from flexstage.experiments.dry_run import dry_run, natural_frequency
+from flexstage.experiments.file import plan_stage
 from flexstage.experiments.plan import Plan, Step
 from flexstage.experiments.results import PlanResult
 from flexstage.experiments.run_context import RunContext, base_rate_of
@@ -41,46 +42,6 @@ from flexstage.instruments.protocol import Instrument
 from flexstage.instruments.ramp import to_safe
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
-
-
-def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> Stage:
-    """Return the stage that a plan names.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    folder : str or os.PathLike
-        Where stage files are named from.
-
-    Returns
-    -------
-    Stage
-        The stage.
-
-    Raises
-    ------
-    FlexstageError
-        There is neither such a design nor such a file.
-
-    Examples
-    --------
-    >>> from flexstage.experiments.file import find_plan, read_plan
-    >>> plan_stage(read_plan(find_plan("vgtu-piezo"))).name
-    'vgtu-piezo'
-    """
-    from flexstage.designs import DESIGNS, build, design
-    from flexstage.stage.file import read_stage
-
-    if plan.stage.casefold() in DESIGNS:
-        return design(plan.stage)
-    path = Path(folder) / plan.stage
-    if not path.exists():
-        raise PlanError(
-            f"the plan's stage '{plan.stage[:200]}' is no built-in design and no file: the designs "
-            f"are {', '.join(DESIGNS)}"
-        )
-    return read_stage(path, designs=build)
 
 
 def run_plan(
