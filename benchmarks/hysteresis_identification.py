@@ -24,11 +24,10 @@ from flexstage.hysteresis import BoucWen, Preisach
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.identification.chain_search import find_chain
-from flexstage.hysteresis.identification.fit_rows import rows_of
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.misfit import cross_validate, misfit
-from flexstage.hysteresis.identification.model_fit import FitData, behind_chain, fits
+from flexstage.hysteresis.identification.model_fit import FitData, behind_chain, fit_data, fits
 from flexstage.hysteresis.models.bouc_wen.fit import BoucWenFit, shape_at
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.records import Channel, Record
@@ -69,9 +68,7 @@ def record(count: int = SAMPLES, seed: int = 11) -> Record:
 
 def _data(given: Record) -> FitData:
     m = measurement([given], "voltage", "displacement")
-    rows = rows_of(m)
-    use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
-    return FitData(measurement=m, chain=find_chain(m).values, rows=rows, use=use)
+    return fit_data(m, find_chain(m).values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,10 +167,10 @@ class _FourParameters:
 
     def __init__(self, data: FitData) -> None:
         self._data = data
-        (section,), (rows,) = data.measurement.sections, data.rows
+        (section,), (rows,) = data.sections, data.rows
         self._section, self._y = section, section.y[rows.at]
         self._basis = np.linalg.qr(section.nuisance[rows.at])[0]
-        self._slope = data.measurement.stroke / data.input_scale
+        self._slope = data.stroke / data.input_scale
         self.calls = 0
 
     def model(self, p: Array) -> BoucWen:
@@ -206,7 +203,7 @@ class _FourParameters:
         self.calls += 1
         y = model.simulate(self._section.u).values
         e = self._y - behind_chain([y[:, None]], self._data)[0][:, 0]
-        return (e - self._basis @ (self._basis.T @ e)) / self._data.measurement.stroke
+        return (e - self._basis @ (self._basis.T @ e)) / self._data.stroke
 
     def rms(self, p: Array) -> float:
         return float(np.sqrt(np.mean(self.left(p) ** 2)))
@@ -225,7 +222,7 @@ def bouc_wen(count: int = SAMPLES, starts: int = STARTS) -> Iterator[Row]:
 
     def ours(begin: Array) -> float:
         left = misfit(BoucWenFit().fit(data, begin[:2]).model, data).at(data.use)
-        return float(np.sqrt(np.mean(left**2))) / data.measurement.stroke
+        return float(np.sqrt(np.mean(left**2))) / data.stroke
 
     def within(begin: Array) -> float:
         found = least_squares(problem.left, begin, bounds=BOUNDS, x_scale="jac")
@@ -283,7 +280,7 @@ WEIGHT = 3e-7
 
 def _full_matrix(method: PreisachFit, data: FitData) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Columns without nuisance and their penalty below them; the output; which columns move."""
-    (section,), (rows,) = data.measurement.sections, data.rows
+    (section,), (rows,) = data.sections, data.rows
     quasi = np.concatenate(list(method.columns(section, data)), axis=1)
     columns = behind_chain([quasi], data)[0]
     moving = np.ptp(columns, axis=0) > 1e-9 * np.ptp(columns, axis=0).max()

@@ -6,7 +6,7 @@ import pytest
 from flexstage.hysteresis.identification.fit_rows import ChainValues, Rows
 from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.misfit import another_stretch, rms_standard_error
-from flexstage.hysteresis.identification.model_fit import FitData
+from flexstage.hysteresis.identification.model_fit import fit_data
 
 EACH = 30
 
@@ -19,7 +19,7 @@ def rows(cycles, used=None):
         sections=(), sign=1.0, input_unit="", output_unit="", stroke=1.0, warnings=()
     )
     own = Rows(at=np.arange(cycle.size), cycle=cycle)
-    return FitData(measurement=nothing, chain=ChainValues(), rows=(own,), use=(use,))
+    return fit_data(nothing, ChainValues(), (own,), (use,))
 
 
 def test_ten_cycles_are_the_jackknife_in_closed_form():

@@ -23,17 +23,17 @@ from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.chain_misfit import ChainMisfit
 from flexstage.hysteresis.identification.chain_search import find_chain
 from flexstage.hysteresis.identification.cycles import cycles
-from flexstage.hysteresis.identification.fit_rows import ChainValues, rows_of
+from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.misfit import Folds, Misfit, estimates, misfit
 from flexstage.hysteresis.identification.model_choice import FittedModel, choose
 from flexstage.hysteresis.identification.model_fit import (
-    FitData,
     FitResult,
     LinearFit,
     behind_chain,
     equations,
+    fit_data,
     fits,
     folds_of,
     residual,
@@ -354,9 +354,7 @@ def test_an_input_that_was_read_too_seldom_is_named(held):
 
 
 def whole(data):
-    rows = rows_of(data)
-    use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
-    return FitData(measurement=data, chain=NONE, rows=rows, use=use)
+    return fit_data(data, NONE)
 
 
 def test_every_row_is_held_out_once_and_in_whole_cycles():
@@ -364,7 +362,7 @@ def test_every_row_is_held_out_once_and_in_whole_cycles():
     data = whole(measurement(records, "u", "y"))
     folds = folds_of(data)
     assert len(folds) == 5
-    for k, (r, s) in enumerate(zip(data.rows, data.measurement.sections, strict=True)):
+    for k, (r, s) in enumerate(zip(data.rows, data.sections, strict=True)):
         together = np.sum([fold[k] for fold in folds], axis=0)
         assert np.array_equal(together, np.ones(r.at.size))
         assert r.at[0] == s.warm_up
@@ -375,8 +373,7 @@ def test_every_row_is_held_out_once_and_in_whole_cycles():
     # what is before the first cycle and after the last one belongs to them
     assert all(r.cycle.min() >= 1 for r in data.rows)
     assert all(
-        r.cycle.max() == s.cycles.swing.size
-        for r, s in zip(data.rows, data.measurement.sections, strict=True)
+        r.cycle.max() == s.cycles.swing.size for r, s in zip(data.rows, data.sections, strict=True)
     )
 
 
@@ -485,7 +482,7 @@ def chosen_of(without_inverse=(), **parts):
     """The model that is chosen when each leaves some errors of five parts [% of the stroke]."""
     u = drive()
     data = whole(measurement([record(u, noisy(DAHL, u, 3))], "u", "y"))
-    percent = data.measurement.stroke / 100.0
+    percent = data.stroke / 100.0
     tried = {}
     for name, errors in parts.items():
         method = fits()[name.replace("_", "-")]
@@ -570,7 +567,7 @@ def test_a_preisach_fit_is_an_optimum():
     model = method.fit(data).model
     assert isinstance(model, Preisach)
     x = model.slopes.ravel()
-    (section,) = data.measurement.sections
+    (section,) = data.sections
     columns = np.concatenate(list(method.columns(section, data)), axis=1)
     behind = behind_chain([columns], data)
     normal = equations(behind, data)
@@ -618,7 +615,7 @@ def test_changes_in_closed_form_are_the_limit_of_differences(kind: str):
     data = whole(measurement([record(u, noisy(stack, u, 3))], "u", "y"))
     method = fits()[kind]
     assert isinstance(method, RefinedFit)
-    p, (section,) = method.fit(data).search, data.measurement.sections
+    p, (section,) = method.fit(data).search, data.sections
     _, scale = method.bounds(data)
     exact = method.changes(p, scale, section, data)
     by_differences = RefinedFit.changes(method, p, scale, section, data)
@@ -643,8 +640,8 @@ def test_columns_pass_the_chain_as_the_model_does():
     u = drive(600, 8.3, 0.002)
     chain = ChainValues(delay=0.0034, creep_per_decade=0.021, resonance_hz=61.0)
     data = whole(measurement([record(u, BOUC_WEN.simulate(u).values, 0.002)], "u", "y"))
-    data = FitData(measurement=data.measurement, chain=chain, rows=data.rows, use=data.use)
-    section = data.measurement.sections[0]
+    data = replace(data, chain=chain)
+    section = data.sections[0]
     n = section.history
     every = BOUC_WEN.simulate(section.u).values
     behind = behind_chain([every[:, None]], data)[0][:, 0]

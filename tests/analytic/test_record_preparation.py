@@ -7,14 +7,14 @@ import pytest
 
 from flexstage.hysteresis import Dahl, DriveModel, PrandtlIshlinskii, ValidityRange
 from flexstage.hysteresis.identification.cycles import by_rate, cycles, first_moving
-from flexstage.hysteresis.identification.fit_rows import ChainValues, rows_of
+from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import (
     measurement,
     without_history,
 )
 from flexstage.hysteresis.identification.misfit import misfit
-from flexstage.hysteresis.identification.model_fit import FitData
+from flexstage.hysteresis.identification.model_fit import fit_data
 from flexstage.records import Channel, Record
 
 DT = 0.01
@@ -85,9 +85,7 @@ def test_cycles_belong_to_rates():
 def with_offsets(*offsets):
     u = drive()
     made = measurement([record(u, after_cycles(u) + o) for o in offsets], "u", "y")
-    rows = rows_of(made)
-    use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
-    return FitData(measurement=made, chain=ChainValues(), rows=rows, use=use)
+    return fit_data(made, ChainValues())
 
 
 def test_the_offset_that_is_kept_is_the_mean_of_those_of_the_records():

@@ -12,10 +12,10 @@ from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.identification.faults import butterfly, clipped, without_spikes
-from flexstage.hysteresis.identification.fit_rows import ChainValues, rows_of
+from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
-from flexstage.hysteresis.identification.model_fit import FitData
+from flexstage.hysteresis.identification.model_fit import fit_data
 from flexstage.hysteresis.identification.zero_changes import zero_changes
 from flexstage.records import Channel, Record
 from flexstage.virtual.stack import virtual_stack
@@ -273,9 +273,7 @@ def test_no_model_fits_a_butterfly():
 def changes(*records, chain=CHAIN):
     """What is found of the zero of some records, by a chain that may be wrong."""
     m = measurement([record(u, y) for u, y in records], "u", "y")
-    rows = rows_of(m)
-    use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
-    return zero_changes(FitData(measurement=m, chain=chain, rows=rows, use=use))
+    return zero_changes(fit_data(m, chain))
 
 
 def jumped(place, share, u=U, y=CLEAN):

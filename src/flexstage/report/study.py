@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from flexstage.characteristic import Characteristics
 from flexstage.quantities import QUANTITIES
 from flexstage.report.figures.bench import draw_bench
 from flexstage.report.figures.body_motion import (
@@ -37,7 +36,7 @@ from flexstage.report.tables import (
     published_table,
 )
 from flexstage.section import Bullets, Content, Definitions, Picture, Pictures, Section
-from flexstage.studies.measurement import MeasurementComparison, compare_with_references
+from flexstage.studies.measurement import MeasurementComparison
 from flexstage.studies.study import Study
 from flexstage.table import Table
 
@@ -234,10 +233,8 @@ def _stress(study: Study) -> Iterator[Content]:
 
 
 def _measured(study: Study) -> Iterator[Content]:
-    if study.measured is not None:
-        others = Characteristics(r for r in study.characteristics if r.origin != "measured")
-        compared = compare_with_references(study.measured, study.stage, others)
-        yield measurement_section(compared)
+    if (measured := study.measured_beside) is not None:
+        yield measurement_section(measured)
 
 
 def _hinges(study: Study) -> Iterator[Content]:

@@ -107,6 +107,16 @@ class Study:
             plane=used if used in ("stress", "strain") else "auto",
         )
 
+    @property
+    def measured_beside(self) -> "MeasurementComparison | None":
+        """What was measured of the stage, beside what was published and what each model gives."""
+        if self.measured is None:
+            return None
+        from flexstage.studies.measurement import compare_with_references
+
+        others = Characteristics(r for r in self.characteristics if r.origin != "measured")
+        return compare_with_references(self.measured, self.stage, others)
+
     def diagrams(self) -> dict[str, bytes]:
         """Draw the structural diagrams of the lumped model as SVG, by file: axes, then the whole.
 

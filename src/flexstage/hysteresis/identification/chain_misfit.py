@@ -25,6 +25,7 @@ from flexstage.hysteresis.identification.model_fit import (
     FitData,
     behind_chain,
     equations,
+    fit_data,
     folds_of,
     moves,
 )
@@ -60,7 +61,7 @@ class ChainMisfit:
 
     def __init__(self, whole: IdentificationData, train: tuple[int, int] | None) -> None:
         self._data = short_data(whole, ChainValues(), _SAMPLES, train)
-        sections = self._data.measurement.sections
+        sections = self._data.sections
         columns, moving, self._penalty = dictionary(self._data)
         self._quasi = [np.asfortranarray(c) for c in columns]
         # every other threshold: what that changes says what a grid of thresholds does
@@ -86,37 +87,34 @@ class ChainMisfit:
     def fix_modes(self, chain: ChainValues) -> None:
         """Put known modes behind all columns, once."""
         self._known = replace(chain, creep_per_decade=0.0, delay=0.0)
-        for i, section in enumerate(self._data.measurement.sections):
+        for i, section in enumerate(self._data.sections):
             self._columns[i] = _behind_modes(self._quasi[i], section, self._known)
             self._creep[i] = _behind_modes(self._creep[i], section, self._known)
         self._both, self._products = {}, {}
 
     def begin(self, starts: Sequence[Start]) -> None:
         """Let the drive have done something else before each record."""
-        m = self._data.measurement
-        sections = list(m.sections)
+        sections = list(self._data.sections)
         for i, start in enumerate(starts):
             if start != sections[i].start:
                 sections[i] = replace(sections[i], start=start)
                 self._creep[i] = self._crept(i, sections[i])
                 self._both.pop(i, None)
                 self._products = {at: own for at, own in self._products.items() if at[0] != i}
-        self._data = replace(self._data, measurement=replace(m, sections=tuple(sections)))
+        self._data = replace(self._data, sections=tuple(sections))
 
     def rms(self, chain: ChainValues) -> float:
         """Misfit that the best density leaves behind a chain, over the stroke."""
         normal = self._normal(chain)
         left = max(square_left(normal, self._solve(normal)), 0.0)
-        return math.sqrt(left / normal.count) / self._data.measurement.stroke
+        return math.sqrt(left / normal.count) / self._data.stroke
 
     def rms_of_one_zero(self, chain: ChainValues) -> float:
         """The same, where all records must have one constant: what the best density predicts."""
         normal = self._normal(chain)
         solution = self._solve(normal)
         zeros, rows, first = [], [], 0
-        for s, r, use in zip(
-            self._data.measurement.sections, self._data.rows, self._data.use, strict=True
-        ):
+        for s, r, use in zip(self._data.sections, self._data.rows, self._data.use, strict=True):
             columns = s.nuisance[r.at[use]]
             own = solution.nuisance[first : first + columns.shape[1]]
             first += columns.shape[1]
@@ -125,7 +123,7 @@ class ChainMisfit:
             rows.append(columns.shape[0])
         apart = float(np.cov(zeros, fweights=rows, ddof=0)) if len(zeros) > 1 else 0.0
         left = max(square_left(normal, solution), 0.0) / normal.count
-        return math.sqrt(left + apart) / self._data.measurement.stroke
+        return math.sqrt(left + apart) / self._data.stroke
 
     def _normal(self, chain: ChainValues) -> Normal:
         """Normal equations of the columns behind a chain."""
@@ -135,7 +133,7 @@ class ChainMisfit:
             bare = replace(self._data, chain=replace(chain, creep_per_decade=0.0))
             return equations(behind_chain(columns, bare), bare)
         made = []
-        for i, section in enumerate(self._data.measurement.sections):
+        for i, section in enumerate(self._data.sections):
             late, share = divmod(chain.delay / section.dt, 1.0)
             mixed = [1.0 - share, (1.0 - share) * gamma, share, share * gamma]
             made.append(groups_summed(self._product(i, int(late)), np.array(mixed)))
@@ -144,7 +142,7 @@ class ChainMisfit:
     def _product(self, i: int, late: int) -> Normal:
         """Equations of columns and of what creep adds, so many samples late and one more."""
         if (i, late) not in self._products:
-            section, use = self._data.measurement.sections[i], self._data.use[i]
+            section, use = self._data.sections[i], self._data.use[i]
             if i not in self._both:
                 both = (self._columns[i], self._creep[i])
                 self._both[i] = np.ascontiguousarray(np.hstack(both)[section.history :])
@@ -239,20 +237,18 @@ def short_data(
 ) -> FitData:
     """Return few rows of a measurement that was averaged to so many samples."""
     data = replace(whole, sections=tuple(averaged(s, samples) for s in whole.sections))
-    rows = rows_of(data, _ROWS)
+    rows = rows_of(data.sections, _ROWS)
     use = tuple(
         _used_rows(r, s, round(s.dt / w.dt), train)
         for r, s, w in zip(rows, data.sections, whole.sections, strict=True)
     )
-    return FitData(measurement=data, chain=chain, rows=rows, use=use)
+    return fit_data(data, chain, rows, use)
 
 
 def dictionary(data: FitData) -> tuple[list[Array], NDArray[np.bool_], Array]:
     """Return columns that stand for any hysteresis: those that move, which, and their penalty."""
     method = PreisachFit(*_DICTIONARY)
-    columns = [
-        np.concatenate(list(method.columns(s, data)), axis=1) for s in data.measurement.sections
-    ]
+    columns = [np.concatenate(list(method.columns(s, data)), axis=1) for s in data.sections]
     moving = moves(columns)
     return [c[:, moving] for c in columns], moving, _smoothing(method, data, moving)
 

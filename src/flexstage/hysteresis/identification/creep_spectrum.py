@@ -103,7 +103,7 @@ class _Fit:
         self._creep = (chain,) if chain.creep_per_decade > 0.0 else ()
         columns, _, penalty = dictionary(self._data)
         self._penalty = penalty * self._data.input_scale**2
-        sections = self._data.measurement.sections
+        sections = self._data.sections
         self._behind = [
             self._at_rows(c, s, r)
             for c, s, r in zip(columns, sections, self._data.rows, strict=True)

@@ -1,7 +1,7 @@
 """What a fit looks at of a record: means or samples of it, and columns behind the linear chain."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,6 @@ from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.drive_model import creep_start
 from flexstage.hysteresis.identification.measurement import (
-    IdentificationData,
     Section,
     with_history,
     without_history,
@@ -188,12 +187,12 @@ class Rows:
     """Number of the cycle that each lies in, shape (r,)."""
 
 
-def rows_of(data: IdentificationData, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
+def rows_of(sections: Sequence[Section], most: int = _MOST_ROWS) -> tuple[Rows, ...]:
     """Choose the samples that a fit looks at, `most` of all: after the warm-up, evenly thinned."""
-    total = sum(s.u.size - s.warm_up for s in data.sections)
+    total = sum(s.u.size - s.warm_up for s in sections)
     every = max(1, -(-total // most))
     chosen = []
-    for s in data.sections:
+    for s in sections:
         at = np.arange(s.warm_up, s.u.size, every)
         for stands in (s.straight, s.measured):
             at = at if stands is None else at[stands[at]]

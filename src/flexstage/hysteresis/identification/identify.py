@@ -39,7 +39,7 @@ from flexstage.hysteresis.identification.model_choice import (
     passed_over,
     prediction_errors,
 )
-from flexstage.hysteresis.identification.model_fit import FitData, behind_chain, fits
+from flexstage.hysteresis.identification.model_fit import FitData, behind_chain, fit_data, fits
 from flexstage.hysteresis.identification.verdict import Verdict, remarks, stands_still, verdict
 from flexstage.hysteresis.models.registry import MODELS
 from flexstage.records import Record
@@ -193,7 +193,7 @@ def identify(
         share = max(1, _MOST_SAMPLES // len(data.sections))
         short = replace(data, sections=tuple(averaged(s, share) for s in data.sections))
         every = _data(short, found.values, None)
-    every = replace(every, measurement=data, chain=found.values) if train else every
+    every = fit_data(data, found.values, every.rows, every.use) if train else every
     still = train is not None and stands_still(every)
     tried: dict[str, FittedModel] = {}
     failed: list[Candidate] = []
@@ -279,7 +279,7 @@ def _at(made: Identification, temperature: tuple[float, float]) -> Identificatio
 
 
 def _data(data: IdentificationData, chain: ChainValues, train: tuple[int, int] | None) -> FitData:
-    rows = rows_of(data)
+    rows = rows_of(data.sections)
     if train is None:
         use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
     else:
@@ -291,7 +291,7 @@ def _data(data: IdentificationData, chain: ChainValues, train: tuple[int, int] |
                 f"samples {train[0]} to {train[1]} leave {fitted} to fit and {held} to hold out, "
                 "after the warm-up: at least 50 of each are needed"
             )
-    return FitData(measurement=data, chain=chain, rows=rows, use=use)
+    return fit_data(data, chain, rows, use)
 
 
 def _result(
@@ -304,7 +304,7 @@ def _result(
     errors = prediction_errors(tried, data)
     cut = cross_validate(tried.method, data, tried.fit.search, stretches=True)
     if cut is not None and tried.folds is not None:
-        percent = 100.0 / data.measurement.stroke
+        percent = 100.0 / data.stroke
         own = another_stretch(
             tried.folds.rms, tried.folds.standard_error or 0.0, np.sqrt(cut.mean_square)
         )
@@ -357,7 +357,7 @@ def _as_measured(section: Section) -> Section:
 
 def _before(tried: FittedModel, data: FitData) -> tuple[float, tuple[Start, ...]]:
     """How much what the drive did before may change readings, and which of it fits alike."""
-    sections = data.measurement.sections
+    sections = data.sections
     kept = sections[0].start
     if data.chain.creep_per_decade == 0.0:
         return 0.0, (kept,)
@@ -365,7 +365,7 @@ def _before(tried: FittedModel, data: FitData) -> tuple[float, tuple[Start, ...]
     ends: dict[Start, list[Array]] = {}
     for start in dict.fromkeys((kept, "rested", 0.0, math.inf)):
         moved = tuple(replace(s, start=start) for s in sections)
-        own = replace(data, measurement=replace(data.measurement, sections=moved))
+        own = replace(data, sections=moved)
         ends[start] = [c[:, 0] for c in behind_chain(quasi, own)]
     use = data.use[0]
     y = sections[0].y[data.rows[0].at]
@@ -389,31 +389,30 @@ def _chain(found: FoundChain) -> tuple[ParameterEstimate, ...]:
 
 
 def _drive_model(tried: FittedModel, data: FitData) -> DriveModel:
-    m, chain = data.measurement, data.chain
-    rates = m.rates_hz or (0.0, 0.0)
-    ends = [m.sign * s.y[s.warm_up :] for s in m.sections]
+    chain, rates = data.chain, data.rates_hz or (0.0, 0.0)
+    ends = [data.sign * s.y[s.warm_up :] for s in data.sections]
     return DriveModel(
         hysteresis=tried.fit.model,
         creep=chain.creep if chain.creep_per_decade > 0.0 else None,
         modes=chain.modes,
         lag=chain.lag if chain.delay > 0.0 else None,
-        offset=m.sign * tried.left.offset,
-        sign=m.sign,
-        input_unit=m.input_unit,
-        output_unit=m.output_unit,
+        offset=data.sign * tried.left.offset,
+        sign=data.sign,
+        input_unit=data.input_unit,
+        output_unit=data.output_unit,
         validity=ValidityRange(
-            input_range=m.input_range,
+            input_range=data.input_range,
             output_range=(float(min(e.min() for e in ends)), float(max(e.max() for e in ends))),
             rate_range_hz=(rates[0], rates[-1]),
         ),
-        start=m.sections[0].start,
+        start=data.sections[0].start,
     )
 
 
 def _predicted(tried: FittedModel, data: FitData) -> tuple[Array, ...]:
     made = []
-    for s in data.measurement.sections:
+    for s in data.sections:
         quasi = tried.fit.model.simulate(s.u).values[:, None]
         behind = filtered_whole(quasi, s, data.chain)[s.history :, 0]
-        made.append(data.measurement.sign * (behind + tried.left.offset))
+        made.append(data.sign * (behind + tried.left.offset))
     return tuple(made)

@@ -58,7 +58,7 @@ def misfit(model: HysteresisModel, data: FitData) -> Misfit:
 
     The nuisance columns are fitted to the rows in use alone; errors are of all rows.
     """
-    sections = data.measurement.sections
+    sections = data.sections
     behind = behind_chain([model.simulate(s.u).values[:, None] for s in sections], data)
     errors = [s.y[r.at] - c[:, 0] for c, s, r in zip(behind, sections, data.rows, strict=True)]
     fitted, level, found = [], [], []
@@ -277,7 +277,7 @@ def _warnings(found: tuple[ParameterEstimate, ...], covariance: Array) -> tuple[
 
 
 def _jacobian(fit: FitResult, data: FitData, searched: Sequence[str]) -> Array:
-    sections = data.measurement.sections
+    sections = data.sections
     parts = [fit.jacobian] if fit.jacobian is not None else []
     quasi = [fit.model.simulate(s.u).values[:, None] for s in sections]
     for name in searched:

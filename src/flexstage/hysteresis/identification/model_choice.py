@@ -119,7 +119,7 @@ class PredictionErrors:
 
 def prediction_errors(tried: FittedModel, data: FitData) -> PredictionErrors:
     """Return the errors of a model, on samples held out or else by cross-validation."""
-    percent = 100.0 / data.measurement.stroke
+    percent = 100.0 / data.stroke
     own = np.concatenate(tried.left.predicted_at(data.use)) * percent
     made = PredictionErrors(rms=root_mean_square(own), largest=float(np.max(np.abs(own))))
     held = tuple(~u for u in data.use)
@@ -153,7 +153,7 @@ def _of(error: float | None, percent: float) -> float | None:
 def choose(tried: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple[Candidate, ...]]:
     """Take the simplest model that is as good as the best on held-out cycles, within noise."""
     rows = {name: prediction_errors(t, data) for name, t in tried.items()}
-    percent = 100.0 / data.measurement.stroke
+    percent = 100.0 / data.stroke
     # what was held out says nothing where it stands still: parts of what was fitted were held out
     score = {
         n: t.folds.rms * percent if t.folds is not None else (rows[n].held or rows[n].rms)
@@ -195,5 +195,5 @@ def _by_chance(own: Folds | None, best: Folds | None, data: FitData) -> float:
     """Standard error of the difference of two held-out mean squares, from part to part [%^2]."""
     if own is None or best is None:
         return 0.0
-    difference = (own.mean_square - best.mean_square) * (100.0 / data.measurement.stroke) ** 2
+    difference = (own.mean_square - best.mean_square) * (100.0 / data.stroke) ** 2
     return float(np.std(difference, ddof=1) / np.sqrt(difference.size))

@@ -4,7 +4,7 @@ import functools
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -37,11 +37,9 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FitData:
+class FitData(IdentificationData):
     """What a model is fitted to: a measurement behind a known chain, some samples of it."""
 
-    measurement: IdentificationData
-    """The measurement."""
     chain: ChainValues
     """The chain behind the hysteresis."""
     rows: tuple[Rows, ...]
@@ -54,8 +52,13 @@ class FitData:
     @property
     def input_scale(self) -> float:
         """Range of the input."""
-        low, high = self.measurement.input_range
+        low, high = self.input_range
         return high - low
+
+    @property
+    def measurement(self) -> IdentificationData:
+        """The measurement alone."""
+        return IdentificationData(**_of_measurement(self))
 
     def with_use(self, use: tuple[NDArray[np.bool_], ...]) -> "FitData":
         """Return the same data with other samples held out."""
@@ -64,11 +67,27 @@ class FitData:
     def with_output(self, output: list[Array]) -> "FitData":
         """Return the same data with another output."""
         made = []
-        for s, r, values in zip(self.measurement.sections, self.rows, output, strict=True):
+        for s, r, values in zip(self.sections, self.rows, output, strict=True):
             y = s.y.copy()
             y[r.at] = values
             made.append(replace(s, y=y))
-        return replace(self, measurement=replace(self.measurement, sections=tuple(made)))
+        return replace(self, sections=tuple(made))
+
+
+def fit_data(
+    data: IdentificationData,
+    chain: ChainValues,
+    rows: tuple[Rows, ...] | None = None,
+    use: tuple[NDArray[np.bool_], ...] | None = None,
+) -> FitData:
+    """Return a measurement behind a chain; all of the usual rows are in use where not given."""
+    rows = rows_of(data.sections) if rows is None else rows
+    use = tuple(np.ones(r.at.size, dtype=bool) for r in rows) if use is None else use
+    return FitData(**_of_measurement(data), chain=chain, rows=rows, use=use)
+
+
+def _of_measurement(data: IdentificationData) -> dict[str, Any]:
+    return {f.name: getattr(data, f.name) for f in fields(IdentificationData)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,7 +144,7 @@ def behind_chain(columns: list[Array], data: FitData) -> list[Array]:
     """
     return [
         filtered(c, s, r, data.chain)
-        for c, s, r in zip(columns, data.measurement.sections, data.rows, strict=True)
+        for c, s, r in zip(columns, data.sections, data.rows, strict=True)
     ]
 
 
@@ -152,7 +171,7 @@ def equations(behind: list[Array], data: FitData, key: str = "") -> Normal:
 
 def _summed(behind: list[Array], data: FitData) -> Normal:
     own = []
-    for c, s, r, use in zip(behind, data.measurement.sections, data.rows, data.use, strict=True):
+    for c, s, r, use in zip(behind, data.sections, data.rows, data.use, strict=True):
         nuisance, y = s.nuisance[r.at], s.y[r.at]
         own.append(normal_equations(c, nuisance, y, runs(use)))
     return functools.reduce(operator.add, own)
@@ -171,19 +190,16 @@ def coarse(data: FitData) -> FitData:
     held out. What searches begin with is that of all samples.
     """
     if "coarse" not in data.memo:
-        share = _COARSE_SAMPLES // len(data.measurement.sections)
-        sections = tuple(averaged(s, share, _COARSE_LOOSE) for s in data.measurement.sections)
-        short = replace(data.measurement, sections=sections)
-        data.memo["coarse"] = short, rows_of(short, _COARSE_ROWS)
-    short, rows = data.memo["coarse"]
+        share = _COARSE_SAMPLES // len(data.sections)
+        sections = tuple(averaged(s, share, _COARSE_LOOSE) for s in data.sections)
+        data.memo["coarse"] = sections, rows_of(sections, _COARSE_ROWS)
+    sections, rows = data.memo["coarse"]
     use = tuple(
         _within(own.at, round(c.dt / s.dt), r.at, u)
-        for own, c, s, r, u in zip(
-            rows, short.sections, data.measurement.sections, data.rows, data.use, strict=True
-        )
+        for own, c, s, r, u in zip(rows, sections, data.sections, data.rows, data.use, strict=True)
     )
     memo = {name: kept for name, kept in data.memo.items() if name.endswith(" start")}
-    return replace(data, measurement=short, rows=rows, use=use, memo=memo)
+    return replace(data, sections=sections, rows=rows, use=use, memo=memo)
 
 
 def _within(
@@ -199,7 +215,7 @@ def _within(
 def residual(behind: list[Array], solution: Solution, data: FitData) -> Array:
     """Return what a solution leaves of the output, at the samples in use."""
     left, first = [], 0
-    for c, s, r, use in zip(behind, data.measurement.sections, data.rows, data.use, strict=True):
+    for c, s, r, use in zip(behind, data.sections, data.rows, data.use, strict=True):
         count = s.nuisance.shape[1]
         own = solution.nuisance[first : first + count]
         first += count
@@ -302,9 +318,7 @@ class LinearFit(ModelFit):
         if self.kind not in data.memo:
             parts, moving = [], []
             # a block at a time: all columns at all samples of a long record would not fit
-            for block in zip(
-                *(self.columns(s, data) for s in data.measurement.sections), strict=True
-            ):
+            for block in zip(*(self.columns(s, data) for s in data.sections), strict=True):
                 some = moves(block)
                 parts.append(behind_chain([c[:, some] for c in block], data))
                 moving.append(some)

@@ -110,9 +110,7 @@ class RefinedFit(ModelFit):
 
     def _evaluate(self, p: Array, data: FitData) -> tuple[float, list[Array]]:
         model = self.build(p, data)
-        behind = behind_chain(
-            [model.simulate(s.u).values[:, None] for s in data.measurement.sections], data
-        )
+        behind = behind_chain([model.simulate(s.u).values[:, None] for s in data.sections], data)
         left = _left(behind, data)
         rough = 0.0
         if self.penalty is not None:
@@ -122,7 +120,7 @@ class RefinedFit(ModelFit):
 
     def _jacobian(self, p: Array, scale: Array, data: FitData) -> list[Array]:
         """Change of the output with each parameter at the rows, by its scale."""
-        quasi = [self.changes(p, scale, section, data) for section in data.measurement.sections]
+        quasi = [self.changes(p, scale, section, data) for section in data.sections]
         return behind_chain(quasi, data)
 
     def changes(self, p: Array, scale: Array, section: Section, data: FitData) -> Array:
@@ -146,12 +144,12 @@ class RefinedFit(ModelFit):
 def _left(behind: list[Array], data: FitData) -> Array:
     """What is left of the output over the stroke, with the best offset."""
     every = []
-    for c, s, r, use in zip(behind, data.measurement.sections, data.rows, data.use, strict=True):
+    for c, s, r, use in zip(behind, data.sections, data.rows, data.use, strict=True):
         at = r.at[use]
         error = s.y[at] - c[use, 0]
         own = np.linalg.lstsq(s.nuisance[at], error, rcond=None)[0] if at.size else np.zeros(0)
         every.append(error - s.nuisance[at] @ own if at.size else error)
-    return np.concatenate(every) / data.measurement.stroke
+    return np.concatenate(every) / data.stroke
 
 
 def _step(
@@ -171,7 +169,7 @@ def _step(
     z0 = (p - base) / scale
     target = [
         s.y[r.at] - c[:, 0] + j @ z0
-        for s, r, c, j in zip(data.measurement.sections, data.rows, behind, J, strict=True)
+        for s, r, c, j in zip(data.sections, data.rows, behind, J, strict=True)
     ]
     normal = equations(J, data.with_output(target))
     weight = damping * np.diag(normal.gram)[: p.size]
@@ -180,7 +178,7 @@ def _step(
     right = normal.right.copy()
     right[: p.size] += weight * z0
     if penalty is not None:
-        own = penalty * normal.count * data.measurement.stroke**2
+        own = penalty * normal.count * data.stroke**2
         gram[: p.size, : p.size] += own
         right[: p.size] -= own @ (base / scale)
     solution: Solution = solve(replace(normal, gram=gram, right=right), free=free)

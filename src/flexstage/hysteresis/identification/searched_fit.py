@@ -65,10 +65,10 @@ class SearchedFit(ModelFit):
         The linear parameters, their columns behind the chain, and what is left of the output over
         the stroke.
         """
-        every = [self.columns(s, place, data) for s in data.measurement.sections]
+        every = [self.columns(s, place, data) for s in data.sections]
         behind = behind_chain(every, data)
         solution = self._solved(equations(behind, data))
-        return solution, behind, residual(behind, solution, data) / data.measurement.stroke
+        return solution, behind, residual(behind, solution, data) / data.stroke
 
     def _solved(self, normal: Normal) -> Solution:
         smoothing = None if self.penalty is None else normal.count * self.penalty
@@ -127,7 +127,7 @@ class SearchedFit(ModelFit):
             place = _downhill(place, self._slope(place, data), bend)
         solution, _, left = self.project(place, data)
         behind, normal = self._kept(start, data)
-        before = residual(behind, self._solved(normal), data) / data.measurement.stroke
+        before = residual(behind, self._solved(normal), data) / data.stroke
         near = np.max(np.abs(place - start)) <= _NEAR
         if near and left @ left <= before @ before:
             return place, solution
@@ -138,7 +138,7 @@ class SearchedFit(ModelFit):
         """Columns behind the chain that belong to a place, kept, and their equations."""
         key = f"{self.kind} at {place.tolist()}"
         if key not in data.memo:
-            quasi = [self.columns(s, place, data) for s in data.measurement.sections]
+            quasi = [self.columns(s, place, data) for s in data.sections]
             data.memo[key] = behind_chain(quasi, data)
         return data.memo[key], equations(data.memo[key], data, key)
 
@@ -148,7 +148,7 @@ class SearchedFit(ModelFit):
         At the best linear parameters it does not matter how these would change along.
         """
         solution, behind, left = self.project(place, data)
-        x, sections = solution.coefficients, data.measurement.sections
+        x, sections = solution.coefficients, data.sections
         slope = np.empty(place.size)
         for k in range(place.size):
             other = place.copy()
@@ -159,7 +159,7 @@ class SearchedFit(ModelFit):
                 [((m - c) @ x)[u] for m, c, u in zip(moved, behind, data.use, strict=True)]
             )
             slope[k] = -2.0 * _ABOUT * float(left @ change) / (other[k] - place[k])
-        return slope * data.measurement.stroke
+        return slope * data.stroke
 
     def _cost(self, place: Array, data: FitData) -> float:
         left = self.project(place, data)[2]
@@ -214,7 +214,7 @@ def _sensitivities(model: HysteresisModel, data: FitData) -> tuple[tuple[str, ..
         step = _STEP * abs(value)
         ends = [_with(model, name, value + sign * step, element) for sign in (1.0, -1.0)]
         moved = []
-        for s in data.measurement.sections:
+        for s in data.sections:
             up, down = (m.simulate(s.u).values for m in ends)
             moved.append(((up - down) / (2.0 * step))[:, None])
         names.append(name if element is None else f"{name}[{element}]")

@@ -54,9 +54,8 @@ def verdict(data: FitData, error_percent: float, noise_percent: float) -> Verdic
     The error is the rms of what the best model leaves over the stroke [%], held out where there is
     such a figure; the noise is that of the output [%].
     """
-    m = data.measurement
-    percent = 100.0 / m.stroke
-    found = list(m.findings)
+    percent = 100.0 / data.stroke
+    found = list(data.findings)
     if not any(f.kind == "butterfly" for f in found):
         found += zero_changes(data)
     line = _line(data) * percent
@@ -80,7 +79,7 @@ def verdict(data: FitData, error_percent: float, noise_percent: float) -> Verdic
 def _line(data: FitData) -> float:
     """What a straight line with the columns beside the model leaves, in the unit of the output."""
     squares, count = 0.0, 0
-    for s, r, use in zip(data.measurement.sections, data.rows, data.use, strict=True):
+    for s, r, use in zip(data.sections, data.rows, data.use, strict=True):
         at = r.at[use]
         if at.size == 0:
             continue
@@ -105,15 +104,14 @@ def remarks(
     `settling` is by how much what the drive did before may change readings [unit of the output];
     `held_out` says whether samples were, which a range of the record was asked for.
     """
-    m = data.measurement
     return (
-        *_untold(m, found),
-        *m.warnings,
+        *_untold(data, found),
+        *data.warnings,
         *(_no_motion(data) if held_out else ()),
         *_history(settling, errors, data),
         *found.notes,
         *_unusual_creep(found, data),
-        *_hidden_mode(found, m),
+        *_hidden_mode(found, data),
         *_broken(tried),
         *tried.fit.notes,
     )
@@ -146,10 +144,10 @@ def _no_motion(data: FitData) -> tuple[str, ...]:
 
 def stands_still(data: FitData) -> bool:
     """Return whether the input hardly moves where samples are held out."""
-    low, high = data.measurement.input_range
+    low, high = data.input_range
     moved = [
         float(np.ptp(s.u[r.at[~use]]))
-        for s, r, use in zip(data.measurement.sections, data.rows, data.use, strict=True)
+        for s, r, use in zip(data.sections, data.rows, data.use, strict=True)
         if not use.all()
     ]
     return max(moved, default=0.0) < _STILL * (high - low)
@@ -158,7 +156,7 @@ def stands_still(data: FitData) -> bool:
 def _history(settling: float, errors: PredictionErrors, data: FitData) -> tuple[str, ...]:
     """Say where what the drive did before matters more than the model's own error."""
     held = errors.held if errors.held is not None else errors.rms
-    own = 100.0 * settling / data.measurement.stroke
+    own = 100.0 * settling / data.stroke
     if own <= held:
         return ()
     return (

@@ -83,7 +83,7 @@ def zero_changes(data: FitData) -> list[RecordFault]:
         for row, size in zip(rows, without.extra, strict=True)
     ]
     # a jump makes a trend, and is mended first
-    if not made and not data.measurement.drift:
+    if not made and not data.drift:
         made = _drifts(data, fits, _square(without))
     return sorted(made, key=lambda f: (f.record, f.at))
 
@@ -102,14 +102,12 @@ class _Fit:
     """A coarse model of all records, one below the other."""
 
     def __init__(self, data: FitData) -> None:
-        m = data.measurement
-        share = max(1, _SAMPLES // len(m.sections))
-        short = tuple(averaged(s, share) for s in m.sections)
-        self.sections, self._full = short, m.sections
-        measured = replace(m, sections=short)
-        self.rows = rows_of(measured, _ROWS)
+        share = max(1, _SAMPLES // len(data.sections))
+        short = tuple(averaged(s, share) for s in data.sections)
+        self.sections, self._full = short, data.sections
+        self.rows = rows_of(short, _ROWS)
         self._bare = replace(data.chain, creep_per_decade=0.0, spectrum=None)
-        own = FitData(measurement=measured, chain=self._bare, rows=self.rows, use=())
+        own = replace(data, sections=short, chain=self._bare, rows=self.rows, use=(), memo={})
         method = PreisachFit(*_DICTIONARY)
         self._quasi = [
             np.asfortranarray(np.concatenate(list(method.columns(s, own)), axis=1)) for s in short
@@ -317,16 +315,15 @@ def _steps(u: Array, near: int) -> NDArray[np.bool_]:
 
 
 def _jump_fault(data: FitData, record: int, at: float, size: float) -> RecordFault:
-    m = data.measurement
-    jump = m.sign * size
-    percent = 100.0 * jump / m.stroke
+    jump = data.sign * size
+    percent = 100.0 * jump / data.stroke
     return RecordFault(
         kind="jump",
         record=record,
         at=(at,),
         size=jump,
         percent=percent,
-        text=f"the output jumps by {readable(m.output_unit, jump)} "
+        text=f"the output jumps by {readable(data.output_unit, jump)} "
         f"({percent:.2g} % of the stroke) at {at:.6g} s and stays there, and the input "
         "does not: has the zero of the sensor changed, or has something slipped? "
         "Identify one side of it, by --rows",
@@ -335,7 +332,6 @@ def _jump_fault(data: FitData, record: int, at: float, size: float) -> RecordFau
 
 def _drifts(data: FitData, fits: Sequence[_Fit], without: float) -> list[RecordFault]:
     """Compare the best model without a trend with the best one with it, of every start of creep."""
-    m = data.measurement
     solved = [(f, f.solve(f.trends)) for f in fits]
     fit, best = min(solved, key=lambda pair: _square(pair[1]))
     if _square(best) > (1.0 - _WORTH) * without:
@@ -343,15 +339,15 @@ def _drifts(data: FitData, fits: Sequence[_Fit], without: float) -> list[RecordF
     early, late = np.minimum(fit.trends, 0.0), np.maximum(fit.trends, 0.0)
     halves = fit.solve(np.column_stack((early, late))).extra
     made: list[RecordFault] = []
-    count = len(m.sections)
-    for k, s in enumerate(m.sections):
+    count = len(data.sections)
+    for k, s in enumerate(data.sections):
         # over what is compared, and then over the record
         r = fit.rows[k].at
         longer = fit.sections[k].u.size / float(r[-1] - r[0])
         others = np.delete(fit.trends, k, axis=1)
-        size = longer * m.sign * float(best.extra[k])
+        size = longer * data.sign * float(best.extra[k])
         error = longer * fit.error_of(best, fit.trends[:, k], others)
-        percent = 100.0 * size / m.stroke
+        percent = 100.0 * size / data.stroke
         slow, fast = sorted((abs(halves[k]), abs(halves[count + k])))
         if (
             halves[k] * halves[count + k] <= 0.0
@@ -363,7 +359,7 @@ def _drifts(data: FitData, fits: Sequence[_Fit], without: float) -> list[RecordF
         # starts that are as good give other trends
         good = [o.extra[k] for _, o in solved if (1.0 - _WORTH) * _square(o) <= _square(best)]
         error = math.hypot(error, 0.5 * longer * float(np.ptp(good)))
-        unit, factor = readable_unit(size / (s.u.size * s.dt), f"{m.output_unit or 'units'}/s")
+        unit, factor = readable_unit(size / (s.u.size * s.dt), f"{data.output_unit or 'units'}/s")
         per_second = factor / (s.u.size * s.dt)
         made.append(
             RecordFault(

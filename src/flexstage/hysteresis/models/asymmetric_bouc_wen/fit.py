@@ -27,8 +27,8 @@ class AsymmetricBoucWenFit(SearchedFit):
 
     def build(self, place: Array, coefficients: Array, data: FitData) -> AsymmetricBoucWen:
         beta, gamma = shape_at(place, data.input_scale)
-        low, high = data.measurement.input_range
-        least = 1e-12 * data.measurement.stroke / data.input_scale
+        low, high = data.input_range
+        least = 1e-12 * data.stroke / data.input_scale
         return AsymmetricBoucWen(
             gain=float(coefficients[0]),
             quadratic=float(coefficients[1]),

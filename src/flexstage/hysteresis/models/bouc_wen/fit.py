@@ -39,5 +39,5 @@ class BoucWenFit(SearchedFit):
 
     def build(self, place: Array, coefficients: Array, data: FitData) -> BoucWen:
         beta, gamma = shape_at(place, data.input_scale)
-        gain = max(float(coefficients[1]), 1e-12 * data.measurement.stroke / data.input_scale)
+        gain = max(float(coefficients[1]), 1e-12 * data.stroke / data.input_scale)
         return BoucWen(gain=float(coefficients[0]), hysteresis_gain=gain, beta=beta, gamma=gamma)

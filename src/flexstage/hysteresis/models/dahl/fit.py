@@ -24,7 +24,7 @@ class DahlFit(SearchedFit):
         return np.column_stack((section.u, unit.simulate(section.u).values))
 
     def build(self, place: Array, coefficients: Array, data: FitData) -> Dahl:
-        least = 1e-12 * data.measurement.stroke / data.input_scale
+        least = 1e-12 * data.stroke / data.input_scale
         stiffness = max(float(coefficients[1]), least)
         limit = stiffness * _limit(place, data.input_scale)
         return Dahl(gain=float(coefficients[0]), stiffness=stiffness, limit=limit)

@@ -30,7 +30,7 @@ class DuhemFit(SearchedFit):
         return duhem_columns(section.u, _rate(place, data), _CURVE, _TANGENT)
 
     def build(self, place: Array, coefficients: Array, data: FitData) -> Duhem:
-        low, high = data.measurement.input_range
+        low, high = data.input_range
         return Duhem(
             rate=_rate(place, data),
             anhysteretic=coefficients[:_CURVE],

@@ -42,7 +42,7 @@ class GeneralisedBoucWenFit(RefinedFit):
         return data.memo[key][0].copy()
 
     def bounds(self, data: FitData) -> tuple[Array, Array]:
-        slope = data.measurement.stroke / data.input_scale
+        slope = data.stroke / data.input_scale
         low = np.full(8, -np.inf)
         low[:2] = 0.0, 1e-6 * slope
         low[2:6] = _LEAST / data.input_scale
@@ -51,7 +51,7 @@ class GeneralisedBoucWenFit(RefinedFit):
         return low, scale
 
     def build(self, parameters: Array, data: FitData) -> GeneralisedBoucWen:
-        low, high = data.measurement.input_range
+        low, high = data.input_range
         return GeneralisedBoucWen(
             gain=float(parameters[0]),
             hysteresis_gain=float(parameters[1]),

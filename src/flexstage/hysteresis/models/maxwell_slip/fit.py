@@ -42,7 +42,7 @@ class GeneralisedMaxwellSlipFit(RefinedFit):
         return np.concatenate((stiffness, elements, np.zeros(_KINKS)))
 
     def bounds(self, data: FitData) -> tuple[Array, Array]:
-        slope = data.input_scale / data.measurement.stroke
+        slope = data.input_scale / data.stroke
         low = np.zeros(self.size)
         low[0] = 1e-3 * slope
         low[1 + PLAYS :] = -np.inf
@@ -82,7 +82,7 @@ class GeneralisedMaxwellSlipFit(RefinedFit):
             kinks = interior_kinks(data, plays, _KINKS)
             # plays that stand still after a turn, as where noise of the input or a delay blunts
             # it, have no inverse; some slope there is enough to begin with
-            least = _FLATTEST * data.measurement.stroke / data.input_scale
+            least = _FLATTEST * data.stroke / data.input_scale
             start = replace(plays, gain=max(plays.gain, least))
             gain, thresholds, weights = start.inverse_plays()
             # a play is the displacement less a stop, so that negative plays are stops and a spring

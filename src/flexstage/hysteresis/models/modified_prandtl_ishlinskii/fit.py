@@ -26,7 +26,7 @@ _SMOOTHING = 3e-4
 
 def interior_kinks(data: FitData, plays: PrandtlIshlinskii, count: int) -> Array:
     """Return where a line behind plays may bend: evenly over the output, and not at zero."""
-    ends = [plays.simulate(s.u).values[s.warm_up :] for s in data.measurement.sections]
+    ends = [plays.simulate(s.u).values[s.warm_up :] for s in data.sections]
     low, high = min(e.min() for e in ends), max(e.max() for e in ends)
     kinks = np.linspace(low, high, count + 2)[1:-1]
     distance = (high - low) / (count + 1)
@@ -50,7 +50,7 @@ class ModifiedPrandtlIshlinskiiFit(RefinedFit):
         return np.concatenate(([model.gain], model.weights, np.ones(kinks.size + 1)))
 
     def bounds(self, data: FitData) -> tuple[Array, Array]:
-        slope = data.measurement.stroke / data.input_scale
+        slope = data.stroke / data.input_scale
         low = np.zeros(2 + PLAYS + _KINKS)
         low[0] = 1e-3 * slope
         low[1 + PLAYS :] = _FLATTEST

@@ -40,7 +40,7 @@ class PreisachFit(LinearFit):
         self.size = thresholds * means
 
     def _grid(self, data: FitData) -> tuple[Array, Array]:
-        low, high = data.measurement.input_range
+        low, high = data.input_range
         # a play of more than half of the range moves once, on the way out of rest
         thresholds = 0.5 * (high - low) * np.arange(self._thresholds) / self._thresholds
         return thresholds, np.linspace(low, high, self._means + 1)

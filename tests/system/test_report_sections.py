@@ -1,0 +1,119 @@
+"""Sections of a report from plain data: whatever a room hands over is shown, and is no HTML."""
+
+import re
+from functools import partial
+
+import pytest
+from matplotlib.figure import Figure
+
+from flexstage.errors import ModelError
+from flexstage.report.figures.style import new_figure
+from flexstage.report.page import page_html, sections_html
+from flexstage.section import Bullets, Definitions, Picture, Pictures, Section
+from flexstage.table import Cell, Column, Table, table
+
+ODD = "<b>a & \"b\"</b> 'c' -5 {{ 7 * 7 }} $x^{"
+SHOWN = "&lt;b&gt;a &amp; &#34;b&#34;&lt;/b&gt; &#39;c&#39; −5 {{ 7 * 7 }} $x^{"
+
+
+def plot() -> Figure:
+    figure = new_figure(3.0, 2.0)
+    figure.subplots()
+    return figure
+
+
+def picture(title: str = "a plot") -> Picture:
+    return Picture(result=partial(plot), title=title, caption=f"{title}.")
+
+
+def test_every_kind_of_content_is_shown_in_its_order() -> None:
+    inner = Section(title="Inside", content=("words",))
+    rows = table("What is.", ("axis", "stroke [µm]"), [("x", 64)], notes=("once",))
+    section = Section(
+        title="A test",
+        key="test",
+        notes=("beforehand",),
+        content=(
+            "first",
+            rows,
+            picture(),
+            Pictures(shown=(picture("left"), picture("right")), columns=2),
+            Bullets(("one", "two")),
+            Definitions({"name": "value"}),
+            inner,
+        ),
+    )
+    text = sections_html(section)
+    places = [
+        text.index(word)
+        for word in (
+            '<section id="test"><h2>A test</h2>',
+            '<div class="note"><p>beforehand</p></div>',
+            "<p>first</p>",
+            "<caption><b>Table 1.</b> What is.</caption>",
+            '<td class="text">x</td><td>64</td>',
+            "<li>once</li>",
+            "<b>Figure 1.</b> a plot.",
+            '<div class="plots two">',
+            "<b>Figure 2.</b> left.",
+            "<b>Figure 3.</b> right.",
+            "<li>two</li>",
+            "<dt>name</dt><dd>value</dd>",
+            "<h3>Inside</h3>",
+            "<p>words</p>",
+        )
+    ]
+    assert places == sorted(places)
+    ids = re.findall(r'\bid="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
+
+
+def test_words_are_words() -> None:
+    made = table(ODD, (ODD, Column(ODD, group=ODD)), [(Cell(ODD, small=ODD), ODD)], notes=(ODD,))
+    content = (ODD, made, Bullets((ODD,)), Definitions({ODD: ODD}), picture(ODD))
+    text = page_html(
+        heading=ODD,
+        lead=ODD,
+        version="1",
+        sections=(Section(title=ODD, key="k", content=content, notes=(ODD,)),),
+        notes=(ODD, "other"),
+    )
+    assert "<b>a" not in text
+    assert "49" not in re.sub(r"<(style|script)>.*?</\1>", "", text, flags=re.S)
+    assert text.count(SHOWN) >= 14
+
+
+def test_a_table_has_groups_and_sets_its_subjects_apart() -> None:
+    columns = (
+        Column("q", "title"),
+        Column("a", group="both"),
+        Column("b", group="both"),
+        Column("c"),
+    )
+    rows = [("one", 1, 2, 3), ("one", 4, 5, 6), ("two", Cell("7", mark="ours", note="why"), 8, 9)]
+    made = table("", columns, rows, divided=True)
+    assert made.groups == (("", 1), ("both", 2), ("", 1))
+    assert made.divisions == (True, False, True)
+    text = sections_html(Section(title="", key="t", content=(made,)))
+    assert '<th colspan="2">both</th>' in text
+    assert '<tr class="next"><th class="text">two</th><td class="ours" title="why">7</td>' in text
+    assert "<caption>" not in text
+
+
+def test_a_row_of_another_length_is_refused() -> None:
+    with pytest.raises(ModelError, match="a row of the table 'short' has 1 cells, expected 2"):
+        Table(caption="short", columns=(Column("a"), Column("b")), rows=((Cell("1"),),))
+
+
+def test_a_result_that_nothing_draws_is_refused() -> None:
+    for view in ("", "upside down"):
+        shown = Picture(result=object(), view=view, title="t", caption="c")
+        with pytest.raises(ModelError, match=r"no drawing shows a object.*there are drawings of"):
+            sections_html(Section(title="", key="s", content=(shown,)))
+
+
+def test_what_a_template_lacks_is_an_error_and_no_gap() -> None:
+    from jinja2 import UndefinedError
+
+    with pytest.raises(UndefinedError):
+        page_html(heading="h", lead="l", version="1", template="study.html")
