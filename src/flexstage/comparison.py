@@ -7,6 +7,17 @@ from flexstage.characteristic import ORIGINS, Characteristic
 from flexstage.quantities import QUANTITIES, display
 from flexstage.short_repr import short_repr
 
+# what columns are called in a document of its own
+_TITLES = {
+    "published-analytic": "published, analytic",
+    "published-fem": "published, FEM",
+    "published-measured": "published, measured",
+    "superelement": "FEM 2D, condensed",
+    "plane": "FEM 2D",
+    "solid": "FEM 3D",
+    "virtual": "virtual measurement",
+}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparisonRow:
@@ -157,3 +168,8 @@ def shared_rows(rows: Iterable[ComparisonRow]) -> list[ComparisonRow]:
 def _same(one: ComparisonRow, other: ComparisonRow) -> bool:
     values = [{c: (cell.value, cell.note) for c, cell in r.cells.items()} for r in (one, other)]
     return one.quantity == other.quantity and values[0] == values[1]
+
+
+def title_of(origin: str) -> str:
+    """Return what an origin is called in a document that does not explain it."""
+    return _TITLES.get(origin, origin)

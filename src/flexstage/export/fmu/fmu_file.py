@@ -1,22 +1,14 @@
 """An FMU: one file that other simulation programs run as a block, with its header and its icon."""
 
-import io
-from typing import TYPE_CHECKING
-
-import numpy as np
-
-from flexstage.hysteresis.model import Array
-from flexstage.stage import Circle, Stage
-from flexstage.stage.contour import body_contour
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 import hashlib
+import io
 import uuid
 import zipfile
 from importlib.resources import files
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 from xml.etree import ElementTree as ET
+
+import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.export.fmu.compiled import OPTIONS, binary_folder, compiler, shared_library
@@ -27,6 +19,12 @@ from flexstage.export.request import ExportRequest
 from flexstage.export.source.arrays import c_comment, c_number
 from flexstage.export.source.render import render_source
 from flexstage.hysteresis.dynamic_model import DynamicModel
+from flexstage.hysteresis.model import Array
+from flexstage.stage import Circle, Stage
+from flexstage.stage.contour import body_contour
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _SHARED = ("fmu_export.h", "me.h", "fmu_body.h")
 _OWN = {"2.0": ("fmi2_types.h", "fmi2.c"), "3.0": ("fmi3_types.h", "fmi3.c")}

@@ -1,18 +1,20 @@
-"""Tables of characteristics in every format at once."""
+"""Tables of characteristics in every format at once; those with commas between are written here."""
 
+import csv
+import io
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields
 
 import flexstage
 from flexstage.characteristic import Characteristic
-from flexstage.comparison import compare
+from flexstage.comparison import Comparison, compare
 from flexstage.errors import ModelError, StageError
 from flexstage.export.request import ExportRequest
-from flexstage.export.tables.comma import comparison_csv, values_csv
 from flexstage.export.tables.latex import latex
 from flexstage.export.tables.workbook import workbook
 from flexstage.files.names import file_name
 from flexstage.provenance import Provenance
-from flexstage.quantities import Quantity, display
+from flexstage.quantities import QUANTITIES, Quantity, display
 
 
 def table_files(
@@ -65,11 +67,49 @@ def table_files(
     table, plain = compare(rows), file_name(name)
     notes = tuple(dict.fromkeys(notes))
     return {
-        f"{plain}-values.csv": values_csv(rows),
-        f"{plain}-comparison.csv": comparison_csv(table),
+        f"{plain}-values.csv": _values_csv(rows),
+        f"{plain}-comparison.csv": _comparison_csv(table),
         f"{plain}-tables.xlsx": workbook(told, rows, table, display, about, notes),
         f"{plain}-table.tex": latex(name, told, table, display, about, notes),
     }
+
+
+def _values_csv(characteristics: Iterable[Characteristic]) -> bytes:
+    """Write one line for each value, with all the digits that give back the same bits."""
+    names = [f.name for f in fields(Characteristic)]
+    return _csv(names, ([getattr(c, n) for n in names] for c in characteristics))
+
+
+def _comparison_csv(table: Comparison) -> bytes:
+    """Write one line for each quantity and axis, with a column of values for each origin.
+
+    An origin of which an uncertainty is known has a column for it as well.
+    """
+    head = ["quantity", "axis", "unit", "condition"]
+    for origin in table.columns:
+        head += [origin, f"{origin} uncertainty"] if origin in table.uncertain else [origin]
+    lines = []
+    for row in table.rows:
+        line: list[object] = [row.quantity, row.axis, QUANTITIES[row.quantity].unit, row.remark]
+        for origin in table.columns:
+            cell = row.cells.get(origin)
+            line.append(None if cell is None else cell.value)
+            if origin in table.uncertain:
+                line.append(None if cell is None else cell.uncertainty)
+        lines.append(line)
+    return _csv(head, lines)
+
+
+def _csv(head: list[str], lines: Iterable[list[object]]) -> bytes:
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\r\n")
+    rows.writerow(head)
+    for line in lines:
+        # repr gives back the same bits
+        rows.writerow(
+            ["" if v is None else repr(float(v)) if isinstance(v, float) else v for v in line]
+        )
+    return text.getvalue().encode()
 
 
 def export_csv(request: ExportRequest) -> dict[str, bytes]:

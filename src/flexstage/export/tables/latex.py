@@ -5,8 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import flexstage
 from flexstage.characteristic import Characteristic
-from flexstage.comparison import Comparison, ComparisonRow
-from flexstage.export.tables.titles import title_of
+from flexstage.comparison import Comparison, ComparisonRow, title_of
 from flexstage.quantities import Quantity, beside, number
 
 #: Shares of the width of the text: the names of the quantities beside a few columns of figures, and

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import flexstage
 from flexstage.characteristic import Characteristic
-from flexstage.comparison import Comparison, ComparisonRow
-from flexstage.export.tables.titles import title_of
+from flexstage.comparison import Comparison, ComparisonRow, title_of
 from flexstage.quantities import Quantity
 
 if TYPE_CHECKING:

@@ -83,7 +83,7 @@ def local_poles(frequency_hz: Array, response: Complex) -> tuple[Complex, Array]
 def _rational(x: Array, h: Complex, count: int, degree: int) -> tuple[Array, Complex]:
     """Fit h (1 + d x + ...) = n in each window: sum of squares left, and poles.
 
-    x and h hold a window in each column; x may be one column for all.
+    x and h hold a window in each column.
     """
     below = np.zeros((count, h.shape[1]), dtype=np.complex128)
     terms = degree + 1 + count
@@ -96,10 +96,8 @@ def _rational(x: Array, h: Complex, count: int, degree: int) -> tuple[Array, Com
         np.multiply(h, columns[0], out=columns[terms])
         for n in range(degree):
             np.multiply(columns[n], x, out=columns[n + 1])
-        for n in range(count):
-            np.multiply(
-                columns[degree + n if n else terms], x if n else -x, out=columns[degree + 1 + n]
-            )
+        for n in range(degree + 1, terms):
+            np.multiply(columns[n - 1] if n > degree + 1 else -columns[terms], x, out=columns[n])
         _orthogonalised(columns, r)
         diagonal = np.abs(np.einsum("cck->ck", r[:, :terms]))
         sure = (diagonal > 1e-10 * diagonal.max(axis=0)).all(axis=0)
