@@ -220,6 +220,16 @@ def test_a_motion_that_repeats_is_followed_without_smoothing(kind, chain):
     )
 
 
+def test_harmonics_above_the_band_are_left_out_and_told():
+    drive = drive_of("preisach", **CHAINS["resonance"])
+    wanted = one_period(drive, 0.7)  # of 2 and 6 Hz
+    made = feedforward(drive, wanted, DT, periods=2, band_hz=5.0)
+    left = np.abs(np.fft.rfft(made.reference[: wanted.size] - wanted))
+    assert np.flatnonzero(left > 1e-9 * left.max()).tolist() == [3]
+    assert made.smoothing == pytest.approx(2.0 * left.max() / wanted.size, rel=1e-3)
+    assert any("smoothed to a band of 5 Hz" in note for note in made.notes)
+
+
 @pytest.mark.parametrize("kind", EACH)
 @pytest.mark.parametrize("chain", CHAINS)
 def test_an_endless_repetition_repeats(kind, chain):
@@ -314,6 +324,8 @@ def test_out_of_reach_is_refused_with_the_range():
         ({"largest_rate": math.nan}, "largest rate"),
         ({"band_hz": 0.0}, "band"),
         ({"band_hz": math.inf}, "band"),
+        ({"periods": -1}, "once or more, or 0"),
+        ({"periods": 2, "band_hz": -3.0}, "a band must be positive"),
         ({"band_hz": 1e-9}, "leaves nothing of a sequence of 3 s"),
         ({"limits": (math.nan, 5.0)}, "must rise"),
         ({"state": [1.0]}, "a state of dahl"),

@@ -19,12 +19,13 @@ from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.instruments.waveform import Quantity, Waveform
 from flexstage.provenance import content_hash
-from flexstage.stage import PiezoStack
+from flexstage.stage import PiezoStack, Stage
 
 if TYPE_CHECKING:
-    from flexstage.experiments.run_context import RunContext
-    from flexstage.experiments.verbs.measure import Measure
     from flexstage.records import Record
+
+#: Highest rate of samples of an instrument that nobody has asked [Hz].
+BASE_RATE_HZ = 10e3
 
 #: What the acceleration at a blow is called.
 RESPONSE = "acceleration {}"
@@ -106,12 +107,14 @@ class CommandWaveform:
         whole = abs(record.size - self.waveform.size * rate) < 3.0 * max(rate, 1.0)
         return (round(self.first * rate), round(self.period * rate)) if whole else (0, 0)
 
-    def signals(self, context: "RunContext", wanted: "Measure") -> list[Signal]:
+    def signals(
+        self, sensors: Sequence[Signal], outputs: Sequence[str], stage: Stage
+    ) -> list[Signal]:
         """Return what is recorded: sensors, and the voltages of the drives that have one."""
-        sensors = dict.fromkeys((*wanted.roles.values(), *wanted.output, *wanted.also))
-        found = [context.signal(sensor) for sensor in sensors]
+        del outputs
+        found = [*sensors]
         for axis in self.axes:
-            if isinstance(context.stage.drive(context.stage.axis(axis).drive), PiezoStack):
+            if isinstance(stage.drive(stage.axis(axis).drive), PiezoStack):
                 name = _named("voltage", axis, self)
                 found.append(Signal(kind="voltage", source=axis, name=name, unit="V"))
         return found
@@ -323,14 +326,16 @@ class Strike:
         del record
         return 0, 0
 
-    def signals(self, context: "RunContext", wanted: "Measure") -> list[Signal]:
-        """Return what is recorded: the force, and accelerations."""
-        del context
+    def signals(
+        self, sensors: Sequence[Signal], outputs: Sequence[str], stage: Stage
+    ) -> list[Signal]:
+        """Return what is recorded: the force, and accelerations along axes."""
+        del sensors, stage
         return [
             Signal(kind="force", source=self.axis, name="force", unit="N"),
             *(
                 Signal(kind="response", source=a, name=RESPONSE.format(a), unit="m/s^2")
-                for a in wanted.output or (self.axis,)
+                for a in outputs or (self.axis,)
             ),
         ]
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from flexstage.errors import FlexstageError
 from flexstage.experiments.axis_limits import lowest_frequency
+from flexstage.experiments.command import BASE_RATE_HZ
 from flexstage.experiments.plan import Plan
 from flexstage.experiments.verb import PlanContext, PlannedStep
-from flexstage.experiments.verbs.excite import BASE_RATE_HZ
 from flexstage.stage import Stage
 
 

@@ -1,6 +1,6 @@
 """What the steps of a plan gave."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -19,7 +19,6 @@ from flexstage.experiments.verb import StepResult
 from flexstage.files.plain import picked, plain
 from flexstage.instruments.protocol import Identity
 from flexstage.provenance import provenance
-from flexstage.section import Section
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
@@ -145,16 +144,6 @@ class PlanResult:
             figures=self.figures,
             sources={name: digest for s in self.steps for name, digest in s.sources.items()},
         )
-
-    def sections(self) -> Iterator[Section]:
-        """Give the section of the report of each verb that was carried out."""
-        from flexstage.experiments.verbs import VERBS
-
-        for verb in VERBS.values():
-            steps = self.of(verb.verb)
-            section = verb.section(steps, self) if steps else None
-            if section is not None:
-                yield section
 
     def figure(self, quantity: str, axis: str) -> MeasuredCharacteristic:
         """Return one figure; refused where no step gave it."""

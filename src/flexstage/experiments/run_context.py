@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
-from flexstage.experiments.command import Command
+from flexstage.experiments.command import BASE_RATE_HZ, Command
 from flexstage.experiments.verb import PlanContext, StepResult
-from flexstage.experiments.verbs.excite import BASE_RATE_HZ
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.provenance import content_hash

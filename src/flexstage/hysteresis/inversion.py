@@ -12,10 +12,12 @@ from flexstage.hysteresis.drive_model import DriveModel, Start, creep_start, uns
 from flexstage.hysteresis.limited_inverse import command_limits, limited_inverse
 from flexstage.hysteresis.model import Array, samples
 from flexstage.hysteresis.periodic import (
+    HIGHEST,
     steady_displacement,
     steady_input,
     steady_reading,
     steady_start,
+    within_band,
 )
 from flexstage.units import readable
 
@@ -135,22 +137,24 @@ def feedforward(
     given = samples(reference, "reference")
     if not (dt > 0.0 and np.isfinite(dt)):
         raise ModelError(f"the step between samples must be positive and finite, got {dt!r} s")
+    if periods is not None and periods < 0:
+        raise ModelError(f"a motion is repeated once or more, or 0 for without end, got {periods}")
     if start is None:
         start = model.start if state is None else "rested"
-    endless = periods == 0
-    wanted = given if not periods else np.tile(given, periods)
+    endless, count = periods == 0, periods or 1
+    wanted = np.tile(given, count)
     memory = steady_start(model) if endless else _memory(model, state)
     low, high = command_limits(model, limits)
-    smooth, notes = wanted, []
+    one, notes = _made_smooth(model, given, dt, band_hz, repeats=periods is not None)
+    smooth = np.tile(one, count)
     if endless:
-        found = steady_input(model, _endless(model, given, dt, band_hz), (low, high), wanted=given)
+        found = steady_input(model, _endless(model, one, dt, band_hz), (low, high), wanted=given)
     else:
         if periods is None:
-            smooth, notes = _made_smooth(model, wanted, dt, band_hz)
             target = _made_once(model, smooth, dt)
         else:
-            one = steady_displacement(model, given, 1.0 / dt, creep=False, band_hz=band_hz)
-            target = np.tile(one, periods)
+            x = steady_displacement(model, one, 1.0 / dt, creep=False, band_hz=band_hz)
+            target = np.tile(x, count)
         if model.creep is not None:
             target = _without_creep(model.creep, target, dt, start)
         found = limited_inverse(model, target, memory, (low, high), wanted)
@@ -232,13 +236,15 @@ def _without_creep(creep: Creep, target: Array, dt: float, start: Start | Array)
 
 
 def _made_smooth(
-    model: DriveModel, wanted: Array, dt: float, band_hz: float | None
+    model: DriveModel, wanted: Array, dt: float, band_hz: float | None, *, repeats: bool
 ) -> tuple[Array, list[str]]:
+    if band_hz is None and repeats:
+        band_hz = HIGHEST / dt
     if band_hz is None and model.modes is not None:
         band_hz = _BAND * min(model.modes.frequency_hz)
     if band_hz is None:
         return wanted, []
-    smooth = smoothed(wanted, dt, band_hz)
+    smooth = within_band(wanted, 1.0 / dt, band_hz) if repeats else smoothed(wanted, dt, band_hz)
     change = np.abs(smooth - wanted)
     if change.max() <= _SMOOTH * max(float(np.ptp(wanted)), 1e-300):
         return wanted, []

@@ -4,12 +4,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array, Complex
-from flexstage.errors import ConvergenceError
+from flexstage.errors import ConvergenceError, ModelError
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.limited_inverse import LimitedInverse, command_limits, limited_inverse
 
 #: Harmonics above this part of the rate of samples are left out.
-_HIGHEST = 0.4
+HIGHEST = 0.4
 #: A hysteresis repeats when its input changes by less than this share of the range in a period.
 _SAME = 1e-9
 _MOST_PERIODS = 40
@@ -40,11 +40,20 @@ def steady_displacement(
     """
     y = np.asarray(reading, dtype=np.float64) - model.offset
     f = np.fft.rfftfreq(y.size, 1.0 / sample_rate_hz)
-    highest = _HIGHEST * sample_rate_hz if band_hz is None else band_hz
+    highest = HIGHEST * sample_rate_hz if band_hz is None else band_hz
     kept = f <= highest
     spectrum = np.zeros(f.size, dtype=np.complex128)
     spectrum[kept] = np.fft.rfft(y)[kept] / chain_response(model, f[kept], creep=creep)
     return np.asarray(np.fft.irfft(spectrum, y.size), dtype=np.float64)
+
+
+def within_band(values: Array, sample_rate_hz: float, band_hz: float) -> Array:
+    """Return one period without its harmonics above a band."""
+    if not (band_hz > 0.0 and np.isfinite(band_hz)):
+        raise ModelError(f"a band must be positive and finite, got {band_hz!r} Hz")
+    spectrum = np.fft.rfft(values)
+    spectrum[np.fft.rfftfreq(values.size, 1.0 / sample_rate_hz) > band_hz] = 0.0
+    return np.asarray(np.fft.irfft(spectrum, values.size))
 
 
 def steady_output(model: DriveModel, u: ArrayLike) -> Array:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import flexstage
 from flexstage.experiments.results import PlanResult
+from flexstage.experiments.verbs import VERBS
 from flexstage.quantities import beside, display
 from flexstage.report.measurement import measurement_section
 from flexstage.report.page import page_html
@@ -59,7 +60,11 @@ def _sections(result: PlanResult) -> Iterator[Section]:
         whole = measurement_section(measured, *_further(result))
         yield Section(key="figures", title="Figures", content=whole.content, notes=whole.notes)
     records = Section(key="record", title="What was recorded", content=())
-    for section in result.sections():
+    for word, verb in VERBS.items():
+        steps = result.of(word)
+        section = verb.section(steps, result) if steps else None
+        if section is None:
+            continue
         if section.key == records.key:
             records = section
         else:

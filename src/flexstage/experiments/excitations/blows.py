@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexstage.experiments.axis_limits import AxisSetting
-from flexstage.experiments.command import Strike
+from flexstage.experiments.command import BASE_RATE_HZ, Strike
 from flexstage.experiments.verb import PlanContext, PlannedStep
-from flexstage.experiments.verbs.excite import BASE_RATE_HZ, Excite
+from flexstage.experiments.verbs.excite import Excite
 from flexstage.files.ranges import Count
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import LimitError, PlanError
 from flexstage.experiments.axis_limits import AxisSetting, axis_setting
-from flexstage.experiments.command import Command, CommandWaveform, require_size
+from flexstage.experiments.command import BASE_RATE_HZ, Command, CommandWaveform, require_size
 from flexstage.experiments.verb import (
     PlanContext,
     PlannedMotion,
@@ -37,8 +37,6 @@ NONE_OR_SOME = Range(low=0.0, high=1e6)
 OF_RATE = 0.8
 #: Cycles, and lines of small sines, need this many samples.
 SAMPLES_PER_CYCLE = 10.0
-#: Highest rate of samples of an instrument that nobody has asked [Hz].
-BASE_RATE_HZ = 10e3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

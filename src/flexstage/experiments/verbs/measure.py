@@ -139,7 +139,9 @@ class Measure(Verb):
     def run(self, context: "RunContext", name: str) -> list[Path]:
         command = context.commands[self.of]
         about = context.metadata(name, self.test or "identification", self.axis_of(context.plan))
-        signals = command.signals(context, self)
+        sensors = self.reads({self.of: context.plan.step(self.of).action})
+        read = [context.signal(sensor) for sensor in dict.fromkeys(sensors)]
+        signals = command.signals(read, self.output, context.stage)
         if not signals:
             raise PlanError(f"step '{name}' records nothing: name a sensor")
         stream = context.folder / "records" / f"{name}.stream"
