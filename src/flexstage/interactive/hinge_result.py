@@ -10,10 +10,12 @@ from flexstage.errors import HingeError
 from flexstage.hinges import Profile
 from flexstage.hinges.hinge_figures import hinge_figures
 from flexstage.hinges.registry import profile_class
-from flexstage.interactive.show import data_frame, html_table
+from flexstage.interactive.show import data_frame
 from flexstage.material import Material
 from flexstage.material import material as find_material
 from flexstage.quantities import number
+from flexstage.report.page import table_html
+from flexstage.table import table
 from flexstage.units import Dimension, parse
 
 if TYPE_CHECKING:
@@ -78,8 +80,8 @@ class HingeResult:
             for r in self.figures["stiffness"]
             if r["stiffness"] is not None
         ]
-        head = ["stiffness", "method", "", "", "valid"]
-        return html_table(repr(self).splitlines()[0], head, rows)
+        head = ["stiffness", "<method", "", "<", "<valid"]
+        return table_html(table(repr(self).splitlines()[0], head, rows))
 
 
 def hinge(

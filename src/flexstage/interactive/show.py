@@ -1,8 +1,7 @@
-"""Stages at a prompt, read and drawn; and results, as text, as an HTML table, as a data frame."""
+"""Stages at a prompt, read and drawn; and results, as text and as a data frame."""
 
 import os
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import TYPE_CHECKING
 
 from flexstage.characteristic import Characteristics
@@ -75,13 +74,3 @@ def data_frame(columns: Mapping[str, Sequence[object]]) -> "pandas.DataFrame":
             "a data frame needs pandas, which is not installed: run 'pip install pandas'"
         ) from error
     return pandas.DataFrame(columns)
-
-
-def html_table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a small HTML table."""
-
-    def line(cells: Sequence[str], tag: str) -> str:
-        return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
-
-    body = "".join(line(row, "td") for row in rows)
-    return f"<table><caption>{escape(caption)}</caption>{line(head, 'th')}{body}</table>"

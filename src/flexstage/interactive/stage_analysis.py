@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Literal
 from flexstage.characteristic import Characteristics
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
-from flexstage.interactive.show import data_frame, headline, html_table, stage_of
+from flexstage.interactive.show import data_frame, headline, stage_of
 from flexstage.quantities import display
+from flexstage.report.page import table_html
 from flexstage.stage import Stage
 from flexstage.studies.models import ModelOptions, ModelRun, Plane, run_model
 from flexstage.system import Analysis, MechanicalSystem
+from flexstage.table import table
 
 if TYPE_CHECKING:
     import pandas
@@ -87,7 +89,7 @@ class StageAnalysis:
             for q in dict.fromkeys(row.quantity for row in self.characteristics)
         ]
         caption = f"{self.system.name}, {self.system.model} model"
-        return html_table(caption, ["", *axes, ""], rows)
+        return table_html(table(caption, ["", *axes, "<"], rows))
 
 
 def analyse(

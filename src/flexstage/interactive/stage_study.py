@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Literal
 
 from flexstage.characteristic import Characteristics
 from flexstage.errors import ModelError
-from flexstage.interactive.show import data_frame, headline, html_table, stage_of
+from flexstage.interactive.show import data_frame, headline, stage_of
 from flexstage.interactive.stage_analysis import StageAnalysis
 from flexstage.quantities import display
+from flexstage.report.page import table_html
 from flexstage.stage import Stage
 from flexstage.studies.models import Plane
+from flexstage.table import table
 
 if TYPE_CHECKING:
     import pandas
@@ -83,7 +85,8 @@ class StageStudy:
             ]
             for row in comparison.rows
         ]
-        return html_table(self.study.stage.name, ["", "axis", *comparison.columns, ""], rows)
+        head = ["", "<axis", *comparison.columns, "<"]
+        return table_html(table(self.study.stage.name, head, rows))
 
 
 def study(

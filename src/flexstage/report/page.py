@@ -8,6 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from flexstage.section import Picture, Section
+from flexstage.table import Table
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -69,6 +70,11 @@ def page_html(
 def sections_html(*sections: Section) -> str:
     """Return sections alone, without the frame of a page."""
     return _filled("sections.html", sections=sections)
+
+
+def table_html(shown: Table) -> str:
+    """Return one table alone, as a notebook shows it."""
+    return _filled("table.html", table=shown)
 
 
 def _filled(template: str, **given: Any) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.virtual.as_built import AsBuilt
+    from flexstage.virtual.as_built import AsBuilt, as_built
     from flexstage.virtual.build import virtual_stage
     from flexstage.virtual.positioner import VirtualPositioner
     from flexstage.virtual.stack import VirtualStack, virtual_stack
@@ -23,6 +23,7 @@ __all__ = [
     "VirtualStack",
     "VirtualStage",
     "VirtualTable",
+    "as_built",
     "scale_errors",
     "virtual_stack",
     "virtual_stage",

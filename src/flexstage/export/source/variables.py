@@ -1,6 +1,7 @@
 """What can be commanded, read and tuned in the C of a model, by name."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from typing import Literal
 
@@ -77,15 +78,9 @@ def c_variables(model: DynamicModel) -> tuple[CVariable, ...]:
         found += _locals(i, d)
     for i, p in probes:
         if p.sensor is not None:
+            what = f"motion that the sensor of probe {p.name} sees"
             found.append(
-                CVariable(
-                    f"{p.name}.motion",
-                    p.unit,
-                    "local",
-                    0.0,
-                    f"motion that the sensor of probe {p.name} sees",
-                    f"s->motion[{i}]",
-                )
+                CVariable(f"{p.name}.motion", p.unit, "local", 0.0, what, f"s->motion[{i}]")
             )
     for i, d in drives:
         found += _drive_parameters(i, d)
@@ -117,96 +112,61 @@ def _command(i: int, d: ModelDrive) -> CVariable:
     allowed = ""
     if d.input_range is not None:
         allowed = f", {d.input_range[0]:g} to {d.input_range[1]:g} {d.unit}"
-    return CVariable(
-        f"{d.name}.command",
-        d.unit,
-        "input",
-        0.0,
-        f"command of drive {d.name} ({d.kind}){allowed}",
-        f"commands[{i}]",
-    )
+    what = f"command of drive {d.name} ({d.kind}){allowed}"
+    return CVariable(f"{d.name}.command", d.unit, "input", 0.0, what, f"commands[{i}]")
 
 
 def _reading(i: int, p: ModelProbe, start: float) -> CVariable:
     through = "" if p.sensor is None else ", through its sensor"
-    return CVariable(
-        f"{p.name}.reading",
-        p.unit,
-        "output",
-        start,
-        f"reading of probe {p.name}{through}",
-        f"readings[{i}]",
-    )
+    what = f"reading of probe {p.name}{through}"
+    return CVariable(f"{p.name}.reading", p.unit, "output", start, what, f"readings[{i}]")
 
 
 def _locals(i: int, d: ModelDrive) -> list[CVariable]:
-    found = []
+    at, found = f"s->drive[{i}]", []
     if d.amplifier is not None:
-        found.append(
-            CVariable(
-                f"{d.name}.voltage",
-                "V",
-                "local",
-                0.0,
-                f"voltage behind the amplifier of drive {d.name}",
-                f"s->drive[{i}].voltage",
-            )
-        )
-    force = d.stiffness == 0.0
-    found.append(
-        CVariable(
-            f"{d.name}.{'force' if force else 'free_displacement'}",
-            "N" if force else "m",
-            "local",
-            0.0,
-            f"{'force' if force else 'free displacement, without creep,'} of drive {d.name}",
-            f"s->drive[{i}].free",
-        )
-    )
+        what = f"voltage behind the amplifier of drive {d.name}"
+        found.append(CVariable(f"{d.name}.voltage", "V", "local", 0.0, what, f"{at}.voltage"))
+    name, unit, what = "free_displacement", "m", "free displacement, without creep,"
+    if d.stiffness == 0.0:
+        name, unit, what = "force", "N", "force"
+    what = f"{what} of drive {d.name}"
+    found.append(CVariable(f"{d.name}.{name}", unit, "local", 0.0, what, f"{at}.free"))
     return found
 
 
-def _drive_parameters(i: int, d: ModelDrive) -> list[CVariable]:
-    at, found = f"s->drive[{i}]", []
+# a parameter: name, unit, start, what it is, member of its struct, whether `fs_prepare` follows
+_Row = tuple[str, str, float, str, str, bool]
 
-    def add(
-        name: str, unit: str, start: float, what: str, member: str, *, prepare: bool = True
-    ) -> None:
-        found.append(
-            CVariable(
-                f"{d.name}.{name}",
-                unit,
-                "parameter",
-                start,
-                f"{what} of drive {d.name}",
-                f"{at}.{member}",
-                prepare=prepare,
-            )
+
+def _parameters(owner: str, of: str, at: str, rows: Iterable[_Row]) -> list[CVariable]:
+    return [
+        CVariable(
+            f"{owner}.{name}",
+            unit,
+            "parameter",
+            start,
+            f"{what} of {of}",
+            f"{at}.{member}",
+            prepare=prepare,
         )
+        for name, unit, start, what, member, prepare in rows
+    ]
 
+
+def _drive_parameters(i: int, d: ModelDrive) -> list[CVariable]:
+    rows: list[_Row] = []
     if d.hysteresis is None:
         unit = "m/V" if d.unit == "V" else "1"
-        add("gain", unit, d.gain, "output over command", "gain", prepare=False)
+        rows.append(("gain", unit, d.gain, "output over command", "gain", False))
     else:
         for t in hysteresis_code(d.hysteresis).tunable:
             if t.index is not None:
-                what = f"{t.description}, hysteresis"
-                add(
-                    f"hysteresis.{t.name}",
-                    t.unit,
-                    t.value,
-                    what,
-                    f"parameters[{t.index}]",
-                    prepare=False,
-                )
+                what, member = f"{t.description}, hysteresis", f"parameters[{t.index}]"
+                rows.append((f"hysteresis.{t.name}", t.unit, t.value, what, member, False))
         if d.creep is not None:
-            add(
-                "creep.rate_per_decade",
-                "1",
-                d.creep.rate_per_decade,
-                "rise of the creep in a decade of time",
-                "creep_rate",
-            )
+            rate, what = d.creep.rate_per_decade, "rise of the creep in a decade of time"
+            rows.append(("creep.rate_per_decade", "1", rate, what, "creep_rate", True))
     a = d.amplifier
     if a is not None:
         low, high = a.voltage_range or (-math.inf, math.inf)
@@ -218,30 +178,24 @@ def _drive_parameters(i: int, d: ModelDrive) -> list[CVariable]:
             ("highest_voltage", "V", high, "highest voltage", "highest"),
         ):
             if math.isfinite(start):
-                add(f"amplifier.{name}", unit, start, what, member)
-    return found
+                rows.append((f"amplifier.{name}", unit, start, what, member, True))
+    return _parameters(d.name, f"drive {d.name}", f"s->drive[{i}]", rows)
+
+
+_NATURAL = "undamped natural frequency"
 
 
 def _mode_parameters(model: DynamicModel) -> list[CVariable]:
     found = []
-    for i, (omega, zeta) in enumerate(
-        zip(model.omega.tolist(), model.damping_ratio.tolist(), strict=True)
-    ):
-        for name, unit, start, what in (
-            ("frequency_hz", "Hz", omega / (2.0 * math.pi), "undamped natural frequency"),
-            ("damping_ratio", "1", zeta, "damping ratio"),
-        ):
-            found.append(
-                CVariable(
-                    f"mode.{i + 1}.{name}",
-                    unit,
-                    "parameter",
-                    start,
-                    f"{what} of mode {i + 1}, drives in place",
-                    f"s->modes.{name}[{i}]",
-                    prepare=True,
-                )
-            )
+    modes = zip(model.omega.tolist(), model.damping_ratio.tolist(), strict=True)
+    for i, (omega, zeta) in enumerate(modes):
+        frequency, at = omega / (2.0 * math.pi), f"[{i}]"
+        rows: list[_Row] = [
+            ("frequency_hz", "Hz", frequency, _NATURAL, f"frequency_hz{at}", True),
+            ("damping_ratio", "1", zeta, "damping ratio", f"damping_ratio{at}", True),
+        ]
+        of = f"mode {i + 1}, drives in place"
+        found += _parameters(f"mode.{i + 1}", of, "s->modes", rows)
     return found
 
 
@@ -255,15 +209,6 @@ def _sensor_parameters(i: int, p: ModelProbe, sensor: Sensor) -> list[CVariable]
         ("mains_frequency_hz", "Hz", sensor.mains_frequency_hz, "frequency of the mains"),
         ("mains_phase", "rad", sensor.mains_phase, "phase of the mains at the first sample"),
     )
-    return [
-        CVariable(
-            f"sensor.{p.name}.{name}",
-            unit,
-            "parameter",
-            start,
-            f"{what} of the sensor of probe {p.name}",
-            f"s->sensor[{i}].{name}",
-            prepare=name == "bandwidth_hz",
-        )
-        for name, unit, start, what in numbers
-    ]
+    rows = [(*row, row[0], row[0] == "bandwidth_hz") for row in numbers]
+    of = f"the sensor of probe {p.name}"
+    return _parameters(f"sensor.{p.name}", of, f"s->sensor[{i}]", rows)
