@@ -1,16 +1,17 @@
 """What a plan file may say, and what is said of one that is wrong."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import pytest
 
 from flexstage.errors import PlanError
 from flexstage.experiments import dry_run, find_plan, plan_stage, read_plan, ready_plans
-from flexstage.experiments.excitations import EqualCycles, Multisine
+from flexstage.experiments.excitations import EXCITATIONS, EqualCycles, Multisine
 from flexstage.experiments.file import plan_from_text
 from flexstage.experiments.plan import SensorEntry
-from flexstage.experiments.verbs import Identify, Measure, Verify
+from flexstage.experiments.verb import Verb
+from flexstage.experiments.verbs import VERBS, Identify, Measure, Verify
 
 HEAD = """\
 plan: 1
@@ -240,3 +241,8 @@ def test_a_stage_without_such_an_axis_is_told_in_the_dry_run():
     found = dry_run(plan, plan_stage(plan))
     assert "has no axis 'z': its axes are x, y" in found.problems[0]
     assert "'loops' cannot be made" in found.problems[1]
+
+
+@pytest.mark.parametrize("kind", [*VERBS.values(), *EXCITATIONS.values()])
+def test_no_key_of_a_verb_hides_what_every_verb_says_of_itself(kind: type[Verb]) -> None:
+    assert not {field.name for field in fields(kind)} & set(dir(Verb))

@@ -17,6 +17,7 @@ from flexstage.experiments.verbs.measure import MeasuredStep
 from flexstage.instruments.lock import stage_lock
 from flexstage.records import read_record
 from flexstage.stage.limits import AxisLimits
+from flexstage.studies.measurement import compare_plan
 from tests.simple_instrument import SimpleInstrument
 
 GAIN = 4.8e-7
@@ -317,6 +318,8 @@ def test_screws_are_moved_by_waveforms_or_from_place_to_place(tmp_path, generato
     assert any(line.startswith("load") for line in instrument.log) == generator
     # from place to place the last one may be missing: the range is that of those gone to
     assert found.figure("transmission_ratio", "x").estimate.value == pytest.approx(0.33, rel=1e-4)
+    shown = {(r.figure.quantity, r.figure.axis) for r in compare_plan(found).rows}
+    assert shown == {(f.quantity, f.axis) for f in found.figures}
     assert found.figure("resolution", "x").estimate.value == pytest.approx(0.165e-6, rel=1e-4)
     e = found.figure("transmission_ratio", "x").estimate
     assert e.uncertainty == pytest.approx(0.33 * 0.002, rel=0.05)

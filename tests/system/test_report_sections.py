@@ -1,14 +1,20 @@
 """Sections of a report from plain data: whatever a room hands over is shown, and is no HTML."""
 
+import inspect
 import re
 from functools import partial
+from importlib import import_module
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from flexstage.errors import ModelError
+from flexstage.records import Channel, Record
+from flexstage.report.figures.record import draw_record
 from flexstage.report.figures.style import new_figure
 from flexstage.report.page import page_html, sections_html
+from flexstage.report.pictures import DRAWINGS
 from flexstage.section import Bullets, Definitions, Picture, Pictures, Section
 from flexstage.table import Cell, Column, Table, table
 
@@ -66,6 +72,32 @@ def test_every_kind_of_content_is_shown_in_its_order() -> None:
     assert places == sorted(places)
     ids = re.findall(r'\bid="([^"]+)"', text)
     assert len(ids) == len(set(ids))
+
+
+def test_any_record_is_drawn_channels_of_one_unit_together() -> None:
+    time = np.linspace(0.0, 2.0, 41)
+    channels = (
+        Channel(name="u", values=3.0 + 50.0 * time, unit="V"),
+        Channel(name="x", values=2e-6 * time**2, unit="m"),
+        Channel(name="y$x^{", values=-7e-6 * time, unit="m"),
+    )
+    record = Record(channels=channels, time=time)
+    shown = Picture(result=record, title="a record", caption="A record.", options={"title": "raw"})
+    text = sections_html(Section(title="", key="r", content=(shown,)))
+    for word in (">u [V]<", ">[µm]<", ">x<", ">y$x^{<", ">time [s]<", ">raw<"):
+        assert word in text
+    upper, lower = draw_record(record).axes
+    (line,) = upper.lines
+    assert np.array_equal(line.get_xydata(), np.column_stack((time, channels[0].values)))
+    assert [line.get_label() for line in lower.lines] == ["x", "y$x^{"]
+    assert np.ravel(lower.lines[1].get_ydata())[-1] == pytest.approx(-14.0)
+
+
+def test_every_drawing_is_there_and_takes_its_result() -> None:
+    for function, parameter in DRAWINGS.values():
+        module, _, name = function.partition(".")
+        draw = getattr(import_module(f"flexstage.report.figures.{module}"), name)
+        assert parameter in inspect.signature(draw).parameters, function
 
 
 def test_words_are_words() -> None:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from flexstage.report.figures.neck_stress import draw_neck_stress
     from flexstage.report.figures.noise import draw_hold, draw_staircase
     from flexstage.report.figures.part import draw_part
+    from flexstage.report.figures.record import draw_record
     from flexstage.report.figures.responses import draw_bode, draw_response
     from flexstage.report.figures.style import encode
     from flexstage.report.figures.tracking import draw_compensation, draw_drive_fit, draw_following
@@ -49,6 +50,7 @@ __all__ = [
     "draw_polar",
     "draw_positioning",
     "draw_prediction",
+    "draw_record",
     "draw_response",
     "draw_ring_down",
     "draw_stabilisation",

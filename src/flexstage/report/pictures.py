@@ -15,12 +15,17 @@ if TYPE_CHECKING:
 #: the result.
 DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("HoldNoise", ""): ("noise.draw_hold", "noise"),
+    ("Identification", ""): ("identification.draw_identification", "found"),
     ("IdentifiedStep", ""): ("tracking.draw_drive_fit", "step"),
+    ("MeasuredResponse", ""): ("responses.draw_response", "response"),
     ("ModalFit", ""): ("modal_fit.draw_modal_fit", "fit"),
     ("ModalFit", "resonance"): ("modal_fit.draw_resonance", "fit"),
     ("ModalFit", "stabilisation"): ("modal_fit.draw_stabilisation", "fit"),
     ("MotionCurve", ""): ("motion_error.draw_motion_error", "curve"),
     ("Positioning", ""): ("motion_error.draw_positioning", "found"),
+    ("Record", ""): ("record.draw_record", "record"),
+    ("Refinement", ""): ("convergence.draw_convergence", "refinement"),
+    ("Stage", ""): ("drawing.draw_stage", "stage"),
     ("Staircase", ""): ("noise.draw_staircase", "found"),
     ("VerifiedStep", ""): ("tracking.draw_following", "step"),
     ("Workspace", ""): ("motion_error.draw_workspace", "found"),

@@ -264,16 +264,15 @@ def amplify(
     constant [V]: how far the output may be behind. Writes y.
     """
     for k in range(target.size):
-        u = amplifier_step(last, (target[k] - last) / h, u, h, threshold, low, high)
+        u = _one_step(last, (target[k] - last) / h, u, h, threshold, low, high)
         last = target[k]
         y[k] = u
 
 
 @compiled
-def amplifier_step(
+def _one_step(
     c: float, slope: float, u: float, h: float, threshold: float, low: float, high: float
 ) -> float:
-    """Return the output after a step along a line from the target c; the rest as in `amplify`."""
     e = c - u
     if (u >= high and e > 0.0) or (u <= low and e < 0.0):
         mode = _RAIL
