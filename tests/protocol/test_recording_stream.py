@@ -26,15 +26,15 @@ def frames_by_hand(data):
     magic, version, length = struct.unpack_from("<8sII", data)
     assert (magic, version) == (b"\x8eFXSTRM\n", 2)
     end = 16 + length
-    (checksum,) = struct.unpack_from("<I", data, end)
-    assert checksum == zlib.crc32(data[:end])
+    (checksum_of_head,) = struct.unpack_from("<I", data, end)
+    assert checksum_of_head == zlib.crc32(data[:end])
     described = json.loads(data[16:end])
     at = end + 4
     frames = []
     while at < len(data):
         mark, number, first, rows, checksum = struct.unpack_from("<4sIQII", data, at)
         payload = data[at + 24 : at + 24 + 8 * rows * len(described["channels"])]
-        assert checksum == zlib.crc32(data[at : at + 20] + payload)
+        assert checksum == zlib.crc32(data[at : at + 20] + payload, checksum_of_head)
         columns = np.frombuffer(payload).reshape(len(described["channels"]), rows)
         frames.append((mark, number, first, columns))
         at += 24 + len(payload)
@@ -448,3 +448,20 @@ def test_a_stream_as_it_was_before_the_first_release_is_refused(tmp_path):
     path.write_bytes(2 * (covered + struct.pack("<I", salt)) + frame)
     with pytest.raises(RecordError, match="is of version 1, and this flexstage reads version 2"):
         examine(path)
+
+
+def test_a_frame_of_another_run_is_none_of_this_one(tmp_path):
+    paths = [tmp_path / f"{name}.stream" for name in ("one", "other")]
+    heads = []
+    for path in paths:
+        run, _ = written(path, [40, 40])
+        heads.append(run.head)
+    data = [path.read_bytes() for path in paths]
+    # the same channels and samples, and the identifier of a run alone differs
+    assert heads[0].run.identifier != heads[1].run.identifier
+    assert len(data[0]) == len(data[1])
+    at = data[1].rindex(b"\xf5FX\x8e")
+    paths[0].write_bytes(data[0][:at] + data[1][at:])
+    found = examine(paths[0])
+    assert found.samples == 40
+    assert not found.complete

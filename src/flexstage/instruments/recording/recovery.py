@@ -18,6 +18,7 @@ from flexstage.instruments.recording.stream import (
     Irregularity,
     StreamFrame,
     StreamHead,
+    checksum_before,
     read_frame,
 )
 from flexstage.records import Channel, Record
@@ -111,13 +112,14 @@ def _examined(file: BinaryIO, path: Path) -> StreamRecovery:
     file.seek(0)
     head = StreamHead.read(file, path)
     position = file.tell()
+    seed = checksum_before(file, position)
     chunks: list[Chunk] = []
     lost: list[Irregularity] = []
     ended = False
     frames = following = damaged = tail = 0
 
     def frame_at(place: int) -> StreamFrame | None:
-        frame = read_frame(file, place, size, head.row_size)
+        frame = read_frame(file, place, size, head.row_size, seed)
         # no writer puts a frame behind a later one
         return frame if frame is not None and frame.number >= frames else None
 

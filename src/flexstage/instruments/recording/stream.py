@@ -6,8 +6,9 @@ A stream is a head, then frames, each with its own checksum::
     frame: mark (4)  number (4)  first (8)  rows (4)  checksum (4)  samples
 
 All integers are unsigned, lowest byte first. Samples are doubles, one channel after the other. The
-checksum is CRC-32 of all before it, and of the samples. `number` counts frames, so that one that is
-lost shows; `first` counts samples. A last frame without samples says that the stream was ended.
+checksum is CRC-32 of all before it, and of the samples; that of a frame begins with that of the
+head, so that no frame of another run fits. `number` counts frames, so that one that is lost shows;
+`first` counts samples. A last frame without samples says that the stream was ended.
 """
 
 import contextlib
@@ -193,17 +194,30 @@ def head_bytes(head: StreamHead) -> bytes:
     return covered + _CHECKSUM.pack(zlib.crc32(covered))
 
 
-def frame_bytes(mark: bytes, number: int, first: int, columns: Sequence[Array]) -> bytes:
-    """Return the bytes of a frame of columns of contiguous doubles."""
+def frame_bytes(mark: bytes, number: int, first: int, columns: Sequence[Array], seed: int) -> bytes:
+    """Return the bytes of a frame of columns of contiguous doubles, of the head of a checksum."""
     begun = _FRAME.pack(mark, number, first, columns[0].size if columns else 0)
-    checksum = zlib.crc32(begun)
+    checksum = zlib.crc32(begun, seed)
     for column in columns:
         checksum = zlib.crc32(column.data, checksum)
     return b"".join([begun, _CHECKSUM.pack(checksum), *(column.data for column in columns)])
 
 
-def read_frame(file: BinaryIO, position: int, size: int, row_size: int) -> StreamFrame | None:
-    """Return the frame at a position of a file of some size, None where there is no whole one."""
+def checksum_before(file: BinaryIO, position: int) -> int:
+    """Return the checksum of the head of a stream, whose frames begin at a position."""
+    file.seek(position - _CHECKSUM.size)
+    checksum: int
+    (checksum,) = _CHECKSUM.unpack(file.read(_CHECKSUM.size))
+    return checksum
+
+
+def read_frame(
+    file: BinaryIO, position: int, size: int, row_size: int, seed: int
+) -> StreamFrame | None:
+    """Return the frame at a position of a file of some size, None where there is no whole one.
+
+    `seed` is the checksum of the head.
+    """
     file.seek(position)
     begun = file.read(FRAME_SIZE)
     if len(begun) < FRAME_SIZE or not begun.startswith((SAMPLES, END)):
@@ -212,7 +226,7 @@ def read_frame(file: BinaryIO, position: int, size: int, row_size: int) -> Strea
     length = frame.rows * row_size
     if length > LARGEST_PAYLOAD + row_size or position + FRAME_SIZE + length > size:
         return None
-    checksum = zlib.crc32(file.read(length), zlib.crc32(begun[: _FRAME.size]))
+    checksum = zlib.crc32(file.read(length), zlib.crc32(begun[: _FRAME.size], seed))
     return frame if begun[_FRAME.size :] == _CHECKSUM.pack(checksum) else None
 
 
@@ -238,12 +252,13 @@ class StreamFile:
     ) -> None:
         first = head_bytes(head)
         self._file = _opened(path, opener or _new_file, first)
+        (self._seed,) = _CHECKSUM.unpack(first[-_CHECKSUM.size :])
         self.at = self.safe = StreamPosition(size=len(first))
 
     def append(self, mark: bytes, first: int, columns: list[Array]) -> None:
         """Write a frame of a kind; where that fails, `cut` removes what there is of it."""
         at = self.at
-        data = frame_bytes(mark, at.frames, first, columns)
+        data = frame_bytes(mark, at.frames, first, columns, self._seed)
         _write_all(self._file, data)
         rows = columns[0].size if columns else 0
         self.at = StreamPosition(at.size + len(data), at.frames + 1, at.samples + rows)
