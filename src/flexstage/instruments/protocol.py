@@ -25,11 +25,11 @@ class Capability(StrEnum):
 
     CLOSED_LOOP = "position control by a sensor"
     OPEN_LOOP = "command of the voltage"
-    SERVO_TUNING = "settings of the position control can be read and written"
-    WAVE_GENERATOR = "waveforms from a table"
+    SERVO_TUNING = "setting of the position control that can be read and written"
+    WAVE_GENERATOR = "waveform from a table"
     FEEDFORWARD_TABLE = "a table of voltages beside the position control"
-    DATA_RECORDER = "records at the rate of the controller"
-    CHANNELS = "further sensors can be read and recorded"
+    DATA_RECORDER = "record at the rate of the controller"
+    CHANNELS = "further sensor that can be read and recorded"
     IMPACT = "a blow of a hammer on the stage, its drives taken out"
 
 
