@@ -82,7 +82,7 @@ def test_what_it_cannot_do_is_refused_with_a_sentence() -> None:
     calls = {
         "there is no position control by a sensor": lambda: made.x.move_to(1e-6),
         "axis 'x' of this controller cannot do this": lambda: made.x.set_closed_loop(True),
-        "settings of the position control": made.x.servo,
+        "setting of the position control": made.x.servo,
         "cannot do this: there is no": lambda: made.x.set_servo(ServoSettings(integral=1.0)),
         "has no data recorder": lambda: made.recorder,
         "has no wave generator": lambda: made.waves,

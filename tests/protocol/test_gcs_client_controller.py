@@ -107,7 +107,7 @@ def test_a_recorder_needs_all_its_commands(missing):
 
 def test_gains_without_a_unit_are_never_set():
     controller, script = opened()
-    with pytest.raises(ModelError, match="settings of the position control"):
+    with pytest.raises(ModelError, match="setting of the position control"):
         controller.axes["x"].set_servo(ServoSettings(integral=1e9))
     assert script.log == []
 
