@@ -106,13 +106,12 @@ def stage_from_text(
     >>> stage.body("base").outline.points[2]
     (0.03, 0.02)
     """
-    decoder, root = read(text, source, STAGE_FILE)
+    decoder, root = read(text, source, STAGE_FILE, settings_of(set or {}, StageError))
     if "design" in root.items:
         decoder.check_keys(root, "", _HEAD)
-        given = settings_of(set or {}, StageError)
-        return _from_design(decoder, root.items["design"], designs, given)
-    for name in set or {}:
-        require_known(source, name, (), StageError)
+        return _from_design(decoder, root.items["design"], designs)
+    for name in decoder.settings.items:
+        require_known(source, name, decoder.parameters, StageError)
     # the names are looked up by the stage itself, which does not know lines: find them again
     try:
         stage = decoder.build(Stage, root, "", also=_HEAD)
@@ -163,19 +162,18 @@ def write_stage(stage: Stage, path: str | os.PathLike[str]) -> None:
     write_whole(path, stage_to_text(stage).encode("utf-8"), StageError)
 
 
-def _from_design(
-    decoder: Decoder, node: Node, designs: DesignBuilder | None, settings: MappingNode
-) -> Stage:
+def _from_design(decoder: Decoder, node: Node, designs: DesignBuilder | None) -> Stage:
     if not isinstance(node, MappingNode) or not isinstance(node.items.get("name"), Scalar):
         decoder.refuse(node, "design", "expected a mapping with the name of a design")
     if designs is None:
         decoder.refuse(node, "design", "parametric designs are not available here")
     name = node.items["name"]
     for key in ("name", "based_on"):
-        if key in settings.items:
+        if key in decoder.settings.items:
             raise StageError(f"'{key}' of a design is no parameter: change it in {decoder.source}")
     rest = {key: value for key, value in node.items.items() if key != "name"}
-    given = Given(overridden(MappingNode(node.line, rest, node.key_lines), settings), decoder)
+    entry = overridden(MappingNode(node.line, rest, node.key_lines), decoder.settings)
+    given = Given(entry, decoder)
     try:
         return designs(name.text if isinstance(name, Scalar) else "", given)
     except FlexstageError as error:

@@ -127,6 +127,7 @@ STAGE_FILE = Format(
     key="flexstage",
     error=StageError,
     length_unit=True,
+    parameters=True,
     longest=LARGEST,
     shortest=SMALLEST,
     families={
