@@ -173,7 +173,14 @@ class Decoder:
         try:
             return kind(**values)
         except FlexstageError as error:
-            self.refuse_again(node, path, error)
+            self.refuse_again(node, path, type(error)(f"{error}{self._expressions(node, error)}"))
+
+    def _expressions(self, node: Mapping, error: FlexstageError) -> str:
+        """Say what the expressions are that an error of a description is about."""
+        found = {key: item for key, item in node.items.items() if self._is_expression(item)}
+        named = [(key, item) for key, item in found.items() if key in str(error)]
+        told = [f"{key} is {self.shown(item)}" for key, item in named[:3]]
+        return f"; {', '.join(told)}" if told else ""
 
     def check_keys(self, node: Mapping, path: str, known: Collection[str]) -> None:
         """Refuse keys that mean nothing.

@@ -454,4 +454,4 @@ def _refuse_function(name: str) -> NoReturn:
 
 def _shown(text: str) -> str:
     plain = " ".join(text.split())
-    return f"'{plain if len(plain) <= 60 else plain[:57] + '...'}'"
+    return repr(plain if len(plain) <= 60 else plain[:57] + "...")

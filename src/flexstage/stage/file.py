@@ -8,15 +8,17 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from flexstage.errors import FlexstageError, StageError
 from flexstage.files.decoder import Decoder, read
 from flexstage.files.encoder import Encoder
-from flexstage.files.format import check_name
+from flexstage.files.format import check_name, field_types
 from flexstage.files.nodes import Given, Node, Scalar, read_text
 from flexstage.files.nodes import Mapping as MappingNode
 from flexstage.files.settings import overridden, require_known, settings_of
 from flexstage.files.write import write_whole
+from flexstage.stage.copies import COPIES, PROFILES, read_with_copies, with_shared_profiles
 from flexstage.stage.format import STAGE_FILE
 from flexstage.stage.model import Stage
 from flexstage.units import DIMENSIONS
@@ -24,7 +26,7 @@ from flexstage.units import DIMENSIONS
 #: Builds a stage from the name of a design and its parameters.
 DesignBuilder = Callable[[str, Mapping[str, object]], Stage]
 
-_HEAD = ("flexstage", "length_unit", "design")
+_HEAD = ("flexstage", "length_unit", "parameters", "design")
 _NAMED = {"hinge": "hinges", "drive": "drives", "probe": "probes", "axis": "axes"}
 
 
@@ -112,11 +114,18 @@ def stage_from_text(
         return _from_design(decoder, root.items["design"], designs)
     for name in decoder.settings.items:
         require_known(source, name, decoder.parameters, StageError)
+    also = (*_HEAD, PROFILES, *COPIES)
+    decoder.check_keys(root, "", [*also, *field_types(Stage)])
+    root = with_shared_profiles(decoder, root)
+    parts: dict[str, Any] = {}
+    origins: dict[tuple[str, str], tuple[int | None, str]] = {}
+    if COPIES.keys() & root.items.keys():
+        parts, origins = read_with_copies(decoder, root)
     # the names are looked up by the stage itself, which does not know lines: find them again
     try:
-        stage = decoder.build(Stage, root, "", also=_HEAD)
+        stage = decoder.build(Stage, root, "", parts, also=(*also, *parts))
     except FlexstageError as error:
-        raise _placed(error, decoder, root) from None
+        raise _placed(error, decoder, root, origins) from None
     check_name(stage.name, lambda text: decoder.refuse(root.items["name"], "name", text))
     return stage
 
@@ -185,7 +194,12 @@ def _from_design(decoder: Decoder, node: Node, designs: DesignBuilder | None) ->
         decoder.refuse_again(place, "design", error)
 
 
-def _placed(error: FlexstageError, decoder: Decoder, root: MappingNode) -> FlexstageError:
+def _placed(
+    error: FlexstageError,
+    decoder: Decoder,
+    root: MappingNode,
+    origins: Mapping[tuple[str, str], tuple[int | None, str]],
+) -> FlexstageError:
     """Point an error of the whole stage at the thing that it is about."""
     text = str(error)
     start = f"{decoder.source}, line {root.line}: "
@@ -194,6 +208,9 @@ def _placed(error: FlexstageError, decoder: Decoder, root: MappingNode) -> Flexs
     text = text.removeprefix(start)
     if found := re.match(r"(hinge|drive|probe|axis) '(.*?)' ", text):
         group = root.items.get(_NAMED[found[1]])
+        if (copied := (_NAMED[found[1]], found[2])) in origins:
+            line, path = origins[copied]
+            return type(error)(f"{decoder.source}, line {line}, {path}: {text}")
         if isinstance(group, MappingNode) and found[2] in group.key_lines:
             path = f"{_NAMED[found[1]]}.{found[2]}"
             return type(error)(
