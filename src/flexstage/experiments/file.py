@@ -64,6 +64,7 @@ def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> "Stage":
     'vgtu-piezo'
     """
     from flexstage.designs import DESIGNS, build, design
+    from flexstage.designs.registry import some_of
     from flexstage.stage.file import read_stage
 
     if plan.stage.casefold() in DESIGNS:
@@ -72,7 +73,7 @@ def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> "Stage":
     if not path.exists():
         raise PlanError(
             f"the plan's stage '{plan.stage[:200]}' is no built-in design and no file: the designs "
-            f"are {', '.join(DESIGNS)}"
+            f"are {some_of(DESIGNS)}"
         )
     return read_stage(path, designs=build)
 
