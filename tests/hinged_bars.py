@@ -133,5 +133,12 @@ def moved(stage: Stage, angle: float, shift: tuple[float, float]) -> Stage:
             replace(d, at=(move(d.at[0]), move(d.at[1])), direction=turn(d.direction))
             for d in stage.drives
         ),
-        probes=tuple(replace(p, at=move(p.at), direction=turn(p.direction)) for p in stage.probes),
+        probes=tuple(
+            replace(
+                p,
+                at=move(p.at),
+                direction=None if p.direction is None else turn(p.direction),
+            )
+            for p in stage.probes
+        ),
     )
