@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, StageArgument, from_docstring
+from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import OutputFile, print_json, write_file
+from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ _DAMPING = ("rayleigh", "hinge", "none")
 @from_docstring
 def equations(
     stage: StageArgument,
+    taken: StageOptions = AS_DESCRIBED,
     form: str = "text",
     reduce: str = "auto",
     axis: str | None = None,
@@ -52,12 +54,10 @@ def equations(
     out
         Write the equations to a file instead of the terminal.
     """
-    from flexstage.designs import find_stage
-
     _one_of("--to", form, _FORMATS)
     _one_of("--reduce", reduce, _REDUCTIONS)
     _one_of("--damping", damping, _DAMPING)
-    described = find_stage(stage)
+    described = taken.stage(stage)
     if axis is not None:
         described.axis(axis)
     if form == "svg":

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,8 @@ from flexstage.designs import nested_xy, parallelogram, vgtu_mechanical, vgtu_pi
 from flexstage.errors import StageError
 from flexstage.files.decoder import Decoder
 from flexstage.files.format import field_types, required
-from flexstage.files.nodes import Given, node_of
+from flexstage.files.nodes import Given, node_of, plain
+from flexstage.files.settings import require_known, settings_of
 from flexstage.stage import Stage
 from flexstage.stage.format import STAGE_FILE
 
@@ -189,13 +190,16 @@ def _known(noun: str, name: str, names: Iterable[str]) -> str:
     raise StageError(f"there is no {noun} '{name[:60]}' (there are: {have}){hint}")
 
 
-def find_stage(source: str | os.PathLike[str]) -> Stage:
+def find_stage(source: str | os.PathLike[str], set: Mapping[str, object] | None = None) -> Stage:
     """Return a built-in stage, or read one from a stage file.
 
     Parameters
     ----------
     source : str or os.PathLike
         Name of a built-in design, or path of a stage file.
+    set : mapping, optional
+        Parameters of the design or of the file by name, with dots for those of a group, and their
+        values as a stage file has them: ``{"x.lever_neck": "0.45 mm"}``.
 
     Returns
     -------
@@ -205,16 +209,19 @@ def find_stage(source: str | os.PathLike[str]) -> Stage:
     Raises
     ------
     StageError
-        There is neither such a design nor such a file, or the file is no stage.
+        There is neither such a design nor such a file, the file is no stage, or it has no such
+        parameter.
 
     Examples
     --------
     >>> find_stage("vgtu-piezo").name
     'vgtu-piezo'
+    >>> find_stage("parallelogram", {"neck_thickness": "0.45 mm"}).hinges[0].profile.neck_thickness
+    0.00045
     """
     text = os.fspath(source)
     if text.casefold() in DESIGNS:
-        return design(text)
+        return _design_with(text.casefold(), set) if set else design(text)
     path = Path(text)
     if not text or not _exists(path):
         # a file that lies there, by another ending or a letter less, before a design of such a name
@@ -225,7 +232,25 @@ def find_stage(source: str | os.PathLike[str]) -> Stage:
         raise StageError(f"no built-in design and no file is called '{text[:200]}': {hint}")
     from flexstage.stage.file import read_stage
 
-    return read_stage(path, designs=build)
+    return read_stage(path, designs=build, set=set)
+
+
+def _design_with(name: str, settings: Mapping[str, object]) -> Stage:
+    known = _names_in(PARAMETER_SETS[name][1])
+    for setting in settings:
+        require_known(f"the design '{name}'", setting, known, StageError)
+    given: Any = plain(settings_of(settings, StageError))
+    return build(name, given)
+
+
+def _names_in(dimensions: Any, group: str = "") -> list[str]:
+    """Names of the fields of a description, with those of what it holds behind a dot."""
+    found = []
+    for name in field_types(type(dimensions)):
+        found.append(group + name)
+        if is_dataclass(held := getattr(dimensions, name)):
+            found += _names_in(held, f"{group}{name}.")
+    return found
 
 
 def _files_beside(path: Path) -> list[str]:
