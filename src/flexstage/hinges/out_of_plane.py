@@ -34,7 +34,9 @@ def torsion_constant(one: Array, other: Array) -> Array:
     return a**3 * b / 3.0 * (1.0 - 192.0 / math.pi**5 * a / b * series)
 
 
-def out_of_plane_compliance(profile: Profile, modulus: float, poisson: float, width: float) -> Array:
+def out_of_plane_compliance(
+    profile: Profile, modulus: float, poisson: float, width: float
+) -> Array:
     r"""Return the compliance of a notch out of its plane, about its neck.
 
     Slices of a beam along the hinge, h high and b wide, with J of `torsion_constant`:
@@ -67,8 +69,8 @@ def out_of_plane_compliance(profile: Profile, modulus: float, poisson: float, wi
     Notes
     -----
     Validity: small deformation of a beam whose ends are rigid. A notch is short against its width,
-    which a beam does not know, and the bodies behind it give way too: a parallelogram is 10 to 30 %
-    softer out of its plane by finite elements in space.
+    which a beam does not know, and bodies bend and twist: by finite elements in space the platform
+    of a parallelogram is half as stiff along the normal as its hinges alone would have it.
 
     Examples
     --------
