@@ -10,8 +10,10 @@ from scipy.spatial.transform import Rotation
 from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
+from flexstage.designs.pieces import Leg
 from flexstage.errors import ModelError
 from flexstage.fem import solid_model
+from flexstage.hinges import RightCircular
 from flexstage.lumped import lumped_system, mechanism, stroke_path
 from flexstage.stage import Stage
 from flexstage.stage.drive import VoiceCoil
@@ -28,12 +30,10 @@ from flexstage.virtual.scattered_motion import (
 #: A parallelogram whose necks are so thin that its legs turn as if they had pins.
 PINNED = ParallelogramParameters(
     leg_spacing=43e-3,
-    leg_bar_length=27e-3,
-    notch_radius=2.3e-3,
-    neck_thickness=0.05e-3,
+    leg=Leg(notch=RightCircular(neck_thickness=0.05e-3, radius=2.3e-3), bar_length=27e-3),
     actuator=VoiceCoil(largest_force=1.0),
 )
-LENGTH = PINNED.leg_bar_length + 2.0 * PINNED.notch_radius
+LENGTH = PINNED.leg.neck_distance
 SPACING = PINNED.leg_spacing
 #: Order of its hinges.
 LEFT_LOWER, LEFT_UPPER, RIGHT_LOWER, RIGHT_UPPER = range(4)
