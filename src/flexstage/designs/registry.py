@@ -27,6 +27,8 @@ _FAMILIES = (
     "nested_xy",
     "parallelogram",
     "double_parallelogram",
+    "side_by_side_xy",
+    "stacked_xy",
 )
 
 #: Parametric families.
