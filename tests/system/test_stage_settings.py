@@ -49,7 +49,8 @@ def test_a_parameter_of_a_design_is_set(capsys: pytest.CaptureFixture[str]) -> N
     assert made.name == "vgtu-piezo-variation"
     words = ("analyse", "parallelogram", "--model", "lumped", "--json")
     plain, _ = said(capsys, *words)
-    thin, _ = said(capsys, *words, "--set", "neck_thickness=0.4 mm", "--set", "thickness = 7 mm")
+    neck = "leg.notch.neck_thickness=0.4 mm"
+    thin, _ = said(capsys, *words, "--set", neck, "--set", "thickness = 7 mm")
     first, second = (
         min(
             row["value"]

@@ -71,6 +71,7 @@ def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> "Stage":
 def stage_source(plan: Plan, folder: str | os.PathLike[str] = ".") -> str:
     """Return what `flexstage.designs.find_stage` takes for the stage that a plan names."""
     from flexstage.designs import DESIGNS
+    from flexstage.designs.registry import some_of
 
     if plan.stage.casefold() in DESIGNS:
         return plan.stage
@@ -78,7 +79,7 @@ def stage_source(plan: Plan, folder: str | os.PathLike[str] = ".") -> str:
     if not path.exists():
         raise PlanError(
             f"the plan's stage '{plan.stage[:200]}' is no built-in design and no file: the designs "
-            f"are {', '.join(DESIGNS)}"
+            f"are {some_of(DESIGNS)}"
         )
     return str(path)
 
