@@ -23,6 +23,7 @@ from flexstage.cli.export import export
 from flexstage.cli.frf import frf
 from flexstage.cli.hinges import hinges
 from flexstage.cli.identify import identify
+from flexstage.cli.new import new
 from flexstage.cli.output import print_json
 from flexstage.cli.part import part
 from flexstage.cli.predict import predict
@@ -54,7 +55,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 _SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Design": (check, show, analyse, study, hinges, equations, part, export),
+    "Design": (new, check, show, analyse, study, hinges, equations, part, export),
     "Drives": (excite, identify, predict, compensate),
     "Measurements": (records, frf, characterise, uncertainty, centre),
     "Bench": (twin, run),
