@@ -27,6 +27,8 @@ _FAMILIES = (
     "nested_xy",
     "parallelogram",
     "double_parallelogram",
+    "compound_parallelogram",
+    "linked_parallelogram",
     "side_by_side_xy",
     "stacked_xy",
 )
