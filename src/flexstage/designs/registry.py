@@ -26,6 +26,11 @@ _SHOWN = 3
 _FAMILIES = (
     "nested_xy",
     "parallelogram",
+    "bridge",
+    "rhombus",
+    "bridge_xy",
+    "scott_russell",
+    "lever_chain",
 )
 
 #: Parametric families.
