@@ -40,7 +40,11 @@ def numbers(part: Any) -> list[float]:
     out: list[float] = []
     for field in dataclasses.fields(part):
         value = getattr(part, field.name)
-        out += [math.cos(value), math.sin(value)] if field.name == "direction" else numbers(value)
+        out += (
+            [math.cos(value), math.sin(value)]
+            if field.name == "direction" and value is not None
+            else numbers(value)
+        )
     return out
 
 

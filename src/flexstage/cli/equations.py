@@ -110,7 +110,7 @@ def _reduced(
     from flexstage.lumped.reduction import condense, find_mirror, reduce_by_symmetry
     from flexstage.lumped.transfer import LARGEST_ORDER
 
-    drive = stage.axis(axis).drive if axis is not None else None
+    drive = stage.drive_of(axis).name if axis is not None else None
     mirror = None if how == "condense" else find_mirror(model.source, tolerance=_ASYMMETRY)
     if how == "symmetry":
         return reduce_by_symmetry(model, drive=drive, mirror=mirror)
@@ -136,9 +136,10 @@ def _transfer(
     drives = {p.name for p in reduced.drives}
     probes = {p.name for p in reduced.probes}
     return [
-        transfer_function(reduced, a.drive, a.probe)
+        transfer_function(reduced, drive, a.probe)
         for a in stage.axes
-        if axis in (None, a.name) and a.drive in drives and a.probe in probes
+        for drive in a.moved_by
+        if axis in (None, a.name) and drive in drives and a.probe in probes
     ]
 
 

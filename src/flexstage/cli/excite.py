@@ -177,7 +177,7 @@ def _plant(
     if not stage.axes:
         raise StageError(f"{stage.name} has no axis: give it one, or leave STAGE out")
     chosen = stage.axis(axis) if axis is not None else stage.axes[0]
-    drive = stage.drive(chosen.drive)
+    drive = stage.drive_of(chosen.name)
     if not isinstance(drive, PiezoStack):
         raise StageError(
             f"axis '{chosen.name}' of {stage.name} is driven by a {drive.kind}, and a piezo stack "

@@ -246,7 +246,7 @@ def against_description(
     if not described.axes:
         raise StageError(f"{described.name} has no axis: give it one, or leave --stage out")
     chosen = described.axis(axis) if axis is not None else described.axes[0]
-    drive = described.drive(chosen.drive)
+    drive = described.drive_of(chosen.name)
     if not isinstance(drive, PiezoStack):
         raise StageError(
             f"axis '{chosen.name}' of {described.name} is driven by a {drive.kind}, and a piezo "

@@ -26,6 +26,8 @@ _SHOWN = 3
 _FAMILIES = (
     "nested_xy",
     "parallelogram",
+    "side_by_side_xy",
+    "stacked_xy",
     "bridge",
     "rhombus",
     "bridge_xy",

@@ -96,7 +96,7 @@ def scott_russell(parameters: ScottRussellParameters | None = None) -> Stage:
 
     Notes
     -----
-    With pins for necks :math:`x_A = 2 l\cos\theta`, :math:`y_B = 2 l\sin\theta`, so that the ratio is
+    With pins for necks :math:`x_A = 2 l\cos\theta`, :math:`y_B = 2 l\sin\theta`. The ratio is
     :math:`\cot\theta`, of ``link_angle``, and B moves straight over any stroke (Y. Tian,
     B. Shirinzadeh, D. Zhang, G. Alici, Mech. Syst. Signal Process. 23 (2009) 957).
 

@@ -67,7 +67,7 @@ class Condensed:
 
     @property
     def readings(self) -> Array:
-        """Displacement at each reading [m], shape (k, r)."""
+        """Each reading [m, or rad for a rotation], shape (k, r)."""
         return self.loads[len(LOADS) :]
 
     @property
@@ -193,7 +193,12 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
 def _reading(
     continuum: Continuum, reading: PointReading, centre: tuple[float, float], motion: Array
 ) -> Array:
-    """Displacement of a point; where there is no material, of what rides on the mean motion."""
+    """Displacement of a point, or rotation of the body.
+
+    Where there is no material, it is that of what rides on the mean motion.
+    """
+    if reading.direction is None:
+        return motion[2]
     along = (math.cos(reading.direction), math.sin(reading.direction))
     x, y = reading.at
     if continuum.mesh.Contains(METRE * x, METRE * y):

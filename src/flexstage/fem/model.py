@@ -197,7 +197,7 @@ def assemble(
     )
     probes = [
         ProbePort(
-            name=p.name, vector=np.concatenate([first.probes[i], *zeros]), unit="m", body=p.body
+            name=p.name, vector=np.concatenate([first.probes[i], *zeros]), unit=p.unit, body=p.body
         )
         for i, p in enumerate(stage.probes)
     ]
@@ -241,7 +241,7 @@ def assemble(
         bodies=bodies,
         stress=stress,
         loads=tuple(loads),
-        axes=tuple(AxisPort(name=a.name, drive=a.drive, probe=a.probe) for a in stage.axes),
+        axes=tuple(AxisPort(name=a.name, drives=a.moved_by, probe=a.probe) for a in stage.axes),
         validity=validity,
         settings={**choices, "supports": supports},
     )

@@ -109,31 +109,24 @@ def probe_vector(continuum: Continuum, stage: Stage, probe: Probe) -> Array:
     """Return the reading of a probe.
 
     It is the displacement of the point that it names. Where the body has no material there, such
-    as in its aperture, what it reads rides on the body and follows its mean motion.
+    as in its aperture, what it reads rides on the body and follows its mean motion; so does a
+    rotation.
     """
-    along = (math.cos(probe.direction), math.sin(probe.direction))
-    reading = _reading(continuum, stage, probe.body, probe.at, along)
+    reading = _reading(continuum, stage, probe.body, probe)
     if probe.relative_to is not None:
-        reading = reading - _reading(continuum, stage, probe.relative_to, probe.at, along)
+        reading = reading - _reading(continuum, stage, probe.relative_to, probe)
     return reading
 
 
-def _reading(
-    continuum: Continuum,
-    stage: Stage,
-    body: str,
-    at: tuple[float, float],
-    along: tuple[float, float],
-) -> Array:
-    mesh = continuum.mesh
+def _reading(continuum: Continuum, stage: Stage, body: str, probe: Probe) -> Array:
+    mesh, at = continuum.mesh, probe.at
     place = tuple(METRE * c for c in at) + (0.0,) * (continuum.dimension - 2)
-    if mesh.Contains(*place):
+    if probe.direction is not None and mesh.Contains(*place):
         element = ng.ElementId(ng.VOL, mesh(*place).nr)
         own = mesh.Materials(body_regions(stage, body)).Mask()
         if own[mesh[element].index]:
-            return continuum.point((*at, 0.0)[: continuum.dimension], along)
-    motion = body_motion(continuum, stage, body, at)
-    return along[0] * motion[0] + along[1] * motion[1]
+            return continuum.point((*at, 0.0)[: continuum.dimension], probe.along)
+    return np.array(probe.row) @ body_motion(continuum, stage, body, at)
 
 
 def attached_masses(continuum: Continuum, stage: Stage) -> list[AttachedMass]:

@@ -77,7 +77,8 @@ def moved(part: _Part, motion: PlaneMotion, names: Names | None = None) -> _Part
     -------
     Loop or Circle or Body or Hinge or Drive or Probe or Axis or Stage
         The same, moved. A hinge whose notch is cut from one side goes from its second body to its
-        first in a mirror, where the side that is open lies to the left again.
+        first in a mirror, where the side that is open lies to the left again. A rotation is read to
+        the left in a mirror too, so that its reading has the other sign.
 
     Examples
     --------
@@ -130,11 +131,17 @@ def _moved(part: Any, motion: PlaneMotion, new: Callable[[str], str]) -> Any:
                 name=new(part.name),
                 body=new(part.body),
                 at=motion.point(part.at),
-                direction=motion.turned(part.direction),
+                direction=None if part.direction is None else motion.turned(part.direction),
                 relative_to=None if part.relative_to is None else new(part.relative_to),
             )
         case Axis():
-            return replace(part, name=new(part.name), drive=new(part.drive), probe=new(part.probe))
+            return replace(
+                part,
+                name=new(part.name),
+                drive=None if part.drive is None else new(part.drive),
+                drives=tuple(map(new, part.drives)),
+                probe=new(part.probe),
+            )
         case Stage():
             return replace(
                 part,
