@@ -61,8 +61,8 @@ def bridge(parameters: BridgeParameters | None = None) -> Stage:
     Notes
     -----
     With pins for necks the ratio is :math:`l_x/l_y`, ``link_length`` over ``link_offset``
-    (J. Pokines, E. Garcia, Smart Mater. Struct. 7 (1998) 105). Necks that resist turning by
-    :math:`k_\theta` and stretching by :math:`k_u`, each, leave for a free output
+    (J. Pokines, E. Garcia, Smart Materials and Structures 7 (1998) 105). Necks that resist turning
+    by :math:`k_\theta` and stretching by :math:`k_u`, each, leave for a free output
 
     .. math:: R = \frac{l_x l_y}{l_y^2 + 4 k_\theta/k_u},
 
@@ -116,8 +116,8 @@ def _limb(p: BridgeParameters) -> Limb:
 TOPOLOGY = Topology(
     name="bridge",
     title="bridge amplifier with a guided output",
-    source="J. Pokines, E. Garcia, Smart Mater. Struct. 7 (1998) 105; N. Lobontiu, E. Garcia, "
-    "Comput. Struct. 81 (2003) 2797",
+    source="J. Pokines, E. Garcia, Smart Materials and Structures 7 (1998) 105; N. Lobontiu, "
+    "E. Garcia, Comput. Struct. 81 (2003) 2797",
     parameters=BridgeParameters,
     construct=bridge,
 )

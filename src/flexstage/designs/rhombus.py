@@ -1,14 +1,14 @@
 """A rhombus amplifier, of slanted beams, with a guided output, as a family of stages."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from flexstage.designs.amplifier_frame import Amplifier, AmplifierParameters, Limb
-from flexstage.designs.pieces import at_most
+from flexstage.designs.pieces import at_most, two_sided
 from flexstage.designs.topology import Topology
-from flexstage.files.ranges import Range, Size
-from flexstage.hinges import CornerFilleted
+from flexstage.files.ranges import Range
+from flexstage.hinges import CornerFilleted, Profile
 from flexstage.stage import Hinge, Stage
 from flexstage.units import Angle
 
@@ -17,20 +17,21 @@ from flexstage.units import Angle
 class RhombusParameters(AmplifierParameters):
     """The dimensions of a rhombus amplifier."""
 
-    beam_length: Size = 14e-3
-    """Length of a beam, fillets included [m]."""
+    beam: Profile = field(
+        default_factory=lambda: CornerFilleted(
+            neck_thickness=0.5e-3, notch_length=14e-3, fillet_radius=0.5e-3
+        )
+    )
+    """The beams; any profile of hinges, as long as a beam."""
     beam_angle: Annotated[Angle, Range(low=0.0, high=0.25 * math.pi, above=True)] = 0.14
     """Angle between a beam and the drive [rad]."""
-    beam_thickness: Size = 0.5e-3
-    """Thickness of a beam [m]."""
-    fillet_radius: Size = 0.5e-3
-    """Radius of the fillets at the ends of a beam [m]."""
 
     def __post_init__(self) -> None:
         AmplifierParameters.__post_init__(self)
+        two_sided(self.beam, "a rhombus")
         at_most(
-            "beam_length",
-            self.beam_length,
+            "the length of beam",
+            self.beam.length,
             0.5 * (self.actuator_length - self.slot) / math.cos(self.beam_angle),
             "so that the output is at least a slot wide between the beams",
         )
@@ -53,8 +54,8 @@ def rhombus(parameters: RhombusParameters | None = None) -> Stage:
         R = \frac{(k_l - k_b)\sin\alpha\cos\alpha}{k_l\sin^2\alpha + k_b\cos^2\alpha},\quad
         k_l = \frac{E b t}{l},\ k_b = \frac{E b t^3}{l^3},
 
-    which is the form of M. Ling, J. Cao, M. Zeng, J. Lin, D. J. Inman (Smart Mater. Struct. 25
-    (2016) 075022) but for :math:`k_b` in the numerator, which they leave out.
+    which is the form of M. Ling, J. Cao, M. Zeng, J. Lin, D. J. Inman (Smart Materials and
+    Structures 25 (2016) 075022) but for :math:`k_b` in the numerator, which they leave out.
 
     Validity: rigid blocks, small motion; beams without shear and without fillets, which shorten
     what bends.
@@ -72,16 +73,11 @@ def rhombus(parameters: RhombusParameters | None = None) -> Stage:
 
 
 def _limb(p: RhombusParameters) -> Limb:
-    beam = CornerFilleted(
-        neck_thickness=p.beam_thickness,
-        notch_length=p.beam_length,
-        fillet_radius=p.fillet_radius,
-    )
-    c, s, height = math.cos(p.beam_angle), math.sin(p.beam_angle), beam.root_height
+    c, s, height = math.cos(p.beam_angle), math.sin(p.beam_angle), p.beam.root_height
     # the two ends of the root on the left block, and those on the output
     x, y = -0.5 * p.actuator_length, 0.5 * p.actuator_width
     foot = ((x, y), (x - s * height, y + c * height))
-    head = tuple((u + c * p.beam_length, v + s * p.beam_length) for u, v in foot)
+    head = tuple((u + c * p.beam.length, v + s * p.beam.length) for u, v in foot)
     middle = (0.5 * (foot[0][0] + head[1][0]), 0.5 * (foot[0][1] + head[1][1]))
     return Limb(
         bodies=(),
@@ -91,7 +87,7 @@ def _limb(p: RhombusParameters) -> Limb:
                 bodies=("left", "output"),
                 at=middle,
                 direction=p.beam_angle,
-                profile=beam,
+                profile=p.beam,
             ),
         ),
         input_corner=foot,
@@ -103,7 +99,8 @@ def _limb(p: RhombusParameters) -> Limb:
 TOPOLOGY = Topology(
     name="rhombus",
     title="rhombus amplifier, of slanted beams, with a guided output",
-    source="M. Ling, J. Cao, M. Zeng, J. Lin, D. J. Inman, Smart Mater. Struct. 25 (2016) 075022",
+    source="M. Ling, J. Cao, M. Zeng, J. Lin, D. J. Inman, Smart Materials and Structures 25 "
+    "(2016) 075022",
     parameters=RhombusParameters,
     construct=rhombus,
 )
