@@ -37,7 +37,7 @@ def three_rrr(parameters: ThreeRRRParameters | None = None) -> Stage:
                |__________________________)__(_|  |   fulcrum
 
     Its bodies are ``base`` (the ring, fixed), ``platform``, ``lever-1`` to ``lever-3`` and
-    ``link-1`` to ``link-3``; its drives ``1`` to ``3``.
+    ``link-1`` to ``link-3``; its drives ``1`` to ``3``, its axes ``x``, ``y`` and ``theta``.
 
     Notes
     -----
@@ -88,8 +88,12 @@ def three_rrr(parameters: ThreeRRRParameters | None = None) -> Stage:
         probes=(
             Probe(name="x", body="platform", at=middle, direction=0.0),
             Probe(name="y", body="platform", at=middle, direction=0.5 * math.pi),
+            Probe(name="theta", body="platform", at=middle, reads="rotation"),
         ),
-        axes=(Axis(name="x", drive="1", probe="x"), Axis(name="y", drive="2", probe="y")),
+        axes=tuple(
+            Axis(name=name, drives=tuple(d.name for d in drives), probe=name)
+            for name in ("x", "y", "theta")
+        ),
     )
 
 
