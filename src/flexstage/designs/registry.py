@@ -31,6 +31,11 @@ _FAMILIES = (
     "linked_parallelogram",
     "side_by_side_xy",
     "stacked_xy",
+    "bridge",
+    "rhombus",
+    "bridge_xy",
+    "scott_russell",
+    "lever_chain",
 )
 
 #: Parametric families.
