@@ -29,8 +29,16 @@ _FAMILIES = (
     "nested_xy",
     "parallelogram",
     "double_parallelogram",
+    "compound_parallelogram",
+    "linked_parallelogram",
+    "gantry",
     "side_by_side_xy",
     "stacked_xy",
+    "bridge",
+    "rhombus",
+    "bridge_xy",
+    "scott_russell",
+    "lever_chain",
 )
 
 #: Parametric families.
