@@ -254,6 +254,19 @@ def test_what_stands_first_in_the_file_is_copied_first() -> None:
     assert "no body, hinge, drive or probe 'a-2'" in refusal(row + mirror + pattern)
 
 
+def test_whole_words_of_names_are_replaced() -> None:
+    plate = "outline: [[1, 0], [4, 0], [4, 9]]"
+    rows = "".join(f"  {name}: {{{plate}}}\n" for name in ("leg1-11", "a bar", "Leg-1"))
+    entry = (
+        "pattern:\n  - {of: [leg1-11, a bar, Leg-1], count: 2, step: [0, 20],"
+        " rename: {'1': ['2'], a: [b], leg: [toe], toe: [leg]}}\n"
+    )
+    said = refusal(HEAD + "bodies:\n" + rows + entry)
+    assert "pattern[0].rename: no name in 'of' has the word 'toe'" in said
+    made = stage_from_text(HEAD + "bodies:\n" + rows + entry.replace(", toe: [leg]", ""))
+    assert names_of(made, "bodies")[3:] == ["toe2-11", "b bar", "Leg-2"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
