@@ -14,11 +14,11 @@ import shapely
 
 from flexstage.designs import DESIGNS, design
 from flexstage.export.drawing.contours import plate_contours
-from flexstage.export.drawing.curve import Curve
 from flexstage.export.drawing.dxf import DXF_LAYERS, dxf_files
 from flexstage.export.drawing.offset import offset_contours
 from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.stage import Loop, mass_properties
+from flexstage.stage.curve import Curve
 from tests.drawing_stages import NOTCHES, guide
 
 KERF = 0.31e-3

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Annotated, get_args, get_origin, get_type_hints
 
 from flexstage.export.drawing.canvas import THICK, Canvas, dimension
-from flexstage.export.drawing.curve import Curve
 from flexstage.export.drawing.notes import millimetres
 from flexstage.export.drawing.smooth import profile_in_arcs
 from flexstage.hinges import Profile
 from flexstage.stage import Hinge, Loop, Stage
+from flexstage.stage.curve import Curve
 from flexstage.units import DIMENSIONS
 
 Pair = tuple[float, float]
