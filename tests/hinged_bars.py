@@ -1,8 +1,6 @@
 """A small stage with awkward numbers for the tests of finite elements: a chain of two bars."""
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
 
 from flexstage.hinges import CornerFilleted, RightCircular
 from flexstage.material import Material
@@ -102,36 +100,4 @@ def hinged_bars(*, extra: bool = True, material: Material = MATERIAL) -> Stage:
             ),
         ),
         axes=(Axis(name="a", drive="push", probe="tip"),),
-    )
-
-
-def moved(stage: Stage, angle: float, shift: tuple[float, float]) -> Stage:
-    """The same stage turned about the origin and then shifted."""
-    c, s = math.cos(angle), math.sin(angle)
-
-    def move(p: tuple[float, float]) -> tuple[float, float]:
-        return c * p[0] - s * p[1] + shift[0], s * p[0] + c * p[1] + shift[1]
-
-    def hole(h: Loop | Circle) -> Loop | Circle:
-        return replace(h, centre=move(h.centre)) if isinstance(h, Circle) else h.mapped(move)
-
-    turn: Callable[[float], float] = lambda direction: direction + angle  # noqa: E731
-    return replace(
-        stage,
-        bodies=tuple(
-            replace(
-                b,
-                outline=b.outline.mapped(move),
-                holes=tuple(map(hole, b.holes)),
-                mounting_holes=tuple(replace(m, centre=move(m.centre)) for m in b.mounting_holes),
-                extra_masses=tuple(replace(m, at=move(m.at)) for m in b.extra_masses),
-            )
-            for b in stage.bodies
-        ),
-        hinges=tuple(replace(h, at=move(h.at), direction=turn(h.direction)) for h in stage.hinges),
-        drives=tuple(
-            replace(d, at=(move(d.at[0]), move(d.at[1])), direction=turn(d.direction))
-            for d in stage.drives
-        ),
-        probes=tuple(replace(p, at=move(p.at), direction=turn(p.direction)) for p in stage.probes),
     )

@@ -203,13 +203,19 @@ def stages(draw: st.DrawFn) -> Stage:
             name=name,
             body=draw(st.sampled_from(body_names)),
             at=draw(points),
-            direction=draw(angles),
             relative_to=draw(st.none() | st.sampled_from(body_names)),
+            **draw(st.fixed_dictionaries({"direction": angles}) | st.just({"reads": "rotation"})),
         )
         for name in draw(st.lists(names, max_size=2, unique=True))
     )
     axes = (
-        (Axis(name=draw(names), drive=driven[0].name, probe=probes[0].name),)
+        (
+            Axis(
+                name=draw(names),
+                drives=tuple(d.name for d in draw(st.sampled_from((driven, driven[:1])))),
+                probe=probes[0].name,
+            ),
+        )
         if driven and probes
         else ()
     )

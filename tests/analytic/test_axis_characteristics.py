@@ -54,8 +54,8 @@ def system() -> MechanicalSystem:
         bodies=(BodyPort(name="body", centre=(0.0, 0.0), matrix=np.eye(3)),),
         stress=StressMap(hinges=("h", "g"), matrix=STRESS, owner=np.array([0, 0, 1])),
         axes=(
-            AxisPort(name="x", drive="a", probe="p"),
-            AxisPort(name="y", drive="b", probe="q"),
+            AxisPort(name="x", drives=("a",), probe="p"),
+            AxisPort(name="y", drives=("b",), probe="q"),
         ),
         damping=ModalDamping(ratio=0.01),
     )

@@ -12,6 +12,7 @@ from flexstage.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Manufacture, Probe, Screw, Stage
 from flexstage.stage.checks import check
 from flexstage.stage.mobility import free_motion
+from flexstage.stage.transform import PlaneMotion, moved
 from tests.reference_stages import NAMES, reference_stage
 
 WIRE = 0.35e-3
@@ -301,35 +302,10 @@ def test_the_smallest_clearance_of_the_reference_stages(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_findings_do_not_depend_on_the_frame(name: str) -> None:
-    stage = reference_stage(name).stage
-    angle = 0.731
-    c, s = math.cos(angle), math.sin(angle)
-
-    def move(p: tuple[float, float]) -> tuple[float, float]:
-        return (c * p[0] - s * p[1] + 0.11, s * p[0] + c * p[1] - 0.07)
-
-    moved = dataclasses.replace(
-        stage,
-        bodies=tuple(
-            dataclasses.replace(
-                b,
-                outline=b.outline.mapped(move),
-                holes=tuple(h.mapped(move) for h in b.holes if isinstance(h, Loop)),
-                mounting_holes=tuple(Circle(move(h.centre), h.radius) for h in b.mounting_holes),
-            )
-            for b in stage.bodies
-        ),
-        hinges=tuple(
-            dataclasses.replace(h, at=move(h.at), direction=h.direction + angle)
-            for h in stage.hinges
-        ),
-        drives=tuple(
-            dataclasses.replace(d, at=(move(d.at[0]), move(d.at[1])), direction=d.direction + angle)
-            for d in stage.drives
-        ),
-        probes=tuple(dataclasses.replace(p, at=move(p.at)) for p in stage.probes),
-    )
-    assert check(moved) == ()
+    motion = PlaneMotion(angle=0.731, shift=(0.11, -0.07))
+    assert check(moved(reference_stage(name).stage, motion)) == ()
+    image = dataclasses.replace(motion, mirrored=True)
+    assert check(moved(reference_stage(name).stage, image)) == ()
 
 
 def test_published_figures_of_an_axis_that_does_not_exist() -> None:

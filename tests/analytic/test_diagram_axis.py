@@ -17,7 +17,7 @@ from flexstage.lumped import lumped_system, mechanism
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.mechanical import AxisPort, DrivePort, ProbePort
 
-_AXIS = AxisPort(name="x", drive="stack", probe="gauge")
+_AXIS = AxisPort(name="x", drives=("stack",), probe="gauge")
 
 
 def two_masses(stiffness: float | None) -> MechanicalSystem:

@@ -20,6 +20,7 @@ from flexstage.stage import (
     Stage,
     mass_properties,
 )
+from flexstage.stage.transform import PlaneMotion, moved
 from flexstage.system import analyse, modes, probe_stiffness, static_displacements
 
 NECK, RADIUS = 0.31e-3, 0.9e-3
@@ -185,26 +186,7 @@ def test_scaling_a_stage() -> None:
 
 def test_turning_the_stage_changes_nothing() -> None:
     stage = lever()
-    angle = 0.7
-    c, s = math.cos(angle), math.sin(angle)
-
-    def turn(p):
-        return (c * p[0] - s * p[1] + 0.013, s * p[0] + c * p[1] - 0.004)
-
-    turned = replace(
-        stage,
-        bodies=tuple(replace(b, outline=b.outline.mapped(turn)) for b in stage.bodies),
-        hinges=tuple(
-            replace(h, at=turn(h.at), direction=h.direction + angle) for h in stage.hinges
-        ),
-        drives=tuple(
-            replace(d, at=(turn(d.at[0]), turn(d.at[1])), direction=d.direction + angle)
-            for d in stage.drives
-        ),
-        probes=tuple(
-            replace(q, at=turn(q.at), direction=q.direction + angle) for q in stage.probes
-        ),
-    )
+    turned = moved(stage, PlaneMotion(angle=0.7, shift=(0.013, -0.004)))
     before, after = lumped_system(stage), lumped_system(turned)
     assert modes(after).omega == pytest.approx(modes(before).omega, rel=1e-9)
     a = static_displacements(before, {"f": 1e-5})

@@ -14,7 +14,9 @@ from flexstage.designs import vgtu_mechanical, vgtu_piezo
 from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
 from flexstage.designs.nested_xy_parameters import AxisParameters
 from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
+from flexstage.designs.pieces import Leg
 from flexstage.errors import StageError
+from flexstage.hinges import RightCircular
 from flexstage.stage import Body, Hinge, Loop, Stage
 
 BASES = {"mechanical": vgtu_mechanical.PARAMETERS, "piezo": vgtu_piezo.PARAMETERS}
@@ -200,9 +202,7 @@ def test_a_parallelogram_has_equal_legs_and_room_for_its_drive(
 ) -> None:
     parameters = ParallelogramParameters(
         leg_spacing=spacing,
-        leg_bar_length=bar,
-        notch_radius=radius,
-        neck_thickness=neck,
+        leg=Leg(notch=RightCircular(neck_thickness=neck, radius=radius), bar_length=bar),
         actuator_length=gap,
     )
     stage = parallelogram(parameters)
@@ -229,5 +229,7 @@ def test_impossible_parallelograms_are_refused() -> None:
         ParallelogramParameters(leg_spacing=4e-3)
     with pytest.raises(StageError, match="mounting_hole_diameter"):
         ParallelogramParameters(base_height=5e-3)
-    with pytest.raises(StageError, match="neck_thickness"):
-        ParallelogramParameters(neck_thickness=0.0)
+    with pytest.raises(StageError, match="bar_length"):
+        Leg(notch=RightCircular(neck_thickness=0.3e-3, radius=1e-3), bar_length=0.0)
+    with pytest.raises(StageError, match="one_sided"):
+        Leg(notch=RightCircular(neck_thickness=0.3e-3, radius=1e-3, one_sided=True))

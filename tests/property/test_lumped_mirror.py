@@ -11,9 +11,8 @@ from flexstage.hinges import CornerFilleted, Profile, RightCircular
 from flexstage.lumped import lumped_system, mechanism, nonlinear, stroke_path, symbolic_model
 from flexstage.material import material
 from flexstage.stage import Body, Hinge, Loop, PiezoStack, Probe, Screw, Stage
+from flexstage.stage.transform import PlaneMotion, moved
 from flexstage.system import modes, static_displacements
-
-Point = tuple[float, float]
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Loop:
@@ -75,32 +74,8 @@ def elbow(low: Profile, high: Profile, offset: float) -> Stage:
 
 
 def mirrored(stage: Stage) -> Stage:
-    """Turn y round. What was cut from the left of a hinge is cut from its right then, which is the
-    left of the same hinge seen from its other body."""
-
-    def turn(p: Point) -> Point:
-        return (p[0], -p[1])
-
-    return replace(
-        stage,
-        bodies=tuple(
-            replace(b, outline=Loop(tuple(map(turn, b.outline.points))[::-1])) for b in stage.bodies
-        ),
-        hinges=tuple(
-            replace(
-                h,
-                at=turn(h.at),
-                bodies=(h.bodies[1], h.bodies[0]),
-                direction=math.pi - h.direction,
-            )
-            for h in stage.hinges
-        ),
-        drives=tuple(
-            replace(d, at=(turn(d.at[0]), turn(d.at[1])), direction=-d.direction)
-            for d in stage.drives
-        ),
-        probes=tuple(replace(p, at=turn(p.at), direction=-p.direction) for p in stage.probes),
-    )
+    """Turn y round."""
+    return moved(stage, PlaneMotion.reflection(0.0))
 
 
 sizes = st.floats(0.3e-3, 0.7e-3)

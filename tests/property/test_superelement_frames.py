@@ -14,8 +14,9 @@ from flexstage.fem.cutting import cut_free
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.superelement import SuperelementModel, superelement_model
 from flexstage.stage import Stage
+from flexstage.stage.transform import PlaneMotion, moved
 from flexstage.system import modes, static_forces, static_loads
-from tests.hinged_bars import hinged_bars, moved
+from tests.hinged_bars import hinged_bars
 
 FINE = MeshSettings(order=5, neck_size=0.5, grading=0.4)
 COARSE = MeshSettings(order=2, neck_size=1.5)
@@ -47,12 +48,12 @@ def test_bodies_at_other_places_are_the_same(x: float, y: float) -> None:
     """Coordinates are rounded to a picometre, a shift by any float to 1e-16 of its size."""
     stage = hinged_bars()
     nice = (round(x, 6), round(y, 6))
-    assert keys(moved(stage, 0.0, nice)) == keys(stage)
+    assert keys(moved(stage, PlaneMotion(shift=nice))) == keys(stage)
 
 
 def test_a_shifted_stage_has_the_same_figures() -> None:
     stage = hinged_bars()
-    shifted = moved(stage, 0.0, (0.2137, -0.0618))
+    shifted = moved(stage, PlaneMotion(shift=(0.2137, -0.0618)))
     # gravity's moments and the gradient's middle go along with the stage as well
     a, b = (superelement_model(s, COARSE, cache=False) for s in (stage, shifted))
     np.testing.assert_allclose(figures(a), figures(b), rtol=1e-9)
@@ -65,7 +66,7 @@ def test_a_shifted_stage_has_the_same_figures() -> None:
 @given(st.floats(0.05, 2.0 * math.pi - 0.05))
 def test_a_turned_stage_has_the_same_figures(angle: float) -> None:
     stage = hinged_bars()
-    turned = moved(stage, angle, (0.01, 0.03))
+    turned = moved(stage, PlaneMotion(angle=angle, shift=(0.01, 0.03)))
     a, b = (figures(superelement_model(s, FINE, cache=False)) for s in (stage, turned))
     # the mesher makes another mesh of a part that is turned: 1e-5 in displacement at this fineness
     np.testing.assert_allclose(a[[0, 1, 2, 3, 5]], b[[0, 1, 2, 3, 5]], rtol=1e-4)

@@ -9,7 +9,7 @@ import pytest
 from flexstage.designs import DESIGNS, build, design
 from flexstage.designs.registry import PARAMETER_SETS, TOPOLOGIES
 from flexstage.errors import FlexstageError, StageError, UnitError
-from flexstage.stage import Force, PiezoStack, Screw
+from flexstage.stage import Force, PiezoStack, Screw, check
 
 BASED_ON_PIEZO: dict[str, object] = {"based_on": "vgtu-piezo"}
 
@@ -22,10 +22,15 @@ def test_every_design_is_built_once_under_its_own_name(name: str) -> None:
     assert {a.drive for a in stage.axes} == {d.name for d in stage.drives}
 
 
+@pytest.mark.parametrize("name", sorted(DESIGNS))
+def test_every_design_passes_its_check(name: str) -> None:
+    assert [f.message for f in check(design(name)) if f.severity == "error"] == []
+
+
 def test_every_design_can_be_the_base_of_another() -> None:
     assert set(PARAMETER_SETS) == set(DESIGNS)
-    for name, (family, _) in PARAMETER_SETS.items():
-        assert build(family, {"based_on": name}) is design(name)
+    for name, known in PARAMETER_SETS.items():
+        assert build(known.topology.name, {"based_on": name}) is design(name)
 
 
 def test_names_are_corrected() -> None:
@@ -90,6 +95,17 @@ def test_a_family_with_usual_dimensions_needs_no_base() -> None:
     drive = stage.drive("x")
     assert isinstance(drive, Force)
     assert drive.largest_force == 3.0
+
+
+def test_a_part_of_a_nested_dimension_is_enough() -> None:
+    stage = build("parallelogram", {"leg": {"notch": {"neck_thickness": "0.43 mm"}}})
+    usual = design("parallelogram")
+    assert stage.hinges[0].profile.neck_thickness == 0.43e-3
+    assert stage.hinges[0].at == usual.hinges[0].at
+    leaf = {"kind": "corner-filleted", "neck_thickness": "0.3 mm", "notch_length": "29 mm"}
+    leg = {"bar_length": None, "notch": leaf | {"fillet_radius": "0.7 mm"}}
+    leaves = build("parallelogram", {"leg": leg})
+    assert [h.name for h in leaves.hinges] == ["left", "right"]
 
 
 def test_a_built_in_design_can_be_named_itself() -> None:
@@ -157,3 +173,4 @@ def test_families_say_what_they_are() -> None:
     for name, topology in TOPOLOGIES.items():
         assert topology.name == name
         assert topology.title
+        assert topology.source

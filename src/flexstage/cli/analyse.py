@@ -10,7 +10,6 @@ from flexstage.cli.options import (
     ModelsOption,
     PlaneOption,
     QuietOption,
-    StageArgument,
     from_docstring,
     model_names,
     relative,
@@ -25,6 +24,7 @@ from flexstage.cli.output import (
     print_table,
     progress_bar,
 )
+from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.files.names import file_name
 
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 @from_docstring
 def analyse(
     stage: StageArgument,
+    taken: StageOptions = AS_DESCRIBED,
     model: ModelsOption = "superelement",
     plane: PlaneOption = "auto",
     accuracy: Annotated[float | None, typer.Option(parser=relative)] = None,
@@ -79,11 +80,10 @@ def analyse(
         Draw the Bode diagram of each axis, in files NAME-AXIS. (.svg, .png or .pdf)
     """
     from flexstage import progress
-    from flexstage.designs import find_stage
     from flexstage.studies import run_model
     from flexstage.studies.models import ModelOptions
 
-    described = find_stage(stage)
+    described = taken.stage(stage)
     options = ModelOptions(
         plane=plane,  # type: ignore[arg-type]
         accuracy=accuracy,

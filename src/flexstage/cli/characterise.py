@@ -23,6 +23,7 @@ from flexstage.cli.reading import (
     FileOptions,
     TimeOptions,
 )
+from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.errors import ModelError
 from flexstage.files.plain import json_text
 
@@ -100,6 +101,7 @@ _NO_COLUMNS = ColumnOptions()
 def characterise(
     records: Annotated[list[Path] | None, typer.Argument()] = None,
     stage: str | None = None,
+    taken: StageOptions = AS_DESCRIBED,
     virtual_seed: Annotated[int | None, typer.Option(min=0)] = None,
     test: str = "motion",
     axis: str = "x",
@@ -156,7 +158,6 @@ def characterise(
     out
         Write report.html and results.json, and the records of a virtual stage.
     """
-    from flexstage.designs import find_stage
     from flexstage.experiments.campaign.evaluate import characterise as run
     from flexstage.experiments.campaign.plan import Campaign, Test, read_campaign
     from flexstage.files.write import write_files
@@ -195,7 +196,7 @@ def characterise(
                 raise ModelError(
                     "--virtual-seed needs --stage and no files: it makes its own records"
                 )
-            found, written = _virtual(stage, virtual_seed)
+            found, written = _virtual(stage, taken, virtual_seed)
         elif plans:
             folder = plans[0].parent
             found = run(read_campaign(plans[0]), folder)
@@ -229,9 +230,10 @@ def characterise(
             campaign = Campaign(instruments=(sensor,), tests=(one,))
             found = run(campaign, Path())
         described = stage or _beside(found.stage, folder)
+        taken.require_stage(described or None, "--stage")
         result = compare_measurement(
             found,
-            find_stage(described) if described else None,
+            taken.stage(described) if described else None,
             model_names(models) if described else (),
         )
     results = measurement_results(result)
@@ -270,18 +272,20 @@ def _beside(stage: str, folder: Path) -> str:
     return str(folder / stage)
 
 
-def _virtual(stage: str, seed: int) -> "tuple[Characterisation, dict[str, bytes]]":
-    from flexstage.designs import DESIGNS, find_stage
+def _virtual(
+    stage: str, taken: StageOptions, seed: int
+) -> "tuple[Characterisation, dict[str, bytes]]":
+    from flexstage.designs import DESIGNS
     from flexstage.experiments.campaign.plan import campaign_text
     from flexstage.experiments.virtual_campaign import virtual_campaign
     from flexstage.records.write import record_bytes
     from flexstage.virtual.as_built import as_built
 
-    described = find_stage(stage)
+    described = taken.stage(stage)
     made = virtual_campaign(as_built(described, seed=seed), seed=seed)
     files = {name: record_bytes(record, "csv") for name, record in made.records.items()}
     campaign = made.campaign
-    if stage.casefold() not in DESIGNS:
+    if stage.casefold() not in DESIGNS or taken != AS_DESCRIBED:
         # the description must find the stage that it belongs to, wherever the folder is taken
         from flexstage.stage.file import stage_to_text
 

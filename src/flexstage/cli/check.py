@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from flexstage.cli.options import JsonOption, StageArgument
+from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import count, print_json
+from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,12 +16,16 @@ if TYPE_CHECKING:
     from flexstage.stage import Issue, Stage
 
 
-def check(stage: StageArgument, json: JsonOption = False) -> None:
+@from_docstring
+def check(
+    stage: StageArgument,
+    taken: StageOptions = AS_DESCRIBED,
+    json: JsonOption = False,
+) -> None:
     """Check a stage: geometry, hinges, supports and drives."""
-    from flexstage.designs import find_stage
     from flexstage.stage.checks import check as check_stage
 
-    described = find_stage(stage)
+    described = taken.stage(stage)
     issues = check_stage(described)
     errors = sum(f.severity == "error" for f in issues)
     if json:

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, StageArgument, from_docstring
+from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import OutputFile, print_json, write_file
+from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ _DAMPING = ("rayleigh", "hinge", "none")
 @from_docstring
 def equations(
     stage: StageArgument,
+    taken: StageOptions = AS_DESCRIBED,
     form: str = "text",
     reduce: str = "auto",
     axis: str | None = None,
@@ -52,12 +54,10 @@ def equations(
     out
         Write the equations to a file instead of the terminal.
     """
-    from flexstage.designs import find_stage
-
     _one_of("--to", form, _FORMATS)
     _one_of("--reduce", reduce, _REDUCTIONS)
     _one_of("--damping", damping, _DAMPING)
-    described = find_stage(stage)
+    described = taken.stage(stage)
     if axis is not None:
         described.axis(axis)
     if form == "svg":
@@ -110,7 +110,7 @@ def _reduced(
     from flexstage.lumped.reduction import condense, find_mirror, reduce_by_symmetry
     from flexstage.lumped.transfer import LARGEST_ORDER
 
-    drive = stage.axis(axis).drive if axis is not None else None
+    drive = stage.drive_of(axis).name if axis is not None else None
     mirror = None if how == "condense" else find_mirror(model.source, tolerance=_ASYMMETRY)
     if how == "symmetry":
         return reduce_by_symmetry(model, drive=drive, mirror=mirror)
@@ -136,9 +136,10 @@ def _transfer(
     drives = {p.name for p in reduced.drives}
     probes = {p.name for p in reduced.probes}
     return [
-        transfer_function(reduced, a.drive, a.probe)
+        transfer_function(reduced, drive, a.probe)
         for a in stage.axes
-        if axis in (None, a.name) and a.drive in drives and a.probe in probes
+        for drive in a.moved_by
+        if axis in (None, a.name) and drive in drives and a.probe in probes
     ]
 
 

@@ -11,7 +11,6 @@ from flexstage.cli.options import (
     CurrentOption,
     JsonOption,
     SlewOption,
-    designs_like,
     from_docstring,
     quantity,
     voltage_range,
@@ -26,6 +25,7 @@ from flexstage.cli.output import (
     write_file,
 )
 from flexstage.cli.reading import record_format
+from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions, designs_like
 from flexstage.errors import ModelError, StageError
 from flexstage.files.plain import picked
 
@@ -49,6 +49,7 @@ def excite(
     stage: Annotated[
         str | None, typer.Argument(autocompletion=designs_like, show_default=False)
     ] = None,
+    taken: StageOptions = AS_DESCRIBED,
     axis: AxisOption = None,
     voltage: str | None = None,
     loop_rates: str | None = None,
@@ -107,7 +108,7 @@ def excite(
     from flexstage.hysteresis.excitations.design import excitation
 
     format = record_format(out)
-    plant = _plant(stage, axis, needs_frequency=frequency is None)
+    plant = _plant(stage, taken, axis, needs_frequency=frequency is None)
     made = excitation(
         _voltage_range(voltage, plant),
         sample_rate_hz=_number(sample_rate, "frequency", "Hz"),
@@ -160,10 +161,11 @@ def _voltage_range(text: str | None, plant: _Plant) -> tuple[float, float]:
     return low, high
 
 
-def _plant(text: str | None, axis: str | None, *, needs_frequency: bool) -> _Plant:
+def _plant(
+    text: str | None, taken: StageOptions, axis: str | None, *, needs_frequency: bool
+) -> _Plant:
     """Read what a stage says about its stack and its lowest natural frequency."""
-    from flexstage.designs import find_stage
-
+    taken.require_stage(text, "a STAGE")
     if text is None:
         if axis is not None:
             raise ModelError("--axis needs a STAGE: name it before the options")
@@ -171,11 +173,11 @@ def _plant(text: str | None, axis: str | None, *, needs_frequency: bool) -> _Pla
     from flexstage.experiments.axis_limits import lowest_frequency
     from flexstage.stage import PiezoStack
 
-    stage = find_stage(text)
+    stage = taken.stage(text)
     if not stage.axes:
         raise StageError(f"{stage.name} has no axis: give it one, or leave STAGE out")
     chosen = stage.axis(axis) if axis is not None else stage.axes[0]
-    drive = stage.drive(chosen.drive)
+    drive = stage.drive_of(chosen.name)
     if not isinstance(drive, PiezoStack):
         raise StageError(
             f"axis '{chosen.name}' of {stage.name} is driven by a {drive.kind}, and a piezo stack "

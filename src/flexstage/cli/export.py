@@ -13,7 +13,6 @@ from flexstage.cli.options import (
     ModelOption,
     PlaneOption,
     QuietOption,
-    StageArgument,
     from_docstring,
     one_of,
     positive_length,
@@ -28,6 +27,7 @@ from flexstage.cli.output import (
     print_table,
     progress_bar,
 )
+from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.errors import ModelError, StageError
 from flexstage.export.formats import FORMATS
 
@@ -49,6 +49,7 @@ _PRECISIONS = ("double", "single")
 def export(
     stage: StageArgument,
     to: Annotated[str, one_of(FORMATS)],
+    taken: StageOptions = AS_DESCRIBED,
     out: Annotated[Path, FOLDER] = Path("exported"),
     model: ModelOption = "superelement",
     plane: PlaneOption = "auto",
@@ -96,8 +97,6 @@ def export(
     kerf
         LENGTH: Kerf of wire cutting, such as "0.28 mm"; adds the wire path to the DXF.
     """
-    from flexstage.designs import find_stage
-
     wanted = _formats(to)
     if fmi not in _FMI:
         raise ModelError(f"--fmi is 2.0, 3.0 or both, got '{fmi[:40]}'")
@@ -106,7 +105,7 @@ def export(
     from flexstage.export.request import ExportRequest
     from flexstage.files.write import write_files
 
-    described = find_stage(stage)
+    described = taken.stage(stage)
     request = ExportRequest(
         stage=described,
         analyse=lambda: _analysed(described, model, plane),

@@ -39,6 +39,7 @@ from flexstage.cli.reading import (
     EvenTimeOptions,
     FileOptions,
 )
+from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.errors import ModelError, RecordError
 from flexstage.stage.assumptions import DAMPING_RATIO
 
@@ -66,6 +67,7 @@ def identify(
     test_record: list[Path] | None = None,
     temperature: str | None = None,
     stage: str | None = None,
+    taken: StageOptions = AS_DESCRIBED,
     axis: AxisOption = None,
     drift: bool = False,
     how: FileOptions = WHOLE_FILE,
@@ -119,6 +121,7 @@ def identify(
 
     if axis is not None and stage is None:
         raise ModelError("--axis needs --stage: it names an axis of that")
+    taken.require_stage(stage, "--stage")
     if test_record and curve == "files":
         raise RecordError("--curve files makes one record of all files: leave --test-record out")
     given, driven, follows = read_drive(
@@ -150,7 +153,7 @@ def identify(
     if stage is not None:
         from flexstage.cli.identify_result import against_description
 
-        said = against_description(found, stage, axis)
+        said = against_description(found, taken.stage(stage), axis)
         found = dataclasses.replace(found, warnings=(*said, *found.warnings))
     files = _write(found, read, out, figure)
     result = identification_result(found, read, files)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.identification.identify import Identification
     from flexstage.hysteresis.identification.model_choice import Candidate
     from flexstage.records import Record
+    from flexstage.stage import Stage
 
 
 def identification_result(
@@ -231,21 +232,21 @@ _BEYOND = 3.0
 _SMALL = 1.0 / 100.0
 
 
-def against_description(found: "Identification", stage: str, axis: str | None) -> tuple[str, ...]:
+def against_description(
+    found: "Identification", described: "Stage", axis: str | None
+) -> tuple[str, ...]:
     """Compare range and stroke of a record with the drive of a stage.
 
     The axis is the first one where None. Returns a sentence for each that does not suit the drive.
     """
-    from flexstage.designs import find_stage
     from flexstage.lumped import lumped_system
     from flexstage.stage import PiezoStack
     from flexstage.system import analyse_axis
 
-    described = find_stage(stage)
     if not described.axes:
         raise StageError(f"{described.name} has no axis: give it one, or leave --stage out")
     chosen = described.axis(axis) if axis is not None else described.axes[0]
-    drive = described.drive(chosen.drive)
+    drive = described.drive_of(chosen.name)
     if not isinstance(drive, PiezoStack):
         raise StageError(
             f"axis '{chosen.name}' of {described.name} is driven by a {drive.kind}, and a piezo "

@@ -95,29 +95,6 @@ def _with_help(name: str, kind: Any, text: str, panel: str | None) -> Any:
     return Annotated[base, info]
 
 
-def designs_like(incomplete: str) -> list[str]:
-    """Return the built-in designs that a word begins, for the completion of the shell.
-
-    Where there are none the shell offers files.
-
-    Examples
-    --------
-    >>> designs_like("vgtu-p")
-    ['vgtu-piezo']
-    """
-    from flexstage.designs import DESIGNS
-
-    return [name for name in sorted(DESIGNS) if incomplete and name.startswith(incomplete)]
-
-
-StageArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="STAGE",
-        autocompletion=designs_like,
-        help="A stage file, or the name of a built-in design.",
-    ),
-]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the result, or the error, as one JSON object.")
 ]

@@ -19,6 +19,7 @@ from flexstage.cli.output import (
     progress_bar,
     write_file,
 )
+from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.errors import FlexstageError, PlanError
 from flexstage.files.names import file_name
 
@@ -32,6 +33,7 @@ def run(
     plan: Annotated[str, typer.Argument()],
     instrument: str | None = None,
     stage: str | None = None,
+    taken: StageOptions = AS_DESCRIBED,
     out: OutputFolder = None,
     dry_run: bool = False,
     resume: bool = False,
@@ -75,12 +77,12 @@ def run(
     yes
         Do not ask for confirmation before a real instrument moves.
     """
-    from flexstage.designs import find_stage
-    from flexstage.experiments import find_plan, plan_stage, read_plan
+    from flexstage.experiments import find_plan, read_plan
+    from flexstage.experiments.file import stage_source
 
     file = find_plan(plan)
     wanted = read_plan(file)
-    own = find_stage(stage) if stage is not None else plan_stage(wanted, file.parent)
+    own = taken.stage(stage if stage is not None else stage_source(wanted, file.parent))
     chosen = None if only is None else tuple(s.strip() for s in only.split(",") if s.strip())
     if chosen == ():
         raise PlanError("--only names no step: give names separated by commas")

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import typer
 
-from flexstage.cli.options import JsonOption, StageArgument, from_docstring
+from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import OutputFile, print_json, writable, write_file
+from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.errors import ModelError
 from flexstage.files.names import file_name
 
@@ -13,6 +14,7 @@ from flexstage.files.names import file_name
 @from_docstring
 def show(
     stage: StageArgument,
+    taken: StageOptions = AS_DESCRIBED,
     out: OutputFile = None,
     json: JsonOption = False,
 ) -> None:
@@ -23,11 +25,10 @@ def show(
     out
         Write the drawing (.svg, .png or .pdf; default: NAME.svg).
     """
-    from flexstage.designs import find_stage
     from flexstage.report.figures.drawing import draw_stage
     from flexstage.report.figures.style import FORMATS, encode
 
-    described = find_stage(stage)
+    described = taken.stage(stage)
     path = out if out is not None else writable(Path(f"{file_name(described.name)}.svg"))
     kind = path.suffix.removeprefix(".").casefold()
     if kind not in FORMATS:

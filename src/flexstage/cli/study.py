@@ -10,7 +10,6 @@ from flexstage.cli.options import (
     ModelsOption,
     PlaneOption,
     QuietOption,
-    StageArgument,
     from_docstring,
     model_names,
 )
@@ -22,6 +21,7 @@ from flexstage.cli.output import (
     print_notes,
     progress_bar,
 )
+from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ _COLUMN = 12  # and of a value, with the space beside it
 @from_docstring
 def study(
     stage: StageArgument,
+    taken: StageOptions = AS_DESCRIBED,
     models: ModelsOption = "all",
     plane: PlaneOption = "auto",
     out: OutputFolder = None,
@@ -64,13 +65,12 @@ def study(
     seed
         NUMBER: Random seed of the simulated stage.
     """
-    from flexstage.designs import find_stage
     from flexstage.files.write import require_writable, write_files
     from flexstage.report.study import report_pages
     from flexstage.studies import results_json, run_study, study_results
     from flexstage.studies.results import characteristic_row
 
-    described = find_stage(stage)
+    described = taken.stage(stage)
     names = model_names(models)
     directory = out
     if directory is None:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
-from flexstage.cli.options import JsonOption, StageArgument, from_docstring, one_of, quantity
+from flexstage.cli.options import JsonOption, from_docstring, one_of, quantity
+from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.errors import NotConnectedError, UnitError
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ _PORTS = 65535
 @from_docstring
 def twin(
     stage: StageArgument,
+    taken: StageOptions = AS_DESCRIBED,
     port: int = 50000,
     host: str = "127.0.0.1",
     seed: Annotated[int, typer.Option(min=0)] = 0,
@@ -67,8 +69,6 @@ def twin(
         The first program that sends a motion or a change keeps control until it disconnects
         (default: all have control, as with a real controller).
     """
-    from flexstage.designs import find_stage
-
     _check("--model", model, _MODELS)
     _check("--amplifier", amplifier, _AMPLIFIERS)
     _check("--identity", identity, _IDENTITIES)
@@ -77,7 +77,7 @@ def twin(
     if not (serial_number.isascii() and serial_number.isprintable()):
         raise typer.BadParameter("--serial-number must be of plain printable characters")
     loop_rate = _rate(servo_rate)
-    described = find_stage(stage)
+    described = taken.stage(stage)
 
     with _ended_by_signals() as ended, _reserved(host, port) as listener:
         from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker

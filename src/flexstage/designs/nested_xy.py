@@ -4,12 +4,12 @@ import math
 
 from flexstage.designs.nested_xy_axis import AxisLayout, Placement
 from flexstage.designs.nested_xy_parameters import NestedXYParameters
+from flexstage.designs.pieces import ROUNDING, at_least, at_most
+from flexstage.designs.topology import Topology
 from flexstage.errors import StageError
 from flexstage.stage import Axis, Body, Circle, Drive, Loop, Probe, Stage
 from flexstage.stage.drive import placed
-
-# Rounding of sums of dimensions, far below what can be cut.
-_ROUNDING = 1e-10
+from flexstage.stage.issue import millimetres
 
 
 def nested_xy(parameters: NestedXYParameters) -> Stage:
@@ -155,77 +155,68 @@ def check_axis(layout: AxisLayout) -> None:
     Solid ribs that stay between two openings must be at least one slot wide.
     """
     p, g = layout.parameters, layout.slot
+    of = f"axis '{layout.name}': "
     root, leg = layout.notch_height / 2.0, layout.leg_width / 2.0
     inner_end = g / 2.0 + root
     taller = layout.lever_span[1] + g > layout.height / 2.0 + g
     room_for_slots = layout.lever_right + 3.0 * g if taller else 0.0
 
-    _at_least(
-        layout,
-        "lever_arm_input",
+    at_least(
+        of + "lever_arm_input",
         p.lever_arm_input,
         2.0 * root + p.lever_edge + g,
         "so that the ground reaches the fulcrum past the input block",
     )
-    _at_least(
-        layout,
-        "input_position",
+    at_least(
+        of + "input_position",
         p.input_position,
         inner_end + p.lever_edge / 2.0,
         "so that the two levers keep a slot between them",
     )
-    _at_most(
-        layout,
-        "lever_arm_output",
+    at_most(
+        of + "lever_arm_output",
         p.lever_arm_output,
         layout.fulcrum - max(inner_end + p.lever_edge, root + 1.5 * g),
         "so that levers and recesses of the two halves stay apart",
     )
-    _at_least(
-        layout,
-        "link_length",
+    at_least(
+        of + "link_length",
         p.link_length,
         p.link_recess - 4.0 * p.lever_notch_radius + g,
         "so that the lever keeps a slot from the platform",
     )
-    _at_most(
-        layout,
-        "input_position + lever_arm_input - lever_arm_output",
+    at_most(
+        of + "input_position + lever_arm_input - lever_arm_output",
         layout.output,
         layout.height / 2.0 - root - 2.0 * g,
         "so that the links meet the left edge of the platform",
     )
-    _at_most(
-        layout,
-        "link_recess",
+    at_most(
+        of + "link_recess",
         p.link_recess,
         layout.length - g,
         "so that it does not cut the platform through",
     )
-    _at_least(
-        layout,
-        "leg_position",
+    at_least(
+        of + "leg_position",
         p.leg_position,
         leg + max(0.0, room_for_slots),
         "so that the guide leg stands on the platform, clear of the levers",
     )
-    _at_most(
-        layout,
-        "leg_position",
+    at_most(
+        of + "leg_position",
         p.leg_position,
         layout.length / 2.0 - leg - 1.5 * g,
         "so that the slots of the two guide legs do not merge",
     )
-    _at_least(
-        layout,
-        "actuator_pocket_length",
+    at_least(
+        of + "actuator_pocket_length",
         p.actuator_pocket_length,
         g,
         "the slot before the input block",
     )
-    _at_most(
-        layout,
-        "actuator_pocket_width",
+    at_most(
+        of + "actuator_pocket_width",
         p.actuator_pocket_width,
         2.0 * (layout.block_half_height + g),
         "the height of the window of the input block",
@@ -244,29 +235,21 @@ def check_aperture(parameters: NestedXYParameters, layout: AxisLayout) -> None:
     if not room > 0.0:
         raise StageError(
             f"aperture_offset must keep the centre of the aperture in the solid part of the y "
-            f"platform, {_mm(layout.length)} long, got {_mm(parameters.aperture_offset)} from its "
-            f"middle: take it nearer to 0"
+            f"platform, {millimetres(layout.length)} long, got "
+            f"{millimetres(parameters.aperture_offset)} from its middle: take it nearer to 0"
         )
-    if diameter is not None and diameter / 2.0 > room - layout.slot + _ROUNDING:
+    if diameter is not None and diameter / 2.0 > room - layout.slot + ROUNDING:
         raise StageError(
-            f"aperture_diameter must be at most {_mm(2.0 * (room - layout.slot))}, so that the "
-            f"aperture stays inside the y platform, got {_mm(diameter)}"
+            f"aperture_diameter must be at most {millimetres(2.0 * (room - layout.slot))}, so that "
+            f"the aperture stays inside the y platform, got {millimetres(diameter)}"
         )
 
 
-def _at_least(axis: AxisLayout, name: str, value: float, limit: float, why: str) -> None:
-    if value < limit - _ROUNDING:
-        raise StageError(
-            f"axis '{axis.name}': {name} must be at least {_mm(limit)}, {why}, got {_mm(value)}"
-        )
-
-
-def _at_most(axis: AxisLayout, name: str, value: float, limit: float, why: str) -> None:
-    if value > limit + _ROUNDING:
-        raise StageError(
-            f"axis '{axis.name}': {name} must be at most {_mm(limit)}, {why}, got {_mm(value)}"
-        )
-
-
-def _mm(value: float) -> str:
-    return f"{value * 1e3:.6g} mm"
+TOPOLOGY = Topology(
+    name="nested-xy",
+    title="nested, decoupled XY stage with symmetric levers",
+    source="the two stages of the study that flexstage is measured by; their geometry is a "
+    "reconstruction",
+    parameters=NestedXYParameters,
+    construct=nested_xy,
+)

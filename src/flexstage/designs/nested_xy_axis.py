@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from flexstage.designs.nested_xy_parameters import AxisParameters
+from flexstage.designs.pieces import box
 from flexstage.hinges import RightCircular
 from flexstage.stage import Body, Hinge, Loop
 
@@ -195,10 +196,11 @@ class AxisLayout:
             spans[f"G{i}"] = ((station - leg, station + leg), self.leg_span)
         for side, sign in (("u", 1.0), ("d", -1.0)):
             for part, (u, (v0, v1)) in spans.items():
-                outline = _rectangle(u, (min(sign * v0, sign * v1), max(sign * v0, sign * v1)))
+                v_low, v_high = sorted((sign * v0, sign * v1))
+                outline = box((u[0], v_low), (u[1], v_high))
                 yield Body(name=f"{self.name}{part}{side}", outline=outline.mapped(place.to_plane))
         block = self.block_half_height
-        outline = _rectangle((self.block_left, self.ground_face), (-block, block))
+        outline = box((self.block_left, -block), (self.ground_face, block))
         yield Body(name=f"{self.name}in", outline=outline.mapped(place.to_plane))
 
     def hinges(self, place: Placement, platform: str, ground: str) -> Iterator[Hinge]:
@@ -235,10 +237,6 @@ class AxisLayout:
                     direction=place.angle + across,
                     profile=notch,
                 )
-
-
-def _rectangle(u: Pair, v: Pair) -> Loop:
-    return Loop(((u[0], v[0]), (u[1], v[0]), (u[1], v[1]), (u[0], v[1])))
 
 
 def _corners(points: list[Pair]) -> tuple[Pair, ...]:

@@ -1,28 +1,30 @@
-"""A parallelogram guide with four circular hinges, as a family of stages."""
+"""A parallelogram guide: a platform on two legs of notches or leaves, as a family of stages."""
 
 import math
 from dataclasses import dataclass, field
 
+from flexstage.designs.pieces import Leg, PlateParameters, block, bolt_holes
+from flexstage.designs.topology import Topology
 from flexstage.errors import StageError
-from flexstage.files.ranges import Size, require_ranges
+from flexstage.files.ranges import Size
 from flexstage.hinges import RightCircular
-from flexstage.material import CATALOGUE, Material
-from flexstage.stage import Axis, Body, Circle, Hinge, Loop, Probe, Stage
+from flexstage.stage import Axis, Body, Loop, Probe, Stage
 from flexstage.stage.drive import AnyActuator, ScrewActuator, placed
+from flexstage.stage.issue import millimetres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ParallelogramParameters:
+class ParallelogramParameters(PlateParameters):
     """The dimensions of a parallelogram guide."""
 
     leg_spacing: Size = 40e-3
     """Distance between the two legs [m]."""
-    leg_bar_length: Size = 26e-3
-    """Length of the bar between the two notches of a leg [m]."""
-    notch_radius: Size = 2e-3
-    """Radius of the notches [m]."""
-    neck_thickness: Size = 0.5e-3
-    """Neck thickness of the notches [m]."""
+    leg: Leg = field(
+        default_factory=lambda: Leg(
+            notch=RightCircular(neck_thickness=0.5e-3, radius=2e-3), bar_length=26e-3
+        )
+    )
+    """The two legs; each is a bar between two notches, or a leaf."""
     platform_overhang: Size = 4e-3
     """How far the platform reaches beyond the legs, on both sides [m]."""
     platform_height: Size = 12e-3
@@ -33,32 +35,19 @@ class ParallelogramParameters:
     """Width of the column of the base that holds the drive [m]."""
     actuator_length: Size = 2e-3
     """Distance between column and platform [m]."""
-    mounting_hole_diameter: Size = 5.5e-3
-    """Diameter of the two holes by which the base is bolted down [m]."""
     actuator: AnyActuator = field(
         default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=200e-6)
     )
     """What drives the guide."""
-    force_patch_half_width: Size = 2e-3
-    """Half of the width over which the drive spreads its force [m]."""
-    thickness: Size = 8e-3
-    """Thickness of the plate [m]."""
-    material: Material = field(default_factory=lambda: CATALOGUE["Al 7075-T6"])
-    """What it is cut from."""
 
     def __post_init__(self) -> None:
-        require_ranges(self, StageError, "a parallelogram")
-        leg_width = 2.0 * self.notch_radius + self.neck_thickness
-        if not self.leg_spacing > leg_width:
+        PlateParameters.__post_init__(self)
+        if not self.leg_spacing > self.leg.width:
             raise StageError(
-                f"leg_spacing must be over the width of a leg, {leg_width * 1e3:.6g} mm, "
-                f"got {self.leg_spacing * 1e3:.6g} mm"
+                f"leg_spacing must be over the width of a leg, {millimetres(self.leg.width)}, "
+                f"got {millimetres(self.leg_spacing)}"
             )
-        if not self.mounting_hole_diameter < self.base_height:
-            raise StageError(
-                f"mounting_hole_diameter must be under the base_height of "
-                f"{self.base_height * 1e3:.6g} mm, got {self.mounting_hole_diameter * 1e3:.6g} mm"
-            )
+        self._below("mounting_hole_diameter", "base_height")
 
 
 def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
@@ -69,9 +58,14 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
     l apart. The base carries a column, against which the drive pushes the platform. y = 0 is the
     top of the base, x = 0 the middle of the platform.
 
-    Its bodies are ``base`` (fixed), ``left-leg``, ``right-leg`` and ``platform``; its hinges
-    ``left-lower``, ``left-upper``, ``right-lower`` and ``right-upper``; its drive, probe and axis
-    ``x``.
+    A leaf takes the place of a leg without a bar. Leaves of length L that bend into an S take the
+    platform towards the base by 3/5 d^2/L, and are 12 E I/L^3 stiff, each: S. Awtar, A. H. Slocum
+    and E. Sevincer, Characteristics of beam-based flexure modules, J. Mech. Des. 129 (2007) 625.
+    A leg of two notches is a link of two springs k of its necks: 2 k/l^2 each.
+
+    Its bodies are ``base`` (fixed), ``left-leg``, ``right-leg`` (where they have bars) and
+    ``platform``; its hinges ``left-lower``, ``left-upper``, ``right-lower`` and ``right-upper``, or
+    ``left`` and ``right``; its drive, probe and axis ``x``.
 
     Examples
     --------
@@ -80,11 +74,9 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
     (-0.02, 0.032)
     """
     p = parameters or ParallelogramParameters()
-    r = p.notch_radius
-    leg_bottom, leg_top = 2.0 * r, 2.0 * r + p.leg_bar_length
-    platform_bottom = leg_top + 2.0 * r
+    platform_bottom = p.leg.length
     platform_top = platform_bottom + p.platform_height
-    half_leg = r + 0.5 * p.neck_thickness
+    half_leg = 0.5 * p.leg.width
     half_platform = 0.5 * p.leg_spacing + half_leg + p.platform_overhang
     face = -half_platform - p.actuator_length
     left = face - p.column_width
@@ -102,30 +94,19 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
                 (left, platform_top),
             )
         ),
-        mounting_holes=tuple(
-            Circle(
-                (sign * 0.5 * p.leg_spacing, -0.5 * p.base_height), 0.5 * p.mounting_hole_diameter
-            )
-            for sign in (-1.0, 1.0)
+        mounting_holes=bolt_holes(
+            ((sign * 0.5 * p.leg_spacing, -0.5 * p.base_height) for sign in (-1.0, 1.0)),
+            p.mounting_hole_diameter,
         ),
         fixed=True,
     )
-    notch = RightCircular(neck_thickness=p.neck_thickness, radius=r)
     legs, hinges = [], []
     for name, x in (("left", -0.5 * p.leg_spacing), ("right", 0.5 * p.leg_spacing)):
-        leg = _rectangle(f"{name}-leg", (x - half_leg, leg_bottom), (x + half_leg, leg_top))
-        legs.append(leg)
-        ends = (("lower", "base", leg.name, r), ("upper", leg.name, "platform", leg_top + r))
-        for end, below, above, y in ends:
-            hinges.append(
-                Hinge(
-                    name=f"{name}-{end}",
-                    bodies=(below, above),
-                    at=(x, y),
-                    direction=math.pi / 2.0,
-                    profile=notch,
-                )
-            )
+        bars, notches = p.leg.between(
+            name, ("base", "platform"), (x, 0.0), math.pi / 2.0, ends=("lower", "upper")
+        )
+        legs += bars
+        hinges += notches
     middle = 0.5 * (platform_bottom + platform_top)
     drive = placed(
         p.actuator,
@@ -138,15 +119,13 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
     )
     return Stage(
         name="parallelogram",
-        title="Parallelogram guide with four circular hinges",
+        title="Parallelogram guide",
         thickness=p.thickness,
         material=p.material,
         bodies=(
             base,
             *legs,
-            _rectangle(
-                "platform", (-half_platform, platform_bottom), (half_platform, platform_top)
-            ),
+            block("platform", (-half_platform, platform_bottom), (half_platform, platform_top)),
         ),
         hinges=tuple(hinges),
         drives=(drive,),
@@ -155,5 +134,11 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
     )
 
 
-def _rectangle(name: str, low: tuple[float, float], high: tuple[float, float]) -> Body:
-    return Body(name=name, outline=Loop((low, (high[0], low[1]), high, (low[0], high[1]))))
+TOPOLOGY = Topology(
+    name="parallelogram",
+    title="parallelogram guide on two legs of notches or leaves",
+    source="S. T. Smith, Flexures: Elements of Elastic Mechanisms, Gordon and Breach, 2000; "
+    "S. Awtar, A. H. Slocum, E. Sevincer, J. Mech. Des. 129 (2007) 625",
+    parameters=ParallelogramParameters,
+    construct=parallelogram,
+)

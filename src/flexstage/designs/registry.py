@@ -2,66 +2,54 @@
 
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import is_dataclass, replace
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from flexstage.choose import did_you_mean, nearest
-from flexstage.designs import nested_xy, parallelogram, vgtu_mechanical, vgtu_piezo
+from flexstage.designs import vgtu_mechanical, vgtu_piezo
+from flexstage.designs.topology import ParameterSet, Topology
 from flexstage.errors import StageError
 from flexstage.files.decoder import Decoder
 from flexstage.files.format import field_types, required
-from flexstage.files.nodes import Given, node_of
+from flexstage.files.nodes import Given, node_of, plain
+from flexstage.files.settings import require_known, settings_of
 from flexstage.stage import Stage
 from flexstage.stage.format import STAGE_FILE
 
+# designs that a message names
+_SHOWN = 3
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Topology:
-    """A family of stages that differ in their dimensions."""
-
-    name: str
-    """Its name in stage files."""
-    title: str
-    """One line that says what it is."""
-    parameters: type
-    """The dataclass of its dimensions."""
-    construct: Callable[[Any], Stage]
-    """Builds a stage from dimensions."""
-
+# a family is a module with a TOPOLOGY
+_FAMILIES = (
+    "nested_xy",
+    "parallelogram",
+    "double_parallelogram",
+    "side_by_side_xy",
+    "stacked_xy",
+)
 
 #: Parametric families.
 TOPOLOGIES: dict[str, Topology] = {
-    t.name: t
-    for t in (
-        Topology(
-            name="nested-xy",
-            title="nested, decoupled XY stage with symmetric levers",
-            parameters=nested_xy.NestedXYParameters,
-            construct=nested_xy.nested_xy,
-        ),
-        Topology(
-            name="parallelogram",
-            title="parallelogram guide with four circular hinges",
-            parameters=parallelogram.ParallelogramParameters,
-            construct=parallelogram.parallelogram,
-        ),
+    topology.name: topology
+    for topology in (import_module(f"flexstage.designs.{f}").TOPOLOGY for f in _FAMILIES)
+}
+
+#: Built-in stages for stage files to start from: two that are known, and the usual one of a family.
+PARAMETER_SETS: dict[str, ParameterSet] = {
+    known.name: known
+    for known in (
+        vgtu_mechanical.PARAMETER_SET,
+        vgtu_piezo.PARAMETER_SET,
+        *filter(None, (topology.usual() for topology in TOPOLOGIES.values())),
     )
 }
 
-#: Built-in stages.
+#: What builds each of them.
 DESIGNS: dict[str, Callable[[], Stage]] = {
-    "vgtu-mechanical": vgtu_mechanical.vgtu_mechanical,
-    "vgtu-piezo": vgtu_piezo.vgtu_piezo,
-    "parallelogram": parallelogram.parallelogram,
-}
-
-#: Topology and dimensions of each built-in stage, for stage files that start from one.
-PARAMETER_SETS: dict[str, tuple[str, Any]] = {
-    "vgtu-mechanical": ("nested-xy", vgtu_mechanical.PARAMETERS),
-    "vgtu-piezo": ("nested-xy", vgtu_piezo.PARAMETERS),
-    "parallelogram": ("parallelogram", parallelogram.ParallelogramParameters()),
+    name: known.construct for name, known in PARAMETER_SETS.items()
 }
 
 
@@ -121,28 +109,32 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
     >>> build("nested-xy", longer).hinge("xful-u").at[1]
     0.02134
     """
-    name = _known("design", name, [*TOPOLOGIES, *DESIGNS])
+    name = _known("design", name, {**DESIGNS, **TOPOLOGIES})
     base_name = parameters.get("based_on")
     if name not in TOPOLOGIES:
+        known = PARAMETER_SETS[name]
         if base_name is not None:
             raise StageError(
-                f"'based_on' goes with a parametric design ({', '.join(TOPOLOGIES)}), got "
-                f"'{name}': name one of those, or leave 'based_on' out"
+                f"'based_on' goes with a parametric design, such as '{known.topology.name}', got "
+                f"'{name}': name that, or leave 'based_on' out"
             )
-        name, base_name = PARAMETER_SETS[name][0], name
+        name, base_name = known.topology.name, name
     topology = TOPOLOGIES[name]
     if base_name is None:
-        return topology.construct(_dimensions(topology, parameters, None))
+        usual = topology.usual()
+        base = None if usual is None else usual.parameters
+        return topology.construct(_dimensions(topology, parameters, base))
     if not isinstance(base_name, str):
         raise StageError(f"'based_on' must be the name of a built-in design, got {base_name!r:.60}")
     base_name = _known("built-in design", base_name, PARAMETER_SETS)
-    family, base = PARAMETER_SETS[base_name]
-    if family != topology.name:
+    known = PARAMETER_SETS[base_name]
+    if known.topology is not topology:
         raise StageError(
-            f"'{base_name}' is a {family} design and cannot be the base of a {topology.name} one"
+            f"'{base_name}' is a {known.topology.name} design and cannot be the base of a "
+            f"{topology.name} one"
         )
-    dimensions = _dimensions(topology, parameters, base)
-    if dimensions == base:
+    dimensions = _dimensions(topology, parameters, known.parameters)
+    if dimensions == known.parameters:
         return design(base_name)
     return replace(
         topology.construct(dimensions),
@@ -179,23 +171,31 @@ def _built(name: str) -> Stage:
     return DESIGNS[name]()
 
 
+def some_of(names: Iterable[str]) -> str:
+    """Return the first of many names for a message, and where the others are listed."""
+    first, more = list(names)[:_SHOWN], "'flexstage new' lists all"
+    return f"{', '.join(first)}, ...; {more}"
+
+
 def _known(noun: str, name: str, names: Iterable[str]) -> str:
     """Return a name as it is registered."""
     wanted = name.strip().casefold()
     if wanted in set(names):
         return wanted
     hint = did_you_mean(wanted, names, 0.3)
-    have = ", ".join(names)
-    raise StageError(f"there is no {noun} '{name[:60]}' (there are: {have}){hint}")
+    raise StageError(f"there is no {noun} '{name[:60]}' (there are: {some_of(names)}){hint}")
 
 
-def find_stage(source: str | os.PathLike[str]) -> Stage:
+def find_stage(source: str | os.PathLike[str], set: Mapping[str, object] | None = None) -> Stage:
     """Return a built-in stage, or read one from a stage file.
 
     Parameters
     ----------
     source : str or os.PathLike
         Name of a built-in design, or path of a stage file.
+    set : mapping, optional
+        Parameters of the design or of the file by name, with dots for those of a group, and their
+        values as a stage file has them: ``{"x.lever_neck": "0.45 mm"}``.
 
     Returns
     -------
@@ -205,27 +205,48 @@ def find_stage(source: str | os.PathLike[str]) -> Stage:
     Raises
     ------
     StageError
-        There is neither such a design nor such a file, or the file is no stage.
+        There is neither such a design nor such a file, the file is no stage, or it has no such
+        parameter.
 
     Examples
     --------
     >>> find_stage("vgtu-piezo").name
     'vgtu-piezo'
+    >>> find_stage("parallelogram", {"leg_spacing": "35 mm"}).hinges[0].at[0]
+    -0.0175
     """
     text = os.fspath(source)
     if text.casefold() in DESIGNS:
-        return design(text)
+        return _design_with(text.casefold(), set) if set else design(text)
     path = Path(text)
     if not text or not _exists(path):
         # a file that lies there, by another ending or a letter less, before a design of such a name
         beside = _files_beside(path)
         file = nearest(path.name, beside, 0.7)
         near = str(path.with_name(file)) if file else nearest(text, DESIGNS, 0.4)
-        hint = f"did you mean '{near}'?" if near else f"the designs are {', '.join(DESIGNS)}"
+        hint = f"did you mean '{near}'?" if near else f"the designs are {some_of(DESIGNS)}"
         raise StageError(f"no built-in design and no file is called '{text[:200]}': {hint}")
     from flexstage.stage.file import read_stage
 
-    return read_stage(path, designs=build)
+    return read_stage(path, designs=build, set=set)
+
+
+def _design_with(name: str, settings: Mapping[str, object]) -> Stage:
+    known = _names_in(PARAMETER_SETS[name].parameters)
+    for setting in settings:
+        require_known(f"the design '{name}'", setting, known, StageError)
+    given: Any = plain(settings_of(settings, StageError))
+    return build(name, given)
+
+
+def _names_in(dimensions: Any, group: str = "") -> list[str]:
+    """Names of the fields of a description, with those of what it holds behind a dot."""
+    found = []
+    for name in field_types(type(dimensions)):
+        found.append(group + name)
+        if is_dataclass(held := getattr(dimensions, name)):
+            found += _names_in(held, f"{group}{name}.")
+    return found
 
 
 def _files_beside(path: Path) -> list[str]:

@@ -5,9 +5,10 @@ The study prints no dimensions: this geometry is a reconstruction, see `NOTES`.
 
 from dataclasses import replace
 
-from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
+from flexstage.designs.nested_xy import TOPOLOGY, NestedXYParameters, nested_xy
 from flexstage.designs.nested_xy_parameters import AxisParameters
 from flexstage.designs.published import rows
+from flexstage.designs.topology import ParameterSet
 from flexstage.stage import Stage
 from flexstage.stage.drive import StackActuator
 
@@ -148,3 +149,8 @@ def vgtu_piezo() -> Stage:
         published=PUBLISHED,
         notes=NOTES,
     )
+
+
+PARAMETER_SET = ParameterSet(
+    name="vgtu-piezo", topology=TOPOLOGY, parameters=PARAMETERS, construct=vgtu_piezo
+)

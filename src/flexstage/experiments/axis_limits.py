@@ -64,7 +64,7 @@ def axis_setting(
     names = [a.name for a in stage.axes]
     if axis not in names:
         raise PlanError(has_no(f"the stage {stage.name}", "axis", axis, names))
-    drive = stage.drive(stage.axis(axis).drive)
+    drive = stage.drive_of(axis)
     own = limits if limits is not None else stage_limits(stage, axis)
     screw = isinstance(drive, Screw)
     if screw or closed_loop:

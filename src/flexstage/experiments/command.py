@@ -114,7 +114,7 @@ class CommandWaveform:
         del outputs
         found = [*sensors]
         for axis in self.axes:
-            if isinstance(stage.drive(stage.axis(axis).drive), PiezoStack):
+            if isinstance(stage.drive_of(axis), PiezoStack):
                 name = _named("voltage", axis, self)
                 found.append(Signal(kind="voltage", source=axis, name=name, unit="V"))
         return found

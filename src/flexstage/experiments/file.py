@@ -63,18 +63,25 @@ def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> "Stage":
     >>> plan_stage(read_plan(find_plan("vgtu-piezo"))).name
     'vgtu-piezo'
     """
-    from flexstage.designs import DESIGNS, build, design
-    from flexstage.stage.file import read_stage
+    from flexstage.designs import find_stage
+
+    return find_stage(stage_source(plan, folder))
+
+
+def stage_source(plan: Plan, folder: str | os.PathLike[str] = ".") -> str:
+    """Return what `flexstage.designs.find_stage` takes for the stage that a plan names."""
+    from flexstage.designs import DESIGNS
+    from flexstage.designs.registry import some_of
 
     if plan.stage.casefold() in DESIGNS:
-        return design(plan.stage)
+        return plan.stage
     path = Path(folder) / plan.stage
     if not path.exists():
         raise PlanError(
             f"the plan's stage '{plan.stage[:200]}' is no built-in design and no file: the designs "
-            f"are {', '.join(DESIGNS)}"
+            f"are {some_of(DESIGNS)}"
         )
-    return read_stage(path, designs=build)
+    return str(path)
 
 
 def plan_from_text(text: str, *, source: str = "plan") -> Plan:

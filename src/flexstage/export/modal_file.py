@@ -132,6 +132,7 @@ def universal_files(
             frequency_response(system, written, d.name, p.name, drives=drives)
             for d in stage.drives
             for p in stage.probes
+            if p.direction is not None  # the format has no code for a rotation over a force
         ]
         files[f"{name}-frf.uff"] = frf_file(stage, responses, time_stamp=time_stamp)
     files[f"{name}-points.csv"] = points.table()
@@ -232,19 +233,20 @@ def _function(stage: Stage, points: ModalPoints, number: int, response: Frequenc
             f"the response of '{probe.name}' to '{drive.name}' must be in m/N or m/m, got "
             f"'{response.unit}'"
         )
+    along = probe.direction or 0.0
     against = "the ground" if probe.relative_to is None else f"body {probe.relative_to}"
     titles = (
         f"{stage.name}: probe {probe.name} over drive {drive.name}",
         f"displacement over {response.input_kind}, drives {response.drives}",
         "NONE",
-        f"probe on {probe.body} against {against}, at {_degrees(probe.direction)} deg",
+        f"probe on {probe.body} against {against}, at {_degrees(along)} deg",
         f"drive pushes {drive.pushes}, reacts on {drive.reacts}, at {_degrees(drive.direction)} "
         "deg",
     )
     return frequency_function(
         titles,
         number,
-        (probe.name, points.numbers["probe", probe.name], direction_code(probe.direction)),
+        (probe.name, points.numbers["probe", probe.name], direction_code(along)),
         (drive.name, points.numbers["drive", drive.name], direction_code(drive.direction)),
         FORCE if response.unit == "m/N" else DISPLACEMENT,
         response.frequency_hz,

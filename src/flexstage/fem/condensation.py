@@ -14,7 +14,7 @@ from flexstage.fem.constrained import Constrained, edge_means, neck_rows
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
 from flexstage.fem.mesh import sound_mesh
 from flexstage.fem.necks import NeckPoints, neck_points
-from flexstage.fem.ports import drive_vector
+from flexstage.fem.ports import body_motion, drive_vector
 from flexstage.fem.substructure import BODY, PointReading, Substructure
 from flexstage.stage import mass_properties
 
@@ -67,7 +67,7 @@ class Condensed:
 
     @property
     def readings(self) -> Array:
-        """Displacement at each reading [m], shape (k, r)."""
+        """Each reading [m, or rad for a rotation], shape (k, r)."""
         return self.loads[len(LOADS) :]
 
     @property
@@ -158,7 +158,7 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
         rows.append(drive_vector(continuum, stage, drive, faces.patches, "elastic")[None])
     body = Constrained(continuum, np.concatenate(rows), blocks, floating=not part.held)
     centre = properties.centre
-    motion = body.mean_motion(centre)
+    motion = body_motion(continuum, stage, BODY, centre)
     thermal = (continuum.thermal(c) for c in (1.0, ng.x / METRE, ng.y / METRE))
     readings = (_reading(continuum, r, centre, motion) for r in part.readings)
     inner = np.array([*motion, *thermal, *readings])
@@ -193,7 +193,12 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
 def _reading(
     continuum: Continuum, reading: PointReading, centre: tuple[float, float], motion: Array
 ) -> Array:
-    """Displacement of a point; where there is no material, of what rides on the mean motion."""
+    """Displacement of a point, or rotation of the body.
+
+    Where there is no material, it is that of what rides on the mean motion.
+    """
+    if reading.direction is None:
+        return motion[2]
     along = (math.cos(reading.direction), math.sin(reading.direction))
     x, y = reading.at
     if continuum.mesh.Contains(METRE * x, METRE * y):

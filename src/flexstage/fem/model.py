@@ -19,9 +19,9 @@ from flexstage.fem.ports import (
     Supports,
     attached_masses,
     body_motion,
-    body_regions,
     drive_vector,
     probe_vector,
+    rigid_regions,
 )
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, MassProperties, Stage, mass_properties
@@ -197,7 +197,7 @@ def assemble(
     )
     probes = [
         ProbePort(
-            name=p.name, vector=np.concatenate([first.probes[i], *zeros]), unit="m", body=p.body
+            name=p.name, vector=np.concatenate([first.probes[i], *zeros]), unit=p.unit, body=p.body
         )
         for i, p in enumerate(stage.probes)
     ]
@@ -241,7 +241,7 @@ def assemble(
         bodies=bodies,
         stress=stress,
         loads=tuple(loads),
-        axes=tuple(AxisPort(name=a.name, drive=a.drive, probe=a.probe) for a in stage.axes),
+        axes=tuple(AxisPort(name=a.name, drives=a.moved_by, probe=a.probe) for a in stage.axes),
         validity=validity,
         settings={**choices, "supports": supports},
     )
@@ -288,7 +288,7 @@ def _uncoupled(
     if out_of_plane:
         for body in dict.fromkeys(p.body for p in stage.probes):
             probe = next(p for p in stage.probes if p.body == body)
-            _, motion = continuum.rigid_motion(body_regions(stage, body), (*probe.at, 0.0))
+            _, motion = continuum.rigid_motion(rigid_regions(stage, body), (*probe.at, 0.0))
             lifts[body] = motion[2]
     else:
         if stage.drives:

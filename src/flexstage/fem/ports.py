@@ -19,7 +19,11 @@ from flexstage.fem.geometry import (
     notch_region,
     patch_edge,
 )
-from flexstage.stage import Drive, Probe, Stage
+from flexstage.hinges import Profile
+from flexstage.stage import Drive, Hinge, Probe, Stage
+
+# a notch of constant thickness is a leaf from this many of its thicknesses on
+_LEAF = 4.0
 
 #: Whether the fixed bodies give way under the drives that react on them.
 Supports = Literal["rigid", "elastic"]
@@ -27,8 +31,24 @@ Supports = Literal["rigid", "elastic"]
 
 def body_regions(stage: Stage, body: str) -> str:
     """Return the expression of the regions of a body with its half notches."""
+    return _regions(stage, body, stage.hinges)
+
+
+def rigid_regions(stage: Stage, body: str) -> str:
+    """Return the expression of the regions of a body that move as one.
+
+    A half notch bends at its neck alone and goes along with its body; half of a leaf does not.
+    """
+    return _regions(stage, body, (h for h in stage.hinges if not _is_leaf(h.profile)))
+
+
+def _is_leaf(profile: Profile) -> bool:
+    return profile.flat_length > _LEAF * profile.neck_thickness
+
+
+def _regions(stage: Stage, body: str, hinges: Iterable[Hinge]) -> str:
     own = [body_region(body)]
-    for hinge in stage.hinges:
+    for hinge in hinges:
         own += [notch_region(hinge.name, i) for i in (0, 1) if hinge.bodies[i] == body]
     return either(own)
 
@@ -40,7 +60,7 @@ def body_motion(continuum: Continuum, stage: Stage, body: str, at: tuple[float, 
     plane is at z = 0.
     """
     centre = at if continuum.dimension == 2 else (*at, 0.0)
-    _, motion = continuum.rigid_motion(body_regions(stage, body), centre)
+    _, motion = continuum.rigid_motion(rigid_regions(stage, body), centre)
     return motion if continuum.dimension == 2 else motion[[0, 1, 5]]
 
 
@@ -109,31 +129,24 @@ def probe_vector(continuum: Continuum, stage: Stage, probe: Probe) -> Array:
     """Return the reading of a probe.
 
     It is the displacement of the point that it names. Where the body has no material there, such
-    as in its aperture, what it reads rides on the body and follows its mean motion.
+    as in its aperture, what it reads rides on the body and follows its mean motion; so does a
+    rotation.
     """
-    along = (math.cos(probe.direction), math.sin(probe.direction))
-    reading = _reading(continuum, stage, probe.body, probe.at, along)
+    reading = _reading(continuum, stage, probe.body, probe)
     if probe.relative_to is not None:
-        reading = reading - _reading(continuum, stage, probe.relative_to, probe.at, along)
+        reading = reading - _reading(continuum, stage, probe.relative_to, probe)
     return reading
 
 
-def _reading(
-    continuum: Continuum,
-    stage: Stage,
-    body: str,
-    at: tuple[float, float],
-    along: tuple[float, float],
-) -> Array:
-    mesh = continuum.mesh
+def _reading(continuum: Continuum, stage: Stage, body: str, probe: Probe) -> Array:
+    mesh, at = continuum.mesh, probe.at
     place = tuple(METRE * c for c in at) + (0.0,) * (continuum.dimension - 2)
-    if mesh.Contains(*place):
+    if probe.direction is not None and mesh.Contains(*place):
         element = ng.ElementId(ng.VOL, mesh(*place).nr)
         own = mesh.Materials(body_regions(stage, body)).Mask()
         if own[mesh[element].index]:
-            return continuum.point((*at, 0.0)[: continuum.dimension], along)
-    motion = body_motion(continuum, stage, body, at)
-    return along[0] * motion[0] + along[1] * motion[1]
+            return continuum.point((*at, 0.0)[: continuum.dimension], probe.along)
+    return np.array(probe.row) @ body_motion(continuum, stage, body, at)
 
 
 def attached_masses(continuum: Continuum, stage: Stage) -> list[AttachedMass]:
@@ -149,7 +162,7 @@ def attached_masses(continuum: Continuum, stage: Stage) -> list[AttachedMass]:
             motion = body_motion(continuum, stage, body.name, extra.at)
             inertia = np.array([extra.mass, extra.mass, extra.inertia])
             if continuum.dimension == 3:
-                _, whole = continuum.rigid_motion(body_regions(stage, body.name), (*extra.at, 0.0))
+                _, whole = continuum.rigid_motion(rigid_regions(stage, body.name), (*extra.at, 0.0))
                 # how it is spread out of the plane is not described: it counts as a point there
                 motion = whole[[0, 1, 2, 5]]
                 inertia = np.array([extra.mass, extra.mass, extra.mass, extra.inertia])

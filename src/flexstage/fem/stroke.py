@@ -117,7 +117,7 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
         progress.update("large displacement")
         path = follow_drive(continuum, row, values)
     moved = np.concatenate((np.zeros((1, 3)), path.displacement @ platform.T))
-    c, s = np.cos(probe.direction), np.sin(probe.direction)
+    c, s = probe.along
     progress.update("stiffening", 0.7)
     frequency = _frequency_at(model, problem, axis, path.displacement[-1])
     progress.update("buckling", 0.85)
@@ -152,7 +152,7 @@ def _frequency_at(
     probe = stage.probe(axis.probe)
     drive = _drive_row(model, axis.drive)
     motion = body_motion(problem.continuum, stage, probe.body, probe.at)
-    read = np.cos(probe.direction) * motion[0] + np.sin(probe.direction) * motion[1]
+    read = np.array(probe.row) @ motion
     omega, shapes = stress_stiffening(problem.continuum, u, 4)
     gain = np.abs((read @ shapes) * (drive @ shapes)) / omega**2
     return float(omega[int(np.argmax(gain))] / (2.0 * np.pi))

@@ -67,8 +67,8 @@ class PointReading:
 
     at: Point
     """The point [m]."""
-    direction: float
-    """The direction that is read [rad]."""
+    direction: float | None
+    """The direction that is read [rad]; None where it is the rotation of the body."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,7 +152,13 @@ class Substructure:
                 for i, p in enumerate(self.patches)
             ),
             probes=tuple(
-                Probe(name=str(i), body=BODY, at=r.at, direction=r.direction)
+                Probe(
+                    name=str(i),
+                    body=BODY,
+                    at=r.at,
+                    direction=r.direction,
+                    reads="rotation" if r.direction is None else "displacement",
+                )
                 for i, r in enumerate(self.readings)
             ),
         )

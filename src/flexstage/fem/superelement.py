@@ -320,7 +320,7 @@ def _system(
             for d in stage.drives
         ),
         probes=tuple(
-            ProbePort(name=p.name, vector=joint.probes[p.name] @ basis, unit="m", body=p.body)
+            ProbePort(name=p.name, vector=joint.probes[p.name] @ basis, unit=p.unit, body=p.body)
             for p in stage.probes
         ),
         bodies=tuple(
@@ -332,7 +332,7 @@ def _system(
             LoadPort(name=name, vector=vector @ basis, unit=unit)
             for name, (vector, unit) in joint.loads.items()
         ),
-        axes=tuple(AxisPort(name=a.name, drive=a.drive, probe=a.probe) for a in stage.axes),
+        axes=tuple(AxisPort(name=a.name, drives=a.moved_by, probe=a.probe) for a in stage.axes),
         validity=said[0],
         settings=said[1],
     )

@@ -86,7 +86,7 @@ def models_by_drive(stage: Stage, given: Hysteresis) -> dict[str, HysteresisMode
         if given not in ("usual", "none"):
             raise ModelError(f"hysteresis is a model for each drive, usual or none, got '{given}'")
         return {n: usual_hysteresis(d) for n, d in stacks.items()} if given == "usual" else {}
-    by_axis = {axis.name: axis.drive for axis in stage.axes}
+    by_axis = {axis.name: axis.drive or "" for axis in stage.axes}
     made: dict[str, HysteresisModel | DriveModel] = {}
     for name, model in given.items():
         target = name if name in {d.name for d in stage.drives} else by_axis.get(name, "")
@@ -107,7 +107,7 @@ def scale_of(model: DynamicModel, stack: PiezoStack, given: DriveModel) -> float
             f"the model of drive '{stack.name}' goes from {given.input_unit or 'nothing'} to "
             f"{given.output_unit or 'nothing'}: it must go from V to one of {', '.join(_LENGTHS)}"
         )
-    read = [axis.probe for axis in model.system.axes if axis.drive == stack.name]
+    read = [axis.probe for axis in model.system.axes if axis.drives == (stack.name,)]
     static = model.static_gain(stack.name, read[0]) if read else 0.0
     if static == 0.0:
         raise ModelError(

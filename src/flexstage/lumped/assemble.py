@@ -285,7 +285,7 @@ def lumped_system(
             LoadPort(name=f"gravity {axis}", vector=_weight(layout, mass, i), unit="g")
             for i, axis in enumerate("xy")
         ),
-        axes=tuple(AxisPort(name=a.name, drive=a.drive, probe=a.probe) for a in stage.axes),
+        axes=tuple(AxisPort(name=a.name, drives=a.moved_by, probe=a.probe) for a in stage.axes),
         damping=damping,
         validity=_validity(stage, method, planes, damping),
         settings={"model": "lumped", "method": method, "plane": " and ".join(planes)},
@@ -324,7 +324,7 @@ def _probe_port(layout: BodyCoordinates, probe: Probe) -> ProbePort:
     if probe.relative_to is not None:
         motion = motion - point_matrix(layout, probe.relative_to, probe.at)
     return ProbePort(
-        name=probe.name, vector=_along(probe.direction) @ motion, unit="m", body=probe.body
+        name=probe.name, vector=np.array(probe.row) @ motion, unit=probe.unit, body=probe.body
     )
 
 

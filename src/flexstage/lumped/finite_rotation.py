@@ -301,7 +301,7 @@ def _sights(mechanism: Mechanism, sights: tuple[Sight, ...]) -> Connections:
         mechanism,
         [s.bodies for s in sights],
         [s.points for s in sights],
-        [s.direction for s in sights],
+        [s.direction or 0.0 for s in sights],
         share_a=1.0,
     )
 

@@ -245,7 +245,8 @@ def sight_vector(
 
     Shape (n, 1); `numbers` has the number of each free body, from 1, by its index in the mechanism.
     """
-    c, s = table.direction(sight.direction)
+    turns = sight.direction is None
+    c, s = (sp.S.Zero, sp.S.Zero) if sight.direction is None else table.direction(sight.direction)
     # the line of action goes through the point on body b and turns with body a: its first order
     at = sight.points[1]
     out = sp.zeros(3 * len(numbers), 1)
@@ -255,6 +256,6 @@ def sight_vector(
             continue
         first = 3 * (numbers[body] - 1)
         X, Y = (table.length(at[k] - source.bodies[body].centre[k]) for k in (0, 1))
-        for j, value in enumerate((c, s, s * X - c * Y)):
+        for j, value in enumerate((c, s, sp.S.One if turns else s * X - c * Y)):
             out[first + j] += sign * value
     return sp.ImmutableMatrix(out)

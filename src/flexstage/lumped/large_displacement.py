@@ -195,7 +195,7 @@ def stroke_path(
     ConvergenceError
         A step is too long.
     ModelError
-        The drive or the probe does not exist.
+        The drive or the probe does not exist, or the probe reads a rotation.
 
     Notes
     -----
@@ -205,6 +205,8 @@ def stroke_path(
     if isinstance(stage, Stage):
         stage = mechanism(stage)
     model = nonlinear(stage) if isinstance(stage, Mechanism) else stage
+    if any(p.name == probe and p.direction is None for p in model.mechanism.probes):
+        raise ModelError(f"probe '{probe}' reads a rotation, whose point has no path to follow")
     wanted = np.atleast_1d(np.asarray(displacement, dtype=float))
     path = np.zeros((wanted.size, model.order))
     force = np.zeros(wanted.size)

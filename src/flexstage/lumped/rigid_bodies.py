@@ -56,9 +56,10 @@ class SpringHinge:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sight:
-    """A distance that a drive imposes or a probe reads.
+    """A distance that a drive imposes or a probe reads, or a rotation that a probe reads.
 
-    It is the distance of point b from point a along a direction that turns with body a.
+    It is the distance of point b from point a along a direction that turns with body a, or the
+    rotation of b against a.
     """
 
     name: str
@@ -67,8 +68,8 @@ class Sight:
     """Indices of body a (-1 for the ground) and of body b."""
     points: tuple[Pair, Pair]
     """The points on a and on b (x, y) [m]."""
-    direction: float
-    """The direction, from the x axis to the left [rad]."""
+    direction: float | None
+    """The direction, from the x axis to the left [rad]; None for a rotation."""
     stiffness: float | None = 0.0
     """Stiffness of a drive [N/m]; None if rigid, 0 for a force and for a probe."""
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from flexstage.stage.mass import MassProperties, mass_properties
     from flexstage.stage.model import Axis, Body, ExtraMass, Hinge, Manufacture, Probe, Stage
     from flexstage.stage.outline import Circle, Loop, Point
+    from flexstage.stage.transform import PlaneMotion, moved
 
 __all__ = [
     "Axis",
@@ -26,6 +27,7 @@ __all__ = [
     "Manufacture",
     "MassProperties",
     "PiezoStack",
+    "PlaneMotion",
     "Point",
     "Probe",
     "Root",
@@ -33,6 +35,7 @@ __all__ = [
     "Stage",
     "check",
     "mass_properties",
+    "moved",
     "read_stage",
     "root_widths",
     "stage_from_text",

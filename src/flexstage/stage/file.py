@@ -15,6 +15,7 @@ from flexstage.files.encoder import Encoder
 from flexstage.files.format import check_name
 from flexstage.files.nodes import Given, Node, Scalar, read_text
 from flexstage.files.nodes import Mapping as MappingNode
+from flexstage.files.settings import overridden, require_known, settings_of
 from flexstage.files.write import write_whole
 from flexstage.stage.format import STAGE_FILE
 from flexstage.stage.model import Stage
@@ -27,7 +28,12 @@ _HEAD = ("flexstage", "length_unit", "design")
 _NAMED = {"hinge": "hinges", "drive": "drives", "probe": "probes", "axis": "axes"}
 
 
-def read_stage(path: str | os.PathLike[str], designs: DesignBuilder | None = None) -> Stage:
+def read_stage(
+    path: str | os.PathLike[str],
+    designs: DesignBuilder | None = None,
+    *,
+    set: Mapping[str, object] | None = None,
+) -> Stage:
     """Read a stage file.
 
     Parameters
@@ -37,6 +43,9 @@ def read_stage(path: str | os.PathLike[str], designs: DesignBuilder | None = Non
     designs : callable, optional
         Builds a stage from the name of a design and its parameters, such as
         ``flexstage.designs.build``; without it a file with ``design:`` is refused.
+    set : mapping, optional
+        Parameters of its design by name, with dots for those of a group, and values as the file
+        has them; they stand in place of those in the file.
 
     Returns
     -------
@@ -50,11 +59,15 @@ def read_stage(path: str | os.PathLike[str], designs: DesignBuilder | None = Non
         with file, line and key.
     """
     text = read_text(Path(path), STAGE_FILE.noun, StageError)
-    return stage_from_text(text, designs, source=os.fspath(path))
+    return stage_from_text(text, designs, set=set, source=os.fspath(path))
 
 
 def stage_from_text(
-    text: str, designs: DesignBuilder | None = None, *, source: str = "stage file"
+    text: str,
+    designs: DesignBuilder | None = None,
+    *,
+    set: Mapping[str, object] | None = None,
+    source: str = "stage file",
 ) -> Stage:
     """Read a stage from the text of a stage file.
 
@@ -64,6 +77,8 @@ def stage_from_text(
         The text.
     designs : callable, optional
         Builds a stage from the name of a design and its parameters.
+    set : mapping, optional
+        Parameters by name, as `read_stage` takes them.
     source : str
         What to call the text in messages.
 
@@ -94,7 +109,10 @@ def stage_from_text(
     decoder, root = read(text, source, STAGE_FILE)
     if "design" in root.items:
         decoder.check_keys(root, "", _HEAD)
-        return _from_design(decoder, root.items["design"], designs)
+        given = settings_of(set or {}, StageError)
+        return _from_design(decoder, root.items["design"], designs, given)
+    for name in set or {}:
+        require_known(source, name, (), StageError)
     # the names are looked up by the stage itself, which does not know lines: find them again
     try:
         stage = decoder.build(Stage, root, "", also=_HEAD)
@@ -145,14 +163,19 @@ def write_stage(stage: Stage, path: str | os.PathLike[str]) -> None:
     write_whole(path, stage_to_text(stage).encode("utf-8"), StageError)
 
 
-def _from_design(decoder: Decoder, node: Node, designs: DesignBuilder | None) -> Stage:
+def _from_design(
+    decoder: Decoder, node: Node, designs: DesignBuilder | None, settings: MappingNode
+) -> Stage:
     if not isinstance(node, MappingNode) or not isinstance(node.items.get("name"), Scalar):
         decoder.refuse(node, "design", "expected a mapping with the name of a design")
     if designs is None:
         decoder.refuse(node, "design", "parametric designs are not available here")
     name = node.items["name"]
+    for key in ("name", "based_on"):
+        if key in settings.items:
+            raise StageError(f"'{key}' of a design is no parameter: change it in {decoder.source}")
     rest = {key: value for key, value in node.items.items() if key != "name"}
-    given = Given(MappingNode(node.line, rest, node.key_lines), decoder)
+    given = Given(overridden(MappingNode(node.line, rest, node.key_lines), settings), decoder)
     try:
         return designs(name.text if isinstance(name, Scalar) else "", given)
     except FlexstageError as error:

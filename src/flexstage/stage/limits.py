@@ -62,7 +62,7 @@ def stage_limits(stage: Stage, axis: str) -> AxisLimits:
     >>> stage_limits(design("vgtu-piezo"), "x").voltage
     (0.0, 120.0)
     """
-    drive = stage.drive(stage.axis(axis).drive)
+    drive = stage.drive_of(axis)
     if isinstance(drive, PiezoStack):
         low, high = drive.voltage_range or (0.0, 0.0)
         safe = min(max(0.0, low), high)

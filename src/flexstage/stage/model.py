@@ -3,11 +3,11 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, TypeVar
+from typing import Annotated, ClassVar, Literal, TypeVar
 
 from flexstage.characteristic import Characteristic
 from flexstage.choose import did_you_mean
-from flexstage.errors import StageError
+from flexstage.errors import FlexstageError, StageError
 from flexstage.files.ranges import NOT_NEGATIVE, Size, require_ranges
 from flexstage.hinges import Profile
 from flexstage.material import Material
@@ -114,30 +114,104 @@ class Hinge:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Probe:
-    """A place where motion is read."""
+    """A place where motion is read.
+
+    Raises
+    ------
+    StageError
+        It reads a displacement and has no direction, or a rotation and has one.
+    """
 
     name: str
     """Its name."""
     body: str
     """The body whose motion is read."""
     at: Point
-    """The point [m]."""
-    direction: Angle
-    """The direction that is read, from the x axis to the left [rad]."""
+    """The point [m]; of a rotation, where it is drawn."""
+    direction: Angle | None = None
+    """The direction in which a displacement is read, from the x axis to the left [rad]."""
     relative_to: str | None = None
     """The body against which it is read; the ground where not given."""
+    reads: Literal["displacement", "rotation"] = "displacement"
+    """What is read: the displacement of the point [m], or the rotation of the body [rad]."""
+
+    def __post_init__(self) -> None:
+        if self.reads == "displacement" and self.direction is None:
+            raise StageError(
+                f"probe '{self.name}' reads a displacement, and its direction is missing (an angle "
+                'such as "90 deg"): give one, or write "reads: rotation"'
+            )
+        if self.reads == "rotation" and self.direction is not None:
+            raise StageError(
+                f"probe '{self.name}' reads a rotation, which has no direction in the plane: leave "
+                "its direction out"
+            )
+
+    @property
+    def unit(self) -> str:
+        """Unit of its reading."""
+        return "m" if self.direction is not None else "rad"
+
+    @property
+    def row(self) -> tuple[float, float, float]:
+        """Its reading for a unit of displacement x, y and of rotation of the body at its point."""
+        if self.direction is None:
+            return (0.0, 0.0, 1.0)
+        return (math.cos(self.direction), math.sin(self.direction), 0.0)
+
+    @property
+    def along(self) -> tuple[float, float]:
+        """The direction that is read, as a unit vector.
+
+        Raises
+        ------
+        StageError
+            A rotation is read.
+        """
+        if self.direction is None:
+            raise StageError(
+                f"probe '{self.name}' reads a rotation, where a displacement is needed: choose a "
+                "probe with a direction"
+            )
+        return self.row[:2]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """One direction of positioning: what drives it and where its motion is read."""
+    """One direction of positioning: what drives it and where its motion is read.
+
+    Raises
+    ------
+    StageError
+        It names no drive, one both ways, or the same one twice.
+    """
 
     name: str
     """Its name."""
-    drive: str
-    """The drive that moves it."""
+    drive: str | None = None
+    """The drive that moves it, where it is one."""
     probe: str
     """The probe that reads it."""
+    drives: tuple[str, ...] = ()
+    """The drives that move it together, where they are several."""
+
+    def __post_init__(self) -> None:
+        if (self.drive is None) == (not self.drives):
+            raise StageError(
+                f"axis '{self.name}' must name what moves it: 'drive' for one drive, or 'drives' "
+                f"for several, got {'none' if self.drive is None else 'both'}"
+            )
+        if len(set(self.drives)) < len(self.drives):
+            raise StageError(f"axis '{self.name}' names a drive twice: {', '.join(self.drives)}")
+        if len(self.drives) == 1:
+            # one way to say it, so that equal stages are equal
+            object.__setattr__(self, "drive", self.drives[0])
+            object.__setattr__(self, "drives", ())
+
+    @property
+    def moved_by(self) -> tuple[str, ...]:
+        """Names of all drives that move it."""
+        return self.drives if self.drive is None else (self.drive,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -224,7 +298,8 @@ class Stage:
             for name in (p.body, *(() if p.relative_to is None else (p.relative_to,))):
                 _known(f"probe '{p.name}'", "body", name, bodies)
         for a in self.axes:
-            _known(f"axis '{a.name}'", "drive", a.drive, drives)
+            for name in a.moved_by:
+                _known(f"axis '{a.name}'", "drive", name, drives)
             _known(f"axis '{a.name}'", "probe", a.probe, probes)
 
     def body(self, name: str) -> Body:
@@ -301,6 +376,36 @@ class Stage:
             The axis.
         """
         return _find("axis", name, self.axes)
+
+    def drive_of(self, axis: str) -> Drive:
+        """Return the drive that moves an axis alone.
+
+        Parameters
+        ----------
+        axis : str
+            Name of the axis.
+
+        Returns
+        -------
+        Drive
+            The drive.
+
+        Raises
+        ------
+        StageError
+            Several drives move it together.
+        """
+        return self.drive(only_drive(axis, self.axis(axis).moved_by, StageError))
+
+
+def only_drive(axis: str, drives: tuple[str, ...], error: type[FlexstageError]) -> str:
+    """Return the one drive of an axis; refuse, with an error of a class, one that has several."""
+    if len(drives) != 1:
+        raise error(
+            f"axis '{axis}' is moved by the drives {', '.join(drives)} together, which this cannot "
+            "do: it needs an axis that one drive moves (an axis whose 'drive' names one)"
+        )
+    return drives[0]
 
 
 def _unique(noun: str, things: tuple) -> set[str]:

@@ -66,7 +66,7 @@ def virtual_steps(stage: Stage, *, measure: bool, compensate: bool) -> tuple[Vir
         steps += [
             VirtualStep(verb="verify", axis=axis.name)
             for axis in stage.axes
-            if isinstance(stage.drive(axis.drive), PiezoStack)
+            if isinstance(stage.drive_of(axis.name), PiezoStack)
         ]
     return tuple(steps)
 
@@ -149,7 +149,7 @@ def _verify(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> "Ax
 
     # its noise is the same whatever stage is measured
     del seed
-    drive = stage.drive(stage.axis(axis).drive)
+    drive = stage.drive_of(axis)
     if isinstance(drive, PiezoStack) and drive.voltage_range is None:
         raise ModelError(
             f"drive '{drive.name}' has no voltage range: add it to the drive in the stage file, "

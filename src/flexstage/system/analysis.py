@@ -151,8 +151,8 @@ def _loaded(stage: Stage, system: MechanicalSystem, probe: str) -> Iterator[tupl
     """Give what weight and temperature do to a probe, where the model knows."""
     known = {load.name for load in system.loads}
     if {"gravity x", "gravity y"} <= known:
-        angle = stage.probe(probe).direction
-        weight = {"gravity x": math.cos(angle), "gravity y": math.sin(angle)}
+        c, s = stage.probe(probe).along
+        weight = {"gravity x": c, "gravity y": s}
         sag = static_loads(system, weight, drives="in place").readings[probe]
         yield "gravity_sag", sag, "1 g along the axis, drives in place (rigid ones locked)"
     if "temperature" in known:

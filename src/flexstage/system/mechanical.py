@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
+from flexstage.stage.model import only_drive
 from flexstage.system.damping import DEFAULT_DAMPING, Damping
 
 #: What is done with the drives: taken out, left in with their stiffness, or held at their length.
@@ -175,10 +176,21 @@ class AxisPort:
 
     name: str
     """Name of the axis."""
-    drive: str
-    """Drive that moves it."""
+    drives: tuple[str, ...]
+    """Drives that move it."""
     probe: str
     """Probe that reads it."""
+
+    @property
+    def drive(self) -> str:
+        """The drive that moves it alone.
+
+        Raises
+        ------
+        ModelError
+            Several drives move it together.
+        """
+        return only_drive(self.name, self.drives, ModelError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

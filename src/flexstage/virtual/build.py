@@ -120,7 +120,7 @@ def virtual_stage(
         raise ModelError(
             f"stage '{stage.name}' names no axis, a drive and the probe that reads it: add one"
         )
-    drives = [stage.drive(axis.drive) for axis in stage.axes]
+    drives = [stage.drive_of(axis.name) for axis in stage.axes]
     screws = all(isinstance(d, Screw) for d in drives)
     if twice := sorted({d.name for d in drives if drives.count(d) > 1}):
         raise ModelError(
@@ -185,9 +185,10 @@ def _piezos(
         share = loop_share(built.stage, state.name, state.stroke)
         share *= 1.0 + LOOP_WIDTH_SPREAD * off[0]
         aims.append((state.stroke * (1.0 + STROKE_SPREAD * off[1]), float(np.clip(share, *WIDTHS))))
-        axis = built.stage.axis(state.name)
+        drive = built.stage.drive_of(state.name).name
+        probe = built.stage.axis(state.name).probe
         limits = stage_limits(built.stage, state.name)
-        parts.append(PiezoAxis(name=state.name, drive=axis.drive, probe=axis.probe, limits=limits))
+        parts.append(PiezoAxis(name=state.name, drive=drive, probe=probe, limits=limits))
     model = assembled_model(built.system, [_drive_of(built.stage, part) for part in parts])
 
     def measured(sizes: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -268,7 +269,7 @@ def _screws(built: AsBuilt, seed: int, rate: float, *, quiet: bool, scatter: boo
     rng = _draws(seed)
     axes = []
     for state in built.axes:
-        drive = built.stage.drive(built.stage.axis(state.name).drive)
+        drive = built.stage.drive_of(state.name)
         if not isinstance(drive, Screw):
             raise ModelError(f"drive '{drive.name}' is no screw: a twin needs screws on all axes")
         off = rng.standard_normal(2).tolist() if scatter else (0.0, 0.0)

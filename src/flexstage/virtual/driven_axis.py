@@ -91,7 +91,7 @@ def driven_axis(stage: Stage, system: MechanicalSystem, axis: str, *, seed: int 
     63.2 um
     """
     port = stage.axis(axis)
-    drive = stage.drive(port.drive)
+    drive = stage.drive_of(axis)
     if not isinstance(drive, PiezoStack) or drive.voltage_range is None:
         raise ModelError(
             f"axis '{axis}' of {stage.name} has no piezo stack with a voltage range: its "

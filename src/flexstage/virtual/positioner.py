@@ -81,7 +81,7 @@ def _open_loop_axis(
     stage: Stage, axis: str, quantum: float | None, backlash: float, noise: float
 ) -> VirtualAxis:
     """An axis that is commanded by its drive, without a sensor."""
-    drive = stage.drive(stage.axis(axis).drive)
+    drive = stage.drive_of(axis)
     stroke = _stroke(stage, axis)
     if isinstance(drive, Screw):
         step = drive.smallest_step * stroke / drive.travel if quantum is None else quantum

@@ -22,13 +22,14 @@ def platform_stroke(stage: Stage, axis: str) -> float | None:
     """
     known = measured_value(stage.published, "output_displacement", axis)
     port = stage.axis(axis)
-    stroke = stage.drive(port.drive).stroke
+    drive = stage.drive_of(axis)
+    stroke = drive.stroke
     if known is not None or stroke is None:
         return known
     from flexstage.lumped import lumped_system
     from flexstage.system import static_displacements
 
-    solution = static_displacements(lumped_system(stage), {port.drive: stroke})
+    solution = static_displacements(lumped_system(stage), {drive.name: stroke})
     return abs(float(solution.readings[port.probe]))
 
 

@@ -19,7 +19,9 @@ def _line_of_sight(
     mechanism: Mechanism, sight: Sight, bodies: dict[int, BodyBlocks]
 ) -> list[tuple[BodyBlocks, int, Array]]:
     """Bodies at the ends of a drive or probe, their signs, and rows of the distance."""
-    along = np.array([math.cos(sight.direction), math.sin(sight.direction), 0.0])
+    along = np.array([0.0, 0.0, 1.0])
+    if sight.direction is not None:
+        along = np.array([math.cos(sight.direction), math.sin(sight.direction), 0.0])
     found: list[tuple[BodyBlocks, int, Array]] = []
     for body, sign in zip(sight.bodies[::-1], (1, -1), strict=True):
         if body not in bodies:
@@ -103,11 +105,13 @@ def _add_rows(
     sides: list[tuple[BodyBlocks, int, Array]],
     group: GroupBuilder,
     of: str,
+    what: str = "",
+    unit: str = "m",
 ) -> list[tuple[str, int]]:
     """Add what each body's ``motion`` or ``rate`` is in the length of a line, with its sign."""
-    gains = []
+    gains, what = [], what or f"length of {sight}"
     for number, (end, sign, row) in enumerate(sides):
-        meaning = f"part of body {end.name} in the length of {sight} [m or m/s]"
+        meaning = f"part of body {end.name} in the {what} [{unit} or {unit}/s]"
         gain = group.gain(f"{of}_{number + 1}", "r", meaning, row, "geometry")
         connect_end(builder, end, gain, of)
         gains.append((gain, sign))
@@ -123,10 +127,13 @@ def add_reading(
 ) -> str:
     """Add what a probe reads of the bodies; return its block, empty where no free body is read."""
     sides = _line_of_sight(mechanism, sight, bodies)
-    gains = _add_rows(builder, f"probe {sight.name}", sides, group, "motion")
+    what, unit = ("length", "m") if sight.direction is not None else ("rotation", "rad")
+    whole = f"{what} of probe {sight.name}"
+    gains = _add_rows(builder, sight.name, sides, group, "motion", whole, unit)
     if len(gains) < 2:
         return gains[0][0] if gains else ""
-    total = group.sum("distance", f"distance that probe {sight.name} reads [m]")
+    what = "distance" if what == "length" else what
+    total = group.sum("distance", f"{what} that probe {sight.name} reads [{unit}]")
     for gain, sign in gains:
         builder.term(total, gain, sign)
     return total

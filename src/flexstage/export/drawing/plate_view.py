@@ -6,6 +6,7 @@ A label stands beside what it names, where nothing else is written and few lines
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from flexstage.export.drawing.canvas import (
@@ -191,14 +192,33 @@ def _arrows(
         labels.append(Label(middle, f"drive {drive.name}", _DRIVE, 1.0))
     for probe in stage.probes:
         start = view.place(probe.at)
-        c, s = math.cos(probe.direction), -math.sin(probe.direction)
-        tip = (start[0] + ARROW * c, start[1] + ARROW * s)
         canvas.circle(start, 0.8, THIN, fill=_PROBE)
+        if probe.direction is None:
+            reach = _turning_arrow(canvas, start, strokes)
+            labels.append(Label(start, f"probe {probe.name}", _PROBE, reach))
+            continue
+        c, s = probe.along[0], -probe.along[1]
+        tip = (start[0] + ARROW * c, start[1] + ARROW * s)
         canvas.line(start, (tip[0] - c, tip[1] - s), MEDIUM, colour=_PROBE)
         canvas.arrow(tip, (c, s), size=2.5, colour=_PROBE)
         strokes.append((start, tip))
         labels.append(Label(tip, f"probe {probe.name}", _PROBE, 0.6))
     return labels
+
+
+def _turning_arrow(canvas: Canvas, centre: Pair, strokes: list[tuple[Pair, Pair]]) -> float:
+    """Draw an arrow three quarters round a point, to the left; return its radius."""
+    radius = 0.45 * ARROW
+    turns = [math.radians(a) for a in range(-135, 136, 15)]
+    around = [(centre[0] + radius * math.cos(a), centre[1] - radius * math.sin(a)) for a in turns]
+    for line in pairwise(around):
+        canvas.line(*line, MEDIUM, colour=_PROBE)
+        strokes.append(line)
+    c, s = math.cos(turns[-1]), math.sin(turns[-1])
+    canvas.arrow(
+        (around[-1][0] - 1.2 * s, around[-1][1] - 1.2 * c), (-s, -c), size=2.5, colour=_PROBE
+    )
+    return radius
 
 
 def _centre_lines(

@@ -19,7 +19,7 @@ from flexstage.export.drawing.plate_view import (
 from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.export.request import ExportRequest
 from flexstage.export.svg import text_width, wrapped
-from flexstage.stage import Stage
+from flexstage.stage import Probe, Stage
 
 #: Height of a row, and font size [mm].
 ROW, SIZE = 4.0, 2.6
@@ -135,10 +135,14 @@ def _blocks(stage: Stage, plate: PlateContours, marks: dict[str, str]) -> _Block
         for d in stage.drives
     ]
     ports += [
-        ["probe", p.name, "", p.body, mm(p.at[0], 3), mm(p.at[1], 3), _degrees(p.direction)]
+        ["probe", p.name, "", p.body, mm(p.at[0], 3), mm(p.at[1], 3), _reads(p)]
         for p in stage.probes
     ]
     return _Blocks(notches, hinges, holes, ports, _notes(stage))
+
+
+def _reads(probe: Probe) -> str:
+    return "rotation" if probe.direction is None else _degrees(probe.direction)
 
 
 def _degrees(angle: float) -> str:

@@ -104,7 +104,7 @@ def _outputs(
     """
     if not connection.profile.knows("VOL?", "SVA"):
         return {}
-    screws = {chosen[n] for n in chosen if isinstance(stage.drive(stage.axis(n).drive), Screw)}
+    screws = {chosen[n] for n in chosen if isinstance(stage.drive_of(n), Screw)}
     piezo = [identifier for identifier in listed if identifier not in screws]
     count = len(piezo)
     if connection.profile.knows("TPC?"):

@@ -3,6 +3,7 @@
 import math
 from typing import TYPE_CHECKING
 
+from flexstage.report.figures.drawing import turning_arrow
 from flexstage.report.figures.shapes import body_shapes, extent
 from flexstage.report.figures.style import BODY, CYCLE, INK, MUTED, PAPER, new_figure
 from flexstage.stage import PiezoStack, Stage
@@ -35,7 +36,8 @@ def draw_bench(stage: Stage) -> "Figure":
     x0, y0, x1, y1 = (v * _MM for v in extent(shapes))
     size = max(x1 - x0, y1 - y0)
     box = (x0, y0, x1, y1)
-    ends = [point for probe in stage.probes for point in _reach(probe, box, size)]
+    read = [p for p in stage.probes if p.direction is not None]
+    ends = [point for probe in read for point in _reach(probe, box, size)]
     near = 0.1 * size
     left, right = (f([e[0] for e in ends], default=x0) for f in (min, max))
     low, high = (f([e[1] for e in ends], default=y0) for f in (min, max))
@@ -50,7 +52,11 @@ def draw_bench(stage: Stage) -> "Figure":
     for drive in stage.drives:
         _drive(axes, drive, size)
     for probe in stage.probes:
-        _sensor(axes, probe, _reach(probe, box, size), size)
+        if probe.direction is not None:
+            _sensor(axes, probe, _reach(probe, box, size), size)
+            continue
+        arrow = {"arrowstyle": "-|>", "color": _PROBE, "linewidth": 1.0, "mutation_scale": 8}
+        turning_arrow(axes, (_MM * probe.at[0], _MM * probe.at[1]), 0.04 * size, arrow)
     return figure
 
 
@@ -91,7 +97,7 @@ def _reach(
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return where the sensor of a probe begins and ends, on its line outside the outline."""
     x, y = _MM * probe.at[0], _MM * probe.at[1]
-    c, s = math.cos(probe.direction), math.sin(probe.direction)
+    c, s = probe.along
     edges = [
         ((box[2] if c > 0.0 else box[0]) - x) / c if abs(c) > _ALONG else math.inf,
         ((box[3] if s > 0.0 else box[1]) - y) / s if abs(s) > _ALONG else math.inf,
@@ -111,7 +117,7 @@ def _sensor(
     from matplotlib.patches import Polygon
 
     x, y = _MM * probe.at[0], _MM * probe.at[1]
-    c, s = math.cos(probe.direction), math.sin(probe.direction)
+    c, s = probe.along
     start, end = place
     axes.plot((x, start[0]), (y, start[1]), color=_PROBE, linewidth=1.0, linestyle=(0, (5, 2)))
     axes.plot(x, y, "o", color=_PROBE, markersize=4)

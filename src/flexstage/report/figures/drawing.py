@@ -177,17 +177,41 @@ def _probes(axes: "Axes", stage: Stage, placer: Placer, longest: float, point: f
     arrow = {"arrowstyle": "-|>", "color": _PROBE, "linewidth": 1.2, "mutation_scale": 9}
     for probe in stage.probes:
         x, y = probe.at[0] * _MM, probe.at[1] * _MM
-        tip = (x + reach * math.cos(probe.direction), y + reach * math.sin(probe.direction))
-        axes.annotate("", xy=tip, xytext=(x, y), arrowprops=arrow, zorder=6)
         axes.plot(x, y, "D", color=_PROBE, markersize=4, zorder=6)
         placer.take(x, y, 6 * point, 6 * point)
+        if probe.direction is None:
+            turning_arrow(axes, (x, y), 0.5 * reach, arrow)
+            placer.take(x, y, 1.1 * reach, 1.1 * reach)
+            continue
+        tip = (x + reach * probe.along[0], y + reach * probe.along[1])
+        axes.annotate("", xy=tip, xytext=(x, y), arrowprops=arrow, zorder=6)
         for k in range(1, 5):
             at = (x + (tip[0] - x) * k / 4, y + (tip[1] - y) * k / 4)
             placer.take(*at, reach / 4, reach / 4)
     for probe in stage.probes:
         x, y = probe.at[0] * _MM, probe.at[1] * _MM
-        tip = (x + reach * math.cos(probe.direction), y + reach * math.sin(probe.direction))
+        c, s = (0.0, 0.9) if probe.direction is None else probe.along
+        tip = (x + reach * c, y + reach * s)
         _label(axes, placer, probe.name, tip, 2 * point, _PROBE, point)
+
+
+def turning_arrow(
+    axes: "Axes", centre: tuple[float, float], radius: float, arrow: dict[str, Any]
+) -> None:
+    """Draw an arrow that goes three quarters round a point, to the left: a rotation that is read.
+
+    `arrow` are the properties of a straight arrow of the same look.
+    """
+    angles = [math.radians(a) for a in range(-135, 136, 5)]
+    x = [centre[0] + radius * math.cos(a) for a in angles]
+    y = [centre[1] + radius * math.sin(a) for a in angles]
+    axes.plot(x, y, color=arrow["color"], linewidth=arrow["linewidth"], zorder=6)
+    # long enough for its head
+    near = (
+        x[-1] + 0.3 * radius * math.sin(angles[-1]),
+        y[-1] - 0.3 * radius * math.cos(angles[-1]),
+    )
+    axes.annotate("", xy=(x[-1], y[-1]), xytext=near, arrowprops=arrow, zorder=6)
 
 
 def _label(

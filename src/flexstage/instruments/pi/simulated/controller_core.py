@@ -272,4 +272,4 @@ def duration(seconds: float) -> float:
 
 
 def _smallest_step(stage: Stage, axis: str) -> float:
-    return stage.drive(stage.axis(axis).drive).smallest_displacement or _WINDOW
+    return stage.drive_of(axis).smallest_displacement or _WINDOW

@@ -1,0 +1,171 @@
+"""Pieces that many designs are put together from: blocks, legs, holes, and limits of dimensions."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from flexstage.errors import StageError
+from flexstage.files.ranges import Size, require_ranges
+from flexstage.hinges import Profile
+from flexstage.material import CATALOGUE, Material
+from flexstage.stage import Body, Circle, Hinge, Loop, PlaneMotion
+from flexstage.stage.issue import millimetres
+
+Pair = tuple[float, float]
+
+#: Rounding of sums of dimensions, far below what can be cut [m].
+ROUNDING = 1e-10
+
+
+def box(low: Pair, high: Pair) -> Loop:
+    """Return a rectangle by two opposite corners [m], the lower left one first."""
+    return Loop((low, (high[0], low[1]), high, (low[0], high[1])))
+
+
+def block(name: str, low: Pair, high: Pair, **fields: Any) -> Body:
+    """Return a rectangular body by two opposite corners [m]; `fields` are others of `Body`."""
+    return Body(name=name, outline=box(low, high), **fields)
+
+
+def bolt_holes(centres: Iterable[Pair], diameter: float) -> tuple[Circle, ...]:
+    """Return mounting holes of one diameter [m] about points [m]."""
+    return tuple(Circle(centre, 0.5 * diameter) for centre in centres)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlateParameters:
+    """What every plate has beside the dimensions of its mechanism.
+
+    Raises
+    ------
+    StageError
+        A dimension is not positive and finite, or not in its range.
+    """
+
+    thickness: Size = 8e-3
+    """Thickness of the plate [m]."""
+    material: Material = field(default_factory=lambda: CATALOGUE["Al 7075-T6"])
+    """What it is cut from."""
+    mounting_hole_diameter: Size = 5.5e-3
+    """Diameter of the holes by which it is bolted down [m]."""
+    force_patch_half_width: Size = 2e-3
+    """Half of the width over which a drive spreads its force [m]."""
+
+    def __post_init__(self) -> None:
+        require_ranges(self, StageError, "a design")
+
+    def _below(self, name: str, limit: str) -> None:
+        """Refuse a dimension that is not below another one, both by name."""
+        value, largest = getattr(self, name), getattr(self, limit)
+        if not value < largest:
+            raise StageError(
+                f"{name} must be under the {limit} of {millimetres(largest)}, "
+                f"got {millimetres(value)}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leg:
+    """A straight leg that guides: a bar with a notch at either end, or one leaf.
+
+    Raises
+    ------
+    StageError
+        The bar has no length, or the notch is cut from one side.
+    """
+
+    notch: Profile
+    """The notch at either end of the bar, or the leaf."""
+    bar_length: Size | None = None
+    """Length of the bar between the notches [m]; where not given, the leg is one notch, a leaf."""
+
+    def __post_init__(self) -> None:
+        require_ranges(self, StageError, "a leg")
+        two_sided(self.notch, "a leg")
+
+    @property
+    def length(self) -> float:
+        """Length of the leg, from body to body [m]."""
+        if self.bar_length is None:
+            return self.notch.length
+        return self.bar_length + 2.0 * self.notch.length
+
+    @property
+    def width(self) -> float:
+        """Width of the leg: the height of its notches at their roots [m]."""
+        return self.notch.root_height
+
+    @property
+    def neck_distance(self) -> float:
+        """Distance between its two necks [m]; none of a leaf, which has one."""
+        return self.length - self.notch.length
+
+    def between(
+        self,
+        name: str,
+        bodies: tuple[str, str],
+        start: Pair,
+        direction: float,
+        *,
+        ends: tuple[str, str] | None = None,
+    ) -> tuple[list[Body], list[Hinge]]:
+        """Return its bar, where it has one, and its hinges.
+
+        It begins at the point `start` [m] of the first of its `bodies` and goes in a `direction`
+        [rad] to the second. The bar is called ``name-leg`` and its hinges ``name-end``, by the
+        `ends`, which are the two bodies where they are not given; a leaf is called `name`.
+
+        Examples
+        --------
+        >>> from flexstage.hinges import RightCircular
+        >>> leg = Leg(notch=RightCircular(neck_thickness=0.5e-3, radius=1e-3), bar_length=10e-3)
+        >>> bars, hinges = leg.between("left", ("base", "platform"), (0.0, 2e-3), 0.0)
+        >>> [h.name for h in hinges], hinges[1].at
+        (['left-base', 'left-platform'], (0.013, 0.002))
+        """
+        at = PlaneMotion(angle=direction, shift=start).point
+
+        def hinge(name: str, a: str, b: str, distance: float) -> Hinge:
+            return Hinge(
+                name=name,
+                bodies=(a, b),
+                at=at((distance, 0.0)),
+                direction=direction,
+                profile=self.notch,
+            )
+
+        first, last = bodies
+        half = 0.5 * self.notch.length
+        if self.bar_length is None:
+            return [], [hinge(name, first, last, half)]
+        near, far, side = 2.0 * half, 2.0 * half + self.bar_length, 0.5 * self.width
+        bar = Body(name=f"{name}-leg", outline=box((near, -side), (far, side)).mapped(at))
+        one, other = ends or bodies
+        return [bar], [
+            hinge(f"{name}-{one}", first, bar.name, half),
+            hinge(f"{name}-{other}", bar.name, last, far + half),
+        ]
+
+
+def two_sided(notch: Profile, of: str) -> None:
+    """Refuse a notch that is cut from one side, where the design has no such place."""
+    if notch.one_sided:
+        raise StageError(
+            f"the notch of {of} must be cut from both sides, got one_sided: leave that out"
+        )
+
+
+def at_least(name: str, value: float, limit: float, why: str) -> None:
+    """Refuse a dimension [m] that is below a limit."""
+    if value < limit - ROUNDING:
+        raise StageError(
+            f"{name} must be at least {millimetres(limit)}, {why}, got {millimetres(value)}"
+        )
+
+
+def at_most(name: str, value: float, limit: float, why: str) -> None:
+    """Refuse a dimension [m] that is above a limit."""
+    if value > limit + ROUNDING:
+        raise StageError(
+            f"{name} must be at most {millimetres(limit)}, {why}, got {millimetres(value)}"
+        )
