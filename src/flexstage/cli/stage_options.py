@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
+from flexstage.cli.drawing_options import DrawingSettings
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -31,13 +32,13 @@ StageArgument = Annotated[
     typer.Argument(
         metavar="STAGE",
         autocompletion=designs_like,
-        help="A stage file, or the name of a built-in design.",
+        help="A stage file, a drawing (DXF, STEP), or the name of a built-in design.",
     ),
 ]
 
 
 @dataclass(frozen=True, kw_only=True)
-class StageOptions:
+class StageOptions(DrawingSettings):
     """How STAGE is taken.
 
     Parameters
@@ -54,12 +55,14 @@ class StageOptions:
         """Return the stage that STAGE names, with what the options say of it."""
         from flexstage.designs import find_stage
 
-        return find_stage(source, set=self._settings())
+        return find_stage(source, set=self._settings(), drawing=self.drawing())
 
     def require_stage(self, source: str | None, name: str) -> None:
         """Refuse options where no stage is named; `name` is what names one."""
         if source is None and self != AS_DESCRIBED:
-            raise ModelError(f"--set needs {name}: it sets a parameter of that")
+            raise ModelError(
+                f"--set and what belongs to a drawing need {name}: they are about that"
+            )
 
     def _settings(self) -> dict[str, str]:
         found: dict[str, str] = {}

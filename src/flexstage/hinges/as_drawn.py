@@ -1,18 +1,18 @@
 """A notch as it was drawn: any contour of lines and arcs that only gets deeper from the neck."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from flexstage.errors import HingeError
-from flexstage.hinges.profile import Array, Piece, Profile, Vertex
-from flexstage.units import DIMENSIONS
+from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
 
-_LENGTH = DIMENSIONS["length"]
 _SLACK = 1e-9  # a contour may go back by so much through rounding [m]
+_LEAN = 2e-3  # a slope may be beyond level or upright by so much [rad]
+_PARTS = 16  # arcs that stand for a stretched one
 _STEEP = 1e-6  # a line that leans less from upright is a step [1]
 
 
@@ -42,9 +42,9 @@ class AsDrawn(Profile):
 
     kind: ClassVar[str] = "as-drawn"
 
-    distances: Annotated[tuple[Annotated[float, _LENGTH], ...], _LENGTH]
+    distances: tuple[Length, ...]
     """Distance of each corner from the neck, along the hinge [m]."""
-    depths: Annotated[tuple[Annotated[float, _LENGTH], ...], _LENGTH]
+    depths: tuple[Length, ...]
     """Depth of each corner below the surface of the neck, on a side [m]."""
     bulges: tuple[float, ...] = ()
     """Tangent of a quarter of the angle of the arc that leads to each corner, positive where it
@@ -64,13 +64,15 @@ class AsDrawn(Profile):
             raise HingeError("as-drawn notch: a figure of its contour is not finite")
         for a, b in pairwise(self.contour()):
             first, last = _slopes(a, b)
-            if min(first, last) < -1e-4 or max(first, last) > 0.5 * math.pi + 1e-4:
+            if min(first, last) < -_LEAN or max(first, last) > 0.5 * math.pi + _LEAN:
                 raise HingeError(
                     f"as-drawn notch: its contour must only go away from the neck and get deeper, "
                     f"but between {a.x!r} and {b.x!r} m from it it comes back"
                 )
         if not self.distances[-1] > 0.0:
             raise HingeError("as-drawn notch: its contour must lead away from the neck")
+        if not self.depths[-1] > 0.0:
+            raise HingeError("as-drawn notch: its contour must get deeper than the neck")
 
     @property
     def length(self) -> float:
@@ -111,6 +113,34 @@ class AsDrawn(Profile):
         bulges = self.bulges or (0.0,) * len(self.distances)
         starts = ((0.0, 0.0), *zip(self.distances, self.depths, strict=True))
         return tuple(Vertex(x, d, b) for (x, d), b in zip(starts, (*bulges, 0.0), strict=True))
+
+    def stretched(self, neck_thickness: float, depth: float) -> "AsDrawn":
+        """Return it with another neck and depth, of the same length: its depths in proportion."""
+        share = depth / self.depth
+        corners: list[Vertex] = []
+        for a, b in pairwise(self.contour()):
+            if not a.bulge:
+                corners.append(Vertex(b.x, share * b.depth))
+                continue
+            # a stretched arc is none, but a chain of short ones is near to it
+            x, d, _, _ = _piece(a, b)(np.arange(2 * _PARTS + 1) / (2 * _PARTS))
+            at = np.column_stack([x, share * d])
+            for k in range(0, 2 * _PARTS, 2):
+                bulge = _through(at[k], at[k + 1], at[k + 2])
+                corners.append(Vertex(float(at[k + 2, 0]), float(at[k + 2, 1]), bulge))
+        return replace(
+            self,
+            neck_thickness=neck_thickness,
+            distances=tuple(c.x for c in corners),
+            depths=tuple(c.depth for c in corners),
+            bulges=tuple(c.bulge for c in corners),
+        )
+
+
+def _through(start: Array, via: Array, end: Array) -> float:
+    """Return the bulge of the arc through three points."""
+    (ax, ay), (bx, by) = via - start, end - via
+    return float(np.tan(0.5 * np.arctan2(ax * by - ay * bx, ax * bx + ay * by)))
 
 
 def _upright(a: Vertex, b: Vertex) -> bool:

@@ -51,9 +51,10 @@ class NotchKind:
         hints = get_type_hints(type(profile), include_extras=True)
         words = []
         for field in dataclasses.fields(profile):
-            if field.name in ("neck_thickness", "one_sided"):
-                continue
             value, hint = getattr(profile, field.name), hints[field.name]
+            # a contour of many corners is in the drawing itself
+            if field.name in ("neck_thickness", "one_sided") or isinstance(value, tuple):
+                continue
             marks = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
             if DIMENSIONS["length"] in marks:
                 text = millimetres(value)

@@ -114,10 +114,10 @@ def _nodes(curves: Sequence[tuple[Curve, str]], gap: float) -> tuple[np.ndarray,
     """Number the places where curves end: shape (n, 2); and give the places."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     ends = np.array([p for c, _ in curves for p in (c.start, c.end)])
-    pairs = cKDTree(ends).query_pairs(_SAME, output_type="ndarray")
+    pairs = KDTree(ends).query_pairs(_SAME, output_type="ndarray")
 
     def grouped(pairs: np.ndarray, count: int) -> np.ndarray:
         joined = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
@@ -127,7 +127,7 @@ def _nodes(curves: Sequence[tuple[Curve, str]], gap: float) -> tuple[np.ndarray,
     # ends that meet nothing look for one of their kind within the gap
     single = np.flatnonzero(np.bincount(label)[label] == 1)
     if len(single) > 1:
-        near = cKDTree(ends[single]).query_pairs(gap, output_type="ndarray")
+        near = KDTree(ends[single]).query_pairs(gap, output_type="ndarray")
         label = grouped(np.vstack([pairs, single[near]]), len(ends))
     order = np.argsort(label, kind="stable")
     _, first = np.unique(label[order], return_index=True)

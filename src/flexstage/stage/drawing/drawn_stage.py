@@ -11,6 +11,7 @@ from flexstage.files.names import file_name
 from flexstage.material import Material, material
 from flexstage.stage.drawing.bodies import DrawnBody, bodies_of
 from flexstage.stage.drawing.contours import GAP, Part, part_of
+from flexstage.stage.drawing.endings import DRAWINGS, DXF, STEP
 from flexstage.stage.drawing.entities import Sheet, read_dxf
 from flexstage.stage.drawing.marks import Places, add_axes, drives_of, probes_of, whole
 from flexstage.stage.drawing.necks import certainty, find_necks
@@ -18,9 +19,6 @@ from flexstage.stage.drawing.profiles import Neck
 from flexstage.stage.drawing.step_plate import read_step_plate
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Circle, Loop
-
-#: Endings of the files that are drawings.
-DXF, STEP = (".dxf",), (".step", ".stp")
 
 #: Largest round hole that counts as one to bolt through where no layer tells [m].
 LARGEST_MOUNTING_HOLE = 12e-3
@@ -86,11 +84,6 @@ class DrawnStage:
     """Unit of the drawing."""
 
 
-def is_drawing(path: str | os.PathLike[str]) -> bool:
-    """Say whether a path is one of a drawing, by its ending."""
-    return Path(path).suffix.lower() in (*DXF, *STEP)
-
-
 def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = None) -> DrawnStage:
     """Read a drawing of a plate, and find the bodies and necks in it."""
     o = options or DrawingOptions()
@@ -102,7 +95,7 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
         _agree(path, sheet, o)
     else:
         raise StageError(
-            f"a drawing ends in {', '.join((*DXF, *STEP))}, got '{path}': export it as one of them"
+            f"a drawing ends in {', '.join(DRAWINGS)}, got '{path}': export it as one of them"
         )
     part = part_of(sheet.curves, gap=o.gap, unit=sheet.unit, unit_name=sheet.unit_name)
     found = find_necks(part, o.neck_limit)

@@ -1,5 +1,6 @@
 """The lines, arcs and curves of a DXF file, whatever entities and blocks hold them."""
 
+import itertools
 import math
 import os
 from collections import Counter
@@ -220,7 +221,7 @@ def _curves(entity: Any, scale: float, left: Counter[str]) -> list[Curve]:
         left[kind.lower()] += 1
         return []
     points = [(p.x * scale, p.y * scale) for p in corners]
-    return [Curve(a, b) for a, b in zip(points, points[1:], strict=False) if a != b]
+    return [Curve(a, b) for a, b in itertools.pairwise(points) if a != b]
 
 
 def _bows(entity: Any, scale: float) -> list[Curve]:
@@ -243,7 +244,7 @@ def _bows(entity: Any, scale: float) -> list[Curve]:
     ends = [at(first + sweep * k / parts) for k in range(parts + 1)]
     if parts == 2 and sweep == 2.0 * math.pi:
         ends[-1] = ends[0]
-    return [Curve(a, b, bulge) for a, b in zip(ends, ends[1:], strict=False)]
+    return [Curve(a, b, bulge) for a, b in itertools.pairwise(ends)]
 
 
 def _refuse_tilted(entity: Any) -> None:

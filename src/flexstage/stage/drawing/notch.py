@@ -17,6 +17,8 @@ from flexstage.stage.drawing.thickness import Place
 
 #: Largest distance of what was drawn from the profile that it is taken for [m].
 FIT_TOLERANCE = 0.5e-6
+#: Deepest step of a leaf, in its thicknesses, where the edges of the bodies have room for more.
+LEAF_STEP = 4.0
 
 _CHORD = 2e-6  # points on arcs are so close that chords are off by less [m]
 _MOST = 4000  # pieces of a contour that one side of a notch may have
@@ -125,7 +127,9 @@ def distance_from(profile: Profile, sides: Sides, frame: Frame) -> float:
             return math.inf
         if straight:
             off = np.abs(depth[within])
-            reaches = bool(np.max(x, initial=0.0) >= half - slack)
+            end = beyond[0] if len(beyond) else len(x)
+            goes_on = bool(len(beyond)) and abs(depth[end]) <= slack
+            reaches = goes_on or bool(np.max(x[:end], initial=0.0) >= half - slack)
         else:
             off = _off_contour(profile, points[within])
             last = points[: beyond[0] + 1] if len(beyond) else points
@@ -143,7 +147,7 @@ def _dense(profile: Profile) -> tuple[Array, Array]:
     """Return points of the contour of one half, and the normals there."""
     points, normals = [], []
     for piece in profile.pieces():
-        x, depth, angle, _ = piece(np.linspace(0.0, 1.0, 1000))
+        x, depth, angle, _ = piece(np.linspace(0.0, 1.0, 3000))
         points.append(np.column_stack([x, depth]))
         normals.append(np.column_stack([-np.sin(angle), np.cos(angle)]))
     if profile.step > 0.0:
@@ -154,12 +158,12 @@ def _dense(profile: Profile) -> tuple[Array, Array]:
 
 
 def _off_contour(profile: Profile, points: Array) -> Array:
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     if not len(points):
         return np.zeros(0)
     on, normals = _dense(profile)
-    away, near = cKDTree(on).query(points)
+    away, near = KDTree(on).query(points)
     square = np.abs(np.sum((points - on[near]) * normals[near], axis=1))
     # beyond the ends of the contour the nearest point counts
     ends = np.isin(near, [0, len(on) - 1])

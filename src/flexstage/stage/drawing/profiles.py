@@ -7,18 +7,18 @@ Whatever is proposed is held against what was drawn, and counts where all of it 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexstage.errors import HingeError
-from flexstage.hinges import CornerFilleted, Leaf, Profile, RightCircular, VFillet
-from flexstage.hinges.as_drawn import AsDrawn
+from flexstage.hinges import AsDrawn, CornerFilleted, Leaf, Profile, RightCircular, VFillet
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.contours import Part
 from flexstage.stage.drawing.free_contour import free_contour
 from flexstage.stage.drawing.notch import (
     FIT_TOLERANCE,
+    LEAF_STEP,
     Frame,
     Sides,
     distance_from,
@@ -31,8 +31,6 @@ from flexstage.stage.outline import arc
 
 _TANGENT = 2e-3  # a corner that turns less is none [rad]
 _PARALLEL = 0.02  # two sides that could be those of a leaf differ by no more [rad]
-#: Deepest step of a leaf, in its thicknesses, where the edges of the bodies have room for more.
-LEAF_STEP = 4.0
 # a fit is as near as before where what was drawn is off by this much more, or less than that [m]
 _AS_NEAR, _NOTHING = 1.3, 1e-12
 _DIGITS = (6, 7, 8, 9)  # decimals of a length in metres that are tried for a dimension
@@ -76,9 +74,9 @@ def _rounded(neck: Neck) -> Neck:
     """Return a neck with the roundest dimensions that are as near to what was drawn."""
     if neck.off < _NOTHING or neck.profile.kind == AsDrawn.kind:
         return neck
-    sizes = {f.name: getattr(neck.profile, f.name) for f in fields(neck.profile)}
+    sizes: dict[str, Any] = {f.name: getattr(neck.profile, f.name) for f in fields(neck.profile)}
     for digits in _DIGITS:
-        round_sizes = {
+        round_sizes: dict[str, Any] = {
             # an exponent, a pure number, is of the order of a length in millimetres
             name: round(v, digits - 4 * (name == "exponent")) if isinstance(v, float) else v
             for name, v in sizes.items()

@@ -77,7 +77,7 @@ def _run(sides: Sides, left: bool, ahead: bool, shorter: int) -> list[Stroke]:
 
 def nearest_frame(chains: Chains) -> tuple[Frame, float] | None:
     """Return the axes by the nearest points of the two sides, and the thickness there [m]."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     right, left = chains.right, chains.left
     if chains.straight[0]:
@@ -85,9 +85,9 @@ def nearest_frame(chains: Chains) -> tuple[Frame, float] | None:
     elif chains.straight[1]:
         q, p = _foot(left, right)
     else:
-        away, near = cKDTree(left).query(right)
+        away, near = KDTree(left).query(right)
         k = int(np.argmin(away))
-        p, q = right[k], left[near[k]]
+        p, q = right[k], left[int(np.asarray(near)[k])]
     (dx, dy) = (q - p).tolist()
     thickness = math.hypot(dx, dy)
     if thickness == 0.0:
@@ -139,30 +139,30 @@ _KINDS = (
     _Kind(
         _ellipse,
         lambda x, d: [[x, d]],
-        lambda p, _l, _t: {"half_length": abs(p[0]), "notch_depth": abs(p[1])},
+        lambda p, _end, _t: {"half_length": abs(p[0]), "notch_depth": abs(p[1])},
         Elliptical,
     ),
     _Kind(
         _parabola,
         lambda x, d: [[d / x**2]],
-        lambda p, l, _t: {"half_length": l, "notch_depth": p[0] * l**2},
+        lambda p, end, _t: {"half_length": end, "notch_depth": p[0] * end**2},
         Parabolic,
     ),
     _Kind(
         _hyperbola,
         lambda x, d: [[d / x]],
-        lambda p, l, t: {
-            "half_length": l,
-            "notch_depth": math.sqrt(0.25 * t**2 + (p[0] * l) ** 2) - 0.5 * t,
+        lambda p, end, t: {
+            "half_length": end,
+            "notch_depth": math.sqrt(0.25 * t**2 + (p[0] * end) ** 2) - 0.5 * t,
         },
         Hyperbolic,
     ),
     _Kind(
         _power,
         lambda x, d: [[math.log(d / x**n), n] for n in (3.0, 6.0)],
-        lambda p, l, _t: {
-            "half_length": l,
-            "notch_depth": math.exp(p[0] + p[1] * math.log(l)),
+        lambda p, end, _t: {
+            "half_length": end,
+            "notch_depth": math.exp(p[0] + p[1] * math.log(end)),
             "exponent": p[1],
         },
         PowerFunction,

@@ -1,5 +1,6 @@
 """The contours of a plate of one thickness out of a STEP file: the edges of its face."""
 
+import itertools
 import math
 import os
 from pathlib import Path
@@ -77,7 +78,7 @@ def _as_plate(
     _, sizes, axes = np.linalg.svd(points - middle, full_matrices=False)
     if sizes[2] > _SAME * sizes[0]:
         return None
-    normal = axes[2]
+    normal = np.asarray(axes[2], dtype=np.float64)
     thickness = round(float(solid.mass / face.mass), 9)
     twin = any(
         abs(other.mass - face.mass) < _SAME * face.mass
@@ -97,9 +98,9 @@ def _as_plate(
         unit = np.eye(3)
         return (unit[(k + 1) % 3], unit[(k + 2) % 3]), thickness
     normal = normal * math.copysign(1.0, normal[k])
-    across = np.cross(normal, np.eye(3)[(k + 1) % 3])
-    v = across / np.linalg.norm(across)
-    return (np.cross(v, normal), v), thickness
+    v = np.cross(normal, np.eye(3)[(k + 1) % 3]).astype(float)
+    v = v / math.sqrt(float(v @ v))
+    return (np.cross(v, normal).astype(float), v), thickness
 
 
 def _centre(face: Any) -> Array:
@@ -130,9 +131,9 @@ def _pieces(
         half = _SAMPLES // 2
         ends = [0, half, _SAMPLES - 1] if abs(sweep) > 1.5 * math.pi else [0, _SAMPLES - 1]
         made = []
-        for a, b in zip(ends, ends[1:], strict=False):
+        for a, b in itertools.pairwise(ends):
             bulge = math.tan(0.25 * float(angles[b] - angles[a]))
             made.append((at[a], at[b], bulge))
         return made
     fine = [(x, y) for x, y in flat(_points(edge, _CURVE)).tolist()]
-    return [(a, b, 0.0) for a, b in zip(fine, fine[1:], strict=False)]
+    return [(a, b, 0.0) for a, b in itertools.pairwise(fine)]

@@ -102,8 +102,7 @@ def _sampled(part: Part, walls: list[int]) -> _Samples:
             same = samples.stroke[last] == key[1] and samples.share[last] > here
             beyond = float(samples.share[last]) if same else 1.0
             shares[key].append(0.5 * (here + beyond))
-        for key in shares:
-            shares[key] = sorted(set(shares[key]))
+        shares = {key: sorted(set(cuts)) for key, cuts in shares.items()}
 
 
 def _even(contour: Contour, n: int, step: float) -> list[float]:
@@ -150,11 +149,11 @@ def _gathered(
 
 def _too_coarse(samples: _Samples, step: Array) -> Any:
     """Return the points after which the contour wants another, as material is thin there."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     coarse = np.flatnonzero(step > 2.0 * _FINEST)
     middle = 0.5 * (samples.at + samples.at[samples.following])
-    tree = cKDTree(samples.at)
+    tree = KDTree(samples.at)
     found = tree.query_ball_point(middle[coarse], _DENSE * step[coarse])
     counts = np.array([len(f) for f in found])
     i = np.repeat(coarse, counts)
@@ -205,13 +204,12 @@ def _passes(samples: _Samples) -> Relief:
         else:
             found.append((float(width[e]), a, b, e))
     passes = []
-    for w, a, b, e in found:
-        a, b = root(a), root(b)
-        if a == b:
-            continue
-        i, j = edge[e].tolist()
-        sides = (_place(samples, i), _place(samples, j))
-        passes.append(Pass(w, min(top[a], top[b]) / w, sides, (a, b)))
+    for w, one, other, e in found:
+        a, b = root(one), root(other)
+        if a != b:
+            i, j = edge[e].tolist()
+            sides = (_place(samples, i), _place(samples, j))
+            passes.append(Pass(w, min(top[a], top[b]) / w, sides, (a, b)))
     heights = {k: top[k] for p in passes for k in p.hills}
     return Relief(tuple(passes), heights)
 
