@@ -17,7 +17,7 @@ from flexstage.stage.outline import arc
 
 _BACK = 0.15  # a side comes back where its slope is below level, or beyond upright, by more [rad]
 _LEVEL = 2e-3  # a side that rises less runs along the hinge [rad]
-_CHORD = 0.02e-6  # points on arcs are so close that chords are off by less [m]
+_CHORD = 1e-9  # points on arcs are so close that chords are off by less [m]
 _LEVELS = (0.1, 0.25, 0.5, 0.75, 0.95)  # of the depth that all sides reach, where they are compared
 _PARALLEL = 0.02  # sides that could be those of a leaf differ by no more [rad]
 _LEAST_DEPTH = 0.1  # a notch is at least so deep, in thicknesses of its neck
@@ -98,7 +98,7 @@ def _run(sides: Sides, frame: Frame, left: bool, ahead: bool) -> list[Stroke]:
         first, last = (slope_at(stroke.curve, frame, left, ahead, s) for s in (0.0, 1.0))
         if k and not (-_BACK < first < 0.5 * math.pi + _BACK):
             break
-        if k and not (-_BACK < last < 0.5 * math.pi + _BACK) or len(run) > _MOST:
+        if (k and not (-_BACK < last < 0.5 * math.pi + _BACK)) or len(run) > _MOST:
             break
         run.append(stroke)
     return run
@@ -110,9 +110,7 @@ def _settled(
     """Move the axes until both halves, and both sides, are as alike as they can be."""
     from scipy.optimize import least_squares
 
-    points = {
-        key: np.array([p for s in run for p in _dense(s)]) for key, run in runs.items()
-    }
+    points = {key: np.array([p for s in run for p in _dense(s)]) for key, run in runs.items()}
     line = sides.stroke(False).curve
     size = max(math.dist(sides.right.at, sides.left.at), 1e-9)
 

@@ -12,7 +12,7 @@ from flexstage.arrays import Array
 from flexstage.hinges import Profile
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.contours import Part
-from flexstage.stage.drawing.strokes import Pair, Stroke
+from flexstage.stage.drawing.strokes import LARGEST_CHORD_ERROR, Pair, Stroke
 from flexstage.stage.drawing.thickness import Place
 
 #: Largest distance of what was drawn from the profile that it is taken for [m].
@@ -21,6 +21,8 @@ FIT_TOLERANCE = 0.5e-6
 LEAF_STEP = 4.0
 
 _CHORD = 2e-6  # points on arcs are so close that chords are off by less [m]
+# a contour that goes on with such a slope against the hinge gets deeper [rad]
+_FLANK = (0.1, 1.3)
 _MOST = 4000  # pieces of a contour that one side of a notch may have
 
 
@@ -114,6 +116,8 @@ def distance_from(profile: Profile, sides: Sides, frame: Frame) -> float:
     half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
     slack = 2.0 * FIT_TOLERANCE
     worst = 0.0
+    if not _lines_follow(profile, sides, frame):
+        return math.inf
     for (left, _), points in quarters(sides, frame, neck, half + slack).items():
         straight = profile.one_sided and not left
         deep = 0.0 if straight else profile.depth
@@ -140,6 +144,62 @@ def distance_from(profile: Profile, sides: Sides, frame: Frame) -> float:
             return math.inf
         worst = max(worst, float(np.max(off, initial=0.0)))
     return worst
+
+
+def _lines_follow(profile: Profile, sides: Sides, frame: Frame) -> bool:
+    """Say whether straight lines, as chords of the profile, come near to it all along."""
+    half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
+    for left in (True,) if profile.one_sided else (False, True):
+        for ahead in (False, True):
+            middles = []
+            for stroke in sides.walk(left, ahead):
+                ends = quarter(frame, neck, np.array(stroke.curve[:2]), left, ahead)
+                if not stroke.curve.bulge and not stroke.trace:
+                    middles.append(0.5 * (ends[0] + ends[1]))
+                if ends[1, 0] > half or ends[1, 1] > profile.depth:
+                    break
+            if middles:
+                at = np.array(middles)
+                inside = (at[:, 0] > 0.0) & (at[:, 0] < half) & (at[:, 1] < profile.depth)
+                off = _off_contour(profile, at[inside])
+                if np.max(off, initial=0.0) > LARGEST_CHORD_ERROR:
+                    return False
+    return True
+
+
+def goes_on(profile: Profile, sides: Sides, frame: Frame) -> bool:
+    """Say whether what was drawn goes on getting deeper beyond the root, on every side.
+
+    A notch that ends there is but a part of what was drawn.
+    """
+    half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
+    for left in (True,) if profile.one_sided else (False, True):
+        for ahead in (False, True):
+            slope = _slope_beyond(sides, frame, neck, (half, profile.depth), left, ahead)
+            if not _FLANK[0] < slope < _FLANK[1]:
+                return False
+    return True
+
+
+def _slope_beyond(
+    sides: Sides, frame: Frame, neck: float, root: Pair, left: bool, ahead: bool
+) -> float:
+    """Return the slope of a side just beyond the end of a root."""
+    c, s = math.cos(frame.direction), math.sin(frame.direction)
+    along, across = root[0] * (1 if ahead else -1), (neck + root[1]) * (1 if left else -1)
+    point = (frame.at[0] + c * along - s * across, frame.at[1] + s * along + c * across)
+    found = False
+    for stroke in sides.walk(left, ahead):
+        curve = stroke.curve
+        if found:
+            return slope_at(curve, frame, left, ahead, 0.0)
+        if math.dist(curve.end, point) < 2.0 * FIT_TOLERANCE:
+            found = True
+            continue
+        share = curve.share(point)
+        if share is not None and math.dist(curve.point(share), point) < 2.0 * FIT_TOLERANCE:
+            return slope_at(curve, frame, left, ahead, share)
+    return 0.0
 
 
 @lru_cache(maxsize=512)

@@ -22,6 +22,7 @@ from flexstage.stage.drawing.notch import (
     Frame,
     Sides,
     distance_from,
+    goes_on,
     slope_at,
 )
 from flexstage.stage.drawing.smooth_fit import smooth_fits
@@ -63,7 +64,9 @@ def neck_of(part: Part, found: Pass) -> Neck | None:
         best: Neck | None = None
         for turned, frame, profile in proposed(sides):
             off = distance_from(profile, turned, frame)
-            if off <= FIT_TOLERANCE and (best is None or off < 0.5 * best.off):
+            if off > FIT_TOLERANCE or (best is not None and off >= 0.5 * best.off):
+                continue
+            if profile.kind == AsDrawn.kind or not goes_on(profile, turned, frame):
                 best = Neck(turned, frame, profile, off, found)
         if best is not None:
             return _rounded(best)
