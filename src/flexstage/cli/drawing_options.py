@@ -19,7 +19,7 @@ class DrawingSettings:
         LENGTH: Thickness of the plate in a drawing, such as "10 mm"; a STEP file says its own.
     material
         NAME: Material of the plate in a drawing, from the catalogue.
-    unit
+    drawing_unit
         UNIT: Unit of the drawing, um, mm, cm, m, inch or mil, where the file does not say it.
     layers
         NAMES: Layers of the contours of the drawing, separated by commas (default: by their names).
@@ -43,7 +43,7 @@ class DrawingSettings:
     panel: ClassVar[str] = "Drawing"
     thickness: str | None = None
     material: str | None = None
-    unit: str | None = None
+    drawing_unit: str | None = None
     layers: str | None = None
     gap: str | None = None
     neck_limit: str | None = None
@@ -66,7 +66,7 @@ class DrawingSettings:
         return DrawingOptions(
             **lengths,
             material=self.material,
-            unit=self.unit,
+            unit=self.drawing_unit,
             layers=None if self.layers is None else tuple(self.layers.split(",")),
             fixed=tuple(self.fixed or ()),
             drives=tuple(self.drive or ()),

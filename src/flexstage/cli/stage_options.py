@@ -1,6 +1,6 @@
 """STAGE, the stage that a command is about, and the options that say how it is taken."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
@@ -59,10 +59,12 @@ class StageOptions(DrawingSettings):
 
     def require_stage(self, source: str | None, name: str) -> None:
         """Refuse options where no stage is named; `name` is what names one."""
-        if source is None and self != AS_DESCRIBED:
-            raise ModelError(
-                f"--set and what belongs to a drawing need {name}: they are about that"
-            )
+        if source is not None or self == AS_DESCRIBED:
+            return
+        if self.setting:
+            raise ModelError(f"--set needs {name}: it sets a parameter of that")
+        given = next(f.name for f in fields(DrawingSettings) if getattr(self, f.name) is not None)
+        raise ModelError(f"--{given.replace('_', '-')} needs {name}: it is about a drawing")
 
     def _settings(self) -> dict[str, str]:
         found: dict[str, str] = {}

@@ -143,7 +143,7 @@ def stage_of_drawing(path: str | os.PathLike[str], options: DrawingOptions) -> S
 
 
 def _agree(path: str | os.PathLike[str], sheet: Sheet, o: DrawingOptions) -> None:
-    for name, value in (("unit", o.unit), ("layers", o.layers)):
+    for name, value in (("drawing-unit", o.unit), ("layers", o.layers)):
         if value is not None:
             raise StageError(f"--{name} is for DXF files: '{path}' says its own")
     has = sheet.thickness

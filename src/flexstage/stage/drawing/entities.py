@@ -14,7 +14,7 @@ from flexstage.errors import StageError
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.strokes import Pair
 
-#: Units of drawings, by the words that `--unit` takes [m].
+#: Units of drawings, by their names [m].
 UNITS: dict[str, float] = {
     "um": 1e-6,
     "mm": 1e-3,
@@ -89,7 +89,7 @@ def read_dxf(
     name = unit or name
     if name is None:
         raise StageError(
-            f"the drawing '{path}' does not say its unit ($INSUNITS): give --unit, one of "
+            f"the drawing '{path}' does not say its unit ($INSUNITS): give --drawing-unit, one of "
             f"{', '.join(UNITS)}"
         )
     scale = UNITS[name]
