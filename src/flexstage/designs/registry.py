@@ -33,6 +33,7 @@ _FAMILIES = (
     "double_parallelogram",
     "compound_parallelogram",
     "linked_parallelogram",
+    "gantry",
     "side_by_side_xy",
     "stacked_xy",
     "bridge",
