@@ -34,7 +34,7 @@ def _key(body: Body) -> tuple[float, float, float]:
 
 
 def bodies_of(found: Stage, meant: Stage, *, within: float = 1e-9) -> dict[str, str]:
-    """Match bodies by their outlines [m], all of them; names in the drawing to names that are meant."""
+    """Match all bodies by their outlines [m]; names in the drawing to those that are meant."""
     assert len(found.bodies) == len(meant.bodies)
     names: dict[str, str] = {}
     for body in meant.bodies:
