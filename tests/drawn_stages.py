@@ -118,6 +118,4 @@ def with_drives_of(found: Stage, meant: Stage, names: dict[str, str]) -> Stage:
 def figures(stage: Stage, system: Any = None) -> dict[tuple[str, str], float]:
     """Return the figures that must come back, by quantity and axis."""
     made = analyse(stage, lumped_system(stage) if system is None else system)
-    return {
-        (c.quantity, c.axis): c.value for c in made.characteristics if c.quantity in FIGURES
-    }
+    return {(c.quantity, c.axis): c.value for c in made.characteristics if c.quantity in FIGURES}

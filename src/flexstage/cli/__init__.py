@@ -24,6 +24,7 @@ from flexstage.cli.frf import frf
 from flexstage.cli.hinges import hinges
 from flexstage.cli.identify import identify
 from flexstage.cli.import_ import import_
+from flexstage.cli.new import new
 from flexstage.cli.output import print_json
 from flexstage.cli.part import part
 from flexstage.cli.predict import predict
@@ -55,7 +56,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 _SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Design": (import_, check, show, analyse, study, hinges, equations, part, export),
+    "Design": (*(new, import_, check, show, analyse, study, hinges, equations, part, export),),
     "Drives": (excite, identify, predict, compensate),
     "Measurements": (records, frf, characterise, uncertainty, centre),
     "Bench": (twin, run),
