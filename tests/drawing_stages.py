@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from flexstage.designs import DESIGNS, design
-from flexstage.hinges import Profile, RightCircular
+from flexstage.hinges import AsDrawn, Profile, RightCircular
 from flexstage.hinges.corner_filleted import CornerFilleted
 from flexstage.hinges.elliptical import Elliptical
 from flexstage.hinges.hyperbolic import Hyperbolic
@@ -57,6 +57,13 @@ NOTCHES: dict[str, Profile] = {
         neck_thickness=0.61e-3, half_opening_angle=0.6, fillet_radius=0.7e-3, notch_depth=1.9e-3
     ),
     "power": PowerFunction(**_SIZES, exponent=3.7),
+    # a strip, an arc of 45 degrees, a flank
+    "as-drawn": AsDrawn(
+        neck_thickness=0.43e-3,
+        distances=(1.1e-3, 1.1e-3 + 0.8e-3 * math.sqrt(0.5), 2.2e-3),
+        depths=(0.0, 0.8e-3 * (1.0 - math.sqrt(0.5)), 1.4e-3),
+        bulges=(0.0, math.tan(math.pi / 16.0), 0.0),
+    ),
 }
 
 

@@ -10,12 +10,12 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import StageError
 from flexstage.export.drawing.contours import plate_contours
-from flexstage.export.drawing.curve import Curve, crossings, distance, point_distance
 from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.hinges import RightCircular
 from flexstage.hinges.registry import PROFILES
 from flexstage.stage import Circle, Loop, Stage, check, mass_properties
 from flexstage.stage.contour import body_contour
+from flexstage.stage.curve import Curve, crossings, distance, point_distance
 from tests.drawing_stages import NOTCHES, PLATES, guide, quick
 
 STAGES = {**PLATES, **{n: guide(p) for n, p in NOTCHES.items()}}

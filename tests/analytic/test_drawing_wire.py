@@ -10,7 +10,6 @@ import shapely
 
 from flexstage.errors import StageError
 from flexstage.export.drawing.contours import PlateContours, plate_contours
-from flexstage.export.drawing.curve import Curve, distance, point_distance
 from flexstage.export.drawing.cuts import cuts
 from flexstage.export.drawing.offset import WirePath, offset_contours
 from flexstage.export.drawing.smooth import smooth_notches
@@ -18,6 +17,7 @@ from flexstage.hinges import RightCircular
 from flexstage.hinges.leaf import Leaf
 from flexstage.material import material
 from flexstage.stage import Body, Circle, Loop, Stage
+from flexstage.stage.curve import Curve, distance, point_distance
 from tests.drawing_stages import NOTCHES, PLATES, guide, quick
 
 KERF = 0.31e-3

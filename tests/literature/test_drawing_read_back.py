@@ -13,11 +13,11 @@ import pytest
 import shapely
 
 from flexstage.export.drawing.contours import plate_contours
-from flexstage.export.drawing.curve import Curve
 from flexstage.export.drawing.dxf import DXF_LAYERS, dxf_files
 from flexstage.export.drawing.offset import offset_contours
 from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.stage import Loop, mass_properties
+from flexstage.stage.curve import Curve
 from tests.drawing_stages import NOTCHES, PLATES, guide, quick
 
 KERF = 0.31e-3
