@@ -12,6 +12,7 @@ import math
 import re
 from dataclasses import dataclass
 from decimal import Context, Decimal
+from fractions import Fraction
 from functools import lru_cache
 from typing import Annotated, Any
 
@@ -228,6 +229,54 @@ def parse(text: object, dimension: str, *, bare_unit: str | None = None) -> floa
     return value
 
 
+def exact_quantity(text: str) -> tuple[Fraction, str]:
+    """Read a number, or a quantity of any dimension, without rounding it.
+
+    Parameters
+    ----------
+    text : str
+        A number, and a unit of one of `DIMENSIONS` if it has one.
+
+    Returns
+    -------
+    value : Fraction
+        The value [SI]; its float is what `parse` gives.
+    dimension : str
+        Its name; empty for a number.
+
+    Raises
+    ------
+    UnitError
+        The text is no quantity, or no dimension has the unit.
+
+    Examples
+    --------
+    >>> exact_quantity("0.45 mm")
+    (Fraction(9, 20000), 'length')
+    """
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise UnitError(f'expected a quantity such as "10 mm", or a number, got {_short(text)}')
+    number, unit = match.groups()
+    if unit is None:
+        return Fraction(Decimal(number)), ""
+    dimension = _dimension_of_unit(unit)
+    return Fraction(Decimal(number) * _factor(unit, dimension)), dimension
+
+
+@lru_cache(maxsize=256)
+def _dimension_of_unit(unit: str) -> str:
+    for name in DIMENSIONS:
+        try:
+            _factor(unit, name)
+        except UnitError:
+            continue
+        return name
+    known = sorted({u for d in DIMENSIONS.values() for u in d.units})
+    hint = did_you_mean(unit, known)
+    raise UnitError(f"unknown unit '{unit}': expected one such as mm, deg, N/um or MPa{hint}")
+
+
 @lru_cache(maxsize=256)
 def si_unit(text: str) -> tuple[float, str]:
     """Return what a unit, written over a column of numbers, is in SI.
@@ -351,6 +400,36 @@ def to_text(value: float, dimension: str, unit: str | None = None) -> str:
             if parse(text, dimension) == value:
                 return text
     return f"{float(value)!r} {wanted.si}"
+
+
+def readable_text(value: float, dimension: str) -> str:
+    """Write an SI number as `to_text` does, in the unit in which it is easily read.
+
+    Parameters
+    ----------
+    value : float
+        The value [SI].
+    dimension : str
+        One of `DIMENSIONS`.
+
+    Returns
+    -------
+    str
+        Number and unit, which `parse` reads back to the same bits: in the usual unit where the
+        number is from 0.1 to below 10 000 there, else in the unit with the fewest digits.
+
+    Examples
+    --------
+    >>> readable_text(5e-4, "length"), readable_text(3.8e-05, "length")
+    ('0.5 mm', '38 um')
+    >>> readable_text(71.7e9, "pressure")
+    '71.7 GPa'
+    """
+    first = to_text(value, dimension)
+    if value == 0.0 or 0.1 <= abs(float(first.partition(" ")[0])) < 1e4:
+        return first
+    others = (to_text(value, dimension, u) for u in DIMENSIONS[dimension].units if u != "inch")
+    return min(others, key=lambda text: len(text.partition(" ")[0]))
 
 
 def readable_unit(size: float, unit: str) -> tuple[str, float]:

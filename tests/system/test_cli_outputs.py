@@ -7,11 +7,13 @@ import pytest
 
 from flexstage.cli import main
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "parallelogram.yaml"
+EXAMPLE = Path(__file__).parents[1] / "spelled_out_parallelogram.yaml"
 #: A call of every command with an output that would compute long if it began.
 WRITING = [
     ["study", "parallelogram", "--out"],
     ["show", "parallelogram", "--out"],
+    ["new", "parallelogram", "--out"],
+    ["new", "parallelogram", "--folder"],
     ["analyse", "parallelogram", "--out"],
     ["equations", "parallelogram", "--out"],
     ["export", "parallelogram", "--to", "step", "--out"],

@@ -8,15 +8,25 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from flexstage.errors import FlexstageError, StageError
 from flexstage.files.decoder import Decoder, read
 from flexstage.files.encoder import Encoder
-from flexstage.files.format import check_name
+from flexstage.files.format import check_name, field_types
 from flexstage.files.nodes import Given, Node, Scalar, read_text
 from flexstage.files.nodes import Mapping as MappingNode
+from flexstage.files.parameters import FileParameter
 from flexstage.files.settings import overridden, require_known, settings_of
 from flexstage.files.write import write_whole
+from flexstage.files.yaml_text import yaml_text
+from flexstage.stage.copies import (
+    COPIES,
+    PROFILES,
+    read_with_copies,
+    with_profiles_written_out,
+    with_shared_profiles,
+)
 from flexstage.stage.format import STAGE_FILE
 from flexstage.stage.model import Stage
 from flexstage.units import DIMENSIONS
@@ -24,7 +34,7 @@ from flexstage.units import DIMENSIONS
 #: Builds a stage from the name of a design and its parameters.
 DesignBuilder = Callable[[str, Mapping[str, object]], Stage]
 
-_HEAD = ("flexstage", "length_unit", "design")
+_HEAD = ("flexstage", "length_unit", "parameters", "design")
 _NAMED = {"hinge": "hinges", "drive": "drives", "probe": "probes", "axis": "axes"}
 
 
@@ -106,29 +116,49 @@ def stage_from_text(
     >>> stage.body("base").outline.points[2]
     (0.03, 0.02)
     """
-    decoder, root = read(text, source, STAGE_FILE)
+    decoder, root = read(text, source, STAGE_FILE, settings_of(set or {}, StageError))
     if "design" in root.items:
         decoder.check_keys(root, "", _HEAD)
-        given = settings_of(set or {}, StageError)
-        return _from_design(decoder, root.items["design"], designs, given)
-    for name in set or {}:
-        require_known(source, name, (), StageError)
+        return _from_design(decoder, root.items["design"], designs)
+    for name in decoder.settings.items:
+        require_known(source, name, decoder.parameters, StageError)
+    also = (*_HEAD, PROFILES, *COPIES)
+    decoder.check_keys(root, "", [*also, *field_types(Stage)])
+    root = with_profiles_written_out(decoder, root)
+    parts: dict[str, Any] = {}
+    origins: dict[tuple[str, str], tuple[int | None, str]] = {}
+    if COPIES.keys() & root.items.keys():
+        parts, origins = read_with_copies(decoder, root)
     # the names are looked up by the stage itself, which does not know lines: find them again
     try:
-        stage = decoder.build(Stage, root, "", also=_HEAD)
+        stage = decoder.build(Stage, root, "", parts, also=(*also, *parts))
     except FlexstageError as error:
-        raise _placed(error, decoder, root) from None
+        raise _placed(error, decoder, root, origins) from None
     check_name(stage.name, lambda text: decoder.refuse(root.items["name"], "name", text))
     return stage
 
 
-def stage_to_text(stage: Stage) -> str:
+def file_parameters(
+    path: str | os.PathLike[str], designs: Callable[[str, Mapping[str, object]], object]
+) -> dict[str, FileParameter]:
+    """Return the parameters of a stage file; `designs` is given the design that it may name."""
+    text = read_text(Path(path), STAGE_FILE.noun, StageError)
+    decoder, root = read(text, os.fspath(path), STAGE_FILE)
+    if "design" in root.items:
+        _from_design(decoder, root.items["design"], designs)
+    return decoder.parameters
+
+
+def stage_to_text(stage: Stage, *, shared: bool = False) -> str:
     """Write a stage as the text of a stage file.
 
     Parameters
     ----------
     stage : Stage
         The stage.
+    shared : bool
+        Whether each profile is written once, under a name that its hinges have, with its dimensions
+        as parameters of the file.
 
     Returns
     -------
@@ -142,10 +172,11 @@ def stage_to_text(stage: Stage) -> str:
     """
     for thing in (stage, *stage.bodies, *stage.hinges, *stage.drives, *stage.probes, *stage.axes):
         check_name(thing.name, _refuse_name)
-    return Encoder(STAGE_FILE, DIMENSIONS["length"].units[0]).text(stage)
+    encoder = Encoder(STAGE_FILE, DIMENSIONS["length"].units[0])
+    return yaml_text(with_shared_profiles(encoder, stage) if shared else encoder.document(stage))
 
 
-def write_stage(stage: Stage, path: str | os.PathLike[str]) -> None:
+def write_stage(stage: Stage, path: str | os.PathLike[str], *, shared: bool = False) -> None:
     """Write a stage file; it appears whole or not at all.
 
     Parameters
@@ -154,28 +185,31 @@ def write_stage(stage: Stage, path: str | os.PathLike[str]) -> None:
         The stage.
     path : str or os.PathLike
         The file; an existing one is replaced.
+    shared : bool
+        Whether profiles are shared and have parameters, as in `stage_to_text`.
 
     Raises
     ------
     StageError
         The file cannot be written, or a name could not be read back.
     """
-    write_whole(path, stage_to_text(stage).encode("utf-8"), StageError)
+    write_whole(path, stage_to_text(stage, shared=shared).encode("utf-8"), StageError)
 
 
 def _from_design(
-    decoder: Decoder, node: Node, designs: DesignBuilder | None, settings: MappingNode
-) -> Stage:
+    decoder: Decoder, node: Node, designs: Callable[[str, Mapping[str, object]], Any] | None
+) -> Any:
     if not isinstance(node, MappingNode) or not isinstance(node.items.get("name"), Scalar):
         decoder.refuse(node, "design", "expected a mapping with the name of a design")
     if designs is None:
         decoder.refuse(node, "design", "parametric designs are not available here")
     name = node.items["name"]
     for key in ("name", "based_on"):
-        if key in settings.items:
+        if key in decoder.settings.items:
             raise StageError(f"'{key}' of a design is no parameter: change it in {decoder.source}")
     rest = {key: value for key, value in node.items.items() if key != "name"}
-    given = Given(overridden(MappingNode(node.line, rest, node.key_lines), settings), decoder)
+    entry = overridden(MappingNode(node.line, rest, node.key_lines), decoder.settings)
+    given = Given(entry, decoder)
     try:
         return designs(name.text if isinstance(name, Scalar) else "", given)
     except FlexstageError as error:
@@ -187,7 +221,12 @@ def _from_design(
         decoder.refuse_again(place, "design", error)
 
 
-def _placed(error: FlexstageError, decoder: Decoder, root: MappingNode) -> FlexstageError:
+def _placed(
+    error: FlexstageError,
+    decoder: Decoder,
+    root: MappingNode,
+    origins: Mapping[tuple[str, str], tuple[int | None, str]],
+) -> FlexstageError:
     """Point an error of the whole stage at the thing that it is about."""
     text = str(error)
     start = f"{decoder.source}, line {root.line}: "
@@ -196,6 +235,9 @@ def _placed(error: FlexstageError, decoder: Decoder, root: MappingNode) -> Flexs
     text = text.removeprefix(start)
     if found := re.match(r"(hinge|drive|probe|axis) '(.*?)' ", text):
         group = root.items.get(_NAMED[found[1]])
+        if (copied := (_NAMED[found[1]], found[2])) in origins:
+            line, path = origins[copied]
+            return type(error)(f"{decoder.source}, line {line}, {path}: {text}")
         if isinstance(group, MappingNode) and found[2] in group.key_lines:
             path = f"{_NAMED[found[1]]}.{found[2]}"
             return type(error)(

@@ -131,9 +131,13 @@ class Scatter:
     """Standard deviation of each coordinate of a notch [m]."""
     modulus: float = 0.01
     """Relative standard deviation of Young's modulus [1]."""
+    lean: float = 1e-4
+    """Standard deviation of each tilt of a notch's axis: 1 um over a plate of 10 mm [rad]."""
+    drive: float = 50e-6
+    """Standard deviation of where a drive pushes, in the plane and along its normal [m]."""
 
     def __post_init__(self) -> None:
-        for name in ("neck_common", "neck_own", "position", "modulus"):
+        for name in self.__dataclass_fields__:
             if not 0.0 <= (value := getattr(self, name)) < math.inf:
                 raise ModelError(f"scatter of {name} must be 0 or more and finite, got {value!r}")
 
