@@ -124,7 +124,7 @@ CHANGES: dict[type, dict[str, st.SearchStrategy[Any]]] = {
 
 @pytest.mark.parametrize("parameters", BUILDERS, ids=lambda p: p.__name__)
 @given(data=st.data())
-@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_changed_dimensions_give_a_possible_stage_or_a_sentence(
     parameters: type, data: st.DataObject
 ) -> None:
