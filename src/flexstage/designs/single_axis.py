@@ -12,6 +12,9 @@ from flexstage.hinges import RightCircular
 from flexstage.stage import Body, Stage
 from flexstage.stage.drive import AnyActuator, ScrewActuator
 
+#: What a guide may be.
+GUIDES = ("parallelogram",)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SingleAxisParameters:

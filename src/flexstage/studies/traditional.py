@@ -1,0 +1,434 @@
+"""The study's claims set against traditional stages: motion errors, and drift with temperature."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexstage import progress
+from flexstage.arrays import Array
+from flexstage.characteristic import measured_value
+from flexstage.designs.nested_xy_parameters import AxisParameters, NestedXYParameters
+from flexstage.designs.pieces import Leg
+from flexstage.designs.registry import PARAMETER_SETS
+from flexstage.designs.side_by_side_xy import SideBySideXYParameters, side_by_side_xy
+from flexstage.designs.single_axis import GUIDES, SingleAxisParameters, extent
+from flexstage.designs.stacked_xy import StackedXYParameters, plates
+from flexstage.errors import ModelError
+from flexstage.hinges import RightCircular
+from flexstage.short_repr import short_repr
+from flexstage.stage import Stage, mass_properties
+from flexstage.stage.drive import AnyActuator, ScrewActuator, StackActuator
+from flexstage.studies.motion_errors import AxisErrors, GuidedAxis, Mounting, axis_errors
+from flexstage.system import MechanicalSystem, modes, static_displacements, static_loads
+from flexstage.system.analysis import axis_mode
+from flexstage.virtual.imperfections import Scatter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+#: By how much the study says that motion errors are below those of traditional stages [1].
+CLAIMS: Mapping[str, float] = {"vgtu-mechanical": 0.44, "vgtu-piezo": 0.17}
+
+#: Changes of temperature that are set against each other, by the loads of a model: one kelvin, and
+#: one kelvin over this length.
+SPAN = 0.1
+LOADS: Mapping[str, float] = {
+    "temperature": 1.0,
+    "temperature gradient x": 1.0 / SPAN,
+    "temperature gradient y": 1.0 / SPAN,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CatalogueGuide:
+    """A guide that one buys, by what its maker states."""
+
+    title: str
+    """What it is."""
+    straightness: float
+    """Largest deviation from a straight line that is stated [m]."""
+    over: float
+    """Length of the travel that it is stated for [m]; nothing is stated for less."""
+    source: str
+    """Where."""
+
+
+#: A guide of rolling elements, for which nothing is computed here.
+CROSSED_ROLLERS = CatalogueGuide(
+    title="crossed rollers, catalogue",
+    straightness=1e-6,
+    over=0.1,
+    source="A. Bromme, G. Jaffe, Achieving high precision in linear stages without costly air "
+    "bearings, Steinmeyer, 2012: straightness within 1 um over 100 mm",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ComparedStage:
+    """What is set against each other of a stage."""
+
+    title: str
+    """What it is."""
+    axes: Mapping[str, AxisErrors]
+    """Motion errors by axis."""
+    frequency_hz: Mapping[str, float]
+    """Natural frequency of the mode by which each drive moves its probe, drives removed [Hz]."""
+    drift: Mapping[str, tuple[float, float, float]]
+    """Motion of the platform in x, y [m] and its rotation [rad] by each of `LOADS`."""
+    size: tuple[float, float, float]
+    """Outer length, width and height [m]."""
+    mass: float
+    """Mass without drives [kg]."""
+    actuators: str
+    """What drives it."""
+
+    __repr__ = short_repr
+
+    @property
+    def error(self) -> Array:
+        """Motion across, of the worse axis of each sample [m], shape (samples,)."""
+        return np.max([axis.across for axis in self.axes.values()], axis=0)
+
+    @property
+    def straightness(self) -> Array:
+        """Straightness of the worse axis of each sample [m], shape (samples,)."""
+        return np.max([axis.straightness for axis in self.axes.values()], axis=0)
+
+    def spread(self, figures: Mapping[str, float]) -> float:
+        """Difference between the axes, over their mean [1]."""
+        values = list(figures.values())
+        return (max(values) - min(values)) / (sum(values) / len(values))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reduction:
+    """By how much the motion error of a stage is below that of another."""
+
+    against: str
+    """The other one."""
+    other: float
+    """Its motion error, median of its samples [m]."""
+    reduction: float
+    """Part by which the median is below it [1]; negative where it is above."""
+    share: float
+    """Share of pairs of samples in which the claimed reduction is reached [1]."""
+    holds: bool
+    """Whether the medians have the claimed reduction."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TraditionalComparison:
+    """A stage of the study beside traditional ones."""
+
+    claim: float
+    """Claimed reduction of motion errors [1]."""
+    own: ComparedStage
+    """The stage."""
+    others: tuple[ComparedStage, ...]
+    """Traditional ones, of the same stroke, material, plate and legs."""
+    catalogue: CatalogueGuide
+    """A guide of which only the catalogue is known."""
+    asymmetric: ComparedStage
+    """The stage with its guide legs on one side only."""
+    measured: float | None
+    """Largest motion across that was measured and published [m]."""
+    legs: Mapping[str, float]
+    """Distance between the necks of a leg by axis [m]."""
+    scatter: Scatter
+    """The process that made them."""
+    samples: int
+    """How many of each were made."""
+
+    __repr__ = short_repr
+
+    def reductions(self, *, straightness: bool = False) -> tuple[Reduction, ...]:
+        """Compare motion errors, or straightness: that of the path against its own straight line."""
+        own = self.own.straightness if straightness else self.own.error
+        found = [
+            self._against(s.title, own, s.straightness if straightness else s.error)
+            for s in self.others
+        ]
+        stated = np.full(self.samples, self.catalogue.straightness)
+        return (*found, self._against(self.catalogue.title, own, stated))
+
+    def _against(self, title: str, own: Array, other: Array) -> Reduction:
+        reduction = 1.0 - float(np.median(own)) / float(np.median(other))
+        return Reduction(
+            against=title,
+            other=float(np.median(other)),
+            reduction=reduction,
+            # every one against every other: they are made apart
+            share=float(np.mean(own[:, None] <= (1.0 - self.claim) * other[None, :])),
+            holds=reduction >= self.claim,
+        )
+
+    @property
+    def implied(self) -> float | None:
+        """Motion error of the traditional stage that claim and measured figure belong to [m]."""
+        return None if self.measured is None else self.measured / (1.0 - self.claim)
+
+    @property
+    def longest_leg(self) -> float:
+        r"""Longest leg of a single parallelogram against which the claim holds [m].
+
+        By its arc alone, :math:`l = d^2/2e` with the motion error e that the claim asks of it.
+        """
+        travel = max(axis.travel for axis in self.own.axes.values())
+        asked = float(np.median(self.own.error)) / (1.0 - self.claim)
+        return 0.5 * travel**2 / asked
+
+
+def compare_traditional(
+    stage: Stage,
+    system: MechanicalSystem | None = None,
+    *,
+    samples: int = 300,
+    seed: int = 1,
+    scatter: Scatter | None = None,
+) -> TraditionalComparison:
+    """Set a stage of the study against traditional stages.
+
+    Parameters
+    ----------
+    stage : Stage
+        One of `CLAIMS`.
+    system : MechanicalSystem, optional
+        Its model of superelements, where there is one already.
+    samples : int
+        How many of each stage are made.
+    seed : int
+        Seed of their deviations.
+    scatter : Scatter, optional
+        The process; the usual one where not given.
+
+    Returns
+    -------
+    TraditionalComparison
+        All of them, by the same models.
+
+    Raises
+    ------
+    ModelError
+        Nothing is claimed of this stage.
+    """
+    if stage.name not in CLAIMS:
+        raise ModelError(
+            f"nothing is claimed of the motion errors of '{stage.name}': {', '.join(CLAIMS)} are "
+            "what is set against traditional stages"
+        )
+    process = scatter or Scatter()
+    own_system = system or _elastic(stage)
+    travel = {
+        axis.name: _output(own_system, axis.name, stage.drive(axis.drive).stroke or 0.0)
+        for axis in stage.axes
+    }
+    made = {"travel": travel, "scatter": process, "samples": samples, "seed": seed}
+    height = 0.5 * stage.thickness
+    own = _compared(
+        stage.name,
+        {name: GuidedAxis(stage=stage, axis=name, offset=(0.0, 0.0, height)) for name in travel},
+        {stage: own_system},
+        **made,
+    )
+    progress.update("asymmetric stage", 0.2)
+    lame = guides_on_one_side(stage)
+    asymmetric = _compared(
+        "guides on one side",
+        {name: GuidedAxis(stage=lame, axis=name, offset=(0.0, 0.0, height)) for name in travel},
+        {},
+        **made,
+    )
+    others = []
+    for i, (title, axes) in enumerate(_traditional(stage, travel)):
+        progress.update("traditional stages", 0.4 + 0.15 * i)
+        others.append(_compared(title, axes, {}, **made))
+    measured = [measured_value(stage.published, "straightness", axis) for axis in travel]
+    return TraditionalComparison(
+        claim=CLAIMS[stage.name],
+        own=own,
+        others=tuple(others),
+        catalogue=CROSSED_ROLLERS,
+        asymmetric=asymmetric,
+        measured=max((m for m in measured if m is not None), default=None),
+        legs={name: _leg(_dimensions(stage, name)).neck_distance for name in travel},
+        scatter=process,
+        samples=samples,
+    )
+
+
+def guides_on_one_side(stage: Stage) -> Stage:
+    """Return a nested stage without the guide legs on one side of each axis."""
+    gone = {body.name for body in stage.bodies if body.name[1:] in ("G0d", "G1d")}
+    return replace(
+        stage,
+        name=f"{stage.name}-one-sided",
+        bodies=tuple(body for body in stage.bodies if body.name not in gone),
+        hinges=tuple(hinge for hinge in stage.hinges if not gone & set(hinge.bodies)),
+        published=(),
+    )
+
+
+def single_axis_guides(
+    stage: Stage, guide: str, travel: Mapping[str, float]
+) -> dict[str, SingleAxisParameters]:
+    """Return guides with the legs of each axis of a nested stage, driven directly.
+
+    Notches, length and spacing of legs are those of the axis, the platform as high as the one that
+    carries what is positioned; the actuator is of the same kind and goes as far as that does.
+    """
+    platform = stage.body("PY").outline.points
+    height = max(x for x, _ in platform) - min(x for x, _ in platform)
+    found = {}
+    for name, far in travel.items():
+        of_axis = _dimensions(stage, name)
+        first, second = (stage.hinge(f"{name}gp{i}-u").at for i in (0, 1))
+        actuator, length = direct_actuator(of_axis.actuator, of_axis.actuator_pocket_length, far)
+        found[name] = SingleAxisParameters(
+            guide=guide,  # type: ignore[arg-type]
+            leg=_leg(of_axis),
+            leg_spacing=math.dist(first, second),
+            platform_height=height,
+            actuator=actuator,
+            actuator_length=length,
+        )
+    return found
+
+
+def direct_actuator(
+    actuator: AnyActuator, length: float, travel: float
+) -> tuple[AnyActuator, float]:
+    """Return an actuator that makes a travel [m] itself, and its length [m].
+
+    Of a screw more or less is turned in; a stack grows with its stroke, and its stiffness falls.
+
+    Examples
+    --------
+    >>> stack = StackActuator(free_stroke=38e-6, stiffness=43e6)
+    >>> longer, length = direct_actuator(stack, 36e-3, 65e-6)
+    >>> print(f"{length * 1e3:.1f} mm, {longer.stiffness * 1e-6:.1f} N/um")
+    61.6 mm, 25.1 N/um
+    """
+    if isinstance(actuator, ScrewActuator):
+        return replace(actuator, travel=travel), length
+    if isinstance(actuator, StackActuator):
+        more = travel / actuator.free_stroke
+        longer = replace(actuator, free_stroke=travel, stiffness=actuator.stiffness / more)
+        return longer, length * more
+    raise ModelError(f"an actuator of the kind '{actuator.kind}' has no stroke to set")
+
+
+def _traditional(
+    stage: Stage, travel: Mapping[str, float]
+) -> "Iterator[tuple[str, dict[str, GuidedAxis]]]":
+    """Give every kind of traditional stage: what it is, and its axes."""
+    plate = {"thickness": stage.thickness, "material": stage.material}
+    for guide in GUIDES:
+        guides = single_axis_guides(stage, guide, travel)
+        stack = StackedXYParameters(**guides, **plate)
+        lower, upper = plates(stack)
+        low, high = stack.heights
+        yield f"stacked, {guide}s", {
+            "x": GuidedAxis(stage=lower, axis="x", offset=(0.0, 0.0, low)),
+            "y": GuidedAxis(
+                stage=upper, axis="x", offset=(0.0, 0.0, high), mounting=Mounting(), stream=1
+            ),
+        }
+        beside = side_by_side_xy(SideBySideXYParameters(**guides, **plate))
+        yield f"side by side, {guide}s", {
+            name: GuidedAxis(stage=beside, axis=name, offset=(0.0, 0.0, 0.5 * stage.thickness))
+            for name in travel
+        }
+
+
+def _dimensions(stage: Stage, axis: str) -> AxisParameters:
+    parameters: NestedXYParameters = PARAMETER_SETS[stage.name].parameters
+    return {"x": parameters.x, "y": parameters.y}[axis]
+
+
+def _leg(of_axis: AxisParameters) -> Leg:
+    notch = RightCircular(neck_thickness=of_axis.leg_neck, radius=of_axis.leg_notch_radius)
+    return Leg(notch=notch, bar_length=of_axis.leg_bar_length)
+
+
+def _elastic(stage: Stage) -> MechanicalSystem:
+    from flexstage.fem import superelement_model
+
+    return superelement_model(stage).system
+
+
+def _output(system: MechanicalSystem, axis: str, stroke: float) -> float:
+    port = next(a for a in system.axes if a.name == axis)
+    return static_displacements(system, {port.drive: stroke}).readings[port.probe]
+
+
+def _compared(
+    title: str,
+    axes: Mapping[str, GuidedAxis],
+    known: Mapping[Stage, MechanicalSystem],
+    *,
+    travel: Mapping[str, float],
+    scatter: Scatter,
+    samples: int,
+    seed: int,
+) -> ComparedStage:
+    """Compute what is compared; axes in plates of their own lie one above the other."""
+    parts = list(dict.fromkeys(guided.stage for guided in axes.values()))
+    systems = {part: known.get(part) or _elastic(part) for part in parts}
+    frequencies, errors = {}, {}
+    for name, guided in axes.items():
+        system = systems[guided.stage]
+        axis = guided.stage.axis(guided.axis)
+        found = modes(system)
+        mode = axis_mode(system, found, axis.drive, axis.probe)
+        frequencies[name] = float(found.frequency_hz[mode])
+        errors[name] = axis_errors(
+            guided, travel[name], system, scatter, samples=samples, seed=seed
+        )
+    spans = [extent(part) for part in parts]
+    # the upper plate is turned by a quarter
+    sides = [(s[2] - s[0], s[3] - s[1])[:: -1 if i else 1] for i, s in enumerate(spans)]
+    spacers = sum(guided.offset[2] for guided in axes.values() if guided.mounting is None)
+    thickness = parts[0].thickness
+    return ComparedStage(
+        title=title,
+        axes=errors,
+        frequency_hz=frequencies,
+        drift=_drift([systems[part] for part in parts]),
+        size=(
+            max(s[0] for s in sides),
+            max(s[1] for s in sides),
+            thickness if len(parts) == 1 else 0.5 * thickness + spacers,
+        ),
+        mass=sum(m.mass for part in parts for m in mass_properties(part).values()),
+        actuators=_actuators(list(axes.values())),
+    )
+
+
+def _drift(systems: list[MechanicalSystem]) -> dict[str, tuple[float, float, float]]:
+    """Motion of the last platform by temperature; a second plate adds its own, turned."""
+    total = {}
+    for load, size in LOADS.items():
+        moved = np.zeros(3)
+        for i, system in enumerate(systems):
+            # the second plate is mirrored at the diagonal: what was x is y
+            turned = load if not i else load.translate(str.maketrans("xy", "yx"))
+            state = static_loads(system, {turned: size})
+            body = system.probe(system.axes[-1].probe).body
+            x, y, yaw = state.body_motion[body]
+            moved += (y, x, -yaw) if i else (x, y, yaw)
+        total[load] = (float(moved[0]), float(moved[1]), float(moved[2]))
+    return total
+
+
+def _actuators(axes: list[GuidedAxis]) -> str:
+    """Say how many actuators of which kind and stroke there are."""
+    words = []
+    for guided in axes:
+        drive = guided.stage.drive(guided.stage.axis(guided.axis).drive)
+        stroke = f"{1e6 * (drive.stroke or 0.0):.0f} µm"
+        words.append(f"{drive.kind} of {stroke}")
+    counted = dict.fromkeys(words)
+    return ", ".join(f"{words.count(word)} × {word}" for word in counted)
