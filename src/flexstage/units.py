@@ -12,6 +12,7 @@ import math
 import re
 from dataclasses import dataclass
 from decimal import Context, Decimal
+from fractions import Fraction
 from functools import lru_cache
 from typing import Annotated, Any
 
@@ -225,6 +226,54 @@ def parse(text: object, dimension: str, *, bare_unit: str | None = None) -> floa
     if not math.isfinite(value):
         raise UnitError(f"the {wanted.name} {_short(text)} is too large to be a number")
     return value
+
+
+def exact_quantity(text: str) -> tuple[Fraction, str]:
+    """Read a number, or a quantity of any dimension, without rounding it.
+
+    Parameters
+    ----------
+    text : str
+        A number, and a unit of one of `DIMENSIONS` if it has one.
+
+    Returns
+    -------
+    value : Fraction
+        The value [SI]; its float is what `parse` gives.
+    dimension : str
+        Its name; empty for a number.
+
+    Raises
+    ------
+    UnitError
+        The text is no quantity, or no dimension has the unit.
+
+    Examples
+    --------
+    >>> exact_quantity("0.45 mm")
+    (Fraction(9, 20000), 'length')
+    """
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise UnitError(f'expected a quantity such as "10 mm", or a number, got {_short(text)}')
+    number, unit = match.groups()
+    if unit is None:
+        return Fraction(Decimal(number)), ""
+    dimension = _dimension_of_unit(unit)
+    return Fraction(Decimal(number) * _factor(unit, dimension)), dimension
+
+
+@lru_cache(maxsize=256)
+def _dimension_of_unit(unit: str) -> str:
+    for name in DIMENSIONS:
+        try:
+            _factor(unit, name)
+        except UnitError:
+            continue
+        return name
+    known = sorted({u for d in DIMENSIONS.values() for u in d.units})
+    hint = did_you_mean(unit, known)
+    raise UnitError(f"unknown unit '{unit}': expected one such as mm, deg, N/um or MPa{hint}")
 
 
 @lru_cache(maxsize=256)

@@ -36,6 +36,7 @@ from tests.golden.broken_cases import (
     plan_state,
     run_metadata,
     stage,
+    stage_parameters,
 )
 from tests.golden.broken_cases.ways import ANY_JSON, ANY_YAML, Edit
 
@@ -138,6 +139,10 @@ def kinds() -> dict[str, Kind]:
         "stage": Kind(
             file="stage.yaml", text=stage.TEXT, read=find_stage, places=PLACES,
             edits={**ANY_YAML, **stage.EDITS},
+        ),
+        "stage-parameters": Kind(
+            file="stage.yaml", text=stage_parameters.TEXT, read=find_stage, places={},
+            edits=stage_parameters.EDITS,
         ),
         "design": Kind(
             file="stage.yaml", text=design.TEXT, read=find_stage, places=PLACES,

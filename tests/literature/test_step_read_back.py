@@ -87,7 +87,8 @@ class StepText:
     """Entities of a STEP file by their numbers."""
 
     def __init__(self, content: bytes) -> None:
-        text = content.decode("ascii").replace("\n", "")
+        # a line may be broken between any two words
+        text = re.sub(r"\n *", "", content.decode("ascii"))
         self.header, data = text.split("DATA;")
         pattern = r"#(\d+) = (\w*)\s*\(((?:[^';]|'(?:[^']|'')*')*)\);"
         self.entities = {int(n): (kind, body) for n, kind, body in re.findall(pattern, data)}

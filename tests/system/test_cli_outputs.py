@@ -7,7 +7,7 @@ import pytest
 
 from flexstage.cli import main
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "parallelogram.yaml"
+EXAMPLE = Path(__file__).parents[1] / "spelled_out_parallelogram.yaml"
 #: A call of every command with an output that would compute long if it began.
 WRITING = [
     ["study", "parallelogram", "--out"],

@@ -12,7 +12,7 @@ from flexstage.cli import main
 from flexstage.cli.output import on_terminal
 from flexstage.table import table
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "parallelogram.yaml"
+EXAMPLE = Path(__file__).parents[1] / "spelled_out_parallelogram.yaml"
 
 
 def test_a_name_is_beside_the_first_line_of_its_text() -> None:

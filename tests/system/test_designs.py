@@ -9,7 +9,7 @@ import pytest
 from flexstage.designs import DESIGNS, build, design
 from flexstage.designs.registry import PARAMETER_SETS, TOPOLOGIES
 from flexstage.errors import FlexstageError, StageError, UnitError
-from flexstage.stage import Force, PiezoStack, Screw
+from flexstage.stage import Force, PiezoStack, Screw, check
 
 BASED_ON_PIEZO: dict[str, object] = {"based_on": "vgtu-piezo"}
 
@@ -20,6 +20,11 @@ def test_every_design_is_built_once_under_its_own_name(name: str) -> None:
     assert stage.name == name
     assert stage is design(name.upper())
     assert {a.drive for a in stage.axes} == {d.name for d in stage.drives}
+
+
+@pytest.mark.parametrize("name", sorted(DESIGNS))
+def test_every_design_passes_its_check(name: str) -> None:
+    assert [f.message for f in check(design(name)) if f.severity == "error"] == []
 
 
 def test_every_design_can_be_the_base_of_another() -> None:

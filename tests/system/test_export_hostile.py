@@ -32,7 +32,7 @@ from flexstage.stage import Stage, read_stage
 from tests.c_compiler import compile_program
 from tests.octave_program import OCTAVE, run_octave
 
-_EXAMPLE = Path(__file__).parents[2] / "examples" / "parallelogram.yaml"
+_EXAMPLE = Path(__file__).parents[1] / "spelled_out_parallelogram.yaml"
 _HOSTILE = "*/ #\"'<&>%s \\ äΩ微🔧"
 
 

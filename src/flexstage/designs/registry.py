@@ -26,6 +26,7 @@ _SHOWN = 3
 _FAMILIES = (
     "nested_xy",
     "parallelogram",
+    "double_parallelogram",
     "side_by_side_xy",
     "stacked_xy",
 )

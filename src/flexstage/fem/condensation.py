@@ -14,7 +14,7 @@ from flexstage.fem.constrained import Constrained, edge_means, neck_rows
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
 from flexstage.fem.mesh import sound_mesh
 from flexstage.fem.necks import NeckPoints, neck_points
-from flexstage.fem.ports import drive_vector
+from flexstage.fem.ports import body_motion, drive_vector
 from flexstage.fem.substructure import BODY, PointReading, Substructure
 from flexstage.stage import mass_properties
 
@@ -158,7 +158,7 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
         rows.append(drive_vector(continuum, stage, drive, faces.patches, "elastic")[None])
     body = Constrained(continuum, np.concatenate(rows), blocks, floating=not part.held)
     centre = properties.centre
-    motion = body.mean_motion(centre)
+    motion = body_motion(continuum, stage, BODY, centre)
     thermal = (continuum.thermal(c) for c in (1.0, ng.x / METRE, ng.y / METRE))
     readings = (_reading(continuum, r, centre, motion) for r in part.readings)
     inner = np.array([*motion, *thermal, *readings])

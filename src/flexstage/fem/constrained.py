@@ -202,17 +202,6 @@ class Constrained:
                 "patches move alike: move one of them"
             )
 
-    def mean_motion(self, at: tuple[float, float]) -> Array:
-        """Return the mean motion of the body: the rigid one nearest to its own in mean square.
-
-        x, y and rotation for each unknown, shape (3, n).
-        """
-        motion: Array = np.zeros((3, self.continuum.size))
-        motion += np.linalg.solve(self.rigid.T @ self.weighted, self.weighted.T)
-        motion[0] -= at[1] * motion[2]
-        motion[1] += at[0] * motion[2]
-        return motion
-
     def loose(self, load: Array) -> Array:
         """Return the response to the balanced part of loads, free of rigid motions.
 

@@ -19,9 +19,9 @@ from flexstage.fem.ports import (
     Supports,
     attached_masses,
     body_motion,
-    body_regions,
     drive_vector,
     probe_vector,
+    rigid_regions,
 )
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, MassProperties, Stage, mass_properties
@@ -288,7 +288,7 @@ def _uncoupled(
     if out_of_plane:
         for body in dict.fromkeys(p.body for p in stage.probes):
             probe = next(p for p in stage.probes if p.body == body)
-            _, motion = continuum.rigid_motion(body_regions(stage, body), (*probe.at, 0.0))
+            _, motion = continuum.rigid_motion(rigid_regions(stage, body), (*probe.at, 0.0))
             lifts[body] = motion[2]
     else:
         if stage.drives:

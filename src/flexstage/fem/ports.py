@@ -19,7 +19,11 @@ from flexstage.fem.geometry import (
     notch_region,
     patch_edge,
 )
-from flexstage.stage import Drive, Probe, Stage
+from flexstage.hinges import Profile
+from flexstage.stage import Drive, Hinge, Probe, Stage
+
+# a notch of constant thickness is a leaf from this many of its thicknesses on
+_LEAF = 4.0
 
 #: Whether the fixed bodies give way under the drives that react on them.
 Supports = Literal["rigid", "elastic"]
@@ -27,8 +31,24 @@ Supports = Literal["rigid", "elastic"]
 
 def body_regions(stage: Stage, body: str) -> str:
     """Return the expression of the regions of a body with its half notches."""
+    return _regions(stage, body, stage.hinges)
+
+
+def rigid_regions(stage: Stage, body: str) -> str:
+    """Return the expression of the regions of a body that move as one.
+
+    A half notch bends at its neck alone and goes along with its body; half of a leaf does not.
+    """
+    return _regions(stage, body, (h for h in stage.hinges if not _is_leaf(h.profile)))
+
+
+def _is_leaf(profile: Profile) -> bool:
+    return profile.flat_length > _LEAF * profile.neck_thickness
+
+
+def _regions(stage: Stage, body: str, hinges: Iterable[Hinge]) -> str:
     own = [body_region(body)]
-    for hinge in stage.hinges:
+    for hinge in hinges:
         own += [notch_region(hinge.name, i) for i in (0, 1) if hinge.bodies[i] == body]
     return either(own)
 
@@ -40,7 +60,7 @@ def body_motion(continuum: Continuum, stage: Stage, body: str, at: tuple[float, 
     plane is at z = 0.
     """
     centre = at if continuum.dimension == 2 else (*at, 0.0)
-    _, motion = continuum.rigid_motion(body_regions(stage, body), centre)
+    _, motion = continuum.rigid_motion(rigid_regions(stage, body), centre)
     return motion if continuum.dimension == 2 else motion[[0, 1, 5]]
 
 
@@ -142,7 +162,7 @@ def attached_masses(continuum: Continuum, stage: Stage) -> list[AttachedMass]:
             motion = body_motion(continuum, stage, body.name, extra.at)
             inertia = np.array([extra.mass, extra.mass, extra.inertia])
             if continuum.dimension == 3:
-                _, whole = continuum.rigid_motion(body_regions(stage, body.name), (*extra.at, 0.0))
+                _, whole = continuum.rigid_motion(rigid_regions(stage, body.name), (*extra.at, 0.0))
                 # how it is spread out of the plane is not described: it counts as a point there
                 motion = whole[[0, 1, 2, 5]]
                 inertia = np.array([extra.mass, extra.mass, extra.mass, extra.inertia])

@@ -4,12 +4,22 @@ import collections.abc
 import math
 import typing
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn
 
 from flexstage.choose import did_you_mean, unknown
-from flexstage.errors import FlexstageError
+from flexstage.errors import FlexstageError, UnitError
+from flexstage.files.expression import (
+    Amount,
+    dimension_named,
+    evaluate,
+    is_expression,
+    powers_of,
+    require_names,
+)
+from flexstage.files.expression import parse as parse_expression
 from flexstage.files.format import (
     Format,
     by_name,
@@ -30,8 +40,10 @@ from flexstage.files.nodes import (
     plain,
     read_text,
 )
+from flexstage.files.parameters import KEY as PARAMETERS
+from flexstage.files.parameters import FileParameter, read_parameters
 from flexstage.files.ranges import range_of, wanted
-from flexstage.units import DIMENSIONS, Dimension, parse
+from flexstage.units import DIMENSIONS, Dimension, parse, readable
 
 #: What the entries of a list are called.
 _ENTRIES = {str: "texts", float: "numbers", int: "whole numbers"}
@@ -47,6 +59,10 @@ class Decoder:
     """The kind of file."""
     length_unit: str | None = None
     """The unit of lengths that are bare numbers."""
+    settings: Mapping = field(default_factory=lambda: Mapping(None))
+    """What is given in place of values of the file; what has been used is taken out."""
+    parameters: dict[str, FileParameter] = field(default_factory=dict)
+    """The parameters of the file, which its expressions can name."""
 
     def refuse(
         self,
@@ -114,7 +130,7 @@ class Decoder:
         elif bare is int and bounds is not None:
             value = self._int(node, path, what := bounds[0].text(whole=True))
             if not bounds[0].holds(value):
-                self.refuse(node, path, f"expected {what}, got {show(node)}")
+                self.refuse(node, path, f"expected {what}, got {self.shown(node)}")
         else:
             value = self.decode(bare, node, path, base)
         if said := wanted(kind, value):
@@ -122,7 +138,7 @@ class Decoder:
                 ("a number", "") if quantity is None else (quantity[0].noun, quantity[0].si)
             )
             what = f"{noun} {said} {unit}".rstrip() if bounds is not None else said
-            self.refuse(node, path, f"expected {what}, got {show(node)}")
+            self.refuse(node, path, f"expected {what}, got {self.shown(node)}")
         return value
 
     def build(
@@ -145,19 +161,26 @@ class Decoder:
         described = {k: v for k, v in types.items() if k not in values}
         read_here = [k for k in types if k in described or k in also]
         self.check_keys(node, path, [*(k for k in also if k not in types), *read_here])
-        for name, (field, annotation) in described.items():
+        for name, (declared, annotation) in described.items():
             held = getattr(base, name) if isinstance(base, kind) else None
             if name in node.items:
                 values[name] = self.decode(annotation, node.items[name], _join(path, name), held)
             elif isinstance(base, kind):
                 values[name] = held
-            elif required(field):
+            elif required(declared):
                 example = f" ({hint})" if (hint := _hint(annotation)) else ""
                 self.refuse(node, path, f"'{name}' is missing{example}")
         try:
             return kind(**values)
         except FlexstageError as error:
-            self.refuse_again(node, path, error)
+            self.refuse_again(node, path, type(error)(f"{error}{self._expressions(node, error)}"))
+
+    def _expressions(self, node: Mapping, error: FlexstageError) -> str:
+        """Say what the expressions are that an error of a description is about."""
+        found = {key: item for key, item in node.items.items() if self._is_expression(item)}
+        named = [(key, item) for key, item in found.items() if key in str(error)]
+        told = [f"{key} is {self.shown(item)}" for key, item in named[:3]]
+        return f"; {', '.join(told)}" if told else ""
 
     def check_keys(self, node: Mapping, path: str, known: Collection[str]) -> None:
         """Refuse keys that mean nothing.
@@ -259,8 +282,55 @@ class Decoder:
             self.refuse(node, path, f"expected true or false, got {show(node)}")
         return node.value
 
+    def shown(self, node: Node) -> str:
+        """Say what stands at a place; of an expression also its value, and where its names are."""
+        said = show(node)
+        if not isinstance(node, Scalar) or not self._is_expression(node):
+            return said
+        amount = self.amount(node, "")
+        name = dimension_named(amount.powers)
+        unit = DIMENSIONS[name].si if name else ""
+        told = f", which is {readable(unit, float(amount.value), digits=6)}"
+        return said + (told if name is not None else f", {amount.noun}") + self._origins(node)
+
+    def _is_expression(self, node: Node) -> bool:
+        return self.format.parameters and isinstance(node, Scalar) and is_expression(node.value)
+
+    def amount(self, node: Scalar, path: str) -> Amount:
+        """Evaluate an expression."""
+        try:
+            parsed = parse_expression(node.text)
+            require_names(parsed, self.parameters)
+            return evaluate(parsed, {name: self.parameters[name].amount for name in parsed.names})
+        except UnitError as error:
+            self.refuse(node, path, f"{error}{self._origins(node)}", UnitError)
+
+    def _origins(self, node: Scalar) -> str:
+        """Say where the parameters of an expression stand."""
+        try:
+            names = sorted(parse_expression(node.text).names & self.parameters.keys())
+        except UnitError:
+            return ""
+        lines = {name: self.parameters[name].line for name in names}
+        told = [
+            f"{n} is {'set' if line is None else f'on line {line}'}" for n, line in lines.items()
+        ]
+        return f" ({', '.join(told)})" if told else ""
+
+    def _value(self, node: Node, path: str, dimension: str, what: str) -> Fraction | None:
+        """Return the value of an expression [SI], which must be `what`; None for what is none."""
+        if not isinstance(node, Scalar) or not self._is_expression(node):
+            return None
+        amount = self.amount(node, path)
+        if amount.powers != powers_of(dimension):
+            said = f"expected {what}, got {show(node)}, which is {amount.noun}"
+            self.refuse(node, path, f"{said}{self._origins(node)}", UnitError)
+        return amount.value
+
     def number(self, node: Node, path: str) -> float:
         """Read a number without a unit."""
+        if (made := self._value(node, path, "", "a number without a unit")) is not None:
+            return float(made)
         value = node.value if isinstance(node, Scalar) else None
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.refuse(node, path, f"expected a number without a unit, got {show(node)}")
@@ -273,6 +343,10 @@ class Decoder:
         return number
 
     def _int(self, node: Node, path: str, what: str = "a whole number") -> int:
+        if (made := self._value(node, path, "", what)) is not None:
+            if made.denominator != 1:
+                self.refuse(node, path, f"expected {what}, got {self.shown(node)}")
+            return int(made)
         value = node.value if isinstance(node, Scalar) else None
         # 3.0 and 1e3 are whole numbers, however people write them
         whole = isinstance(value, float) and value.is_integer() and not self.format.exact
@@ -283,6 +357,9 @@ class Decoder:
 
     def quantity(self, dimension: Dimension, node: Node, path: str) -> float:
         """Read any quantity, in its SI unit."""
+        made = self._value(node, path, dimension.name, f"{dimension.noun}")
+        if made is not None:
+            return float(made)
         if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
             self.refuse(
                 node,
@@ -307,10 +384,10 @@ class Decoder:
         value = self.quantity(dimension, node, path)
         noun, longest, shortest = self.format.noun, self.format.longest, self.format.shortest
         if dimension.name == "length" and abs(value) > longest:
-            said = f"{show(node)} is longer than {longest:g} m, the most in a {noun}"
+            said = f"{self.shown(node)} is longer than {longest:g} m, the most in a {noun}"
             self.refuse(node, path, said)
         if dimension.name == "length" and not coordinate and 0.0 < abs(value) < shortest:
-            said = f"{show(node)} is shorter than {shortest:g} m, the least in a {noun}"
+            said = f"{self.shown(node)} is shorter than {shortest:g} m, the least in a {noun}"
             self.refuse(node, path, said)
         return value
 
@@ -346,6 +423,8 @@ class Decoder:
         if self.format.length_unit and "length_unit" in rest:
             units = DIMENSIONS["length"].units
             self.length_unit = self.choice(units, rest.pop("length_unit"), "length_unit")
+        if self.format.parameters and PARAMETERS in rest:
+            read_parameters(self, rest.pop(PARAMETERS))
         return Mapping(root.line, rest, root.key_lines)
 
 
@@ -354,9 +433,14 @@ def read_file(path: Path, format: Format) -> tuple[Decoder, Mapping]:
     return read(read_text(path, format.noun, format.error), str(path), format)
 
 
-def read(text: str, source: str, format: Format) -> tuple[Decoder, Mapping]:
-    """Read a text in YAML, which messages call `source`, as `read_file` does."""
-    decoder = Decoder(source, format)
+def read(
+    text: str, source: str, format: Format, settings: Mapping | None = None
+) -> tuple[Decoder, Mapping]:
+    """Read a text in YAML, which messages call `source`, as `read_file` does.
+
+    `settings` stand in place of its parameters; those of other names stay with the decoder.
+    """
+    decoder = Decoder(source, format, settings=settings or Mapping(None))
     root = parse_yaml(text, source, format.noun, format.error, finite=format.finite)
     return decoder, decoder.head(root)
 

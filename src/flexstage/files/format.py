@@ -54,6 +54,8 @@ class Format:
     """How values are written, by their type."""
     length_unit: bool = False
     """Whether it may say once the unit of lengths that are bare numbers."""
+    parameters: bool = False
+    """Whether it may name quantities, and give others as expressions in them."""
     longest: float = math.inf
     """Longest length of what it describes [m]."""
     shortest: float = 0.0

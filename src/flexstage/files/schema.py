@@ -19,11 +19,13 @@ from flexstage.files.format import (
     required,
     union_parts,
 )
+from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.ranges import range_of
 from flexstage.units import DIMENSIONS, Dimension
 
 _NUMBER = r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?"
 _UNIT = "[A-Za-zµμ°1]"
+_EXPRESSION = r"^\s*="
 _PLAIN: dict[Any, Any] = {
     str: {"type": ["string", "number", "boolean"]},
     bool: {"type": "boolean"},
@@ -46,6 +48,8 @@ def file_schema(format: Format, cls: type) -> dict[str, Any]:
             "enum": list(DIMENSIONS["length"].units),
             "description": "Unit of lengths that are written without one.",
         }
+    if format.parameters:
+        head[PARAMETERS] = _parameters_schema()
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"flexstage {format.noun}",
@@ -55,6 +59,25 @@ def file_schema(format: Format, cls: type) -> dict[str, Any]:
         "additionalProperties": False,
         "required": [*([format.key] if format.key else []), *content["required"]],
         "$defs": dict(sorted(builder.definitions.items())),
+    }
+
+
+def _parameters_schema() -> dict[str, Any]:
+    value = {"type": ["string", "number"], "examples": ["0.5 mm", "= 2*R + t"]}
+    described = {
+        "type": "object",
+        "properties": {
+            "value": value,
+            "description": {"type": "string", "description": "What it is."},
+        },
+        "additionalProperties": False,
+        "required": ["value"],
+    }
+    return {
+        "type": "object",
+        "description": "Named numbers and quantities, for expressions such as '= 2*R + t'.",
+        "propertyNames": {"pattern": "^[A-Za-z][A-Za-z0-9_]*$"},
+        "additionalProperties": {"anyOf": [value, described]},
     }
 
 
@@ -103,6 +126,8 @@ class SchemaBuilder:
             return {"type": "object", "additionalProperties": self.of(typing.get_args(kind)[1])}
         if origin is Literal:
             return {"enum": list(typing.get_args(kind))}
+        if kind in (float, int) and self.format.parameters:
+            return {"type": [_PLAIN[kind]["type"], "string"], "pattern": _EXPRESSION}
         if kind in _PLAIN:
             return dict(_PLAIN[kind])
         return self.define(kind.__name__, lambda: self.describe(kind))
@@ -154,10 +179,13 @@ class SchemaBuilder:
         bare = dimension.name == "length" and self.format.length_unit
 
         def make() -> dict[str, Any]:
+            # a bare length may come in quotes, other quantities need their unit
+            pattern = rf"^\s*{_NUMBER}\s*{'' if bare else _UNIT}"
+            if self.format.parameters:
+                pattern = f"{_EXPRESSION}|{pattern}"
             text = {
                 "type": "string",
-                # a bare length may come in quotes, other quantities need their unit
-                "pattern": rf"^\s*{_NUMBER}\s*{'' if bare else _UNIT}",
+                "pattern": pattern,
                 "examples": [f"10 {unit}" for unit in dimension.units],
             }
             return {"anyOf": [text, {"type": "number"}]} if bare else text

@@ -8,15 +8,17 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from flexstage.errors import FlexstageError, StageError
 from flexstage.files.decoder import Decoder, read
 from flexstage.files.encoder import Encoder
-from flexstage.files.format import check_name
+from flexstage.files.format import check_name, field_types
 from flexstage.files.nodes import Given, Node, Scalar, read_text
 from flexstage.files.nodes import Mapping as MappingNode
 from flexstage.files.settings import overridden, require_known, settings_of
 from flexstage.files.write import write_whole
+from flexstage.stage.copies import COPIES, PROFILES, read_with_copies, with_shared_profiles
 from flexstage.stage.format import STAGE_FILE
 from flexstage.stage.model import Stage
 from flexstage.units import DIMENSIONS
@@ -24,7 +26,7 @@ from flexstage.units import DIMENSIONS
 #: Builds a stage from the name of a design and its parameters.
 DesignBuilder = Callable[[str, Mapping[str, object]], Stage]
 
-_HEAD = ("flexstage", "length_unit", "design")
+_HEAD = ("flexstage", "length_unit", "parameters", "design")
 _NAMED = {"hinge": "hinges", "drive": "drives", "probe": "probes", "axis": "axes"}
 
 
@@ -106,18 +108,24 @@ def stage_from_text(
     >>> stage.body("base").outline.points[2]
     (0.03, 0.02)
     """
-    decoder, root = read(text, source, STAGE_FILE)
+    decoder, root = read(text, source, STAGE_FILE, settings_of(set or {}, StageError))
     if "design" in root.items:
         decoder.check_keys(root, "", _HEAD)
-        given = settings_of(set or {}, StageError)
-        return _from_design(decoder, root.items["design"], designs, given)
-    for name in set or {}:
-        require_known(source, name, (), StageError)
+        return _from_design(decoder, root.items["design"], designs)
+    for name in decoder.settings.items:
+        require_known(source, name, decoder.parameters, StageError)
+    also = (*_HEAD, PROFILES, *COPIES)
+    decoder.check_keys(root, "", [*also, *field_types(Stage)])
+    root = with_shared_profiles(decoder, root)
+    parts: dict[str, Any] = {}
+    origins: dict[tuple[str, str], tuple[int | None, str]] = {}
+    if COPIES.keys() & root.items.keys():
+        parts, origins = read_with_copies(decoder, root)
     # the names are looked up by the stage itself, which does not know lines: find them again
     try:
-        stage = decoder.build(Stage, root, "", also=_HEAD)
+        stage = decoder.build(Stage, root, "", parts, also=(*also, *parts))
     except FlexstageError as error:
-        raise _placed(error, decoder, root) from None
+        raise _placed(error, decoder, root, origins) from None
     check_name(stage.name, lambda text: decoder.refuse(root.items["name"], "name", text))
     return stage
 
@@ -163,19 +171,18 @@ def write_stage(stage: Stage, path: str | os.PathLike[str]) -> None:
     write_whole(path, stage_to_text(stage).encode("utf-8"), StageError)
 
 
-def _from_design(
-    decoder: Decoder, node: Node, designs: DesignBuilder | None, settings: MappingNode
-) -> Stage:
+def _from_design(decoder: Decoder, node: Node, designs: DesignBuilder | None) -> Stage:
     if not isinstance(node, MappingNode) or not isinstance(node.items.get("name"), Scalar):
         decoder.refuse(node, "design", "expected a mapping with the name of a design")
     if designs is None:
         decoder.refuse(node, "design", "parametric designs are not available here")
     name = node.items["name"]
     for key in ("name", "based_on"):
-        if key in settings.items:
+        if key in decoder.settings.items:
             raise StageError(f"'{key}' of a design is no parameter: change it in {decoder.source}")
     rest = {key: value for key, value in node.items.items() if key != "name"}
-    given = Given(overridden(MappingNode(node.line, rest, node.key_lines), settings), decoder)
+    entry = overridden(MappingNode(node.line, rest, node.key_lines), decoder.settings)
+    given = Given(entry, decoder)
     try:
         return designs(name.text if isinstance(name, Scalar) else "", given)
     except FlexstageError as error:
@@ -187,7 +194,12 @@ def _from_design(
         decoder.refuse_again(place, "design", error)
 
 
-def _placed(error: FlexstageError, decoder: Decoder, root: MappingNode) -> FlexstageError:
+def _placed(
+    error: FlexstageError,
+    decoder: Decoder,
+    root: MappingNode,
+    origins: Mapping[tuple[str, str], tuple[int | None, str]],
+) -> FlexstageError:
     """Point an error of the whole stage at the thing that it is about."""
     text = str(error)
     start = f"{decoder.source}, line {root.line}: "
@@ -196,6 +208,9 @@ def _placed(error: FlexstageError, decoder: Decoder, root: MappingNode) -> Flexs
     text = text.removeprefix(start)
     if found := re.match(r"(hinge|drive|probe|axis) '(.*?)' ", text):
         group = root.items.get(_NAMED[found[1]])
+        if (copied := (_NAMED[found[1]], found[2])) in origins:
+            line, path = origins[copied]
+            return type(error)(f"{decoder.source}, line {line}, {path}: {text}")
         if isinstance(group, MappingNode) and found[2] in group.key_lines:
             path = f"{_NAMED[found[1]]}.{found[2]}"
             return type(error)(

@@ -1,5 +1,6 @@
 """The kind of file that holds a stage, how outlines are written in it, and its JSON Schema."""
 
+import inspect
 import math
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,16 @@ from flexstage.files.decoder import Decoder
 from flexstage.files.encoder import Encoder, same
 from flexstage.files.format import Form, Format
 from flexstage.files.forms import FORMS
-from flexstage.files.nodes import Mapping, Node
-from flexstage.files.schema import file_schema
+from flexstage.files.nodes import Mapping, Node, Sequence
+from flexstage.files.parameters import KEY as PARAMETERS
+from flexstage.files.schema import SchemaBuilder, file_schema
 from flexstage.files.yaml_text import Number
 from flexstage.hinges import Profile
 from flexstage.hinges.registry import PROFILES
 from flexstage.stage.drive import DRIVES, Drive
 from flexstage.stage.model import Stage
 from flexstage.stage.outline import LARGEST, SMALLEST, Circle, Loop
+from flexstage.stage.transform import PlaneMotion
 from flexstage.units import DIMENSIONS
 
 #: The schema that is shipped with the package.
@@ -108,7 +111,7 @@ def _loop_schema(builder: Any) -> dict[str, Any]:
         "properties": {
             "to": {**point, "description": "Where the arc ends."},
             "bulge": {
-                "type": "number",
+                **builder.of(float),
                 "description": "Tangent of a quarter of its angle, positive if it turns left.",
             },
             "through": {**point, "description": "A point on the arc."},
@@ -121,12 +124,48 @@ def _loop_schema(builder: Any) -> dict[str, Any]:
     return {"type": "array", "items": {"anyOf": [point, arc]}, "minItems": 2}
 
 
+def _read_line(decoder: Decoder, node: Node, path: str, _base: Any) -> PlaneMotion:
+    """Read a line of symmetry."""
+    what = "a line of symmetry is x, y, {x: 40 mm}, {y: 40 mm} or two points [[0, 0], [1, 1]]"
+    if isinstance(node, Sequence):
+        ends = [_point(decoder, p, path) for p in decoder.items(node, path, 2, "2 points")]
+        (x, y), (u, v) = ends
+        if ends[0] == ends[1]:
+            decoder.refuse(node, path, f"{what}, and its two points are the same")
+        return PlaneMotion.reflection(math.atan2(v - y, u - x), through=(x, y))
+    if isinstance(node, Mapping):
+        if len(node.items) != 1 or not node.items.keys() <= {"x", "y"}:
+            decoder.refuse(node, path, f"{what}, got the keys {', '.join(node.items) or 'none'}")
+        ((axis, place),) = node.items.items()
+        at = decoder.own_quantity(_LENGTH, place, f"{path}.{axis}")
+        along, through = ("y", (at, 0.0)) if axis == "x" else ("x", (0.0, at))
+    elif node.text in ("x", "y"):
+        along, through = node.text, (0.0, 0.0)
+    else:
+        decoder.refuse(node, path, f"{what}, got {decoder.shown(node)}")
+    return PlaneMotion.reflection(0.0 if along == "x" else 0.5 * math.pi, through=through)
+
+
+def _line_schema(builder: Any) -> dict[str, Any]:
+    at = builder.quantity(_LENGTH)
+    across = {
+        "type": "object",
+        "properties": {"x": at, "y": at},
+        "additionalProperties": False,
+        "minProperties": 1,
+        "maxProperties": 1,
+    }
+    two = builder.list_of(builder.list_of(at, 2), 2)
+    return {"anyOf": [{"enum": ["x", "y"]}, across, two]}
+
+
 #: The kind of file that holds a stage.
 STAGE_FILE = Format(
     noun="stage file",
     key="flexstage",
     error=StageError,
     length_unit=True,
+    parameters=True,
     longest=LARGEST,
     shortest=SMALLEST,
     families={
@@ -137,29 +176,58 @@ STAGE_FILE = Format(
         **FORMS,
         Loop: Form(read=_read_loop, write=_write_loop, schema=_loop_schema),
         Loop | Circle: Form(read=_read_outline),
+        PlaneMotion: Form(read=_read_line, schema=_line_schema),
     },
 )
 
 
 def stage_schema() -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of stage files."""
+    from flexstage.stage.copies import COPIES
+    from flexstage.stage.copies import PROFILES as SHARED
+
     schema = file_schema(STAGE_FILE, Stage)
-    head, needed = [STAGE_FILE.key, "length_unit"], schema["required"]
-    properties = schema["properties"]
+    head, needed = [STAGE_FILE.key, "length_unit", PARAMETERS], schema["required"]
+    properties, builder = schema["properties"], SchemaBuilder(STAGE_FILE)
     design = {
         "type": "object",
         "description": "A parametric design by name, with its parameters.",
         "properties": {"name": {"type": "string"}},
         "required": ["name"],
     }
+    profiles = {
+        "type": "object",
+        "description": "Profiles that hinges have by name.",
+        "additionalProperties": builder.of(Profile),
+    }
+    copies = {
+        key: {
+            "type": "array",
+            "items": builder.of(kind),
+            "description": (inspect.getdoc(kind) or "").splitlines()[0],
+        }
+        for key, kind in COPIES.items()
+    }
     rest = {key: value for key, value in properties.items() if key not in head}
     only = [*head, "design"]
+    definitions = {**builder.definitions, **schema["$defs"]}
+    # a hinge has a profile of its own, or one of those by name
+    definitions["Hinge"]["properties"]["profile"] = {
+        "anyOf": [{"type": "string"}, definitions["Hinge"]["properties"]["profile"]],
+        "description": definitions["Hinge"]["properties"]["profile"].pop("description"),
+    }
     return {
         **{key: value for key, value in schema.items() if key != "$defs"},
-        "properties": {**{key: properties[key] for key in head}, "design": design, **rest},
+        "properties": {
+            **{key: properties[key] for key in head},
+            "design": design,
+            SHARED: profiles,
+            **rest,
+            **copies,
+        },
         "required": [STAGE_FILE.key],
         "if": {"required": ["design"]},
         "then": {"propertyNames": {"enum": sorted(only)}},
         "else": {"required": [key for key in needed if key not in head]},
-        "$defs": schema["$defs"],
+        "$defs": dict(sorted(definitions.items())),
     }

@@ -1,0 +1,237 @@
+"""What a stage file writes once and has several times: shared profiles, mirror images, patterns."""
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Annotated, Any
+
+from flexstage.choose import did_you_mean, unknown
+from flexstage.errors import StageError
+from flexstage.files.decoder import Decoder
+from flexstage.files.format import check_name, field_types
+from flexstage.files.nodes import MAX_NODES, Node, Scalar, Sequence
+from flexstage.files.nodes import Mapping as MappingNode
+from flexstage.files.ranges import Range, require_ranges
+from flexstage.hinges import Profile
+from flexstage.stage.drive import Drive
+from flexstage.stage.model import Body, Hinge, Probe, Stage
+from flexstage.stage.outline import Loop, Point
+from flexstage.stage.transform import PlaneMotion, moved
+from flexstage.units import Angle
+
+#: What can be copied: the groups of a stage.
+GROUPS = ("bodies", "hinges", "drives", "probes")
+
+_Part = Body | Hinge | Drive | Probe
+_NOUNS = {"bodies": "body", "hinges": "hinge", "drives": "drive", "probes": "probe"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mirror:
+    """Mirror images of what the file describes."""
+
+    line: PlaneMotion
+    """The line of symmetry: x or y for that axis, {x: 40 mm} or {y: 40 mm} for the line where that
+    coordinate is so much, or [[0, 0], [1, 1]] for the line through two points.
+    """
+    of: tuple[str, ...]
+    """Names of bodies, hinges, drives and probes that are mirrored."""
+    rename: Mapping[str, str]
+    """Words in their names, and what stands in place of each in the names of the images."""
+
+    def copies(self) -> Iterator[tuple[PlaneMotion, Callable[[str], str]]]:
+        """Yield how each copy lies, and how it is called."""
+        yield self.line, lambda name: _renamed(name, self.rename)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pattern:
+    """Copies of what the file describes, turned about a point or shifted."""
+
+    of: tuple[str, ...]
+    """Names of bodies, hinges, drives and probes that are copied."""
+    count: Annotated[int, Range(low=2, high=1000)]
+    """How many there are then, with the first."""
+    turn: Angle | None = None
+    """Angle from each to the next, to the left [rad]."""
+    about: Point = (0.0, 0.0)
+    """The point about which they are turned [m]."""
+    step: Point | None = None
+    """Displacement from each to the next [m], instead of turn."""
+    rename: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Words in their names, and what stands in place of each in the copies in turn; where not
+    given, names end in -2, -3 and so on.
+    """
+
+    def __post_init__(self) -> None:
+        require_ranges(self, StageError, "a pattern")
+        if (self.turn is None) == (self.step is None):
+            raise StageError("a pattern has either 'turn' or 'step': say how the copies lie")
+        for word, names in self.rename.items():
+            if len(names) != self.count - 1:
+                raise StageError(
+                    f"'{word[:60]}' is renamed in {self.count - 1} copies, got {len(names)} names"
+                )
+
+    def copies(self) -> Iterator[tuple[PlaneMotion, Callable[[str], str]]]:
+        """Yield how each copy lies, and how it is called."""
+        for k in range(1, self.count):
+            words = {word: names[k - 1] for word, names in self.rename.items()}
+            if self.turn is not None:
+                motion = PlaneMotion.rotation(k * self.turn, about=self.about)
+            else:
+                x, y = self.step or (0.0, 0.0)
+                motion = PlaneMotion(shift=(k * x, k * y))
+            yield motion, partial(_renamed, words=words) if words else partial(_numbered, k=k + 1)
+
+
+#: How a file may copy what it describes, by key; the key that stands first is done first.
+COPIES: Mapping[str, type[Mirror] | type[Pattern]] = {"mirror": Mirror, "pattern": Pattern}
+#: The key of profiles that hinges name.
+PROFILES = "profiles"
+
+
+def with_shared_profiles(decoder: Decoder, root: MappingNode) -> MappingNode:
+    """Return a file in which each hinge has its profile written out."""
+    shared = root.items.get(PROFILES)
+    known: dict[str, Node] = {}
+    if shared is not None:
+        known = decoder.mapping(shared, PROFILES).items
+        for name, node in known.items():
+            check_name(name, lambda text: decoder.refuse(shared, PROFILES, text))
+            decoder.decode(Profile, node, f"{PROFILES}.{name}")
+    hinges = root.items.get("hinges")
+    if not isinstance(hinges, MappingNode):
+        return root
+    items = {}
+    for key, hinge in hinges.items.items():
+        items[key] = hinge
+        named = hinge.items.get("profile") if isinstance(hinge, MappingNode) else None
+        if isinstance(hinge, MappingNode) and isinstance(named, Scalar):
+            if named.text not in known:
+                _refuse_profile(decoder, named, f"hinges.{key}.profile", known)
+            inner = {**hinge.items, "profile": known[named.text]}
+            items[key] = MappingNode(hinge.line, inner, hinge.key_lines)
+    hinges = MappingNode(hinges.line, items, hinges.key_lines)
+    return MappingNode(root.line, {**root.items, "hinges": hinges}, root.key_lines)
+
+
+def _refuse_profile(decoder: Decoder, node: Scalar, path: str, known: Mapping[str, Node]) -> None:
+    if known:
+        decoder.refuse(node, path, unknown("profile", node.text, known, 0.4))
+    decoder.refuse(
+        node,
+        path,
+        f"the profile '{node.text[:60]}' is not among '{PROFILES}', which the file does not have: "
+        "write it there, or here as a mapping such as {kind: circular, ...}",
+    )
+
+
+def read_with_copies(
+    decoder: Decoder, root: MappingNode
+) -> tuple[dict[str, Any], dict[tuple[str, str], tuple[int | None, str]]]:
+    """Read the parts of a stage that can be copied, and copy them.
+
+    Returns the parts by group, and the line and the keys from which each copy, by its group and
+    name, comes.
+    """
+    kinds = field_types(Stage)
+    parts: dict[str, dict[str, _Part]] = {}
+    for group in GROUPS:
+        node = root.items.get(group)
+        read = () if node is None else decoder.decode(kinds[group][1], node, group)
+        parts[group] = {part.name: part for part in read}
+    origins = {}
+    for key in (key for key in root.items if key in COPIES):
+        for k, entry in enumerate(decoder.items(root.items[key], key, None, "mappings")):
+            path = f"{key}[{k}]"
+            told = decoder.build(COPIES[key], decoder.mapping(entry, path), path)
+            for copied in _copy(decoder, entry, path, told, parts):
+                origins[copied] = (entry.line, path)
+    return {group: tuple(named.values()) for group, named in parts.items()}, origins
+
+
+def _copy(
+    decoder: Decoder,
+    entry: Node,
+    path: str,
+    told: Mirror | Pattern,
+    parts: dict[str, dict[str, _Part]],
+) -> Iterator[tuple[str, str]]:
+    """Add the copies that an entry asks for; yields the group and the name of each."""
+    if not told.of:
+        decoder.refuse(_place(entry, "of", ""), f"{path}.of", "it names nothing to be copied")
+    every = [name for named in parts.values() for name in named]
+    for name in told.of:
+        if name not in every:
+            hint = did_you_mean(name, every, 0.5)
+            message = f"there is no body, hinge, drive or probe '{name[:60]}'{hint}"
+            decoder.refuse(_place(entry, "of", name), f"{path}.of", message)
+    for word in told.rename:
+        if not any(_renamed(name, {word: ""}) != name for name in told.of):
+            message = f"no name in 'of' has the word '{word[:60]}'"
+            decoder.refuse(_place(entry, "rename", word), f"{path}.rename", message)
+    bodies = list(parts["bodies"])
+    for motion, rename in told.copies():
+        names = {name: rename(name) for name in told.of}
+        made = {*bodies, *(names[name] for name in told.of if name in parts["bodies"])}
+        # a body that is not copied: that of the new name where there is one, or else itself
+        stands_on = {body: new for body in bodies if (new := rename(body)) in made}
+        for group, named in parts.items():
+            for name in [name for name in told.of if name in named]:
+                copy = moved(named[name], motion, stands_on | names)
+                if copy.name in named:
+                    decoder.refuse(
+                        entry,
+                        path,
+                        f"the copy of {_NOUNS[group]} '{name}' would be called '{copy.name}', and "
+                        "there is one of that name: say in 'rename' what it is called",
+                    )
+                check_name(copy.name, lambda text: decoder.refuse(entry, path, text))
+                named[copy.name] = copy
+                yield group, copy.name
+        if (
+            sum(map(_size, (part for named in parts.values() for part in named.values())))
+            > MAX_NODES
+        ):
+            decoder.refuse(
+                entry, path, f"the stage has more than {MAX_NODES} points with its copies"
+            )
+
+
+def _place(entry: Node, key: str, word: str) -> Node:
+    """Where a word of an entry stands."""
+    assert isinstance(entry, MappingNode)
+    node = entry.items[key]
+    if isinstance(node, MappingNode):
+        return Scalar(node.key_lines.get(word, node.line), word, word)
+    items = node.items if isinstance(node, Sequence) else []
+    return next((i for i in items if isinstance(i, Scalar) and i.text == word), node)
+
+
+def _numbered(name: str, k: int) -> str:
+    return f"{name}-{k}"
+
+
+def _renamed(name: str, words: Mapping[str, str]) -> str:
+    """Replace whole words of a name: runs of letters, or of digits, as others are between them."""
+    patterns = []
+    for word in sorted(words, key=len, reverse=True):
+        before, after = _boundary(word[0]), _boundary(word[-1])
+        patterns.append(f"{before and f'(?<!{before})'}{re.escape(word)}{after and f'(?!{after})'}")
+    return re.sub("|".join(patterns), lambda found: words[found[0]], name) if words else name
+
+
+def _boundary(character: str) -> str:
+    """What does not stand beside a word that begins or ends so."""
+    if character.isdigit():
+        return r"\d"
+    return r"[^\W\d_]" if character.isalpha() else ""
+
+
+def _size(part: _Part) -> int:
+    if not isinstance(part, Body):
+        return 1
+    loops = (part.outline, *(hole for hole in part.holes if isinstance(hole, Loop)))
+    return 1 + sum(len(loop.points) for loop in loops)
