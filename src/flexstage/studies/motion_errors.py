@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.lumped import lumped_system, stroke_path
+from flexstage.lumped.large_displacement import StrokePath
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, static_displacements
@@ -18,6 +20,9 @@ from flexstage.virtual.scattered_motion import (
     error_motion,
     motion_rates,
 )
+
+if TYPE_CHECKING:
+    from flexstage.fem.stroke import FiniteStroke
 
 #: Samples whose median and 95 % quantile are given.
 SAMPLES = 300
@@ -67,7 +72,7 @@ class AxisErrors:
     geometry: float
     """Motion across by finite rotations of the stage as drawn, largest less smallest [m]."""
     bending: float
-    """Motion across at full travel that bending of bodies adds to rigid ones [m]."""
+    """Motion across at full travel that elastic bodies add to rigid ones [m]."""
     abbe: float
     """Motion across at full travel by the rotation of the stage as drawn, times the offset [m]."""
     manufacture: float
@@ -86,6 +91,8 @@ class AxisErrors:
     """Larger of roll and pitch, largest less smallest [rad]."""
     coupling: float
     """Motion across for each metre along, of the stage as drawn, small displacements [1]."""
+    finite_elements: bool
+    """Whether the path as drawn is that of finite elements with finite displacements."""
 
     __repr__ = short_repr
 
@@ -115,6 +122,7 @@ def axis_errors(
     bodies: MechanicalSystem,
     scatter: Scatter | None = None,
     *,
+    path: "FiniteStroke | None" = None,
     samples: int = SAMPLES,
     seed: int = 1,
 ) -> AxisErrors:
@@ -127,7 +135,8 @@ def axis_errors(
     with the path of rigid bodies by finite rotations, what elastic bodies add to it for each metre
     (finite elements less rigid bodies), what the scatter of this sample adds (lumped model in
     space), and the rotations times the Abbe offset r. The parts are added with their signs, sample
-    by sample: the first two are the same in all of them.
+    by sample: the first two are the same in all of them, and a path of elastic bodies with finite
+    displacements stands for both of them where there is one.
 
     Parameters
     ----------
@@ -139,6 +148,8 @@ def axis_errors(
         A model of its stage with elastic bodies.
     scatter : Scatter, optional
         The process; the usual one where not given.
+    path : FiniteStroke, optional
+        Its stroke by finite elements with finite displacements.
     samples : int
         How many stages.
     seed : int
@@ -159,22 +170,30 @@ def axis_errors(
     Notes
     -----
     Validity: what necks that are out of place do by the square of the travel is left out (a
-    hundredth of what they do in proportion, for 3 um and legs of 30 mm); motion along the normal
-    comes from leaning hinges and drives alone, not from gravity or a base that is not flat.
+    hundredth of what they do in proportion, for 3 um and legs of 30 mm). Where legs hold a platform
+    from two sides they stretch as it moves, which rigid bodies and small displacements of elastic
+    ones leave out: the path of finite elements goes up to half as far across again. Motion along
+    the normal comes from leaning hinges and drives alone, not from gravity or an uneven base.
     """
     stage, process = guided.stage, scatter or Scatter()
     axis = stage.axis(guided.axis)
     rigid = lumped_system(stage)
     ratio = static_displacements(rigid, {axis.drive: 1e-6}).readings[axis.probe] / 1e-6
-    path = stroke_path(stage, axis.drive, axis.probe, np.linspace(0.0, travel / ratio, _STEPS))
+    rigid_path = stroke_path(
+        stage, axis.drive, axis.probe, np.linspace(0.0, travel / ratio, _STEPS)
+    )
     elastic, stiff = (plane_rates(m, stage, axis.name) for m in (bodies, rigid))
     mean = {"across": elastic[0] - stiff[0], "yaw": elastic[1] - stiff[1]}
+    drawn_path: StrokePath | FiniteStroke = rigid_path
+    if path is not None:
+        drawn_path, mean = path, {}
+    curve = (drawn_path.along, drawn_path.across, drawn_path.rotation)
     as_drawn = motion_rates(stage)[axis.name]
     deviations = draw_deviations(stage, process, samples, seed=seed, stream=guided.stream)
     rates = motion_rates(stage, deviations)[axis.name] - as_drawn
-    at_probe = error_motion(path.along, path.across, path.rotation, rates, mean)
+    at_probe = error_motion(*curve, rates, mean)
     moved = at_probe.at(guided.offset)
-    drawn = error_motion(path.along, path.across, path.rotation, 0.0 * as_drawn, mean)
+    drawn = error_motion(*curve, 0.0 * as_drawn, mean)
     if guided.mounting is not None:
         # a key of one number, where those of the samples have two
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(guided.stream,)))
@@ -186,8 +205,8 @@ def axis_errors(
     offset = drawn.at(guided.offset).displacement[0, -1, 1] - drawn.displacement[0, -1, 1]
     return AxisErrors(
         travel=travel,
-        geometry=float(np.ptp(path.across)),
-        bending=mean["across"] * travel,
+        geometry=float(np.ptp(rigid_path.across)),
+        bending=float(drawn.displacement[0, -1, 1] - rigid_path.across[-1]),
         abbe=float(offset),
         manufacture=float(np.std(probe)),
         assembly=float(np.std(end - probe)),
@@ -197,6 +216,7 @@ def axis_errors(
         yaw=np.ptp(moved.rotation[..., 2], axis=1),
         tilt=np.ptp(moved.rotation[..., :2], axis=1).max(axis=1),
         coupling=elastic[0] + guided.offset[0] * elastic[1],
+        finite_elements=path is not None,
     )
 
 

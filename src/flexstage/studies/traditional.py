@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -14,23 +14,35 @@ from flexstage.designs.nested_xy_parameters import AxisParameters, NestedXYParam
 from flexstage.designs.pieces import Leg
 from flexstage.designs.registry import PARAMETER_SETS
 from flexstage.designs.side_by_side_xy import SideBySideXYParameters, side_by_side_xy
-from flexstage.designs.single_axis import GUIDES, SingleAxisParameters, extent
+from flexstage.designs.single_axis import SingleAxisParameters, extent
 from flexstage.designs.stacked_xy import StackedXYParameters, plates
 from flexstage.errors import ModelError
 from flexstage.hinges import RightCircular
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage, mass_properties
 from flexstage.stage.drive import AnyActuator, ScrewActuator, StackActuator
-from flexstage.studies.motion_errors import AxisErrors, GuidedAxis, Mounting, axis_errors
+from flexstage.studies.motion_errors import (
+    SAMPLES,
+    AxisErrors,
+    GuidedAxis,
+    Mounting,
+    axis_errors,
+)
 from flexstage.system import MechanicalSystem, modes, static_displacements, static_loads
 from flexstage.system.analysis import axis_mode
 from flexstage.virtual.imperfections import Scatter
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from flexstage.fem.stroke import FiniteStroke
 
 #: By how much the study says that motion errors are below those of traditional stages [1].
 CLAIMS: Mapping[str, float] = {"vgtu-mechanical": 0.44, "vgtu-piezo": 0.17}
+
+#: What counts as the motion error of an axis over its travel: all of its motion across, what is left
+#: of it beside a straight line, or its rotation in the plane.
+Measure = Literal["across", "straightness", "yaw"]
 
 #: Changes of temperature that are set against each other, by the loads of a model: one kelvin, and
 #: one kelvin over this length.
@@ -87,20 +99,18 @@ class ComparedStage:
 
     __repr__ = short_repr
 
-    @property
-    def error(self) -> Array:
-        """Motion across, of the worse axis of each sample [m], shape (samples,)."""
-        return np.max([axis.across for axis in self.axes.values()], axis=0)
+    def worse(self, measure: Measure) -> Array:
+        """Return the figure of the worse axis of each sample [m, or rad], shape (samples,)."""
+        return np.max([getattr(axis, measure) for axis in self.axes.values()], axis=0)
+
+    def median(self, measure: Measure) -> float:
+        """Return the median of that over the samples [m, or rad]."""
+        return float(np.median(self.worse(measure)))
 
     @property
-    def straightness(self) -> Array:
-        """Straightness of the worse axis of each sample [m], shape (samples,)."""
-        return np.max([axis.straightness for axis in self.axes.values()], axis=0)
-
-    def spread(self, figures: Mapping[str, float]) -> float:
-        """Difference between the axes, over their mean [1]."""
-        values = list(figures.values())
-        return (max(values) - min(values)) / (sum(values) / len(values))
+    def axis_errors(self) -> dict[str, float]:
+        """Median of the motion across of each axis [m]."""
+        return {name: float(np.median(axis.across)) for name, axis in self.axes.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,7 +120,7 @@ class Reduction:
     against: str
     """The other one."""
     other: float
-    """Its motion error, median of its samples [m]."""
+    """Its motion error, median of its samples [m, or rad]."""
     reduction: float
     """Part by which the median is below it [1]; negative where it is above."""
     share: float
@@ -144,17 +154,20 @@ class TraditionalComparison:
 
     __repr__ = short_repr
 
-    def reductions(self, *, straightness: bool = False) -> tuple[Reduction, ...]:
-        """Compare motion errors, or straightness: that of the path against its own straight line."""
-        own = self.own.straightness if straightness else self.own.error
-        found = [
-            self._against(s.title, own, s.straightness if straightness else s.error)
-            for s in self.others
-        ]
-        stated = np.full(self.samples, self.catalogue.straightness)
-        return (*found, self._against(self.catalogue.title, own, stated))
+    def reductions(self, measure: Measure = "across") -> tuple[Reduction, ...]:
+        """Say by how much the stage is below each of the others, by a measure of motion errors.
 
-    def _against(self, title: str, own: Array, other: Array) -> Reduction:
+        What a catalogue states of straightness counts for motion across as well, and says nothing
+        of yaw.
+        """
+        figures = [(other.title, other.worse(measure)) for other in self.others]
+        if measure != "yaw":
+            stated = np.full(self.samples, self.catalogue.straightness)
+            figures.append((self.catalogue.title, stated))
+        return tuple(self._below(title, measure, figure) for title, figure in figures)
+
+    def _below(self, title: str, measure: Measure, other: Array) -> Reduction:
+        own = self.own.worse(measure)
         reduction = 1.0 - float(np.median(own)) / float(np.median(other))
         return Reduction(
             against=title,
@@ -177,7 +190,7 @@ class TraditionalComparison:
         By its arc alone, :math:`l = d^2/2e` with the motion error e that the claim asks of it.
         """
         travel = max(axis.travel for axis in self.own.axes.values())
-        asked = float(np.median(self.own.error)) / (1.0 - self.claim)
+        asked = self.own.median("across") / (1.0 - self.claim)
         return 0.5 * travel**2 / asked
 
 
@@ -185,7 +198,8 @@ def compare_traditional(
     stage: Stage,
     system: MechanicalSystem | None = None,
     *,
-    samples: int = 300,
+    strokes: "Iterable[FiniteStroke]" = (),
+    samples: int = SAMPLES,
     seed: int = 1,
     scatter: Scatter | None = None,
 ) -> TraditionalComparison:
@@ -197,6 +211,8 @@ def compare_traditional(
         One of `CLAIMS`.
     system : MechanicalSystem, optional
         Its model of superelements, where there is one already.
+    strokes : iterable of FiniteStroke
+        Its strokes by finite elements with finite displacements, where they are known.
     samples : int
         How many of each stage are made.
     seed : int
@@ -231,20 +247,22 @@ def compare_traditional(
         stage.name,
         {name: GuidedAxis(stage=stage, axis=name, offset=(0.0, 0.0, height)) for name in travel},
         {stage: own_system},
+        {path.axis: path for path in strokes},
         **made,
     )
-    progress.update("asymmetric stage", 0.2)
+    progress.update("asymmetric stage", 0.3)
     lame = guides_on_one_side(stage)
     asymmetric = _compared(
         "guides on one side",
         {name: GuidedAxis(stage=lame, axis=name, offset=(0.0, 0.0, height)) for name in travel},
         {},
+        {},
         **made,
     )
     others = []
     for i, (title, axes) in enumerate(_traditional(stage, travel)):
-        progress.update("traditional stages", 0.4 + 0.15 * i)
-        others.append(_compared(title, axes, {}, **made))
+        progress.update("traditional stages", 0.4 + 0.2 * i)
+        others.append(_compared(title, axes, {}, {}, **made))
     measured = [measured_value(stage.published, "straightness", axis) for axis in travel]
     return TraditionalComparison(
         claim=CLAIMS[stage.name],
@@ -257,6 +275,79 @@ def compare_traditional(
         scatter=process,
         samples=samples,
     )
+
+
+def verdict(found: TraditionalComparison) -> tuple[str, ...]:
+    """Say in sentences what of the claims holds, by the figures of a comparison."""
+    own = found.own
+    across, percent = own.median("across"), f"{100.0 * found.claim:.0f} %"
+    printed = "" if found.measured is None else f" ({1e6 * found.measured:.2f} µm were measured)"
+    rows = found.reductions()
+    implied = found.implied
+    sentences = [
+        f"The worse axis of {own.title} goes {1e6 * across:.3f} µm across over its stroke"
+        f"{printed}, median of {found.samples} stages as made.",
+        f"The claim, {percent} less than a traditional stage, {_against(rows)}.",
+        f"By straightness alone it {_against(found.reductions('straightness'))}; by yaw it "
+        f"{_against(found.reductions('yaw'))}.",
+        f"Against single parallelograms it holds where their legs are at most "
+        f"{1e3 * found.longest_leg:.1f} mm long from neck to neck, by their arc alone; the legs of "
+        f"the stage are {' and '.join(sorted({f'{1e3 * v:.0f}' for v in found.legs.values()}))} mm.",
+    ]
+    if implied is not None:
+        sentences.append(
+            f"With what was measured of the stage, the claim is of a traditional stage that goes "
+            f"{1e6 * implied:.2f} µm across."
+        )
+    return tuple(sentences)
+
+
+def drift_verdict(found: TraditionalComparison) -> tuple[str, ...]:
+    """Say in sentences what symmetry does for the drift with temperature."""
+    own, lame = found.own, found.asymmetric
+    words = []
+    for load, name in (
+        ("temperature", "a uniform kelvin"),
+        ("temperature gradient x", f"a kelvin over {1e3 * SPAN:.0f} mm in x"),
+        ("temperature gradient y", f"a kelvin over {1e3 * SPAN:.0f} mm in y"),
+    ):
+        one, other = (math.hypot(*s.drift[load][:2]) for s in (own, lame))
+        words.append(f"{1e9 * one:.0f} nm instead of {1e9 * other:.0f} nm by {name}")
+    less = [math.hypot(*s.drift["temperature"][:2]) for s in (own, *found.others)]
+    better = [s.title for s, v in zip(found.others, less[1:], strict=True) if v < less[0]]
+    worse = [s.title for s, v in zip(found.others, less[1:], strict=True) if v >= less[0]]
+    ranks = [f"less than {_listed(worse)}"] * bool(worse) + [f"more than {_listed(better)}"] * bool(
+        better
+    )
+    helps = 1.0 - less[0] / math.hypot(*lame.drift["temperature"][:2])
+    return (
+        f"With guide legs on both sides the platform drifts {_listed(words)}: symmetry takes "
+        f"{100.0 * helps:.0f} % off what a uniform change does, and does not remove it, since the "
+        "drives and levers of either axis stand on one side of it.",
+        f"By a uniform kelvin it drifts {' and '.join(ranks)}.",
+    )
+
+
+def _against(rows: "Sequence[Reduction]") -> str:
+    """Say against which stages a claim holds, and against which it does not."""
+    parts = []
+    for holds, words in ((True, "holds against"), (False, "does not hold against")):
+        named = [
+            f"{r.against} ({100.0 * abs(r.reduction):.0f} % "
+            f"{'below' if r.reduction >= 0.0 else 'above'})"
+            if abs(r.reduction) < 10.0
+            else f"{r.against} ({1.0 - r.reduction:.0f} times as much)"
+            for r in rows
+            if r.holds == holds
+        ]
+        if named:
+            parts.append(f"{words} {_listed(named)}")
+    return ", and ".join(parts)
+
+
+def _listed(words: "Sequence[str]") -> str:
+    """Join words as a sentence does."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def guides_on_one_side(stage: Stage) -> Stage:
@@ -323,24 +414,39 @@ def direct_actuator(
 def _traditional(
     stage: Stage, travel: Mapping[str, float]
 ) -> "Iterator[tuple[str, dict[str, GuidedAxis]]]":
-    """Give every kind of traditional stage: what it is, and its axes."""
+    """Give every kind of traditional stage: what it is, and its axes.
+
+    The platform of a double parallelogram is enclosed by its base, so none has another beside it.
+    """
     plate = {"thickness": stage.thickness, "material": stage.material}
-    for guide in GUIDES:
-        guides = single_axis_guides(stage, guide, travel)
+    single, double = (
+        single_axis_guides(stage, guide, travel)
+        for guide in ("parallelogram", "double-parallelogram")
+    )
+    for title, guides in (
+        ("stacked parallelograms", single),
+        ("stacked double parallelograms", double),
+    ):
         stack = StackedXYParameters(**guides, **plate)
         lower, upper = plates(stack)
         low, high = stack.heights
-        yield f"stacked, {guide}s", {
-            "x": GuidedAxis(stage=lower, axis="x", offset=(0.0, 0.0, low)),
-            "y": GuidedAxis(
-                stage=upper, axis="x", offset=(0.0, 0.0, high), mounting=Mounting(), stream=1
-            ),
-        }
-        beside = side_by_side_xy(SideBySideXYParameters(**guides, **plate))
-        yield f"side by side, {guide}s", {
+        yield (
+            title,
+            {
+                "x": GuidedAxis(stage=lower, axis="x", offset=(0.0, 0.0, low)),
+                "y": GuidedAxis(
+                    stage=upper, axis="x", offset=(0.0, 0.0, high), mounting=Mounting(), stream=1
+                ),
+            },
+        )
+    beside = side_by_side_xy(SideBySideXYParameters(**single, **plate))
+    yield (
+        "parallelograms side by side",
+        {
             name: GuidedAxis(stage=beside, axis=name, offset=(0.0, 0.0, 0.5 * stage.thickness))
             for name in travel
-        }
+        },
+    )
 
 
 def _dimensions(stage: Stage, axis: str) -> AxisParameters:
@@ -368,6 +474,7 @@ def _compared(
     title: str,
     axes: Mapping[str, GuidedAxis],
     known: Mapping[Stage, MechanicalSystem],
+    paths: "Mapping[str, FiniteStroke]",
     *,
     travel: Mapping[str, float],
     scatter: Scatter,
@@ -385,7 +492,13 @@ def _compared(
         mode = axis_mode(system, found, axis.drive, axis.probe)
         frequencies[name] = float(found.frequency_hz[mode])
         errors[name] = axis_errors(
-            guided, travel[name], system, scatter, samples=samples, seed=seed
+            guided,
+            travel[name],
+            system,
+            scatter,
+            path=paths.get(name),
+            samples=samples,
+            seed=seed,
         )
     spans = [extent(part) for part in parts]
     # the upper plate is turned by a quarter
