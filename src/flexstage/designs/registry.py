@@ -27,8 +27,15 @@ _FAMILIES = (
     "nested_xy",
     "parallelogram",
     "double_parallelogram",
+    "compound_parallelogram",
+    "linked_parallelogram",
     "side_by_side_xy",
     "stacked_xy",
+    "bridge",
+    "rhombus",
+    "bridge_xy",
+    "scott_russell",
+    "lever_chain",
 )
 
 #: Parametric families.
