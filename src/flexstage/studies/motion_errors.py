@@ -17,6 +17,7 @@ from flexstage.virtual.imperfections import Scatter
 from flexstage.virtual.scattered_motion import (
     ErrorMotion,
     draw_deviations,
+    drive_of,
     error_motion,
     motion_rates,
 )
@@ -72,9 +73,7 @@ class AxisErrors:
     geometry: float
     """Motion across by finite rotations of the stage as drawn, largest less smallest [m]."""
     bending: float
-    """Motion across at full travel that elastic bodies add to rigid ones [m]."""
-    abbe: float
-    """Motion across at full travel by the rotation of the stage as drawn, times the offset [m]."""
+    """Motion of the point across at full travel that elastic bodies add to rigid ones [m]."""
     manufacture: float
     """Standard deviation of the motion of the probe across at full travel, by scatter [m]."""
     assembly: float
@@ -96,6 +95,11 @@ class AxisErrors:
 
     __repr__ = short_repr
 
+    def figures(self, what: str) -> tuple[float, float]:
+        """Return median and 95 % quantile of one of the figures of the samples, by its name."""
+        values = getattr(self, what)
+        return float(np.median(values)), float(np.quantile(values, 0.95))
+
 
 def plane_rates(system: MechanicalSystem, stage: Stage, axis: str) -> tuple[float, float]:
     """Return motion to the left [m/m] and rotation [rad/m] of a probe's body along an axis.
@@ -105,8 +109,11 @@ def plane_rates(system: MechanicalSystem, stage: Stage, axis: str) -> tuple[floa
     port = next(a for a in system.axes if a.name == axis)
     state = static_displacements(system, {port.drive: 1e-6})
     probe = stage.probe(port.probe)
-    if probe.relative_to is not None:
-        raise ModelError(f"probe '{probe.name}' is read from '{probe.relative_to}', not the ground")
+    if probe.relative_to is not None or probe.direction is None:
+        raise ModelError(
+            f"probe '{probe.name}' must read a displacement against the ground, to tell what an "
+            "axis does beside its motion"
+        )
     x, y, turned = state.body_motion[probe.body]
     centre = next(b.centre for b in system.bodies if b.name == probe.body)
     x -= turned * (probe.at[1] - centre[1])
@@ -177,11 +184,9 @@ def axis_errors(
     """
     stage, process = guided.stage, scatter or Scatter()
     axis = stage.axis(guided.axis)
-    rigid = lumped_system(stage)
-    ratio = static_displacements(rigid, {axis.drive: 1e-6}).readings[axis.probe] / 1e-6
-    rigid_path = stroke_path(
-        stage, axis.drive, axis.probe, np.linspace(0.0, travel / ratio, _STEPS)
-    )
+    drive, rigid = drive_of(axis), lumped_system(stage)
+    ratio = static_displacements(rigid, {drive: 1e-6}).readings[axis.probe] / 1e-6
+    rigid_path = stroke_path(stage, drive, axis.probe, np.linspace(0.0, travel / ratio, _STEPS))
     elastic, stiff = (plane_rates(m, stage, axis.name) for m in (bodies, rigid))
     mean = {"across": elastic[0] - stiff[0], "yaw": elastic[1] - stiff[1]}
     drawn_path: StrokePath | FiniteStroke = rigid_path
@@ -193,7 +198,7 @@ def axis_errors(
     rates = motion_rates(stage, deviations)[axis.name] - as_drawn
     at_probe = error_motion(*curve, rates, mean)
     moved = at_probe.at(guided.offset)
-    drawn = error_motion(*curve, 0.0 * as_drawn, mean)
+    drawn = error_motion(*curve, 0.0 * as_drawn, mean).at(guided.offset)
     if guided.mounting is not None:
         # a key of one number, where those of the samples have two
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(guided.stream,)))
@@ -202,12 +207,10 @@ def axis_errors(
             guided.mounting.squareness * askew[:, 0], guided.mounting.tilt * askew[:, 1]
         )
     probe, end = (m.displacement[:, -1, 1] for m in (at_probe, moved))
-    offset = drawn.at(guided.offset).displacement[0, -1, 1] - drawn.displacement[0, -1, 1]
     return AxisErrors(
         travel=travel,
         geometry=float(np.ptp(rigid_path.across)),
         bending=float(drawn.displacement[0, -1, 1] - rigid_path.across[-1]),
-        abbe=float(offset),
         manufacture=float(np.std(probe)),
         assembly=float(np.std(end - probe)),
         across=np.ptp(moved.displacement[..., 1], axis=1),

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from flexstage.arrays import Array
 from flexstage.characteristic import measured_value
 from flexstage.designs.nested_xy_parameters import AxisParameters, NestedXYParameters
 from flexstage.designs.pieces import Leg
+from flexstage.designs.published import MOTION_ERROR_CLAIMS
 from flexstage.designs.registry import PARAMETER_SETS
 from flexstage.designs.side_by_side_xy import SideBySideXYParameters, side_by_side_xy
 from flexstage.designs.single_axis import SingleAxisParameters, extent
@@ -31,18 +32,17 @@ from flexstage.studies.motion_errors import (
 from flexstage.system import MechanicalSystem, modes, static_displacements, static_loads
 from flexstage.system.analysis import axis_mode
 from flexstage.virtual.imperfections import Scatter
+from flexstage.virtual.scattered_motion import drive_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flexstage.fem.stroke import FiniteStroke
 
-#: By how much the study says that motion errors are below those of traditional stages [1].
-CLAIMS: Mapping[str, float] = {"vgtu-mechanical": 0.44, "vgtu-piezo": 0.17}
-
-#: What counts as the motion error of an axis over its travel: all of its motion across, what is left
-#: of it beside a straight line, or its rotation in the plane.
+#: What counts as the motion error of an axis over its travel: all of its motion across, what is
+#: left of it beside a straight line, or its rotation in the plane.
 Measure = Literal["across", "straightness", "yaw"]
+MEASURES: tuple[Measure, ...] = get_args(Measure)
 
 #: Changes of temperature that are set against each other, by the loads of a model: one kelvin, and
 #: one kelvin over this length.
@@ -70,7 +70,7 @@ class CatalogueGuide:
 
 #: A guide of rolling elements, for which nothing is computed here.
 CROSSED_ROLLERS = CatalogueGuide(
-    title="crossed rollers, catalogue",
+    title="crossed rollers (catalogue)",
     straightness=1e-6,
     over=0.1,
     source="A. Bromme, G. Jaffe, Achieving high precision in linear stages without costly air "
@@ -95,7 +95,7 @@ class ComparedStage:
     mass: float
     """Mass without drives [kg]."""
     actuators: str
-    """What drives it."""
+    """What drives it, with the strokes that the travel takes."""
 
     __repr__ = short_repr
 
@@ -160,7 +160,7 @@ class TraditionalComparison:
         What a catalogue states of straightness counts for motion across as well, and says nothing
         of yaw.
         """
-        figures = [(other.title, other.worse(measure)) for other in self.others]
+        figures = [(s.title, s.worse(measure)) for s in (*self.others, self.asymmetric)]
         if measure != "yaw":
             stated = np.full(self.samples, self.catalogue.straightness)
             figures.append((self.catalogue.title, stated))
@@ -177,6 +177,14 @@ class TraditionalComparison:
             share=float(np.mean(own[:, None] <= (1.0 - self.claim) * other[None, :])),
             holds=reduction >= self.claim,
         )
+
+    @property
+    def knows_straightness(self) -> bool:
+        """Whether the path of the stage is known well enough to tell its straightness.
+
+        Rigid bodies, and elastic ones with small displacements, go straight where it is symmetric.
+        """
+        return all(axis.finite_elements for axis in self.own.axes.values())
 
     @property
     def implied(self) -> float | None:
@@ -208,7 +216,7 @@ def compare_traditional(
     Parameters
     ----------
     stage : Stage
-        One of `CLAIMS`.
+        One of `MOTION_ERROR_CLAIMS`.
     system : MechanicalSystem, optional
         Its model of superelements, where there is one already.
     strokes : iterable of FiniteStroke
@@ -230,15 +238,15 @@ def compare_traditional(
     ModelError
         Nothing is claimed of this stage.
     """
-    if stage.name not in CLAIMS:
+    if stage.name not in MOTION_ERROR_CLAIMS:
         raise ModelError(
-            f"nothing is claimed of the motion errors of '{stage.name}': {', '.join(CLAIMS)} are "
-            "what is set against traditional stages"
+            f"nothing is claimed of the motion errors of '{stage.name}': take one of "
+            f"{', '.join(MOTION_ERROR_CLAIMS)}"
         )
     process = scatter or Scatter()
     own_system = system or _elastic(stage)
     travel = {
-        axis.name: _output(own_system, axis.name, stage.drive(axis.drive).stroke or 0.0)
+        axis.name: _output(own_system, axis.name, stage.drive(drive_of(axis)).stroke or 0.0)
         for axis in stage.axes
     }
     made = {"travel": travel, "scatter": process, "samples": samples, "seed": seed}
@@ -253,7 +261,7 @@ def compare_traditional(
     progress.update("asymmetric stage", 0.3)
     lame = guides_on_one_side(stage)
     asymmetric = _compared(
-        "guides on one side",
+        "the same stage, guides on one side",
         {name: GuidedAxis(stage=lame, axis=name, offset=(0.0, 0.0, height)) for name in travel},
         {},
         {},
@@ -265,7 +273,7 @@ def compare_traditional(
         others.append(_compared(title, axes, {}, {}, **made))
     measured = [measured_value(stage.published, "straightness", axis) for axis in travel]
     return TraditionalComparison(
-        claim=CLAIMS[stage.name],
+        claim=MOTION_ERROR_CLAIMS[stage.name],
         own=own,
         others=tuple(others),
         catalogue=CROSSED_ROLLERS,
@@ -277,23 +285,35 @@ def compare_traditional(
     )
 
 
+def claim_verdict(found: TraditionalComparison) -> str:
+    """Say against which traditional stages the claim holds, by motion across."""
+    return (
+        f"The claim, {100.0 * found.claim:.0f} % less than a traditional stage, "
+        f"{_against(found.reductions())}."
+    )
+
+
 def verdict(found: TraditionalComparison) -> tuple[str, ...]:
     """Say in sentences what of the claims holds, by the figures of a comparison."""
     own = found.own
-    across, percent = own.median("across"), f"{100.0 * found.claim:.0f} %"
+    across = own.median("across")
     printed = "" if found.measured is None else f" ({1e6 * found.measured:.2f} µm were measured)"
-    rows = found.reductions()
     implied = found.implied
+    worse = max(own.axes.values(), key=lambda axis: axis.figures("across")[0])
+    legs = " and ".join(sorted({f"{1e3 * v:.0f}" for v in found.legs.values()}))
     sentences = [
-        f"The worse axis of {own.title} goes {1e6 * across:.3f} µm across over its stroke"
+        f"The worse axis of {own.title} goes {_um(across)} µm across over its stroke"
         f"{printed}, median of {found.samples} stages as made.",
-        f"The claim, {percent} less than a traditional stage, {_against(rows)}.",
-        f"By straightness alone it {_against(found.reductions('straightness'))}; by yaw it "
-        f"{_against(found.reductions('yaw'))}.",
-        f"Against single parallelograms it holds where their legs are at most "
-        f"{1e3 * found.longest_leg:.1f} mm long from neck to neck, by their arc alone; the legs of "
-        f"the stage are {' and '.join(sorted({f'{1e3 * v:.0f}' for v in found.legs.values()}))} mm.",
+        f"Of that rigid bodies go {_um(worse.geometry)} µm, elastic ones {_um(abs(worse.bending))} "
+        f"µm more; what manufacture adds has a deviation of {_um(worse.manufacture)} µm.",
+        claim_verdict(found),
+        f"By yaw it {_against(found.reductions('yaw'))}.",
+        f"Against a single parallelogram it holds where legs are at most "
+        f"{1e3 * found.longest_leg:.1f} mm from neck to neck, by their arc alone; those of the "
+        f"stage have {legs} mm.",
     ]
+    if found.knows_straightness:
+        sentences.insert(3, f"By straightness it {_against(found.reductions('straightness'))}.")
     if implied is not None:
         sentences.append(
             f"With what was measured of the stage, the claim is of a traditional stage that goes "
@@ -332,17 +352,22 @@ def _against(rows: "Sequence[Reduction]") -> str:
     """Say against which stages a claim holds, and against which it does not."""
     parts = []
     for holds, words in ((True, "holds against"), (False, "does not hold against")):
-        named = [
-            f"{r.against} ({100.0 * abs(r.reduction):.0f} % "
-            f"{'below' if r.reduction >= 0.0 else 'above'})"
-            if abs(r.reduction) < 10.0
-            else f"{r.against} ({1.0 - r.reduction:.0f} times as much)"
-            for r in rows
-            if r.holds == holds
-        ]
+        named = [f"{r.against} ({_by(r.reduction)})" for r in rows if r.holds == holds]
         if named:
             parts.append(f"{words} {_listed(named)}")
     return ", and ".join(parts)
+
+
+def _um(value: float) -> str:
+    """Write a length in micrometres."""
+    return f"{1e6 * value:.3f}"
+
+
+def _by(reduction: float) -> str:
+    """Say how a figure lies to that of another stage."""
+    if reduction >= 0.0:
+        return f"{100.0 * reduction:.0f} % below it"
+    return f"{1.0 - reduction:.2g} times as much"
 
 
 def _listed(words: "Sequence[str]") -> str:
@@ -484,13 +509,16 @@ def _compared(
     """Compute what is compared; axes in plates of their own lie one above the other."""
     parts = list(dict.fromkeys(guided.stage for guided in axes.values()))
     systems = {part: known.get(part) or _elastic(part) for part in parts}
-    frequencies, errors = {}, {}
+    frequencies, errors, drives = {}, {}, []
     for name, guided in axes.items():
         system = systems[guided.stage]
         axis = guided.stage.axis(guided.axis)
+        axis_drive = drive_of(axis)
         found = modes(system)
-        mode = axis_mode(system, found, axis.drive, axis.probe)
+        mode = axis_mode(system, found, axis_drive, axis.probe)
         frequencies[name] = float(found.frequency_hz[mode])
+        stroke = travel[name] / _output(system, axis.name, 1.0)
+        drives.append(f"{guided.stage.drive(axis_drive).kind} of {1e6 * stroke:.0f} µm")
         errors[name] = axis_errors(
             guided,
             travel[name],
@@ -516,7 +544,7 @@ def _compared(
             thickness if len(parts) == 1 else 0.5 * thickness + spacers,
         ),
         mass=sum(m.mass for part in parts for m in mass_properties(part).values()),
-        actuators=_actuators(list(axes.values())),
+        actuators=_actuators(drives),
     )
 
 
@@ -536,12 +564,6 @@ def _drift(systems: list[MechanicalSystem]) -> dict[str, tuple[float, float, flo
     return total
 
 
-def _actuators(axes: list[GuidedAxis]) -> str:
+def _actuators(drives: list[str]) -> str:
     """Say how many actuators of which kind and stroke there are."""
-    words = []
-    for guided in axes:
-        drive = guided.stage.drive(guided.stage.axis(guided.axis).drive)
-        stroke = f"{1e6 * (drive.stroke or 0.0):.0f} µm"
-        words.append(f"{drive.kind} of {stroke}")
-    counted = dict.fromkeys(words)
-    return ", ".join(f"{words.count(word)} × {word}" for word in counted)
+    return ", ".join(f"{drives.count(one)} × {one}" for one in dict.fromkeys(drives))
