@@ -401,6 +401,36 @@ def to_text(value: float, dimension: str, unit: str | None = None) -> str:
     return f"{float(value)!r} {wanted.si}"
 
 
+def readable_text(value: float, dimension: str) -> str:
+    """Write an SI number as `to_text` does, in the unit in which it is easily read.
+
+    Parameters
+    ----------
+    value : float
+        The value [SI].
+    dimension : str
+        One of `DIMENSIONS`.
+
+    Returns
+    -------
+    str
+        Number and unit, which `parse` reads back to the same bits: in the usual unit where the
+        number is from 0.1 to below 10 000 there, else in the unit with the fewest digits.
+
+    Examples
+    --------
+    >>> readable_text(5e-4, "length"), readable_text(3.8e-05, "length")
+    ('0.5 mm', '38 um')
+    >>> readable_text(71.7e9, "pressure")
+    '71.7 GPa'
+    """
+    first = to_text(value, dimension)
+    if value == 0.0 or 0.1 <= abs(float(first.partition(" ")[0])) < 1e4:
+        return first
+    others = (to_text(value, dimension, u) for u in DIMENSIONS[dimension].units if u != "inch")
+    return min(others, key=lambda text: len(text.partition(" ")[0]))
+
+
 def readable_unit(size: float, unit: str) -> tuple[str, float]:
     """Return the unit that suits a size: a prefix where it is small.
 

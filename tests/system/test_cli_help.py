@@ -42,6 +42,7 @@ def test_every_command_is_listed_on_one_whole_line(
     [
         ("analyse", "analyse [OPTIONS] STAGE"),
         ("excite", "excite [OPTIONS] [STAGE]"),
+        ("new", "new [OPTIONS] [DESIGN]"),
         ("records", "records [OPTIONS] FILE..."),
         ("characterise", "characterise [OPTIONS] [FILE...]"),
         ("predict", "predict [OPTIONS] MODEL RECORD..."),

@@ -12,6 +12,8 @@ EXAMPLE = Path(__file__).parents[1] / "spelled_out_parallelogram.yaml"
 WRITING = [
     ["study", "parallelogram", "--out"],
     ["show", "parallelogram", "--out"],
+    ["new", "parallelogram", "--out"],
+    ["new", "parallelogram", "--folder"],
     ["analyse", "parallelogram", "--out"],
     ["equations", "parallelogram", "--out"],
     ["export", "parallelogram", "--to", "step", "--out"],

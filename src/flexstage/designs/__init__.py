@@ -1,5 +1,6 @@
 """Parametric stages, one family to a file, and the built-in stages made from them."""
 
-from flexstage.designs.registry import DESIGNS, build, design, find_stage
+from flexstage.designs.parameters import StageParameter
+from flexstage.designs.registry import DESIGNS, build, design, find_stage, parameters_of
 
-__all__ = ["DESIGNS", "build", "design", "find_stage"]
+__all__ = ["DESIGNS", "StageParameter", "build", "design", "find_stage", "parameters_of"]

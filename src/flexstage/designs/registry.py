@@ -2,22 +2,28 @@
 
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flexstage.choose import did_you_mean, nearest
 from flexstage.designs import vgtu_mechanical, vgtu_piezo
+from flexstage.designs.parameters import StageParameter, entries_of
 from flexstage.designs.topology import ParameterSet, Topology
 from flexstage.errors import StageError
 from flexstage.files.decoder import Decoder
+from flexstage.files.expression import dimension_named
 from flexstage.files.format import field_types, required
 from flexstage.files.nodes import Given, node_of, plain
 from flexstage.files.settings import require_known, settings_of
 from flexstage.stage import Stage
+from flexstage.stage.drawing.endings import DRAWINGS
 from flexstage.stage.format import STAGE_FILE
+
+if TYPE_CHECKING:
+    from flexstage.stage.drawing.drawn_stage import DrawingOptions
 
 # designs that a message names
 _SHOWN = 3
@@ -29,6 +35,7 @@ _FAMILIES = (
     "double_parallelogram",
     "compound_parallelogram",
     "linked_parallelogram",
+    "gantry",
     "side_by_side_xy",
     "stacked_xy",
     "bridge",
@@ -83,7 +90,7 @@ def design(name: str) -> Stage:
     >>> len(design("vgtu-piezo").bodies)
     21
     """
-    return _built(_known("built-in design", name, DESIGNS))
+    return _built(known_design(name))
 
 
 def build(name: str, parameters: Mapping[str, object]) -> Stage:
@@ -116,6 +123,24 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
     >>> build("nested-xy", longer).hinge("xful-u").at[1]
     0.02134
     """
+    topology, known, dimensions = _chosen(name, parameters)
+    if known is None:
+        return topology.construct(dimensions)
+    if dimensions == known.parameters:
+        return design(known.name)
+    return replace(
+        topology.construct(dimensions),
+        name=f"{known.name}-variation",
+        notes=(
+            f"A variation of {known.name}: figures published for that stage do not belong to it.",
+        ),
+    )
+
+
+def _chosen(
+    name: str, parameters: Mapping[str, object]
+) -> tuple[Topology, ParameterSet | None, Any]:
+    """Return the family, the built-in design that is varied, if any, and the dimensions."""
     name = _known("design", name, {**DESIGNS, **TOPOLOGIES})
     base_name = parameters.get("based_on")
     if name not in TOPOLOGIES:
@@ -130,7 +155,7 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
     if base_name is None:
         usual = topology.usual()
         base = None if usual is None else usual.parameters
-        return topology.construct(_dimensions(topology, parameters, base))
+        return topology, None, _dimensions(topology, parameters, base)
     if not isinstance(base_name, str):
         raise StageError(f"'based_on' must be the name of a built-in design, got {base_name!r:.60}")
     base_name = _known("built-in design", base_name, PARAMETER_SETS)
@@ -140,16 +165,7 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
             f"'{base_name}' is a {known.topology.name} design and cannot be the base of a "
             f"{topology.name} one"
         )
-    dimensions = _dimensions(topology, parameters, known.parameters)
-    if dimensions == known.parameters:
-        return design(base_name)
-    return replace(
-        topology.construct(dimensions),
-        name=f"{base_name}-variation",
-        notes=(
-            f"A variation of {base_name}: figures published for that stage do not belong to it.",
-        ),
-    )
+    return topology, known, _dimensions(topology, parameters, known.parameters)
 
 
 def _dimensions(topology: Topology, given: Mapping[str, object], base: Any) -> Any:
@@ -184,6 +200,11 @@ def some_of(names: Iterable[str]) -> str:
     return f"{', '.join(first)}, ...; {more}"
 
 
+def known_design(name: str) -> str:
+    """Return the name of a built-in design as it is registered; refuse one that there is not."""
+    return _known("built-in design", name, DESIGNS)
+
+
 def _known(noun: str, name: str, names: Iterable[str]) -> str:
     """Return a name as it is registered."""
     wanted = name.strip().casefold()
@@ -193,16 +214,23 @@ def _known(noun: str, name: str, names: Iterable[str]) -> str:
     raise StageError(f"there is no {noun} '{name[:60]}' (there are: {some_of(names)}){hint}")
 
 
-def find_stage(source: str | os.PathLike[str], set: Mapping[str, object] | None = None) -> Stage:
-    """Return a built-in stage, or read one from a stage file.
+def find_stage(
+    source: str | os.PathLike[str],
+    set: Mapping[str, object] | None = None,
+    *,
+    drawing: "DrawingOptions | None" = None,
+) -> Stage:
+    """Return a built-in stage, or read one from a stage file or out of a drawing.
 
     Parameters
     ----------
     source : str or os.PathLike
-        Name of a built-in design, or path of a stage file.
+        Name of a built-in design, or path of a stage file or a drawing (DXF, STEP).
     set : mapping, optional
         Parameters of the design or of the file by name, with dots for those of a group, and their
         values as a stage file has them: ``{"x.lever_neck": "0.45 mm"}``.
+    drawing : DrawingOptions, optional
+        What is to be known of a drawing beyond its file.
 
     Returns
     -------
@@ -223,8 +251,79 @@ def find_stage(source: str | os.PathLike[str], set: Mapping[str, object] | None 
     -0.0175
     """
     text = os.fspath(source)
+    if drawing is not None and Path(text).suffix.lower() not in DRAWINGS:
+        raise StageError(
+            f"what is said of a drawing belongs to one ({', '.join(DRAWINGS)}), got '{text[:200]}'"
+        )
     if text.casefold() in DESIGNS:
         return _design_with(text.casefold(), set) if set else design(text)
+    path = _file(text)
+    if path.suffix.lower() in DRAWINGS:
+        from flexstage.stage.drawing.drawn_stage import DrawingOptions, stage_of_drawing
+
+        for name in set or {}:
+            require_known(f"the drawing '{text}'", name, (), StageError)
+        return stage_of_drawing(path, drawing or DrawingOptions())
+    from flexstage.stage.file import read_stage
+
+    return read_stage(path, designs=build, set=set)
+
+
+def parameters_of(source: str | os.PathLike[str]) -> tuple[StageParameter, ...]:
+    """Return the parameters of a built-in design or of a stage file, which `find_stage` sets.
+
+    Parameters
+    ----------
+    source : str or os.PathLike
+        Name of a built-in design, or path of a stage file.
+
+    Returns
+    -------
+    tuple of StageParameter
+        Those of a file in its order, then the dimensions of the design that it names.
+
+    Raises
+    ------
+    StageError
+        There is neither such a design nor such a file, or the file is no stage.
+
+    Examples
+    --------
+    >>> neck = next(p for p in parameters_of("vgtu-piezo") if p.name == "x.lever_neck")
+    >>> neck.text, neck.value, neck.dimension
+    ('0.55 mm', 0.00055, 'length')
+    """
+    text = os.fspath(source)
+    if text.casefold() in DESIGNS:
+        return _in_design(PARAMETER_SETS[text.casefold()].parameters)
+    path = _file(text)
+    if path.suffix.lower() in DRAWINGS:
+        return ()  # what a drawing says is fixed: `flexstage import` gives its necks names
+    from flexstage.stage.file import file_parameters
+
+    dimensions: list[Any] = []
+    own = file_parameters(path, lambda *given: dimensions.append(_chosen(*given)[2]))
+    return (
+        *(
+            StageParameter(
+                name=name,
+                value=float(found.amount.value),
+                dimension=dimension_named(found.amount.powers) or "",
+                text=found.text,
+                description=found.description,
+            )
+            for name, found in own.items()
+        ),
+        *(parameter for found in dimensions for parameter in _in_design(found)),
+    )
+
+
+def _in_design(dimensions: Any) -> tuple[StageParameter, ...]:
+    return tuple(e for e in entries_of(dimensions) if isinstance(e, StageParameter))
+
+
+def _file(text: str) -> Path:
+    """Return the path of a stage file that is there."""
     path = Path(text)
     if not text or not _exists(path):
         # a file that lies there, by another ending or a letter less, before a design of such a name
@@ -233,33 +332,24 @@ def find_stage(source: str | os.PathLike[str], set: Mapping[str, object] | None 
         near = str(path.with_name(file)) if file else nearest(text, DESIGNS, 0.4)
         hint = f"did you mean '{near}'?" if near else f"the designs are {some_of(DESIGNS)}"
         raise StageError(f"no built-in design and no file is called '{text[:200]}': {hint}")
-    from flexstage.stage.file import read_stage
-
-    return read_stage(path, designs=build, set=set)
+    return path
 
 
 def _design_with(name: str, settings: Mapping[str, object]) -> Stage:
-    known = _names_in(PARAMETER_SETS[name].parameters)
+    known = [entry.name for entry in entries_of(PARAMETER_SETS[name].parameters)]
+    # another kind of what stands there has parameters of its own, which are checked as in a file
+    anew = tuple(setting.removesuffix("kind") for setting in settings if setting.endswith(".kind"))
     for setting in settings:
-        require_known(f"the design '{name}'", setting, known, StageError)
+        if not setting.startswith(anew or ("kind",)) or setting in known:
+            require_known(f"the design '{name}'", setting, known, StageError)
     given: Any = plain(settings_of(settings, StageError))
     return build(name, given)
-
-
-def _names_in(dimensions: Any, group: str = "") -> list[str]:
-    """Names of the fields of a description, with those of what it holds behind a dot."""
-    found = []
-    for name in field_types(type(dimensions)):
-        found.append(group + name)
-        if is_dataclass(held := getattr(dimensions, name)):
-            found += _names_in(held, f"{group}{name}.")
-    return found
 
 
 def _files_beside(path: Path) -> list[str]:
     """Names of the stage files in the folder that a path is in."""
     try:
-        return [p.name for p in path.parent.iterdir() if p.suffix in (".yaml", ".yml")]
+        return [p.name for p in path.parent.iterdir() if p.suffix in (".yaml", ".yml", *DRAWINGS)]
     except (OSError, ValueError):  # no such folder, or a name that none can have
         return []
 

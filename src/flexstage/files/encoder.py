@@ -83,10 +83,14 @@ class Encoder:
 
     def text(self, value: Any) -> str:
         """Write the file of a description."""
+        return yaml_text(self.document(value))
+
+    def document(self, value: Any) -> dict[str, Any]:
+        """Return the plain data of the file of a description."""
         data: dict[str, Any] = {self.format.key: Number(self.format.version)}
         if self.length_unit is not None:
             data["length_unit"] = self.length_unit
-        return yaml_text({**data, **self.encode(type(value), value)})
+        return {**data, **self.encode(type(value), value)}
 
 
 def _default(field: Field) -> Any:

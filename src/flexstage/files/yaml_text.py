@@ -1,5 +1,6 @@
 """Writes the plain data of a description as YAML that is pleasant to read."""
 
+import re
 from typing import Any
 
 from flexstage.files.nodes import NUMBER
@@ -18,6 +19,21 @@ def yaml_text(data: Any) -> str:
     return yaml.dump(
         _flow(data, 0), Dumper=_dumper(), allow_unicode=True, sort_keys=False, width=100
     )
+
+
+def flow_text(data: Any) -> str:
+    """Write plain data as YAML on one line.
+
+    Examples
+    --------
+    >>> flow_text(["0 V", "120 V"]), flow_text({"name": "own", "count": Number("3")})
+    ('[0 V, 120 V]', '{name: own, count: 3}')
+    """
+    import yaml
+
+    text = yaml.dump(data, Dumper=_dumper(), allow_unicode=True, sort_keys=False,
+                     default_flow_style=True, width=1_000_000)  # fmt: skip
+    return text.removesuffix("...\n").strip()
 
 
 class _Row(list):
@@ -60,7 +76,8 @@ def plain_dumper() -> type:
 
     Dumper.add_representer(str, text)
     # YAML 1.1, which the library writes, takes 1e5 for a text
-    Dumper.add_implicit_resolver("tag:yaml.org,2002:float", NUMBER, list("+-.0123456789"))
+    number = re.compile(rf"(?:{NUMBER.pattern})\Z")  # "8 mm" is none, and needs no quotes
+    Dumper.add_implicit_resolver("tag:yaml.org,2002:float", number, list("+-.0123456789"))
     return Dumper
 
 

@@ -9,9 +9,11 @@ from typing import Annotated, Any
 from flexstage.choose import did_you_mean, unknown
 from flexstage.errors import StageError
 from flexstage.files.decoder import Decoder
-from flexstage.files.format import check_name, field_types
+from flexstage.files.encoder import Encoder
+from flexstage.files.format import check_name, dimension_of, field_types
 from flexstage.files.nodes import MAX_NODES, Node, Scalar, Sequence
 from flexstage.files.nodes import Mapping as MappingNode
+from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.ranges import Range, require_ranges
 from flexstage.hinges import Profile
 from flexstage.stage.drive import Drive
@@ -92,7 +94,7 @@ COPIES: Mapping[str, type[Mirror] | type[Pattern]] = {"mirror": Mirror, "pattern
 PROFILES = "profiles"
 
 
-def with_shared_profiles(decoder: Decoder, root: MappingNode) -> MappingNode:
+def with_profiles_written_out(decoder: Decoder, root: MappingNode) -> MappingNode:
     """Return a file in which each hinge has its profile written out."""
     shared = root.items.get(PROFILES)
     known: dict[str, Node] = {}
@@ -115,6 +117,35 @@ def with_shared_profiles(decoder: Decoder, root: MappingNode) -> MappingNode:
             items[key] = MappingNode(hinge.line, inner, hinge.key_lines)
     hinges = MappingNode(hinges.line, items, hinges.key_lines)
     return MappingNode(root.line, {**root.items, "hinges": hinges}, root.key_lines)
+
+
+def with_shared_profiles(encoder: Encoder, stage: Stage) -> dict[str, Any]:
+    """Return the plain data of a stage in which profiles have names, and their quantities as well.
+
+    They are called by what they are, with numbers where there are several.
+    """
+    data = encoder.document(stage)
+    profiles = list(dict.fromkeys(hinge.profile for hinge in stage.hinges))
+    parameters: dict[str, Any] = {}
+    shared: dict[str, Any] = {}
+    for k, profile in enumerate(profiles, start=1):
+        end = f"_{k}" if len(profiles) > 1 else ""
+        written = encoder.fields(profile)
+        for name, (_, kind) in field_types(type(profile)).items():
+            if (
+                name in written
+                and dimension_of(kind) is not None
+                and isinstance(written[name], str)
+            ):
+                parameters[f"{name}{end}"] = written[name]
+                written[name] = f"= {name}{end}"
+        shared[f"notch{end}"] = written
+        for hinge in stage.hinges:
+            if hinge.profile == profile:
+                data["hinges"][hinge.name]["profile"] = f"notch{end}"
+    head = {key: data.pop(key) for key in list(data) if key not in field_types(Stage)}
+    added = {PARAMETERS: parameters, PROFILES: shared}
+    return {**head, **{key: value for key, value in added.items() if value}, **data}
 
 
 def _refuse_profile(decoder: Decoder, node: Scalar, path: str, known: Mapping[str, Node]) -> None:

@@ -16,9 +16,17 @@ from flexstage.files.encoder import Encoder
 from flexstage.files.format import check_name, field_types
 from flexstage.files.nodes import Given, Node, Scalar, read_text
 from flexstage.files.nodes import Mapping as MappingNode
+from flexstage.files.parameters import FileParameter
 from flexstage.files.settings import overridden, require_known, settings_of
 from flexstage.files.write import write_whole
-from flexstage.stage.copies import COPIES, PROFILES, read_with_copies, with_shared_profiles
+from flexstage.files.yaml_text import yaml_text
+from flexstage.stage.copies import (
+    COPIES,
+    PROFILES,
+    read_with_copies,
+    with_profiles_written_out,
+    with_shared_profiles,
+)
 from flexstage.stage.format import STAGE_FILE
 from flexstage.stage.model import Stage
 from flexstage.units import DIMENSIONS
@@ -116,7 +124,7 @@ def stage_from_text(
         require_known(source, name, decoder.parameters, StageError)
     also = (*_HEAD, PROFILES, *COPIES)
     decoder.check_keys(root, "", [*also, *field_types(Stage)])
-    root = with_shared_profiles(decoder, root)
+    root = with_profiles_written_out(decoder, root)
     parts: dict[str, Any] = {}
     origins: dict[tuple[str, str], tuple[int | None, str]] = {}
     if COPIES.keys() & root.items.keys():
@@ -130,13 +138,27 @@ def stage_from_text(
     return stage
 
 
-def stage_to_text(stage: Stage) -> str:
+def file_parameters(
+    path: str | os.PathLike[str], designs: Callable[[str, Mapping[str, object]], object]
+) -> dict[str, FileParameter]:
+    """Return the parameters of a stage file; `designs` is given the design that it may name."""
+    text = read_text(Path(path), STAGE_FILE.noun, StageError)
+    decoder, root = read(text, os.fspath(path), STAGE_FILE)
+    if "design" in root.items:
+        _from_design(decoder, root.items["design"], designs)
+    return decoder.parameters
+
+
+def stage_to_text(stage: Stage, *, shared: bool = False) -> str:
     """Write a stage as the text of a stage file.
 
     Parameters
     ----------
     stage : Stage
         The stage.
+    shared : bool
+        Whether each profile is written once, under a name that its hinges have, with its dimensions
+        as parameters of the file.
 
     Returns
     -------
@@ -150,10 +172,11 @@ def stage_to_text(stage: Stage) -> str:
     """
     for thing in (stage, *stage.bodies, *stage.hinges, *stage.drives, *stage.probes, *stage.axes):
         check_name(thing.name, _refuse_name)
-    return Encoder(STAGE_FILE, DIMENSIONS["length"].units[0]).text(stage)
+    encoder = Encoder(STAGE_FILE, DIMENSIONS["length"].units[0])
+    return yaml_text(with_shared_profiles(encoder, stage) if shared else encoder.document(stage))
 
 
-def write_stage(stage: Stage, path: str | os.PathLike[str]) -> None:
+def write_stage(stage: Stage, path: str | os.PathLike[str], *, shared: bool = False) -> None:
     """Write a stage file; it appears whole or not at all.
 
     Parameters
@@ -162,16 +185,20 @@ def write_stage(stage: Stage, path: str | os.PathLike[str]) -> None:
         The stage.
     path : str or os.PathLike
         The file; an existing one is replaced.
+    shared : bool
+        Whether profiles are shared and have parameters, as in `stage_to_text`.
 
     Raises
     ------
     StageError
         The file cannot be written, or a name could not be read back.
     """
-    write_whole(path, stage_to_text(stage).encode("utf-8"), StageError)
+    write_whole(path, stage_to_text(stage, shared=shared).encode("utf-8"), StageError)
 
 
-def _from_design(decoder: Decoder, node: Node, designs: DesignBuilder | None) -> Stage:
+def _from_design(
+    decoder: Decoder, node: Node, designs: Callable[[str, Mapping[str, object]], Any] | None
+) -> Any:
     if not isinstance(node, MappingNode) or not isinstance(node.items.get("name"), Scalar):
         decoder.refuse(node, "design", "expected a mapping with the name of a design")
     if designs is None:

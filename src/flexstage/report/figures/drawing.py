@@ -86,7 +86,7 @@ def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     if key:
         entitle(axes, stage.title or stage.name, 10.0)
 
-    _bodies(axes, stage, shapes)
+    draw_bodies(axes, stage, shapes)
     # points of type in millimetres of the drawing: sizes of labels are told in it
     point = per_inch / 72.0
     placer = Placer((x0, y0, x1, y1))
@@ -113,7 +113,8 @@ def fill_of(stage: Stage, name: str) -> str:
     return BODY
 
 
-def _bodies(axes: "Axes", stage: Stage, shapes: tuple[BodyShape, ...]) -> None:
+def draw_bodies(axes: "Axes", stage: Stage, shapes: tuple[BodyShape, ...]) -> None:
+    """Draw the bodies with their holes, coloured by what they are for."""
     from matplotlib.patches import PathPatch
 
     for shape in shapes:

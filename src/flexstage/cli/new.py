@@ -1,0 +1,139 @@
+"""`flexstage new`: the designs that are built in, and a stage file to start from."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from flexstage.cli.options import JsonOption, from_docstring
+from flexstage.cli.output import (
+    OutputFile,
+    OutputFolder,
+    console,
+    print_json,
+    print_notes,
+    print_table,
+    writable,
+    write_file,
+)
+from flexstage.cli.stage_options import designs_like
+from flexstage.errors import ModelError, StageError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from flexstage.designs.topology import ParameterSet
+    from flexstage.stage import Stage
+
+#: The picture with all of them on it.
+_SHEET = "designs"
+
+
+@from_docstring
+def new(
+    design: Annotated[
+        str | None, typer.Argument(autocompletion=designs_like, show_default=False)
+    ] = None,
+    out: OutputFile = None,
+    spelled_out: bool = False,
+    force: bool = False,
+    folder: OutputFolder = None,
+    json: JsonOption = False,
+) -> None:
+    """List the designs, or write a stage file to start from.
+
+    Parameters
+    ----------
+    design
+        [DESIGN]: Name of a built-in design, whose dimensions are written with comments, as a stage
+        file; without one, all designs are listed.
+    out
+        Write the stage file (default: DESIGN.yaml).
+    spelled_out
+        Describe the whole stage in the file: bodies, hinges, drives, probes.
+    force
+        Replace a file that exists.
+    folder
+        Draw DESIGN into this folder, or each design, and all of them on one sheet.
+    """
+    from flexstage.designs.registry import DESIGNS, PARAMETER_SETS, known_design
+    from flexstage.designs.registry import design as built
+
+    if design is None:
+        if out is not None or spelled_out or force:
+            raise ModelError("--out, --spelled-out and --force need a DESIGN: name one")
+        stages = {name: built(name) for name in DESIGNS}
+        files = [] if folder is None else _drawn(stages, folder)
+        _list(PARAMETER_SETS, stages, files, json=json)
+        return
+    from flexstage.designs.start import design_text, spelled_out_text
+
+    name = known_design(design)
+    path = out if out is not None else writable(Path(f"{name}.yaml"))
+    if path.exists() and not force:
+        raise StageError(
+            f"{path} exists: give --force to replace it, or the name of another file by --out"
+        )
+    text = spelled_out_text(name) if spelled_out else design_text(name)
+    write_file(path, text.encode("utf-8"))
+    files = [path, *([] if folder is None else _drawn({name: built(name)}, folder))]
+    if json:
+        print_json({"design": name, "files": [str(file) for file in files]})
+        return
+    print_notes(console(), (), files)
+
+
+def _list(
+    known: "Mapping[str, ParameterSet]",
+    stages: "Mapping[str, Stage]",
+    files: list[Path],
+    *,
+    json: bool,
+) -> None:
+    if json:
+        rows = [
+            {
+                "design": name,
+                "title": stage.title,
+                "family": known[name].topology.name,
+                "source": known[name].topology.source,
+                "bodies": len(stage.bodies),
+                "hinges": len(stage.hinges),
+                "drives": len(stage.drives),
+                "axes": [axis.name for axis in stage.axes],
+            }
+            for name, stage in stages.items()
+        ]
+        print_json({"designs": rows, "files": [str(file) for file in files]})
+        return
+    screen = console()
+    print_table(
+        screen,
+        "Built-in designs; 'flexstage new DESIGN' writes a stage file of one",
+        ("<design", "<title", "bodies", "hinges", "drives", "<axes"),
+        [
+            (
+                name,
+                stage.title,
+                len(stage.bodies),
+                len(stage.hinges),
+                len(stage.drives),
+                ", ".join(axis.name for axis in stage.axes),
+            )
+            for name, stage in stages.items()
+        ],
+    )
+    print_notes(screen, (), files)
+
+
+def _drawn(stages: "Mapping[str, Stage]", folder: Path) -> list[Path]:
+    """Draw stages, and where there are several all of them on one sheet."""
+    from flexstage.files.write import write_files
+    from flexstage.report.figures.contact_sheet import draw_contact_sheet
+    from flexstage.report.figures.drawing import draw_stage
+    from flexstage.report.figures.style import encode
+
+    figures = {name: draw_stage(stage) for name, stage in stages.items()}
+    if len(stages) > 1:
+        figures[_SHEET] = draw_contact_sheet(stages)
+    return write_files(folder, {f"{name}.png": encode(f, "png") for name, f in figures.items()})

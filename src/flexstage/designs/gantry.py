@@ -1,0 +1,175 @@
+"""An XY gantry whose platform does not turn: four carriages drive it from its four sides."""
+
+import math
+from dataclasses import dataclass, field
+
+from flexstage.designs.pieces import Leg, PlateParameters, block, bolt_holes, box
+from flexstage.designs.topology import Topology
+from flexstage.files.ranges import Size
+from flexstage.hinges import CornerFilleted
+from flexstage.stage import Axis, Body, Drive, Hinge, Loop, PlaneMotion, Probe, Stage, moved
+from flexstage.stage.drive import AnyActuator, ScrewActuator, placed
+
+# of what stands on the right, turned to the left by quarter turns
+_SIDES = ("right", "top", "left", "bottom")
+_QUARTER = math.pi / 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GantryParameters(PlateParameters):
+    """The dimensions of an XY gantry."""
+
+    leg: Leg = field(
+        default_factory=lambda: Leg(
+            notch=CornerFilleted(neck_thickness=0.4e-3, notch_length=25e-3, fillet_radius=0.8e-3)
+        )
+    )
+    """Its legs, all alike; each is a leaf, or a bar between two notches."""
+    platform_leg_spacing: Size = 20e-3
+    """Distance between the two legs that go from the platform to a carriage [m]."""
+    carriage_leg_spacing: Size = 10e-3
+    """Distance between the two legs that guide a carriage [m]."""
+    overhang: Size = 4e-3
+    """How far bodies reach beyond their legs [m]."""
+    wall: Size = 8e-3
+    """Thickness of the frame [m]."""
+    actuator: AnyActuator = field(
+        default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=400e-6)
+    )
+    """What drives an axis."""
+    actuator_length: Size = 3e-3
+    """Distance between carriage and frame [m]."""
+    opposed: bool = False
+    """Whether a second drive pulls at the opposite carriage, as voice coils can."""
+
+    @property
+    def half_platform(self) -> float:
+        """Half of the length of the platform and of the carriages [m]."""
+        return 0.5 * (self.platform_leg_spacing + self.leg.width) + self.overhang
+
+    @property
+    def near(self) -> float:
+        """Distance of the inner faces of carriages and corners from the middle [m]."""
+        return self.half_platform + self.leg.length
+
+    @property
+    def far(self) -> float:
+        """Distance of the outer faces of the carriages from the middle [m]."""
+        return self.near + self.carriage_leg_spacing + self.leg.width + 2.0 * self.overhang
+
+
+def gantry(p: GantryParameters) -> Stage:
+    r"""Build an XY gantry.
+
+    The platform hangs between four carriages, from each by two legs along its motion; each carriage
+    is guided on the frame by two legs across it. The left and right carriage move along x alone,
+    the upper and lower one along y alone, and every leg that bends leaves the platform parallel to
+    itself: it does not turn, and no drive carries the other one. All of it is the right quarter,
+    turned to the left three times.
+
+    To move the platform, four legs of the platform and four of the carriages bend. Of leaves of
+    length L the stiffness is :math:`96 E I/L^3` of one leaf, in both directions: S. Awtar,
+    A. H. Slocum, Constraint-based design of parallel kinematic XY flexure mechanisms, J. Mech. Des.
+    129 (2007) 816. A carriage that has moved by d has gone aside by 3/5 d^2/L, which the legs to
+    the platform take up.
+
+    Its bodies are ``base`` (fixed), ``platform`` and, for ``right``, ``top``, ``left`` and
+    ``bottom``, the carriage and the bars of the legs ``right-upper``, ``right-lower`` (to the
+    platform; named as on the right), ``right-inner`` and ``right-outer`` (to the frame). Drives,
+    axes and the probes ``x`` and ``y``; the probe ``yaw`` reads the rotation of the platform.
+
+    Examples
+    --------
+    >>> stage = gantry(GantryParameters())
+    >>> len(stage.bodies), len(stage.hinges), [d.pushes for d in stage.drives]
+    (6, 16, ['left', 'bottom'])
+    """
+    a, near, far = p.half_platform, p.near, p.far
+    bodies, hinges = _quarter(p)
+    turns = [PlaneMotion.rotation(k * _QUARTER) for k in range(4)]
+    sides = [
+        (turn, {part.name: part.name.replace("right", side) for part in (*bodies, *hinges)})
+        for side, turn in zip(_SIDES, turns, strict=True)
+    ]
+    inside = far + p.actuator_length
+    corner = [(inside, near), (near, near), (near, inside)]
+    half, station = inside + p.wall, 0.5 * (near + inside + p.wall)
+    base = Body(
+        name="base",
+        outline=box((-half, -half), (half, half)),
+        holes=(Loop(tuple(turn.point(q) for turn in turns for q in corner)),),
+        mounting_holes=bolt_holes(
+            (turn.point((station, station)) for turn in turns), p.mounting_hole_diameter
+        ),
+        fixed=True,
+    )
+    drives, axes = [], []
+    for axis, turn in (("x", turns[0]), ("y", turns[1])):
+        drives.append(_drive(p, axis, turn, opposite=False))
+        if p.opposed:
+            drives.append(_drive(p, axis, turn, opposite=True))
+        names = tuple(d.name for d in drives if d.name.startswith(axis))
+        axes.append(Axis(name=axis, drives=names, probe=axis))
+    return Stage(
+        name="gantry",
+        title="XY gantry of four carriages",
+        thickness=p.thickness,
+        material=p.material,
+        bodies=(
+            base,
+            block("platform", (-a, -a), (a, a)),
+            *(moved(body, *side) for side in sides for body in bodies),
+        ),
+        hinges=tuple(moved(hinge, *side) for side in sides for hinge in hinges),
+        drives=tuple(drives),
+        probes=(
+            Probe(name="x", body="platform", at=(0.0, 0.0), direction=0.0),
+            Probe(name="y", body="platform", at=(0.0, 0.0), direction=_QUARTER),
+            Probe(name="yaw", body="platform", at=(0.0, 0.0), reads="rotation"),
+        ),
+        axes=tuple(axes),
+    )
+
+
+def _quarter(p: GantryParameters) -> tuple[list[Body], list[Hinge]]:
+    """Return the right carriage with its legs."""
+    a, carriage = p.half_platform, "right"
+    bodies, hinges = [block(carriage, (p.near, -a), (p.far, a))], []
+    middle = 0.5 * (p.near + p.far)
+    aside, apart = 0.5 * p.platform_leg_spacing, 0.5 * p.carriage_leg_spacing
+    for name, pair, start, direction in (
+        ("upper", ("platform", carriage), (a, aside), 0.0),
+        ("lower", ("platform", carriage), (a, -aside), 0.0),
+        ("inner", (carriage, "base"), (middle - apart, a), _QUARTER),
+        ("outer", (carriage, "base"), (middle + apart, a), _QUARTER),
+    ):
+        bars, notches = p.leg.between(f"right-{name}", pair, start, direction)
+        bodies += bars
+        hinges += notches
+    return bodies, hinges
+
+
+def _drive(p: GantryParameters, axis: str, turn: PlaneMotion, *, opposite: bool) -> Drive:
+    """Return the drive of an axis, which is x turned, or the one that pulls on the other side."""
+    side, face, name = (-1.0, "left", axis) if not opposite else (1.0, "right", f"{axis}-opposed")
+    drive = placed(
+        p.actuator,
+        name=name,
+        pushes=f"{face}",
+        reacts="base",
+        at=((side * p.far, 0.0), (side * (p.far + p.actuator_length), 0.0)),
+        direction=0.0,
+        patch_half_width=p.force_patch_half_width,
+    )
+    turned = {"left": "bottom", "right": "top"}
+    return moved(drive, turn, turned if axis == "y" else None)
+
+
+TOPOLOGY = Topology(
+    name="gantry",
+    title="XY gantry: a platform between four carriages that does not turn, drives on the frame",
+    source="S. Awtar, A. H. Slocum, Constraint-based design of parallel kinematic XY flexure "
+    "mechanisms, J. Mech. Des. 129 (2007) 816",
+    parameters=GantryParameters,
+    construct=gantry,
+)
