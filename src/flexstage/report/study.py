@@ -35,6 +35,7 @@ from flexstage.report.tables import (
     hinge_table,
     published_table,
 )
+from flexstage.report.traditional import assumption_section, drift_section, motion_error_section
 from flexstage.section import Bullets, Content, Definitions, Picture, Pictures, Section
 from flexstage.studies.measurement import MeasurementComparison
 from flexstage.studies.study import Study
@@ -321,6 +322,14 @@ CHAPTERS: dict[str, Chapter] = {
                 "Simulated measurement",
                 lambda study: bench_section(study.virtual, _VIRTUAL_FILE),
             ),
+        },
+    ),
+    "traditional": Chapter(
+        title="Traditional stages",
+        sections={
+            "motion-errors": ("Motion errors", motion_error_section),
+            "drift": ("Drift with temperature", drift_section),
+            "traditional-assumptions": ("Assumptions", assumption_section),
         },
     ),
     "compensation": Chapter(title="Hysteresis", sections={"hysteresis": ("", hysteresis_section)}),

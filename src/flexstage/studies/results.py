@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from flexstage.studies.compensation import AxisExperiment
     from flexstage.studies.measurement import MeasurementComparison
     from flexstage.studies.study import Study
+    from flexstage.studies.traditional import TraditionalComparison
     from flexstage.studies.virtual_experiments import CentringTrial
 
 
@@ -123,6 +124,7 @@ def study_results(study: "Study") -> dict[str, Any]:
         "hysteresis": experiment_results(study.experiments),
         "virtual_measurement": _virtual(study.virtual),
         "centring": centring_results(study.centring),
+        "traditional": traditional_results(study.traditional),
         "variants": {name: analysis_results(a) for name, a in study.variants.items()},
     }
 
@@ -152,6 +154,51 @@ def centring_results(found: "CentringTrial | str | None") -> dict[str, Any]:
             }
             for step in found.done.steps
         ],
+    }
+
+
+def traditional_results(found: "TraditionalComparison | None") -> dict[str, Any]:
+    """Return the comparison with traditional stages as plain data; SI units, shares from 0 to 1.
+
+    Motion errors are medians and 95 % quantiles of the samples.
+    """
+    if found is None:
+        return {}
+    from flexstage.studies.traditional import MEASURES, drift_verdict, verdict
+
+    stages = (found.own, *found.others, found.asymmetric)
+    return {
+        **picked(found, "claim", "samples", "measured", "implied", "longest_leg", "scatter"),
+        "stages": [
+            {
+                **picked(stage, "title", "frequency_hz", "size", "mass", "actuators"),
+                "drift": {
+                    load: dict(zip(("x", "y", "rotation"), moved, strict=True))
+                    for load, moved in stage.drift.items()
+                },
+                "axes": {
+                    name: {
+                        **picked(axis, "travel", "geometry", "bending", "manufacture"),
+                        **picked(axis, "assembly", "coupling", "finite_elements"),
+                        **{
+                            what: dict(zip(("median", "upper"), axis.figures(what), strict=True))
+                            for what in ("across", "straightness", "normal", "yaw", "tilt")
+                        },
+                    }
+                    for name, axis in stage.axes.items()
+                },
+            }
+            for stage in stages
+        ],
+        "catalogue": plain(found.catalogue),
+        "reductions": {
+            measure: [
+                picked(row, "against", "other", "reduction", "share", "holds")
+                for row in found.reductions(measure)
+            ]
+            for measure in MEASURES
+        },
+        "verdict": [*verdict(found), *drift_verdict(found)],
     }
 
 

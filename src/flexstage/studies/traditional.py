@@ -1,0 +1,569 @@
+"""The study's claims set against traditional stages: motion errors, and drift with temperature."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from flexstage import progress
+from flexstage.arrays import Array
+from flexstage.characteristic import measured_value
+from flexstage.designs.nested_xy_parameters import AxisParameters, NestedXYParameters
+from flexstage.designs.pieces import Leg
+from flexstage.designs.published import MOTION_ERROR_CLAIMS
+from flexstage.designs.registry import PARAMETER_SETS
+from flexstage.designs.side_by_side_xy import SideBySideXYParameters, side_by_side_xy
+from flexstage.designs.single_axis import SingleAxisParameters, extent
+from flexstage.designs.stacked_xy import StackedXYParameters, plates
+from flexstage.errors import ModelError
+from flexstage.hinges import RightCircular
+from flexstage.short_repr import short_repr
+from flexstage.stage import Stage, mass_properties
+from flexstage.stage.drive import AnyActuator, ScrewActuator, StackActuator
+from flexstage.studies.motion_errors import (
+    SAMPLES,
+    AxisErrors,
+    GuidedAxis,
+    Mounting,
+    axis_errors,
+)
+from flexstage.system import MechanicalSystem, modes, static_displacements, static_loads
+from flexstage.system.analysis import axis_mode
+from flexstage.virtual.imperfections import Scatter
+from flexstage.virtual.scattered_motion import drive_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from flexstage.fem.stroke import FiniteStroke
+
+#: What counts as the motion error of an axis over its travel: all of its motion across, what is
+#: left of it beside a straight line, or its rotation in the plane.
+Measure = Literal["across", "straightness", "yaw"]
+MEASURES: tuple[Measure, ...] = get_args(Measure)
+
+#: Changes of temperature that are set against each other, by the loads of a model: one kelvin, and
+#: one kelvin over this length.
+SPAN = 0.1
+LOADS: Mapping[str, float] = {
+    "temperature": 1.0,
+    "temperature gradient x": 1.0 / SPAN,
+    "temperature gradient y": 1.0 / SPAN,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CatalogueGuide:
+    """A guide that one buys, by what its maker states."""
+
+    title: str
+    """What it is."""
+    straightness: float
+    """Largest deviation from a straight line that is stated [m]."""
+    over: float
+    """Length of the travel that it is stated for [m]; nothing is stated for less."""
+    source: str
+    """Where."""
+
+
+#: A guide of rolling elements, for which nothing is computed here.
+CROSSED_ROLLERS = CatalogueGuide(
+    title="crossed rollers (catalogue)",
+    straightness=1e-6,
+    over=0.1,
+    source="A. Bromme, G. Jaffe, Achieving high precision in linear stages without costly air "
+    "bearings, Steinmeyer, 2012: straightness within 1 um over 100 mm",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ComparedStage:
+    """What is set against each other of a stage."""
+
+    title: str
+    """What it is."""
+    axes: Mapping[str, AxisErrors]
+    """Motion errors by axis."""
+    frequency_hz: Mapping[str, float]
+    """Natural frequency of the mode by which each drive moves its probe, drives removed [Hz]."""
+    drift: Mapping[str, tuple[float, float, float]]
+    """Motion of the platform in x, y [m] and its rotation [rad] by each of `LOADS`."""
+    size: tuple[float, float, float]
+    """Outer length, width and height [m]."""
+    mass: float
+    """Mass without drives [kg]."""
+    actuators: str
+    """What drives it, with the strokes that the travel takes."""
+
+    __repr__ = short_repr
+
+    def worse(self, measure: Measure) -> Array:
+        """Return the figure of the worse axis of each sample [m, or rad], shape (samples,)."""
+        return np.max([getattr(axis, measure) for axis in self.axes.values()], axis=0)
+
+    def median(self, measure: Measure) -> float:
+        """Return the median of that over the samples [m, or rad]."""
+        return float(np.median(self.worse(measure)))
+
+    @property
+    def axis_errors(self) -> dict[str, float]:
+        """Median of the motion across of each axis [m]."""
+        return {name: float(np.median(axis.across)) for name, axis in self.axes.items()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reduction:
+    """By how much the motion error of a stage is below that of another."""
+
+    against: str
+    """The other one."""
+    other: float
+    """Its motion error, median of its samples [m, or rad]."""
+    reduction: float
+    """Part by which the median is below it [1]; negative where it is above."""
+    share: float
+    """Share of pairs of samples in which the claimed reduction is reached [1]."""
+    holds: bool
+    """Whether the medians have the claimed reduction."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TraditionalComparison:
+    """A stage of the study beside traditional ones."""
+
+    claim: float
+    """Claimed reduction of motion errors [1]."""
+    own: ComparedStage
+    """The stage."""
+    others: tuple[ComparedStage, ...]
+    """Traditional ones, of the same stroke, material, plate and legs."""
+    catalogue: CatalogueGuide
+    """A guide of which only the catalogue is known."""
+    asymmetric: ComparedStage
+    """The stage with its guide legs on one side only."""
+    measured: float | None
+    """Largest motion across that was measured and published [m]."""
+    legs: Mapping[str, float]
+    """Distance between the necks of a leg by axis [m]."""
+    scatter: Scatter
+    """The process that made them."""
+    samples: int
+    """How many of each were made."""
+
+    __repr__ = short_repr
+
+    def reductions(self, measure: Measure = "across") -> tuple[Reduction, ...]:
+        """Say by how much the stage is below each of the others, by a measure of motion errors.
+
+        What a catalogue states of straightness counts for motion across as well, and says nothing
+        of yaw.
+        """
+        figures = [(s.title, s.worse(measure)) for s in (*self.others, self.asymmetric)]
+        if measure != "yaw":
+            stated = np.full(self.samples, self.catalogue.straightness)
+            figures.append((self.catalogue.title, stated))
+        return tuple(self._below(title, measure, figure) for title, figure in figures)
+
+    def _below(self, title: str, measure: Measure, other: Array) -> Reduction:
+        own = self.own.worse(measure)
+        reduction = 1.0 - float(np.median(own)) / float(np.median(other))
+        return Reduction(
+            against=title,
+            other=float(np.median(other)),
+            reduction=reduction,
+            # every one against every other: they are made apart
+            share=float(np.mean(own[:, None] <= (1.0 - self.claim) * other[None, :])),
+            holds=reduction >= self.claim,
+        )
+
+    @property
+    def knows_straightness(self) -> bool:
+        """Whether the path of the stage is known well enough to tell its straightness.
+
+        Rigid bodies, and elastic ones with small displacements, go straight where it is symmetric.
+        """
+        return all(axis.finite_elements for axis in self.own.axes.values())
+
+    @property
+    def implied(self) -> float | None:
+        """Motion error of the traditional stage that claim and measured figure belong to [m]."""
+        return None if self.measured is None else self.measured / (1.0 - self.claim)
+
+    @property
+    def longest_leg(self) -> float:
+        r"""Longest leg of a single parallelogram against which the claim holds [m].
+
+        By its arc alone, :math:`l = d^2/2e` with the motion error e that the claim asks of it.
+        """
+        travel = max(axis.travel for axis in self.own.axes.values())
+        asked = self.own.median("across") / (1.0 - self.claim)
+        return 0.5 * travel**2 / asked
+
+
+def compare_traditional(
+    stage: Stage,
+    system: MechanicalSystem | None = None,
+    *,
+    strokes: "Iterable[FiniteStroke]" = (),
+    samples: int = SAMPLES,
+    seed: int = 1,
+    scatter: Scatter | None = None,
+) -> TraditionalComparison:
+    """Set a stage of the study against traditional stages.
+
+    Parameters
+    ----------
+    stage : Stage
+        One of `MOTION_ERROR_CLAIMS`.
+    system : MechanicalSystem, optional
+        Its model of superelements, where there is one already.
+    strokes : iterable of FiniteStroke
+        Its strokes by finite elements with finite displacements, where they are known.
+    samples : int
+        How many of each stage are made.
+    seed : int
+        Seed of their deviations.
+    scatter : Scatter, optional
+        The process; the usual one where not given.
+
+    Returns
+    -------
+    TraditionalComparison
+        All of them, by the same models.
+
+    Raises
+    ------
+    ModelError
+        Nothing is claimed of this stage.
+    """
+    if stage.name not in MOTION_ERROR_CLAIMS:
+        raise ModelError(
+            f"nothing is claimed of the motion errors of '{stage.name}': take one of "
+            f"{', '.join(MOTION_ERROR_CLAIMS)}"
+        )
+    process = scatter or Scatter()
+    own_system = system or _elastic(stage)
+    travel = {
+        axis.name: _output(own_system, axis.name, stage.drive(drive_of(axis)).stroke or 0.0)
+        for axis in stage.axes
+    }
+    made = {"travel": travel, "scatter": process, "samples": samples, "seed": seed}
+    height = 0.5 * stage.thickness
+    own = _compared(
+        stage.name,
+        {name: GuidedAxis(stage=stage, axis=name, offset=(0.0, 0.0, height)) for name in travel},
+        {stage: own_system},
+        {path.axis: path for path in strokes},
+        **made,
+    )
+    progress.update("asymmetric stage", 0.3)
+    lame = guides_on_one_side(stage)
+    asymmetric = _compared(
+        "the same stage, guides on one side",
+        {name: GuidedAxis(stage=lame, axis=name, offset=(0.0, 0.0, height)) for name in travel},
+        {},
+        {},
+        **made,
+    )
+    others = []
+    for i, (title, axes) in enumerate(_traditional(stage, travel)):
+        progress.update("traditional stages", 0.4 + 0.2 * i)
+        others.append(_compared(title, axes, {}, {}, **made))
+    measured = [measured_value(stage.published, "straightness", axis) for axis in travel]
+    return TraditionalComparison(
+        claim=MOTION_ERROR_CLAIMS[stage.name],
+        own=own,
+        others=tuple(others),
+        catalogue=CROSSED_ROLLERS,
+        asymmetric=asymmetric,
+        measured=max((m for m in measured if m is not None), default=None),
+        legs={name: _leg(_dimensions(stage, name)).neck_distance for name in travel},
+        scatter=process,
+        samples=samples,
+    )
+
+
+def claim_verdict(found: TraditionalComparison) -> str:
+    """Say against which traditional stages the claim holds, by motion across."""
+    return (
+        f"The claim, {100.0 * found.claim:.0f} % less than a traditional stage, "
+        f"{_against(found.reductions())}."
+    )
+
+
+def verdict(found: TraditionalComparison) -> tuple[str, ...]:
+    """Say in sentences what of the claims holds, by the figures of a comparison."""
+    own = found.own
+    across = own.median("across")
+    printed = "" if found.measured is None else f" ({1e6 * found.measured:.2f} µm were measured)"
+    implied = found.implied
+    worse = max(own.axes.values(), key=lambda axis: axis.figures("across")[0])
+    legs = " and ".join(sorted({f"{1e3 * v:.0f}" for v in found.legs.values()}))
+    sentences = [
+        f"The worse axis of {own.title} goes {_um(across)} µm across over its stroke"
+        f"{printed}, median of {found.samples} stages as made.",
+        f"Of that rigid bodies go {_um(worse.geometry)} µm, elastic ones {_um(abs(worse.bending))} "
+        f"µm more; what manufacture adds has a deviation of {_um(worse.manufacture)} µm.",
+        claim_verdict(found),
+        f"By yaw it {_against(found.reductions('yaw'))}.",
+        f"Against a single parallelogram it holds where legs are at most "
+        f"{1e3 * found.longest_leg:.1f} mm from neck to neck, by their arc alone; those of the "
+        f"stage have {legs} mm.",
+    ]
+    if found.knows_straightness:
+        sentences.insert(3, f"By straightness it {_against(found.reductions('straightness'))}.")
+    if implied is not None:
+        sentences.append(
+            f"With what was measured of the stage, the claim is of a traditional stage that goes "
+            f"{1e6 * implied:.2f} µm across."
+        )
+    return tuple(sentences)
+
+
+def drift_verdict(found: TraditionalComparison) -> tuple[str, ...]:
+    """Say in sentences what symmetry does for the drift with temperature."""
+    own, lame = found.own, found.asymmetric
+    words = []
+    for load, name in (
+        ("temperature", "a uniform kelvin"),
+        ("temperature gradient x", f"a kelvin over {1e3 * SPAN:.0f} mm in x"),
+        ("temperature gradient y", f"a kelvin over {1e3 * SPAN:.0f} mm in y"),
+    ):
+        one, other = (math.hypot(*s.drift[load][:2]) for s in (own, lame))
+        words.append(f"{1e9 * one:.0f} nm instead of {1e9 * other:.0f} nm by {name}")
+    less = [math.hypot(*s.drift["temperature"][:2]) for s in (own, *found.others)]
+    better = [s.title for s, v in zip(found.others, less[1:], strict=True) if v < less[0]]
+    worse = [s.title for s, v in zip(found.others, less[1:], strict=True) if v >= less[0]]
+    ranks = [f"less than {_listed(worse)}"] * bool(worse) + [f"more than {_listed(better)}"] * bool(
+        better
+    )
+    helps = 1.0 - less[0] / math.hypot(*lame.drift["temperature"][:2])
+    return (
+        f"With guide legs on both sides the platform drifts {_listed(words)}: symmetry takes "
+        f"{100.0 * helps:.0f} % off what a uniform change does, and does not remove it, since the "
+        "drives and levers of either axis stand on one side of it.",
+        f"By a uniform kelvin it drifts {' and '.join(ranks)}.",
+    )
+
+
+def _against(rows: "Sequence[Reduction]") -> str:
+    """Say against which stages a claim holds, and against which it does not."""
+    parts = []
+    for holds, words in ((True, "holds against"), (False, "does not hold against")):
+        named = [f"{r.against} ({_by(r.reduction)})" for r in rows if r.holds == holds]
+        if named:
+            parts.append(f"{words} {_listed(named)}")
+    return ", and ".join(parts)
+
+
+def _um(value: float) -> str:
+    """Write a length in micrometres."""
+    return f"{1e6 * value:.3f}"
+
+
+def _by(reduction: float) -> str:
+    """Say how a figure lies to that of another stage."""
+    if reduction >= 0.0:
+        return f"{100.0 * reduction:.0f} % below it"
+    return f"{1.0 - reduction:.2g} times as much"
+
+
+def _listed(words: "Sequence[str]") -> str:
+    """Join words as a sentence does."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def guides_on_one_side(stage: Stage) -> Stage:
+    """Return a nested stage without the guide legs on one side of each axis."""
+    gone = {body.name for body in stage.bodies if body.name[1:] in ("G0d", "G1d")}
+    return replace(
+        stage,
+        name=f"{stage.name}-one-sided",
+        bodies=tuple(body for body in stage.bodies if body.name not in gone),
+        hinges=tuple(hinge for hinge in stage.hinges if not gone & set(hinge.bodies)),
+        published=(),
+    )
+
+
+def single_axis_guides(
+    stage: Stage, guide: str, travel: Mapping[str, float]
+) -> dict[str, SingleAxisParameters]:
+    """Return guides with the legs of each axis of a nested stage, driven directly.
+
+    Notches, length and spacing of legs are those of the axis, the platform as high as the one that
+    carries what is positioned; the actuator is of the same kind and goes as far as that does.
+    """
+    platform = stage.body("PY").outline.points
+    height = max(x for x, _ in platform) - min(x for x, _ in platform)
+    found = {}
+    for name, far in travel.items():
+        of_axis = _dimensions(stage, name)
+        first, second = (stage.hinge(f"{name}gp{i}-u").at for i in (0, 1))
+        actuator, length = direct_actuator(of_axis.actuator, of_axis.actuator_pocket_length, far)
+        found[name] = SingleAxisParameters(
+            guide=guide,  # type: ignore[arg-type]
+            leg=_leg(of_axis),
+            leg_spacing=math.dist(first, second),
+            platform_height=height,
+            actuator=actuator,
+            actuator_length=length,
+        )
+    return found
+
+
+def direct_actuator(
+    actuator: AnyActuator, length: float, travel: float
+) -> tuple[AnyActuator, float]:
+    """Return an actuator that makes a travel [m] itself, and its length [m].
+
+    Of a screw more or less is turned in; a stack grows with its stroke, and its stiffness falls.
+
+    Examples
+    --------
+    >>> stack = StackActuator(free_stroke=38e-6, stiffness=43e6)
+    >>> longer, length = direct_actuator(stack, 36e-3, 65e-6)
+    >>> print(f"{length * 1e3:.1f} mm, {longer.stiffness * 1e-6:.1f} N/um")
+    61.6 mm, 25.1 N/um
+    """
+    if isinstance(actuator, ScrewActuator):
+        return replace(actuator, travel=travel), length
+    if isinstance(actuator, StackActuator):
+        more = travel / actuator.free_stroke
+        longer = replace(actuator, free_stroke=travel, stiffness=actuator.stiffness / more)
+        return longer, length * more
+    raise ModelError(f"an actuator of the kind '{actuator.kind}' has no stroke to set")
+
+
+def _traditional(
+    stage: Stage, travel: Mapping[str, float]
+) -> "Iterator[tuple[str, dict[str, GuidedAxis]]]":
+    """Give every kind of traditional stage: what it is, and its axes.
+
+    The platform of a double parallelogram is enclosed by its base, so none has another beside it.
+    """
+    plate = {"thickness": stage.thickness, "material": stage.material}
+    single, double = (
+        single_axis_guides(stage, guide, travel)
+        for guide in ("parallelogram", "double-parallelogram")
+    )
+    for title, guides in (
+        ("stacked parallelograms", single),
+        ("stacked double parallelograms", double),
+    ):
+        stack = StackedXYParameters(**guides, **plate)
+        lower, upper = plates(stack)
+        low, high = stack.heights
+        yield (
+            title,
+            {
+                "x": GuidedAxis(stage=lower, axis="x", offset=(0.0, 0.0, low)),
+                "y": GuidedAxis(
+                    stage=upper, axis="x", offset=(0.0, 0.0, high), mounting=Mounting(), stream=1
+                ),
+            },
+        )
+    beside = side_by_side_xy(SideBySideXYParameters(**single, **plate))
+    yield (
+        "parallelograms side by side",
+        {
+            name: GuidedAxis(stage=beside, axis=name, offset=(0.0, 0.0, 0.5 * stage.thickness))
+            for name in travel
+        },
+    )
+
+
+def _dimensions(stage: Stage, axis: str) -> AxisParameters:
+    parameters: NestedXYParameters = PARAMETER_SETS[stage.name].parameters
+    return {"x": parameters.x, "y": parameters.y}[axis]
+
+
+def _leg(of_axis: AxisParameters) -> Leg:
+    notch = RightCircular(neck_thickness=of_axis.leg_neck, radius=of_axis.leg_notch_radius)
+    return Leg(notch=notch, bar_length=of_axis.leg_bar_length)
+
+
+def _elastic(stage: Stage) -> MechanicalSystem:
+    from flexstage.fem import superelement_model
+
+    return superelement_model(stage).system
+
+
+def _output(system: MechanicalSystem, axis: str, stroke: float) -> float:
+    port = next(a for a in system.axes if a.name == axis)
+    return static_displacements(system, {port.drive: stroke}).readings[port.probe]
+
+
+def _compared(
+    title: str,
+    axes: Mapping[str, GuidedAxis],
+    known: Mapping[Stage, MechanicalSystem],
+    paths: "Mapping[str, FiniteStroke]",
+    *,
+    travel: Mapping[str, float],
+    scatter: Scatter,
+    samples: int,
+    seed: int,
+) -> ComparedStage:
+    """Compute what is compared; axes in plates of their own lie one above the other."""
+    parts = list(dict.fromkeys(guided.stage for guided in axes.values()))
+    systems = {part: known.get(part) or _elastic(part) for part in parts}
+    frequencies, errors, drives = {}, {}, []
+    for name, guided in axes.items():
+        system = systems[guided.stage]
+        axis = guided.stage.axis(guided.axis)
+        axis_drive = drive_of(axis)
+        found = modes(system)
+        mode = axis_mode(system, found, axis_drive, axis.probe)
+        frequencies[name] = float(found.frequency_hz[mode])
+        stroke = travel[name] / _output(system, axis.name, 1.0)
+        drives.append(f"{guided.stage.drive(axis_drive).kind} of {1e6 * stroke:.0f} µm")
+        errors[name] = axis_errors(
+            guided,
+            travel[name],
+            system,
+            scatter,
+            path=paths.get(name),
+            samples=samples,
+            seed=seed,
+        )
+    spans = [extent(part) for part in parts]
+    # the upper plate is turned by a quarter
+    sides = [(s[2] - s[0], s[3] - s[1])[:: -1 if i else 1] for i, s in enumerate(spans)]
+    spacers = sum(guided.offset[2] for guided in axes.values() if guided.mounting is None)
+    thickness = parts[0].thickness
+    return ComparedStage(
+        title=title,
+        axes=errors,
+        frequency_hz=frequencies,
+        drift=_drift([systems[part] for part in parts]),
+        size=(
+            max(s[0] for s in sides),
+            max(s[1] for s in sides),
+            thickness if len(parts) == 1 else 0.5 * thickness + spacers,
+        ),
+        mass=sum(m.mass for part in parts for m in mass_properties(part).values()),
+        actuators=_actuators(drives),
+    )
+
+
+def _drift(systems: list[MechanicalSystem]) -> dict[str, tuple[float, float, float]]:
+    """Motion of the last platform by temperature; a second plate adds its own, turned."""
+    total = {}
+    for load, size in LOADS.items():
+        moved = np.zeros(3)
+        for i, system in enumerate(systems):
+            # the second plate is mirrored at the diagonal: what was x is y
+            turned = load if not i else load.translate(str.maketrans("xy", "yx"))
+            state = static_loads(system, {turned: size})
+            body = system.probe(system.axes[-1].probe).body
+            x, y, yaw = state.body_motion[body]
+            moved += (y, x, -yaw) if i else (x, y, yaw)
+        total[load] = (float(moved[0]), float(moved[1]), float(moved[2]))
+    return total
+
+
+def _actuators(drives: list[str]) -> str:
+    """Say how many actuators of which kind and stroke there are."""
+    return ", ".join(f"{drives.count(one)} × {one}" for one in dict.fromkeys(drives))
