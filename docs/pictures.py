@@ -93,7 +93,8 @@ def ports(axes: "Axes", stage: "Stage", length: float) -> None:
     for probe in stage.probes:
         x, y = (_MM * c for c in probe.at)
         if probe.direction is None:
-            axes.add_patch(Circle((x, y), 0.5 * length, fill=False, color=CYCLE[2], lw=1.4, zorder=4))
+            ring = {"fill": False, "color": CYCLE[2], "linewidth": 1.4, "zorder": 4}
+            axes.add_patch(Circle((x, y), 0.8 * length, **ring))
         else:
             arrow(x, y, probe.direction, 1.6 * length, CYCLE[2])
 
