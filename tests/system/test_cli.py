@@ -106,7 +106,7 @@ def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture
     for row in rows:
         assert list(row) == ["quantity", "axis", "origin", "value", "unit", "uncertainty", "note"]
         assert row["origin"] in ORIGINS
-        assert row["axis"] in ("x", "y")
+        assert row["axis"] in ("x", "y", "xy", "stage")
         assert row["unit"] == QUANTITIES[row["quantity"]].unit
         assert isinstance(row["value"], float)
     written = json.loads((elsewhere / "d" / "results.json").read_text(encoding="utf-8"))

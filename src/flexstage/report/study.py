@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from flexstage.quantities import QUANTITIES
+from flexstage.report.coupled_axes import coupling_section, full_stroke_words
 from flexstage.report.figures.bench import draw_bench
 from flexstage.report.figures.body_motion import (
     body_outlines,
@@ -191,12 +192,16 @@ def _modes(study: Study) -> Iterator[Content]:
     )
 
 
+def _begun(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
 def _static(study: Study) -> Iterator[Content]:
     plots = [
         Picture(
             result=partial(draw_static_shape, study.main, a.axis),
             title=f"static shape of {a.axis}",
-            caption=f"Drive of {a.axis} at full stroke, the others removed; "
+            caption=f"{_begun(full_stroke_words(a))}; "
             f"{study.main.system.model} model; dashed: at rest.",
         )
         for a in study.main.axes
@@ -291,6 +296,7 @@ CHAPTERS: dict[str, Chapter] = {
         title="Statics",
         sections={
             "characteristics": ("Displacement, stiffness, coupling", _statics_table),
+            "coupling": ("Drives together", lambda study: coupling_section(study.main.coupling)),
             "static": ("Static shapes", _static),
             "stroke": ("Motion over the stroke", _stroke),
         },

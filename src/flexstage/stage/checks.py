@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
+from flexstage.characteristic import WHOLE_STAGE
 from flexstage.errors import StageError
 from flexstage.stage.clearance import overlaps, slots_between, slots_within
 from flexstage.stage.drive import Drive, Force
@@ -313,7 +314,7 @@ def _list(noun: str, names: tuple[str, ...]) -> str:
 
 def _published(stage: Stage) -> Iterator[Issue]:
     axes = {axis.name for axis in stage.axes}
-    for name in sorted({row.axis for row in stage.published} - axes):
+    for name in sorted({row.axis for row in stage.published} - axes - {WHOLE_STAGE}):
         yield _warning(
             "published-axis",
             (name,),

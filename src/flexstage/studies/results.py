@@ -6,6 +6,7 @@ from flexstage.characteristic import Characteristic
 from flexstage.files.plain import json_text, picked, plain
 from flexstage.studies.models import ModelRun
 from flexstage.system import Analysis, load_readings
+from flexstage.system.coupled_axes import CoupledAxes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -47,6 +48,8 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
         },
         **picked(analysis, "validity", "provenance"),
     }
+    if analysis.coupling is not None:
+        out["coupling"] = coupling_results(analysis.coupling)
     if responses:
         out["responses"] = [
             picked(
@@ -63,6 +66,39 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
             for response in analysis.responses
         ]
     return out
+
+
+def coupling_results(found: CoupledAxes) -> dict[str, Any]:
+    """Return what all drives do to all axes as plain data, in SI units.
+
+    Rows of the Jacobian are axes and its columns drives; of the decoupling matrix, which is None
+    where the drives cannot move one axis alone, it is the other way round.
+    """
+    reached = found.workspace
+    return {
+        **picked(
+            found,
+            "axes=names",
+            "units",
+            "drives",
+            "strokes",
+            "jacobian",
+            "characteristic_length=length",
+            "singular_values",
+            "condition_number",
+            "isotropy",
+            "manipulability",
+            "coupled",
+        ),
+        "decoupling": plain(found.decoupling) if found.independent else None,
+        "workspace": None
+        if reached is None
+        else {
+            **picked(reached, "axes", "middle", "area", "projected_area", "volume"),
+            "outline": plain(reached.section()),
+            "projection": plain(reached.projection),
+        },
+    }
 
 
 def run_results(run: ModelRun) -> dict[str, Any]:

@@ -292,6 +292,9 @@ def _over_the_stroke(
     rows = list(analysis.characteristics)
     validity = list(analysis.validity)
     for axis in analysis.axes:
+        if len(axis.drives) > 1 or stage.probe(axis.probe).direction is None:
+            # the line of one drive is followed, and what a point does
+            continue
         steps = np.linspace(0.0, axis.input_displacement, _STEPS)
         try:
             path = stroke_path(model, axis.drive, axis.probe, steps)
