@@ -12,16 +12,17 @@ from typing import NamedTuple
 from flexstage.designs import DESIGNS, design
 from flexstage.fem import plane_model, superelement_model
 from flexstage.lumped import lumped_system
+from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, analyse
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "designs.md"
 MODELS = ("lumped", "superelement", "plane")
-#: Quantities of the table, by the factor to what is shown.
-QUANTITIES = {"natural_frequency_hz": 1.0, "transmission_ratio": 1.0, "max_stress": 1e-6}
+#: What the table has: natural frequency [Hz], ratio [1, rad/m], largest stress [MPa].
+COLUMNS = ("frequency", "ratio", "stress")
 
 
 class Figures(NamedTuple):
-    """What the models say of an axis: for each quantity one figure of each model."""
+    """What the models say of an axis: for each of `COLUMNS` one figure of each of `MODELS`."""
 
     design: str
     axis: str
@@ -34,27 +35,27 @@ def systems(name: str) -> tuple[MechanicalSystem, ...]:
     return (lumped_system(stage), superelement_model(stage).system, plane_model(stage).system)
 
 
+def said(stage: Stage, system: MechanicalSystem) -> list[tuple[float, ...]]:
+    """Return what one model says of each axis, by the order of `COLUMNS`."""
+    analysis = analyse(stage, system)
+    rows = {(r.axis, r.quantity): r.value for r in analysis.characteristics}
+    return [
+        (
+            rows[axis.axis, "natural_frequency_hz"],
+            axis.output_displacement / axis.input_displacement,
+            1e-6 * max(axis.static.hinge_stress.values()),
+        )
+        for axis in analysis.axes
+    ]
+
+
 def computed(name: str) -> list[Figures]:
     """Return what the models say of a design."""
     stage = design(name)
-    found = [
-        {
-            (row.axis, row.quantity): row.value
-            for row in analyse(stage, system).characteristics
-            if row.quantity in QUANTITIES
-        }
-        for system in systems(name)
-    ]
+    found = zip(*(said(stage, system) for system in systems(name)), strict=True)
     return [
-        Figures(
-            name,
-            axis.name,
-            tuple(
-                tuple(factor * rows[axis.name, quantity] for rows in found)
-                for quantity, factor in QUANTITIES.items()
-            ),
-        )
-        for axis in stage.axes
+        Figures(name, axis.name, tuple(zip(*by_model, strict=True)))
+        for axis, by_model in zip(stage.axes, found, strict=True)
     ]
 
 
@@ -69,7 +70,7 @@ def printed() -> dict[tuple[str, str], Figures]:
     found = {}
     for line in PAGE.read_text(encoding="utf-8").splitlines():
         cells = [c.strip() for c in line.strip("|").split("|")]
-        if line.startswith("|") and len(cells) == 2 + len(QUANTITIES) and cells[0] in DESIGNS:
+        if line.startswith("|") and len(cells) == 2 + len(COLUMNS) and cells[0] in DESIGNS:
             values = tuple(tuple(map(float, re.split(" +", c))) for c in cells[2:])
             found[cells[0], cells[1]] = Figures(cells[0], cells[1], values)
     return found
@@ -79,7 +80,8 @@ def main(names: Iterable[str]) -> None:
     """Print the rows of designs."""
     for name in names:
         for figures in computed(name):
-            print(row(figures), flush=True)
+            sys.stdout.write(f"{row(figures)}\n")
+            sys.stdout.flush()
 
 
 if __name__ == "__main__":
