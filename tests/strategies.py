@@ -10,7 +10,7 @@ import string
 from hypothesis import strategies as st
 
 from flexstage.characteristic import ORIGINS, Characteristic
-from flexstage.hinges import Profile, RightCircular
+from flexstage.hinges import AsDrawn, Profile, RightCircular
 from flexstage.hinges.corner_filleted import CornerFilleted
 from flexstage.hinges.elliptical import Elliptical
 from flexstage.hinges.hyperbolic import Hyperbolic
@@ -97,6 +97,12 @@ def profiles(draw: st.DrawFn) -> Profile:
         lambda: PowerFunction(**curved, exponent=draw(st.floats(2.0, 8.0))),
         lambda: CornerFilleted(**common, notch_length=2.0 * a, fillet_radius=0.3 * a),
         lambda: Leaf(**common, leaf_length=a, notch_depth=d),
+        lambda: AsDrawn(
+            **common,
+            distances=(0.4 * a, 0.7 * a, a),
+            depths=(0.0, 0.3 * d, d),
+            bulges=(0.0, draw(st.floats(0.0, 0.1)), 0.0),
+        ),
         lambda: VFillet(
             **common,
             half_opening_angle=draw(st.floats(0.3, 1.2)),

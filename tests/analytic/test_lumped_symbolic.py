@@ -1,5 +1,8 @@
 """The symbolic equations: equal to the numeric ones, reduced exactly, solved in closed form."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -208,6 +211,27 @@ def test_transfer_function_is_the_response(
 def test_transfer_function_with_damping_in_hinges_is_the_response() -> None:
     model, _, tf = damped_parallelogram()
     for f in (0.0, 87.0, 131.0, 4100.0):
+        wanted = direct(model, f, stiffness=None, spring=False)
+        assert tf.response([f])[0] == pytest.approx(wanted, rel=1e-7)
+
+
+def test_slanted_hinges_have_transfer_functions_in_symbols() -> None:
+    # the sine and the cosine of one angle are not independent, and yet entries of polynomials
+    free = chain(2)
+    held = replace(free, hinges=free.hinges[:1], bodies=free.bodies[:2], drives=(), probes=())
+    angle = held.hinges[0].direction
+    sight = Sight(
+        name="push",
+        bodies=(0, 1),
+        points=((0.01, 0.02), (0.05, 0.03)),
+        direction=0.3,
+        stiffness=None,
+    )
+    model = symbolic_model(replace(held, drives=(sight,), probes=(replace(sight, name="read"),)))
+    assert abs(math.sin(2.0 * angle)) > 0.1
+    assert model.K.atoms(sp.sin, sp.cos)
+    tf = transfer_function(model, "push", "read")
+    for f in (0.0, 87.0, 4100.0):
         wanted = direct(model, f, stiffness=None, spring=False)
         assert tf.response([f])[0] == pytest.approx(wanted, rel=1e-7)
 

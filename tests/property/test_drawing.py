@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from flexstage.errors import StageError
 from flexstage.export.drawing.contours import plate_contours
-from flexstage.export.drawing.curve import Curve, distance, point_distance
 from flexstage.export.drawing.offset import offset_contours
 from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.stage import Circle
 from flexstage.stage.contour import body_contour
+from flexstage.stage.curve import Curve, distance, point_distance
 from tests.drawing_stages import guide
 from tests.strategies import profiles
 

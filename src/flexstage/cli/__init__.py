@@ -23,6 +23,7 @@ from flexstage.cli.export import export
 from flexstage.cli.frf import frf
 from flexstage.cli.hinges import hinges
 from flexstage.cli.identify import identify
+from flexstage.cli.import_ import import_
 from flexstage.cli.new import new
 from flexstage.cli.output import print_json
 from flexstage.cli.part import part
@@ -55,14 +56,15 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 _SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Design": (new, check, show, analyse, study, hinges, equations, part, export),
+    "Design": (*(new, import_, check, show, analyse, study, hinges, equations, part, export),),
     "Drives": (excite, identify, predict, compensate),
     "Measurements": (records, frf, characterise, uncertainty, centre),
     "Bench": (twin, run),
 }
 for _section, _commands in _SECTIONS.items():
     for _command in _commands:
-        app.command(cls=CliCommand, rich_help_panel=_section)(_command)
+        _name = _command.__name__.strip("_")
+        app.command(_name, cls=CliCommand, rich_help_panel=_section)(_command)
 app.add_typer(runs, rich_help_panel="Bench")
 
 

@@ -106,6 +106,8 @@ def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: b
     from flexstage.hinges.registry import profile_class
 
     cls = profile_class(kind)
+    if kind == "as-drawn":
+        raise HingeError("an as-drawn notch has a contour, which only a stage file can hold")
     fields = [f.name for f in dataclasses.fields(cls) if f.name in _OPTIONS]
     wanted = [_OPTIONS[name] for name in fields]
     list_wanted = " ".join(f"--{name}" for name in wanted)

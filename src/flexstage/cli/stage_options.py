@@ -1,10 +1,11 @@
 """STAGE, the stage that a command is about, and the options that say how it is taken."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
+from flexstage.cli.drawing_options import DrawingSettings
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -31,13 +32,13 @@ StageArgument = Annotated[
     typer.Argument(
         metavar="STAGE",
         autocompletion=designs_like,
-        help="A stage file, or the name of a built-in design.",
+        help="A stage file, a drawing (DXF, STEP), or the name of a built-in design.",
     ),
 ]
 
 
 @dataclass(frozen=True, kw_only=True)
-class StageOptions:
+class StageOptions(DrawingSettings):
     """How STAGE is taken.
 
     Parameters
@@ -54,12 +55,16 @@ class StageOptions:
         """Return the stage that STAGE names, with what the options say of it."""
         from flexstage.designs import find_stage
 
-        return find_stage(source, set=self._settings())
+        return find_stage(source, set=self._settings(), drawing=self.drawing())
 
     def require_stage(self, source: str | None, name: str) -> None:
         """Refuse options where no stage is named; `name` is what names one."""
-        if source is None and self != AS_DESCRIBED:
+        if source is not None or self == AS_DESCRIBED:
+            return
+        if self.setting:
             raise ModelError(f"--set needs {name}: it sets a parameter of that")
+        given = next(f.name for f in fields(DrawingSettings) if getattr(self, f.name) is not None)
+        raise ModelError(f"--{given.replace('_', '-')} needs {name}: it is about a drawing")
 
     def _settings(self) -> dict[str, str]:
         found: dict[str, str] = {}

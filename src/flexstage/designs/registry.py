@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flexstage.choose import did_you_mean, nearest
 from flexstage.designs import vgtu_mechanical, vgtu_piezo
@@ -19,7 +19,11 @@ from flexstage.files.format import field_types, required
 from flexstage.files.nodes import Given, node_of, plain
 from flexstage.files.settings import require_known, settings_of
 from flexstage.stage import Stage
+from flexstage.stage.drawing.endings import DRAWINGS
 from flexstage.stage.format import STAGE_FILE
+
+if TYPE_CHECKING:
+    from flexstage.stage.drawing.drawn_stage import DrawingOptions
 
 # designs that a message names
 _SHOWN = 3
@@ -32,6 +36,8 @@ _FAMILIES = (
     "compound_parallelogram",
     "linked_parallelogram",
     "gantry",
+    "cartwheel",
+    "trapezoidal_pivot",
     "side_by_side_xy",
     "stacked_xy",
     "bridge",
@@ -39,6 +45,7 @@ _FAMILIES = (
     "bridge_xy",
     "scott_russell",
     "lever_chain",
+    "three_rrr",
 )
 
 #: Parametric families.
@@ -210,16 +217,23 @@ def _known(noun: str, name: str, names: Iterable[str]) -> str:
     raise StageError(f"there is no {noun} '{name[:60]}' (there are: {some_of(names)}){hint}")
 
 
-def find_stage(source: str | os.PathLike[str], set: Mapping[str, object] | None = None) -> Stage:
-    """Return a built-in stage, or read one from a stage file.
+def find_stage(
+    source: str | os.PathLike[str],
+    set: Mapping[str, object] | None = None,
+    *,
+    drawing: "DrawingOptions | None" = None,
+) -> Stage:
+    """Return a built-in stage, or read one from a stage file or out of a drawing.
 
     Parameters
     ----------
     source : str or os.PathLike
-        Name of a built-in design, or path of a stage file.
+        Name of a built-in design, or path of a stage file or a drawing (DXF, STEP).
     set : mapping, optional
         Parameters of the design or of the file by name, with dots for those of a group, and their
         values as a stage file has them: ``{"x.lever_neck": "0.45 mm"}``.
+    drawing : DrawingOptions, optional
+        What is to be known of a drawing beyond its file.
 
     Returns
     -------
@@ -240,11 +254,22 @@ def find_stage(source: str | os.PathLike[str], set: Mapping[str, object] | None 
     -0.0175
     """
     text = os.fspath(source)
+    if drawing is not None and Path(text).suffix.lower() not in DRAWINGS:
+        raise StageError(
+            f"what is said of a drawing belongs to one ({', '.join(DRAWINGS)}), got '{text[:200]}'"
+        )
     if text.casefold() in DESIGNS:
         return _design_with(text.casefold(), set) if set else design(text)
+    path = _file(text)
+    if path.suffix.lower() in DRAWINGS:
+        from flexstage.stage.drawing.drawn_stage import DrawingOptions, stage_of_drawing
+
+        for name in set or {}:
+            require_known(f"the drawing '{text}'", name, (), StageError)
+        return stage_of_drawing(path, drawing or DrawingOptions())
     from flexstage.stage.file import read_stage
 
-    return read_stage(_file(text), designs=build, set=set)
+    return read_stage(path, designs=build, set=set)
 
 
 def parameters_of(source: str | os.PathLike[str]) -> tuple[StageParameter, ...]:
@@ -274,10 +299,13 @@ def parameters_of(source: str | os.PathLike[str]) -> tuple[StageParameter, ...]:
     text = os.fspath(source)
     if text.casefold() in DESIGNS:
         return _in_design(PARAMETER_SETS[text.casefold()].parameters)
+    path = _file(text)
+    if path.suffix.lower() in DRAWINGS:
+        return ()  # what a drawing says is fixed: `flexstage import` gives its necks names
     from flexstage.stage.file import file_parameters
 
     dimensions: list[Any] = []
-    own = file_parameters(_file(text), lambda *given: dimensions.append(_chosen(*given)[2]))
+    own = file_parameters(path, lambda *given: dimensions.append(_chosen(*given)[2]))
     return (
         *(
             StageParameter(
@@ -324,7 +352,7 @@ def _design_with(name: str, settings: Mapping[str, object]) -> Stage:
 def _files_beside(path: Path) -> list[str]:
     """Names of the stage files in the folder that a path is in."""
     try:
-        return [p.name for p in path.parent.iterdir() if p.suffix in (".yaml", ".yml")]
+        return [p.name for p in path.parent.iterdir() if p.suffix in (".yaml", ".yml", *DRAWINGS)]
     except (OSError, ValueError):  # no such folder, or a name that none can have
         return []
 

@@ -1,20 +1,17 @@
 """Any STEP file as an elastic part: its solids, its faces by name, its mesh."""
 
 import math
-import os
 import re
-import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import ngsolve as ng
-from netgen.meshing import NgException
-from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vertex, gp_Pnt
+from netgen.occ import Glue, TopoDS_Shape, Vertex, gp_Pnt
 
 from flexstage.elasticity.shapes import METRE
+from flexstage.elasticity.step_file import load_step
 from flexstage.errors import ModelError, StageError
 from flexstage.fem.part_mesh import PartMesh, mesh_shape
 from flexstage.material import Material
@@ -274,7 +271,7 @@ def read_step(path: str | Path, *, solid: int | str | Sequence[int | str] | None
     no solid, one without volume, several of which none is chosen, and several that overlap.
     """
     path = Path(path)
-    shape = _load(path)
+    shape = load_step(path)
     solids = list(shape.solids)
     count = len(solids)
     if count > 1 and solid is None:
@@ -311,52 +308,6 @@ def _number(word: int | str, names: Sequence[str], path: Path) -> int:
     raise StageError(
         f"'{path}' has the solids {known}; got '{word}': give a name, a number or 'all'"
     )
-
-
-def _load(path: Path) -> TopoDS_Shape:
-    if not path.is_file():
-        raise StageError(f"there is no STEP file '{path}'")
-    data = path.read_bytes()
-    if not data.lstrip().startswith(b"ISO-10303-21;"):
-        raise StageError(
-            f"'{path}' is not a STEP file: one starts with 'ISO-10303-21;', this with "
-            f"{data.lstrip()[:16]!r}"
-        )
-    if b"END-ISO-10303-21" not in data[-4096:]:
-        raise StageError(
-            f"'{path}' ends before its last line 'END-ISO-10303-21;': it was not copied or "
-            "exported whole"
-        )
-    with tempfile.TemporaryDirectory() as folder:
-        # the kernel goes by the suffix, in lower case, and takes the path as plain letters
-        copy = Path(folder) / "part.step"
-        shutil.copyfile(path, copy)
-        try:
-            with _silent():
-                return OCCGeometry(str(copy)).shape
-        except (NgException, RuntimeError) as error:
-            raise StageError(
-                f"the geometry kernel cannot read the STEP file '{path}' ({str(error).strip()}): "
-                "export it again as AP203 or AP214"
-            ) from error
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Keep the words of the geometry kernel, which it writes past Python, off standard output."""
-    try:
-        kept = os.dup(1)
-    except OSError:  # there is none
-        yield
-        return
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 1)
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
-        os.close(nowhere)
 
 
 def _name_all(shapes: Sequence[TopoDS_Shape], kind: str) -> list[str]:

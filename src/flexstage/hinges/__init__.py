@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
+    from flexstage.hinges.as_drawn import AsDrawn
     from flexstage.hinges.circular import RightCircular
     from flexstage.hinges.closed_forms import (
         CLOSED_FORMS,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CLOSED_FORMS",
     "PROFILES",
+    "AsDrawn",
     "CornerFilleted",
     "Elliptical",
     "HingeCompliance",

@@ -2,6 +2,7 @@
 
 from flexstage.choose import unknown
 from flexstage.errors import HingeError
+from flexstage.hinges.as_drawn import AsDrawn
 from flexstage.hinges.circular import RightCircular
 from flexstage.hinges.corner_filleted import CornerFilleted
 from flexstage.hinges.elliptical import Elliptical
@@ -24,6 +25,7 @@ PROFILES: dict[str, type[Profile]] = {
         Hyperbolic,
         VFillet,
         PowerFunction,
+        AsDrawn,
     )
 }
 

@@ -86,7 +86,7 @@ def concentration(profile: Profile) -> Concentration:
     >>> round(factors.axial[0], 4), round(factors.bending[0], 4)
     (1.1276, 1.0765)
     """
-    if profile.flat_length > 0.0:
+    if profile.flat_length > 0.0 or profile.neck_radius <= 0.0:
         return _stepped(profile)
     t, rho = profile.neck_thickness, profile.neck_radius
     if rho == float("inf"):

@@ -6,8 +6,8 @@ from typing import Any
 
 from flexstage.errors import StageError
 from flexstage.export.drawing.contours import Contour, Pair, PlateContours
-from flexstage.export.drawing.curve import Curve, distance, point_distance
 from flexstage.export.drawing.offset import WirePath
+from flexstage.stage.curve import Curve, distance, point_distance
 
 #: The rule by which `cuts` orders contours, in words.
 CUT_ORDER_RULE = (

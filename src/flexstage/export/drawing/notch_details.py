@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Annotated, get_args, get_origin, get_type_hints
 
 from flexstage.export.drawing.canvas import THICK, Canvas, dimension
-from flexstage.export.drawing.curve import Curve
 from flexstage.export.drawing.notes import millimetres
 from flexstage.export.drawing.smooth import profile_in_arcs
 from flexstage.hinges import Profile
 from flexstage.stage import Hinge, Loop, Stage
+from flexstage.stage.curve import Curve
 from flexstage.units import DIMENSIONS
 
 Pair = tuple[float, float]
@@ -51,9 +51,10 @@ class NotchKind:
         hints = get_type_hints(type(profile), include_extras=True)
         words = []
         for field in dataclasses.fields(profile):
-            if field.name in ("neck_thickness", "one_sided"):
-                continue
             value, hint = getattr(profile, field.name), hints[field.name]
+            # a contour of many corners is in the drawing itself
+            if field.name in ("neck_thickness", "one_sided") or isinstance(value, tuple):
+                continue
             marks = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
             if DIMENSIONS["length"] in marks:
                 text = millimetres(value)

@@ -8,8 +8,8 @@ import numpy as np
 
 from flexstage.errors import StageError
 from flexstage.export.drawing.contours import Contour, Pair, PlateContours
-from flexstage.export.drawing.curve import Curve, crossings, distance, point_distance
 from flexstage.stage import Circle, Loop
+from flexstage.stage.curve import Curve, crossings, distance, point_distance
 
 _SAME = 1e-12  # two points are one [m]
 # How far the wire may cut into the design, or leave material on a neck, before the path is refused

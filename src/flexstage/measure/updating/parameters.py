@@ -7,7 +7,15 @@ from fnmatch import fnmatchcase
 from typing import Any, Literal
 
 from flexstage.errors import HingeError, ModelError
-from flexstage.hinges import CornerFilleted, Elliptical, Leaf, Profile, RightCircular, VFillet
+from flexstage.hinges import (
+    AsDrawn,
+    CornerFilleted,
+    Elliptical,
+    Leaf,
+    Profile,
+    RightCircular,
+    VFillet,
+)
 from flexstage.stage import Hinge, Stage
 
 Kind = Literal["neck_factor", "neck_offset", "modulus_factor", "density_factor", "damping_ratio"]
@@ -53,6 +61,8 @@ def with_neck_thickness(profile: Profile, thickness: float) -> Profile:
         return replace(profile, neck_thickness=thickness, fillet_radius=depth)
     if isinstance(profile, VFillet):
         return _of_same_length(profile, thickness, depth)
+    if isinstance(profile, AsDrawn):
+        return profile.stretched(thickness, depth)
     if isinstance(profile, Leaf) or hasattr(profile, "notch_depth"):
         changed: dict[str, Any] = {"neck_thickness": thickness, "notch_depth": depth}
         return replace(profile, **changed)

@@ -1,0 +1,131 @@
+"""`flexstage import`: make a stage file of a drawing."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.drawing_options import DrawingSettings
+from flexstage.cli.options import JsonOption, from_docstring
+from flexstage.cli.output import (
+    FigureFile,
+    OutputFile,
+    console,
+    count,
+    picture,
+    print_json,
+    print_notes,
+    print_table,
+    writable,
+    write_file,
+)
+from flexstage.files.names import file_name
+
+if TYPE_CHECKING:
+    from flexstage.stage.drawing.drawn_stage import DrawnStage
+
+_AS_DRAWN = DrawingSettings()
+
+
+@from_docstring
+def import_(
+    drawing: Annotated[Path, typer.Argument()],
+    taken: DrawingSettings = _AS_DRAWN,
+    out: OutputFile = None,
+    figure: FigureFile = None,
+    json: JsonOption = False,
+) -> None:
+    """Make a stage file of a drawing: find its bodies and necks.
+
+    Parameters
+    ----------
+    drawing
+        DRAWING: A DXF file with the contours of a plate, or a STEP file with a plate of one
+        thickness.
+    out
+        Write the stage file (default: NAME.yaml).
+    figure
+        Draw what was found: bodies, and necks with how sure each is. (.svg, .png or .pdf)
+    """
+    from flexstage.stage.drawing.blanks import stage_file_text
+    from flexstage.stage.drawing.drawn_stage import read_drawing
+
+    drawn = read_drawing(drawing, taken.drawing())
+    path = out if out is not None else writable(Path(f"{file_name(drawn.stage.name)}.yaml"))
+    write_file(path, stage_file_text(drawn).encode("utf-8"))
+    files = [path]
+    if figure is not None:
+        from flexstage.report.figures.drawn_stage import draw_found
+
+        write_file(figure, picture(figure, draw_found(drawn)))
+        files.append(figure)
+    if json:
+        print_json(_plain(drawn, files))
+    else:
+        _printed(drawn, files)
+
+
+def _plain(drawn: "DrawnStage", files: list[Path]) -> dict[str, Any]:
+    from flexstage.files.plain import picked
+
+    stage = drawn.stage
+    return {
+        "stage": stage.name,
+        "unit": drawn.unit_name,
+        "bodies": [
+            {"name": b.name, "fixed": b.fixed, "mounting_holes": len(b.mounting_holes)}
+            for b in stage.bodies
+        ],
+        "necks": [
+            {
+                "name": hinge.name,
+                "bodies": list(hinge.bodies),
+                "at": list(hinge.at),
+                "direction": hinge.direction,
+                "profile": hinge.profile.kind,
+                "one_sided": hinge.profile.one_sided,
+                "neck_thickness": hinge.profile.neck_thickness,
+                **picked(neck, "certainty", "ratio", "off"),
+            }
+            for hinge, neck in zip(stage.hinges, drawn.necks, strict=True)
+        ],
+        "blanks": list(drawn.blanks),
+        "left_out": dict(drawn.left_out),
+        "files": [str(f) for f in files],
+    }
+
+
+def _printed(drawn: "DrawnStage", files: list[Path]) -> None:
+    from flexstage.table import Cell
+
+    stage, screen = drawn.stage, console()
+    rows = [
+        (
+            hinge.name,
+            " – ".join(hinge.bodies),
+            f"{hinge.at[0] * 1e3:.4g}, {hinge.at[1] * 1e3:.4g}",
+            f"{hinge.profile.kind}{', one-sided' if hinge.profile.one_sided else ''}",
+            Cell(f"{hinge.profile.neck_thickness * 1e3:.6g}"),
+            Cell(f"{neck.off * 1e6:.2g}"),
+            Cell(f"{neck.ratio:.3g}"),
+            neck.certainty,
+        )
+        for hinge, neck in zip(stage.hinges, drawn.necks, strict=True)
+    ]
+    headings = (
+        *("neck", "bodies", "at, mm", "profile", "thickness, mm"),
+        *("off, um", "body/neck", "certainty"),
+    )
+    held = ", ".join(b.name for b in stage.bodies if b.fixed)
+    caption = (
+        f"{stage.name}: {count(len(stage.bodies), 'body')} (held: {held}), "
+        f"{count(len(stage.hinges), 'neck')}"
+    )
+    print_table(screen, caption, headings, rows)
+    notes = []
+    if drawn.left_out:
+        left = ", ".join(f"{n} x {what}" for what, n in drawn.left_out)
+        notes.append(f"left out of the drawing: {left}")
+    if drawn.blanks:
+        notes.append(f"the drawing does not say: {', '.join(drawn.blanks)}")
+    print_notes(screen, notes, files)

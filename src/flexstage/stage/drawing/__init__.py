@@ -1,0 +1,1 @@
+"""A stage from a drawing of its contours: bodies and necks by geometry alone."""

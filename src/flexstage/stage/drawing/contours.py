@@ -1,0 +1,284 @@
+"""The closed contours of a part, chained from the lines and arcs of a drawing."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexstage.errors import StageError
+from flexstage.stage.curve import Curve
+from flexstage.stage.drawing.strokes import Pair, Stroke, tidy
+from flexstage.stage.outline import Circle, Loop, arc
+
+#: Largest gap that is closed where no other is asked for [m].
+GAP = 2e-6
+#: Largest distance of polygons that stand for contours from their arcs [m].
+CHORD = 0.5e-6
+
+_SAME = 2e-9  # two points are one, or two lines one on the other [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contour:
+    """A closed line, with the material on its left."""
+
+    strokes: tuple[Stroke, ...]
+    """Its pieces in order."""
+    layer: str = ""
+    """The layer on which most of it was drawn."""
+
+    @property
+    def loop(self) -> Loop:
+        """The same as a loop."""
+        return Loop(
+            tuple(s.curve.start for s in self.strokes), tuple(s.curve.bulge for s in self.strokes)
+        )
+
+    @property
+    def circle(self) -> Circle | None:
+        """The circle, where it is one."""
+        if not all(s.curve.bulge for s in self.strokes):
+            return None
+        circles = [arc(*s.curve) for s in self.strokes]
+        (x, y), radius, _, _ = max(circles, key=lambda c: abs(c[3]))
+        turn = abs(sum(c[3] for c in circles))
+        near = all(math.dist(c[0], (x, y)) < 1e-6 and abs(c[1] - radius) < 1e-6 for c in circles)
+        if not near or abs(turn - 2.0 * math.pi) > 1e-3:
+            return None
+        return Circle((_neat(x), _neat(y)), _neat(radius))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """A part as it was drawn: its outline and the openings in it."""
+
+    outline: Contour
+    """Counter-clockwise."""
+    openings: tuple[Contour, ...]
+    """Clockwise."""
+    unit: float = 1e-3
+    """Unit in which places are told [m]."""
+    unit_name: str = "mm"
+    """Its name."""
+
+    @property
+    def contours(self) -> tuple[Contour, ...]:
+        """All of them, the outline first."""
+        return (self.outline, *self.openings)
+
+    def place(self, point: Pair) -> str:
+        """Return a place in the units of the drawing, in words."""
+        return place(point, self.unit, self.unit_name)
+
+
+def place(point: Sequence[float], unit: float, name: str) -> str:
+    """Return a place in words.
+
+    Examples
+    --------
+    >>> place((0.0123, -0.004), 1e-3, "mm")
+    '(12.3, -4) mm'
+    """
+    x, y = (f"{c / unit:.7g}" for c in point)
+    return f"({x}, {y}) {name}"
+
+
+def _neat(value: float) -> float:
+    """Round to a tenth of a picometre, which takes the noise of units off."""
+    return round(value, 13) + 0.0
+
+
+def part_of(
+    curves: Sequence[tuple[Curve, str]], *, gap: float, unit: float, unit_name: str
+) -> Part:
+    """Chain the lines and arcs of a drawing to closed contours, and find out which is in which.
+
+    Each curve comes with its layer. Ends that are up to `gap` apart are joined [m]; `unit` and
+    `unit_name` are those in which places are told.
+    """
+
+    def at(point: Sequence[float]) -> str:
+        return place(point, unit, unit_name)
+
+    if not curves:
+        raise StageError("the drawing holds no lines, arcs or curves of a contour")
+    nodes, points = _nodes(curves, gap)
+    kept = _without_doubles(curves, nodes)
+    loops = _chained(curves, nodes, points, kept, gap, at)
+    return _nested(loops, unit, unit_name, at)
+
+
+def _nodes(curves: Sequence[tuple[Curve, str]], gap: float) -> tuple[np.ndarray, np.ndarray]:
+    """Number the places where curves end: shape (n, 2); and give the places."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
+    ends = np.array([p for c, _ in curves for p in (c.start, c.end)])
+    pairs = KDTree(ends).query_pairs(_SAME, output_type="ndarray")
+
+    def grouped(pairs: np.ndarray, count: int) -> np.ndarray:
+        joined = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
+        return connected_components(joined, directed=False)[1]
+
+    label = grouped(pairs, len(ends))
+    # ends that meet nothing look for one of their kind within the gap
+    single = np.flatnonzero(np.bincount(label)[label] == 1)
+    if len(single) > 1:
+        near = KDTree(ends[single]).query_pairs(gap, output_type="ndarray")
+        label = grouped(np.vstack([pairs, single[near]]), len(ends))
+    order = np.argsort(label, kind="stable")
+    _, first = np.unique(label[order], return_index=True)
+    sums = np.add.reduceat(ends[order], first)
+    counts = np.diff(np.append(first, len(ends)))
+    points = ends[order][first]
+    # nothing is moved by rounding alone
+    means = sums / counts[:, None]
+    moved = np.hypot(*(means - points).T) > _SAME
+    points[moved] = means[moved]
+    return label.reshape(-1, 2), points
+
+
+def _without_doubles(curves: Sequence[tuple[Curve, str]], nodes: np.ndarray) -> list[int]:
+    """Leave out what lies on something that was drawn already, and what has no length."""
+    seen: dict[tuple[int, int], list[Pair]] = {}
+    kept = []
+    for k, (curve, _) in enumerate(curves):
+        a, b = sorted(nodes[k].tolist())
+        if a == b:
+            continue
+        middle = curve.point(0.5)
+        others = seen.setdefault((a, b), [])
+        # the ends may be off by the gap, the middle then by as much
+        if all(math.dist(middle, m) > GAP for m in others):
+            others.append(middle)
+            kept.append(k)
+    return kept
+
+
+def _chained(
+    curves: Sequence[tuple[Curve, str]],
+    nodes: np.ndarray,
+    points: np.ndarray,
+    kept: list[int],
+    gap: float,
+    at: Any,
+) -> list[tuple[list[Curve], str]]:
+    """Follow curves from end to end until they close."""
+    meeting: dict[int, list[int]] = {}
+    for k in kept:
+        for node in nodes[k].tolist():
+            meeting.setdefault(node, []).append(k)
+    loose = [n for n, found in meeting.items() if len(found) == 1]
+    if loose:
+        first = min(loose, key=lambda n: (-points[n][1], points[n][0]))
+        text = f"the contour is open at {at(points[first])}"
+        if len(loose) > 1:
+            others = [n for n in loose if n != first]
+            nearest = min(others, key=lambda n: math.dist(points[n], points[first]))
+            apart = math.dist(points[nearest], points[first])
+            text += (
+                f": the nearest other loose end is {apart * 1e6:.4g} um away, at "
+                f"{at(points[nearest])}, more than the gap of {gap * 1e6:.4g} um that is closed"
+            )
+        if len(loose) > 2:
+            text += f" ({len(loose)} ends are loose in all)"
+        raise StageError(f"{text}; close it in the drawing, name its layers, or give --gap")
+    crowded = [n for n, found in meeting.items() if len(found) > 2]
+    if crowded:
+        n = min(crowded, key=lambda n: (-points[n][1], points[n][0]))
+        raise StageError(
+            f"{len(meeting[n])} lines meet at {at(points[n])}, where a contour has 2: leave out "
+            "what is no contour, by its layer"
+        )
+    loops, used = [], set()
+    for first in kept:
+        if first in used:
+            continue
+        loop, layers, k, node = [], [], first, int(nodes[first][0])
+        while k not in used:
+            used.add(k)
+            curve, layer = curves[k]
+            layers.append(layer)
+            a, b = nodes[k].tolist()
+            forward = a == node
+            node = b if forward else a
+            start, end = (points[n].tolist() for n in ((a, b) if forward else (b, a)))
+            bulge = curve.bulge if forward else -curve.bulge
+            loop.append(Curve((start[0], start[1]), (end[0], end[1]), bulge))
+            k = next((other for other in meeting[node] if other not in used), k)
+        loops.append((loop, max(set(layers), key=layers.count)))
+    return loops
+
+
+def _nested(loops: list[tuple[list[Curve], str]], unit: float, unit_name: str, at: Any) -> Part:
+    from shapely import Polygon, STRtree
+
+    rings = []
+    for loop, _ in loops:
+        shape = Loop(tuple(c.start for c in loop), tuple(c.bulge for c in loop))
+        corners = shape.polyline(CHORD)
+        if len(corners) < 3:
+            raise StageError(f"the contour at {at(corners[0])} encloses nothing: leave it out")
+        rings.append(Polygon(corners))
+    _refuse_crossings(rings, at)
+    tree = STRtree(rings)
+    depth = [0] * len(rings)
+    for i, ring in enumerate(rings):
+        inside = ring.representative_point()
+        depth[i] = sum(
+            j != i and rings[j].area > ring.area and rings[j].contains(inside)
+            for j in tree.query(inside, "intersects").tolist()
+        )
+    outer = [i for i, d in enumerate(depth) if d == 0]
+    if len(outer) > 1:
+        outer.sort(key=lambda i: -rings[i].area)
+        where = " and ".join(at(rings[i].representative_point().coords[0]) for i in outer[:2])
+        raise StageError(
+            f"the drawing shows {len(outer)} parts beside each other, about {where}: leave one, or "
+            "name the layers of the one that is meant"
+        )
+    deep = [i for i, d in enumerate(depth) if d > 1]
+    if deep:
+        where = at(rings[deep[0]].representative_point().coords[0])
+        raise StageError(
+            f"a closed contour about {where} lies within an opening of the part, so it is a loose "
+            "piece: leave it out, or name the layers of the contours; a frame round the drawing "
+            "must be left out as well"
+        )
+    made = []
+    for i, (loop, layer) in enumerate(loops):
+        outward = rings[i].exterior.is_ccw == (depth[i] == 0)
+        turned = loop if outward else [Curve(c.end, c.start, -c.bulge) for c in reversed(loop)]
+        made.append(Contour(strokes=tuple(tidy(turned)), layer=layer))
+    outline = made[outer[0]]
+    return Part(
+        outline=outline,
+        openings=tuple(c for c in made if c is not outline),
+        unit=unit,
+        unit_name=unit_name,
+    )
+
+
+def _refuse_crossings(rings: list[Any], at: Any) -> None:
+    from shapely import STRtree
+    from shapely.validation import explain_validity
+
+    for ring in rings:
+        if not ring.is_valid:
+            # "Self-intersection[x y]"
+            where = explain_validity(ring).partition("[")[2].rstrip("]").split()
+            raise StageError(
+                f"a contour crosses or touches itself at {at([float(c) for c in where])}: mend the "
+                "drawing there"
+            )
+    lines = [ring.exterior for ring in rings]
+    for i, j in STRtree(lines).query(lines, "intersects").T.tolist():
+        if i < j:
+            common = lines[i].intersection(lines[j]).representative_point().coords[0]
+            raise StageError(
+                f"two contours cross or touch at {at(common)}: mend the drawing there, or leave "
+                "out the layer of what is no contour"
+            )

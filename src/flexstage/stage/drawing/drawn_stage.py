@@ -1,0 +1,329 @@
+"""A stage out of a drawing: names by place, what is held, and what the drawing does not say."""
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from flexstage.errors import StageError
+from flexstage.files.names import file_name
+from flexstage.material import Material, material
+from flexstage.stage.drawing.bodies import DrawnBody, bodies_of
+from flexstage.stage.drawing.contours import GAP, Part, part_of
+from flexstage.stage.drawing.endings import DRAWINGS, DXF, STEP
+from flexstage.stage.drawing.entities import Sheet, read_dxf
+from flexstage.stage.drawing.marks import Places, add_axes, drives_of, probes_of, whole
+from flexstage.stage.drawing.necks import certainty, find_necks
+from flexstage.stage.drawing.profiles import Neck
+from flexstage.stage.drawing.step_plate import read_step_plate
+from flexstage.stage.model import Body, Hinge, Stage
+from flexstage.stage.outline import Circle, Loop
+
+#: Largest round hole that counts as one to bolt through where no layer tells [m].
+LARGEST_MOUNTING_HOLE = 12e-3
+
+_HOLES_LAYER = "HOLES"
+_THICKNESS, _MATERIAL = 10e-3, "Al 7075-T6"  # stand in for what nobody has said
+_ROW = 0.02  # centres are in one row where they are this near, in heights of the part
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawingOptions:
+    """What is to be known of a drawing beyond its file."""
+
+    thickness: float | None = None
+    """Thickness of the plate [m]; a STEP file says its own."""
+    material: str | None = None
+    """Name of the material, from the catalogue."""
+    unit: str | None = None
+    """Unit of the drawing, where the file does not say it."""
+    layers: tuple[str, ...] | None = None
+    """Layers of the contours; by their names where none are given."""
+    gap: float = GAP
+    """Largest gap between two ends that is closed [m]."""
+    neck_limit: float | None = None
+    """Thickest neck that counts [m]; by the gap in thicknesses where it is not given."""
+    fixed: tuple[str, ...] = ()
+    """Bodies that are held, by name or by a point such as ``12,4`` in the unit of the drawing."""
+    drives: tuple[str, ...] = ()
+    """Drives, each as `flexstage.stage.drawing.marks.arrow_of` reads it."""
+    probes: tuple[str, ...] = ()
+    """Probes, likewise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnNeck:
+    """What was found of a neck."""
+
+    hinge: str
+    """Name of its hinge."""
+    certainty: str
+    """``sure``, ``likely`` or ``doubtful``."""
+    ratio: float
+    """How much thicker the thinner of its two bodies is [1]."""
+    off: float
+    """Largest distance of what was drawn from its profile [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnStage:
+    """A stage that was found in a drawing."""
+
+    stage: Stage
+    """The stage; what is blank has a stand-in."""
+    necks: tuple[DrawnNeck, ...]
+    """What was found of each neck, in the order of the hinges."""
+    blanks: tuple[str, ...]
+    """What the drawing does not say: ``thickness``, ``material``, ``drives``, ``probes``, or the
+    name of a drive without an actuator.
+    """
+    left_out: tuple[tuple[str, int], ...]
+    """Kinds of entities that are no contours, and how many of each."""
+    unit_name: str
+    """Unit of the drawing."""
+
+
+def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = None) -> DrawnStage:
+    """Read a drawing of a plate, and find the bodies and necks in it."""
+    o = options or DrawingOptions()
+    suffix = Path(path).suffix.lower()
+    if suffix in DXF:
+        sheet = read_dxf(path, unit=o.unit, layers=o.layers)
+    elif suffix in STEP:
+        sheet = read_step_plate(path)
+        _agree(path, sheet, o)
+    else:
+        raise StageError(
+            f"a drawing ends in {', '.join(DRAWINGS)}, got '{path}': export it as one of them"
+        )
+    part = part_of(sheet.curves, gap=o.gap, unit=sheet.unit, unit_name=sheet.unit_name)
+    found = find_necks(part, o.neck_limit)
+    drawn = bodies_of(part, found.necks)
+    bodies, order = _named_bodies(part, drawn, o, sheet)
+    hinges, necks = _hinges(part, found.necks, drawn, bodies, order, found.gap)
+    at = Places(sheet.unit, sheet.unit_name)
+    driven = drives_of(bodies, sheet, o.drives, at)
+    probes = probes_of(bodies, sheet, o.probes, at)
+    thickness = o.thickness if o.thickness is not None else sheet.thickness
+    blanks = ["thickness"] * (thickness is None) + ["material"] * (o.material is None)
+    blanks += [d.name for d, stands_in in driven if stands_in]
+    blanks += ["drives"] * (not driven) + ["probes"] * (not probes)
+    stage = add_axes(
+        Stage(
+            name=file_name(Path(path).stem),
+            title=f"From the drawing {Path(path).name}",
+            thickness=_THICKNESS if thickness is None else thickness,
+            material=_material(o.material),
+            bodies=tuple(bodies),
+            hinges=tuple(hinges),
+            drives=tuple(d for d, _ in driven),
+            probes=tuple(probes),
+        )
+    )
+    return DrawnStage(
+        stage=stage,
+        necks=tuple(necks),
+        blanks=tuple(blanks),
+        left_out=sheet.left_out,
+        unit_name=sheet.unit_name,
+    )
+
+
+def stage_of_drawing(path: str | os.PathLike[str], options: DrawingOptions) -> Stage:
+    """Return the stage of a drawing, whose thickness and material must be known."""
+    drawn = read_drawing(path, options)
+    for what in ("thickness", "material"):
+        if what in drawn.blanks:
+            raise StageError(
+                f"the drawing '{path}' does not say the {what} of the plate: give --{what}, or "
+                f"make a stage file of it with 'flexstage import' and fill it in"
+            )
+    return drawn.stage
+
+
+def _agree(path: str | os.PathLike[str], sheet: Sheet, o: DrawingOptions) -> None:
+    for name, value in (("drawing-unit", o.unit), ("layers", o.layers)):
+        if value is not None:
+            raise StageError(f"--{name} is for DXF files: '{path}' says its own")
+    has = sheet.thickness
+    if o.thickness is not None and has is not None and abs(o.thickness - has) > 1e-6 * has:
+        raise StageError(
+            f"the plate in '{path}' is {has * 1e3:.6g} mm thick, and --thickness says "
+            f"{o.thickness * 1e3:.6g} mm: leave it out"
+        )
+
+
+def _material(name: str | None) -> Material:
+    return material(_MATERIAL if name is None else name)
+
+
+# ----------------------------------------------------------------------------------- names
+
+
+def _reading_order(places: Sequence[tuple[float, float]], height: float) -> list[int]:
+    """Return the order of places by rows from above, each from the left."""
+    by_height = sorted(range(len(places)), key=lambda k: -places[k][1])
+    rows: list[list[int]] = []
+    for k in by_height:
+        if rows and places[rows[-1][-1]][1] - places[k][1] < _ROW * height:
+            rows[-1].append(k)
+        else:
+            rows.append([k])
+    return [k for row in rows for k in sorted(row, key=lambda k: places[k][0])]
+
+
+def _named_bodies(
+    part: Part, drawn: Sequence[DrawnBody], o: DrawingOptions, sheet: Sheet
+) -> tuple[list[Body], list[int]]:
+    """Return the bodies with names and what is held, and the place of each in the list."""
+    centres = []
+    for body in drawn:
+        a = body.outline.integrals()
+        centres.append((a.x / a.area, a.y / a.area))
+    corners = part.outline.loop.polyline(1e-5)
+    height = float(corners[:, 1].max() - corners[:, 1].min())
+    order = _reading_order(centres, height)
+    own_layers = any(c.layer.upper() == _HOLES_LAYER for c in part.openings)
+    made: list[Body] = []
+    for k in order:
+        holes: list[Loop | Circle] = []
+        mounting: list[Circle] = []
+        for hole, layer in zip(drawn[k].holes, drawn[k].holes_layers, strict=True):
+            if isinstance(hole, Circle) and (
+                layer.upper() == _HOLES_LAYER
+                if own_layers
+                else 2.0 * hole.radius <= LARGEST_MOUNTING_HOLE
+            ):
+                mounting.append(hole)
+            else:
+                holes.append(hole)
+        made.append(
+            Body(
+                name=f"body-{k}",
+                outline=drawn[k].outline,
+                holes=tuple(holes),
+                mounting_holes=tuple(mounting),
+            )
+        )
+    held = _held(made, drawn, order, o, sheet)
+    named, number = [], 0
+    for n, body in enumerate(made):
+        if n in held:
+            # one that others lie in is a frame
+            name = "frame" if any(isinstance(h, Loop) for h in body.holes) else "base"
+            name += "" if len(held) == 1 else f"-{sorted(held).index(n) + 1}"
+        else:
+            number += 1
+            name = f"body-{number}"
+        named.append(
+            Body(
+                name=name,
+                outline=body.outline,
+                holes=body.holes,
+                mounting_holes=body.mounting_holes,
+                fixed=n in held,
+            )
+        )
+    place = [0] * len(drawn)
+    for n, k in enumerate(order):
+        place[k] = n
+    return named, place
+
+
+def _held(
+    bodies: list[Body],
+    drawn: Sequence[DrawnBody],
+    order: Sequence[int],
+    o: DrawingOptions,
+    sheet: Sheet,
+) -> set[int]:
+    """Return the numbers of the bodies that are held."""
+    if o.fixed:
+        return {_asked(bodies, text, sheet) for text in o.fixed}
+    sizes = [b.outline.integrals().area for b in bodies]
+
+    def rank(n: int) -> tuple[int, float]:
+        return (len(bodies[n].mounting_holes), sizes[n])
+
+    outside = [n for n in range(len(bodies)) if _is_outside(bodies, n)]
+    return {max(outside or range(len(bodies)), key=rank)}
+
+
+def _is_outside(bodies: list[Body], n: int) -> bool:
+    """Say whether no other body goes round one."""
+    from flexstage.stage.shapes import ring
+
+    own = ring(bodies[n].outline).representative_point()
+    return not any(
+        k != n and any(isinstance(h, Loop) and ring(h).contains(own) for h in other.holes)
+        for k, other in enumerate(bodies)
+    )
+
+
+def _asked(bodies: list[Body], text: str, sheet: Sheet) -> int:
+    words = text.split(",")
+    if len(words) == 2:
+        try:
+            point = (float(words[0]) * sheet.unit, float(words[1]) * sheet.unit)
+        except ValueError:
+            point = None
+        if point is not None:
+            at = Places(sheet.unit, sheet.unit_name)
+            name = at.body(bodies, point, "--fixed holds")
+            return next(n for n, b in enumerate(bodies) if b.name == name)
+    raise StageError(
+        f"--fixed is a point on the body that is held, such as 12,4 in the unit of the drawing, "
+        f"got '{text}'"
+    )
+
+
+def _hinges(
+    part: Part,
+    necks: Sequence[Neck],
+    drawn: Sequence[DrawnBody],
+    bodies: Sequence[Body],
+    place: Sequence[int],
+    gap: tuple[float, float] | None,
+) -> tuple[list[Hinge], list[DrawnNeck]]:
+    owner: dict[tuple[int, int], int] = {}
+    for k, body in enumerate(drawn):
+        for root in body.roots:
+            owner[root] = place[k]
+    corners = part.outline.loop.polyline(1e-5)
+    height = float(corners[:, 1].max() - corners[:, 1].min())
+    order = _reading_order([n.frame.at for n in necks], height)
+    hinges, told = [], []
+    for number, n in enumerate(order, start=1):
+        neck = necks[n]
+        a, b = owner[n, 0], owner[n, 1]
+        frame = neck.frame
+        if a == b:
+            raise StageError(
+                f"the neck about {part.place(frame.at)} joins one body to itself: give "
+                "--neck-limit, the thickest neck that counts"
+            )
+        direction = whole(frame.direction)
+        # to the right, or else upward, where the notch has no side of its own
+        if not neck.profile.one_sided and not -0.5 * math.pi < direction <= 0.5 * math.pi:
+            a, b, direction = b, a, whole(frame.turned().direction)
+        name = f"neck-{number}"
+        x, y = (round(c, 13) + 0.0 for c in frame.at)
+        hinges.append(
+            Hinge(
+                name=name,
+                bodies=(bodies[a].name, bodies[b].name),
+                at=(x, y),
+                direction=direction,
+                profile=neck.profile,
+            )
+        )
+        told.append(
+            DrawnNeck(
+                hinge=name,
+                certainty=certainty(neck, gap),
+                ratio=neck.found.ratio,
+                off=neck.off,
+            )
+        )
+    return hinges, told

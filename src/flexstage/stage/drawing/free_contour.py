@@ -1,0 +1,242 @@
+"""The contour of a neck as it was drawn, where no formula fits it."""
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.errors import HingeError
+from flexstage.hinges import AsDrawn, Profile
+from flexstage.stage.curve import Curve
+from flexstage.stage.drawing.notch import LEAF_STEP, Frame, Sides, quarter, slope_at
+from flexstage.stage.drawing.smooth_fit import chains_of, nearest_frame
+from flexstage.stage.drawing.strokes import Stroke
+from flexstage.stage.outline import arc
+
+_BACK = 0.15  # a side comes back where its slope is below level, or beyond upright, by more [rad]
+_LEVEL = 2e-3  # a side that rises less runs along the hinge [rad]
+_CHORD = 1e-9  # points on arcs are so close that chords are off by less [m]
+_LEVELS = (0.1, 0.25, 0.5, 0.75, 0.95)  # of the depth that all sides reach, where they are compared
+_PARALLEL = 0.02  # sides that could be those of a leaf differ by no more [rad]
+_LEAST_DEPTH = 0.1  # a notch is at least so deep, in thicknesses of its neck
+_MOST = 400  # pieces of one side of a notch
+
+
+def free_contour(sides: Sides) -> Iterator[tuple[Sides, Frame, Profile]]:
+    """Propose the contour itself, where both halves are alike, and both sides or one straight."""
+    straight = [
+        not sides.stroke(left).curve.bulge and not sides.stroke(left).trace
+        for left in (False, True)
+    ]
+    trials: list[tuple[Sides, bool]] = [(sides, False)]
+    if straight[0]:
+        trials.append((sides, True))
+    if straight[1]:
+        trials.append((sides.turned(), True))
+    for turned, one_sided in trials:
+        frame = _first_frame(turned)
+        if frame is None:
+            continue
+        runs = {
+            (left, ahead): _run(turned, frame, left, ahead)
+            for left in ((True,) if one_sided else (False, True))
+            for ahead in (False, True)
+        }
+        if any(len(run) == 0 for run in runs.values()):
+            continue
+        placed = _settled(turned, frame, runs, one_sided)
+        if placed is None:
+            continue
+        try:
+            profile = _profile(placed, runs, one_sided)
+        except HingeError:
+            continue
+        if profile is not None:
+            yield turned, placed.frame, profile
+
+
+class _Placed(NamedTuple):
+    """The axes of a neck, and its thickness."""
+
+    frame: Frame
+    neck: float
+
+
+def _first_frame(sides: Sides) -> Frame | None:
+    """Return the axes by the pieces at the neck, or else by the nearest points."""
+    right, left = sides.stroke(False).curve, sides.stroke(True).curve
+    (ax, ay), (bx, by) = right.direction(0.5), left.direction(0.5)
+    if not right.bulge and not left.bulge:
+        if abs(ax * by - ay * bx) < _PARALLEL:
+            wa, wb = right.length, left.length
+            p, q = sides.right.at, sides.left.at
+            at = (0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]))
+            return Frame(at, math.atan2(wa * ay - wb * by, wa * ax - wb * bx))
+    elif right.bulge < 0.0 and left.bulge < 0.0:
+        cr, cl = arc(*right)[0], arc(*left)[0]
+        p, q = _towards(right, cl), _towards(left, cr)
+        at = (0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]))
+        return Frame(at, math.atan2(-(cl[0] - cr[0]), cl[1] - cr[1]))
+    elif not right.bulge and left.bulge < 0.0:
+        return Frame(sides.right.at, math.atan2(ay, ax))
+    found = nearest_frame(chains_of(sides))
+    return None if found is None else found[0]
+
+
+def _towards(curve: Curve, point: tuple[float, float]) -> tuple[float, float]:
+    (x, y), radius, _, _ = arc(*curve)
+    apart = math.dist((x, y), point)
+    return (x + radius * (point[0] - x) / apart, y + radius * (point[1] - y) / apart)
+
+
+def _run(sides: Sides, frame: Frame, left: bool, ahead: bool) -> list[Stroke]:
+    """Return the pieces of a side outward, as long as they lead away and get deeper."""
+    run: list[Stroke] = []
+    for k, stroke in enumerate(sides.walk(left, ahead)):
+        first, last = (slope_at(stroke.curve, frame, left, ahead, s) for s in (0.0, 1.0))
+        if k and not (-_BACK < first < 0.5 * math.pi + _BACK):
+            break
+        if (k and not (-_BACK < last < 0.5 * math.pi + _BACK)) or len(run) > _MOST:
+            break
+        run.append(stroke)
+    return run
+
+
+def _settled(
+    sides: Sides, frame: Frame, runs: dict[tuple[bool, bool], list[Stroke]], one_sided: bool
+) -> _Placed | None:
+    """Move the axes until both halves, and both sides, are as alike as they can be."""
+    from scipy.optimize import least_squares
+
+    points = {key: np.array([p for s in run for p in _dense(s)]) for key, run in runs.items()}
+    line = sides.stroke(False).curve
+    size = max(math.dist(sides.right.at, sides.left.at), 1e-9)
+
+    def moved(q: Any) -> Frame:
+        c, s = math.cos(frame.direction), math.sin(frame.direction)
+        x, y = size * float(q[0]), size * float(q[1]) if len(q) > 2 else 0.0
+        turn = float(q[-1]) if len(q) > 1 else 0.0
+        at = (frame.at[0] + c * x - s * y, frame.at[1] + s * x + c * y)
+        return Frame(at, frame.direction + turn)
+
+    def heights(trial: Frame) -> tuple[float, float]:
+        """Where the two sides are nearest to each other, across the hinge."""
+        low = float(np.min(_across(points, trial, True)))
+        if one_sided:
+            high = float(trial.local(np.array([line.point(0.5)]))[0, 1])
+        else:
+            high = float(np.max(_across(points, trial, False)))
+        return low, high
+
+    def residual(q: Any) -> Array:
+        trial = moved(q)
+        low, high = heights(trial)
+        half = 0.5 * (low - high)
+        centre = 0.5 * (low + high)
+        reached = {}
+        for key, p in points.items():
+            at = quarter(trial, 0.0, p, *key)
+            depth = at[:, 1] - half - (centre if key[0] else -centre)
+            keep = at[:, 0] > 0.0
+            reached[key] = (at[keep, 0], np.maximum.accumulate(np.maximum(depth[keep], 0.0)))
+        deepest = min(float(np.max(d, initial=0.0)) for _, d in reached.values())
+        levels = deepest * np.array(_LEVELS)
+        rows = [np.interp(levels, d, x) if len(d) else levels for x, d in reached.values()]
+        return ((np.array(rows[1:]) - rows[0]) / size).ravel()
+
+    start = [0.0] if one_sided else [0.0, 0.0]
+    found = least_squares(residual, start, diff_step=1e-5, max_nfev=60, xtol=1e-12)
+    placed = moved(found.x)
+    low, high = heights(placed)
+    c, s = math.cos(placed.direction), math.sin(placed.direction)
+    centre = 0.5 * (low + high)
+    at = (placed.at[0] - s * centre, placed.at[1] + c * centre)
+    return _Placed(Frame(at, placed.direction), low - high) if low > high else None
+
+
+def _dense(stroke: Stroke) -> list[tuple[float, float]]:
+    return stroke.points(_CHORD)
+
+
+def _across(points: dict[tuple[bool, bool], Array], frame: Frame, left: bool) -> Array:
+    return np.concatenate([frame.local(p)[:, 1] for (side, _), p in points.items() if side is left])
+
+
+def _profile(
+    placed: _Placed, runs: dict[tuple[bool, bool], list[Stroke]], one_sided: bool
+) -> Profile | None:
+    """Return the contour of one quarter, as far as all go on alike."""
+    frame, half = placed.frame, 0.5 * placed.neck
+    corners = {key: _corners(frame, half, run, key) for key, run in runs.items()}
+    if any(len(c) < 2 for c in corners.values()):
+        return None
+    reach = min(c[-1][0] for c in corners.values())
+    # the shortest one is the reference: the others go on further
+    key = min(corners, key=lambda k: (corners[k][-1][0] > reach + 1e-6, corners[k][-1][1]))
+    chosen = corners[key]
+    (x0, d0, _), (x1, d1, bulge) = chosen[-2:]
+    if not bulge and x1 - x0 < _LEVEL * (d1 - d0):
+        # an edge of the body, or of a leaf between sharp corners
+        if d0 > _LEAST_DEPTH * placed.neck:
+            chosen = chosen[:-1]
+        else:
+            chosen[-1] = (x1, d0 + min(d1 - d0, LEAF_STEP * placed.neck), 0.0)
+    if chosen[-1][1] < _LEAST_DEPTH * placed.neck:
+        return None
+    return AsDrawn(
+        neck_thickness=_neat(placed.neck),
+        one_sided=one_sided,
+        distances=tuple(_neat(x) for x, _, _ in chosen[1:]),
+        depths=tuple(_neat(max(d, 0.0)) for _, d, _ in chosen[1:]),
+        bulges=tuple(b + 0.0 for _, _, b in chosen[1:]),
+    )
+
+
+def _corners(
+    frame: Frame, half: float, run: list[Stroke], key: tuple[bool, bool]
+) -> list[tuple[float, float, float]]:
+    """Return distance and depth of the corners of a quarter, and the bulge of what leads there."""
+    left, ahead = key
+    out = [(0.0, 0.0, 0.0)]
+    # seen from the neck outward, a side on the right to body b, or on the left to a, is mirrored
+    mirrored = 1.0 if left == ahead else -1.0
+    for stroke in run:
+        curve = _from_neck(stroke.curve, frame, left, ahead)
+        if curve is None:
+            continue
+        first, last = (slope_at(curve, frame, left, ahead, s) for s in (0.0, 1.0))
+        if first < -_LEVEL or last < -_LEVEL or max(first, last) > 0.5 * math.pi + _LEVEL:
+            break
+        x, depth = quarter(frame, half, np.array([curve.end]), left, ahead)[0].tolist()
+        along = abs(first) < _LEVEL and abs(last) < _LEVEL
+        if along and depth > _LEAST_DEPTH * half:
+            break  # the side of a bar that the notch is cut into
+        if x - out[-1][0] > 1e-9 or depth - out[-1][1] > 1e-9:
+            out.append((x, depth, mirrored * curve.bulge))
+    return out
+
+
+def _from_neck(curve: Curve, frame: Frame, left: bool, ahead: bool) -> Curve | None:
+    """Return the part of a piece that lies ahead of the neck."""
+    c, s = math.cos(frame.direction), math.sin(frame.direction)
+
+    def along(share: float) -> float:
+        x, y = curve.point(share)
+        value = (x - frame.at[0]) * c + (y - frame.at[1]) * s
+        return value if ahead else -value
+
+    if along(0.0) >= -1e-9:
+        return curve
+    if along(1.0) <= 1e-9:
+        return None
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if along(middle) > 0.0 else (middle, high)
+    return curve.part(high, 1.0)
+
+
+def _neat(value: float) -> float:
+    return round(float(value), 13)

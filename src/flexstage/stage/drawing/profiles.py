@@ -1,0 +1,350 @@
+"""Which profile a neck has: by its own lines and arcs first, then by a fit, else as it was drawn.
+
+Whatever is proposed is held against what was drawn, and counts where all of it lies within
+`FIT_TOLERANCE`.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexstage.errors import HingeError
+from flexstage.hinges import AsDrawn, CornerFilleted, Leaf, Profile, RightCircular, VFillet
+from flexstage.stage.curve import Curve
+from flexstage.stage.drawing.contours import Part
+from flexstage.stage.drawing.free_contour import free_contour
+from flexstage.stage.drawing.notch import (
+    FIT_TOLERANCE,
+    LEAF_STEP,
+    Frame,
+    Sides,
+    distance_from,
+    goes_on,
+    slope_at,
+)
+from flexstage.stage.drawing.smooth_fit import smooth_fits
+from flexstage.stage.drawing.strokes import Pair, Stroke
+from flexstage.stage.drawing.thickness import Pass, Place
+from flexstage.stage.outline import arc
+
+_TANGENT = 2e-3  # a corner that turns less is none [rad]
+_PARALLEL = 0.02  # two sides that could be those of a leaf differ by no more [rad]
+# a fit is as near as before where what was drawn is off by this much more, or less than that [m]
+_AS_NEAR, _NOTHING = 1.3, 1e-12
+_DIGITS = (6, 7, 8, 9)  # decimals of a length in metres that are tried for a dimension
+
+_SHARE = 0.45  # of an edge between two leaves, for the step of each
+
+_ENDS = ((False, False), (False, True), (True, False), (True, True))  # left, ahead
+
+
+class Neck(NamedTuple):
+    """A neck with its profile."""
+
+    sides: Sides
+    """The contours beside it; its direction is that of the contour on the right."""
+    frame: Frame
+    """Its centre and direction."""
+    profile: Profile
+    """Its profile."""
+    off: float
+    """Largest distance of what was drawn from the profile [m]."""
+    found: Pass
+    """The thin place that it is."""
+
+
+def neck_of(part: Part, found: Pass) -> Neck | None:
+    """Return the neck at a thin place; None where it has no profile that a hinge can have."""
+    first, second = found.sides
+    sides = Sides(part, _settled(part, first, second.at), _settled(part, second, first.at))
+    for proposed in (_by_pieces, smooth_fits, free_contour):
+        best: Neck | None = None
+        for turned, frame, profile in proposed(sides):
+            off = distance_from(profile, turned, frame)
+            if off > FIT_TOLERANCE or (best is not None and off >= 0.5 * best.off):
+                continue
+            if profile.kind == AsDrawn.kind or not goes_on(profile, turned, frame):
+                best = Neck(turned, frame, profile, off, found)
+        if best is not None:
+            return _rounded(best)
+    return None
+
+
+def _rounded(neck: Neck) -> Neck:
+    """Return a neck with the roundest dimensions that are as near to what was drawn."""
+    if neck.off < _NOTHING or neck.profile.kind == AsDrawn.kind:
+        return neck
+    sizes: dict[str, Any] = {f.name: getattr(neck.profile, f.name) for f in fields(neck.profile)}
+    for digits in _DIGITS:
+        round_sizes: dict[str, Any] = {
+            # an exponent, a pure number, is of the order of a length in millimetres
+            name: round(v, digits - 4 * (name == "exponent")) if isinstance(v, float) else v
+            for name, v in sizes.items()
+        }
+        try:
+            profile = type(neck.profile)(**round_sizes)
+        except HingeError:
+            continue
+        off = distance_from(profile, neck.sides, neck.frame)
+        if off <= _AS_NEAR * neck.off:
+            return neck._replace(profile=profile, off=off)
+    return neck
+
+
+def parted(necks: Sequence[Neck]) -> list[Neck]:
+    """Return necks with leaves beside each other that share the edge between them."""
+    claims: dict[tuple[int, int], list[int]] = {}
+    for n, neck in enumerate(necks):
+        for key in _step_strokes(neck):
+            claims.setdefault(key, []).append(n)
+    out = list(necks)
+    for (contour, stroke), found in claims.items():
+        if len(found) > 1:
+            curve = out[found[0]].sides.part.contours[contour].strokes[stroke].curve
+            for n in found:
+                leaf = out[n].profile
+                assert isinstance(leaf, Leaf)
+                depth = min(leaf.notch_depth, _neat(_SHARE * curve.length))
+                out[n] = out[n]._replace(profile=replace(leaf, notch_depth=depth))
+    return out
+
+
+def _step_strokes(neck: Neck) -> Iterator[tuple[int, int]]:
+    """Give contour and piece of the edges at the ends of a leaf."""
+    if not isinstance(neck.profile, Leaf):
+        return
+    for left, ahead in _ENDS:
+        if neck.profile.one_sided and not left:
+            continue
+        place = neck.sides.left if left else neck.sides.right
+        count = len(neck.sides.part.contours[place.contour].strokes)
+        yield place.contour, (place.stroke + (1 if ahead != left else -1)) % count
+
+
+def _settled(part: Part, place: Place, other: Pair) -> Place:
+    """Choose between the two pieces that meet at a place: the one more square to the neck."""
+    strokes = part.contours[place.contour].strokes
+    count = len(strokes)
+    near = [place.stroke]
+    size = strokes[place.stroke].curve.length
+    slack = 0.3 * math.dist(place.at, other)
+    if place.share * size < slack:
+        near.append((place.stroke - 1) % count)
+    if (1.0 - place.share) * size < slack:
+        near.append((place.stroke + 1) % count)
+
+    def lean(k: int) -> float:
+        curve = strokes[k].curve
+        here = curve.share(place.at)
+        if here is None:
+            ends = (math.dist(place.at, curve.start), math.dist(place.at, curve.end))
+            here = 0.0 if ends[0] < ends[1] else 1.0
+        ux, uy = curve.direction(here)
+        dx, dy = other[0] - place.at[0], other[1] - place.at[1]
+        return round(abs(ux * dx + uy * dy) / math.hypot(dx, dy), 2)
+
+    # of those that go on smoothly the straight one, on which a leaf is flat
+    best = min(near, key=lambda k: (lean(k), bool(strokes[k].curve.bulge)))
+    return place._replace(stroke=best)
+
+
+Proposal = tuple[Sides, Frame, Profile]
+
+
+def _by_pieces(sides: Sides) -> Iterator[Proposal]:
+    """Propose profiles of lines and arcs by the pieces at the neck and those that follow."""
+    right, left = sides.stroke(False).curve, sides.stroke(True).curve
+    try:
+        if right.bulge < 0.0 and left.bulge < 0.0:
+            yield from _two_arcs(sides, right, left)
+        elif right.bulge == 0.0 and left.bulge < 0.0:
+            yield from _arc_and_line(sides, right, left)
+        elif right.bulge < 0.0 and left.bulge == 0.0:
+            yield from _arc_and_line(sides.turned(), left, right)
+        elif not right.bulge and not left.bulge:
+            yield from _two_lines(sides, right, left)
+    except HingeError:
+        return  # dimensions that no notch of this kind has
+
+
+def _two_arcs(sides: Sides, right: Curve, left: Curve) -> Iterator[Proposal]:
+    (cr, rr, _, _), (cl, rl, _, _) = arc(*right), arc(*left)
+    if abs(rr - rl) > FIT_TOLERANCE:
+        return
+    apart = math.dist(cr, cl)
+    radius, neck = 0.5 * (rr + rl), apart - rr - rl
+    if neck <= 0.0:
+        return
+    across = ((cl[0] - cr[0]) / apart, (cl[1] - cr[1]) / apart)
+    at = (0.5 * (cr[0] + cl[0]), 0.5 * (cr[1] + cl[1]))
+    frame = Frame(at, math.atan2(-across[0], across[1]))
+    yield from _round(sides, frame, radius, neck, False, _ENDS)
+
+
+def _arc_and_line(sides: Sides, line: Curve, bow: Curve) -> Iterator[Proposal]:
+    """The notch is on the left, cut into it by an arc; the line is on the right."""
+    centre, radius, _, _ = arc(*bow)
+    ux, uy = line.direction(0.0)
+    away = (centre[0] - line.start[0]) * -uy + (centre[1] - line.start[1]) * ux
+    neck = away - radius
+    if neck <= 0.0:
+        return
+    at = (centre[0] + uy * (away - 0.5 * neck), centre[1] - ux * (away - 0.5 * neck))
+    frame = Frame(at, math.atan2(uy, ux))
+    yield from _round(sides, frame, radius, neck, True, _ENDS[2:])
+
+
+def _round(
+    sides: Sides,
+    frame: Frame,
+    radius: float,
+    neck: float,
+    one_sided: bool,
+    ends: tuple[tuple[bool, bool], ...],
+) -> Iterator[Proposal]:
+    """Propose half circles, or arcs that run out into flanks."""
+    turns, flanks, leans = [], [], []
+    for left, ahead in ends:
+        walked = list(_first(sides, left, ahead, 2))
+        slope = slope_at(walked[0].curve, frame, left, ahead, 1.0)
+        # a slope beyond upright reads as one that comes back
+        turns.append(slope if slope >= 0.0 else slope + 2.0 * math.pi)
+        following = walked[1].curve if len(walked) > 1 else None
+        straight = following is not None and not following.bulge
+        lean = slope_at(following, frame, left, ahead, 0.0) if straight and following else 0.0
+        tangent = straight and abs(lean - turns[-1]) < max(_TANGENT, 0.1 * turns[-1])
+        flanks.append(following.length if tangent and following else 0.0)
+        leans.append(lean)
+    common = {"neck_thickness": _neat(neck), "one_sided": one_sided}
+    if min(turns) >= 0.5 * math.pi - FIT_TOLERANCE / radius:
+        yield sides, frame, RightCircular(radius=_neat(radius), **common)
+        return
+    shallow = min(turns)
+    if min(flanks) > 0.0:
+        shallow = sum(leans) / len(leans)
+    bow = radius * (1.0 - math.cos(shallow))
+    depth = bow + min(flanks) * math.sin(shallow)
+    if shallow > 0.05:
+        yield (
+            sides,
+            frame,
+            VFillet(
+                half_opening_angle=_neat(0.5 * math.pi - shallow),
+                fillet_radius=_neat(radius),
+                notch_depth=_neat(depth) if min(flanks) > 0.0 else depth * (1.0 + 1e-9),
+                **common,
+            ),
+        )
+
+
+class _End(NamedTuple):
+    """One end of the flat part of a side."""
+
+    x: float  # where it ends, from the place of the pass, towards its end of the hinge [m]
+    kind: str  # "fillet", "step" or "other"
+    size: float  # radius of the fillet, or height of the step [m]
+
+
+def _two_lines(sides: Sides, right: Curve, left: Curve) -> Iterator[Proposal]:
+    (ax, ay), (bx, by) = right.direction(0.0), left.direction(0.0)
+    if abs(ax * by - ay * bx) > _PARALLEL or ax * bx + ay * by > 0.0:
+        return
+    # the mean direction, the longer side counting more
+    wa, wb = right.length, left.length
+    direction = math.atan2(wa * ay - wb * by, wa * ax - wb * bx)
+    c, s = math.cos(direction), math.sin(direction)
+    origin = sides.right.at
+    ends = {}
+    for side, ahead in _ENDS:
+        ends[side, ahead] = _flat_end(sides, Frame(origin, direction), side, ahead)
+    x = {ahead: min(ends[False, ahead].x, ends[True, ahead].x) for ahead in (False, True)}
+    centre = 0.5 * (x[True] - x[False])
+    flat = x[True] + x[False]
+    if flat <= 0.0:
+        return
+
+    def across(curve: Curve) -> float:
+        middle = curve.point(0.5)
+        tilt = (middle[0] - origin[0]) * c + (middle[1] - origin[1]) * s - centre
+        off = (middle[1] - origin[1]) * c - (middle[0] - origin[0]) * s
+        ux, uy = curve.direction(0.0)
+        return off - tilt * (uy * c - ux * s) / (ux * c + uy * s)
+
+    low, high = across(right), across(left)
+    neck = high - low
+    if neck <= 0.0:
+        return
+    middle = 0.5 * (low + high)
+    at = (origin[0] + c * centre - s * middle, origin[1] + s * centre + c * middle)
+    frame = Frame(at, direction)
+    deep = {
+        key: end.kind != "other" and end.x < x[key[1]] + 2.0 * FIT_TOLERANCE
+        for key, end in ends.items()
+    }
+    if all(deep.values()):
+        yield from _flat(sides, frame, neck, flat, list(ends.values()), False)
+    elif deep[True, False] and deep[True, True] and not (deep[False, False] or deep[False, True]):
+        cut = [ends[True, False], ends[True, True]]
+        yield from _flat(sides, frame, neck, flat, cut, True)
+    elif deep[False, False] and deep[False, True] and not (deep[True, False] or deep[True, True]):
+        cut = [ends[False, False], ends[False, True]]
+        yield from _flat(sides.turned(), frame.turned(), neck, flat, cut, True)
+
+
+def _flat(
+    sides: Sides, frame: Frame, neck: float, flat: float, ends: list[_End], one_sided: bool
+) -> Iterator[Proposal]:
+    kinds = {end.kind for end in ends}
+    sizes = [end.size for end in ends]
+    common = {"neck_thickness": _neat(neck), "one_sided": one_sided}
+    if kinds == {"fillet"}:
+        radius = sum(sizes) / len(sizes)
+        length = _neat(flat + 2.0 * radius)
+        fillet = min(_neat(radius), 0.5 * length)
+        yield sides, frame, CornerFilleted(notch_length=length, fillet_radius=fillet, **common)
+    elif kinds == {"step"}:
+        # a leaf between wide bodies: as deep as the shortest edge, or so much that more is alike
+        depth = min(*sizes, LEAF_STEP * neck)
+        yield sides, frame, Leaf(leaf_length=_neat(flat), notch_depth=_neat(depth), **common)
+
+
+def _flat_end(sides: Sides, frame: Frame, left: bool, ahead: bool) -> _End:
+    """Say where the flat part of a side ends, and in what."""
+    walked = list(_first(sides, left, ahead, 2))
+    end = walked[0].curve.end
+    x = float(frame.local(np.array([end]))[0, 0]) * (1.0 if ahead else -1.0)
+    if len(walked) < 2:
+        return _End(x, "other", 0.0)
+    following = walked[1].curve
+    start = slope_at(following, frame, left, ahead, 0.0)
+    if following.bulge:
+        stop = slope_at(following, frame, left, ahead, 1.0)
+        upright = stop if stop > 0.0 else stop + 2.0 * math.pi
+        radius = abs(following.radius)
+        smooth = abs(start) < max(_TANGENT, math.sqrt(2.0 * FIT_TOLERANCE / radius))
+        round_enough = upright >= 0.5 * math.pi - max(FIT_TOLERANCE / radius, 1e-6)
+        turns_out = slope_at(following, frame, left, ahead, 0.5) > 0.0
+        if smooth and turns_out and round_enough:
+            # the centre of the fillet says where it begins, to the last digit
+            centre = arc(*following)[0]
+            x = float(frame.local(np.array([centre]))[0, 0]) * (1.0 if ahead else -1.0)
+            return _End(x, "fillet", radius)
+        return _End(x, "other", 0.0)
+    if abs(start - 0.5 * math.pi) * following.length < 2.0 * FIT_TOLERANCE:
+        return _End(x, "step", following.length)
+    return _End(x, "other", 0.0)
+
+
+def _first(sides: Sides, left: bool, ahead: bool, count: int) -> Iterator[Stroke]:
+    for k, stroke in enumerate(sides.walk(left, ahead)):
+        if k == count:
+            return
+        yield stroke
+
+
+def _neat(value: float) -> float:
+    """Round to a tenth of a picometre, which takes the noise of units off."""
+    return round(value, 13)

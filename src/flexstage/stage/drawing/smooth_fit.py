@@ -1,0 +1,312 @@
+"""Profiles that are neither lines nor arcs, found by a fit of their formulas to what was drawn."""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.errors import HingeError
+from flexstage.hinges import Elliptical, Hyperbolic, Parabolic, PowerFunction, Profile
+from flexstage.stage.drawing.notch import FIT_TOLERANCE, Frame, Sides, quarter
+from flexstage.stage.drawing.strokes import Stroke
+
+#: A corner that turns more than this ends a smooth side [rad].
+CORNER = math.radians(40.0)
+
+_CHORD = 0.5e-6  # points on arcs are so close that chords are off by less [m]
+_LONG = 2.5  # a line that is so many times as long as what it goes on from is of a body
+_FEWEST, _MOST = 12, 160  # points of a side that is fitted
+_PARALLEL = 1e-3  # the straight side of a notch may lean by so much at first [rad]
+
+
+class Chains(NamedTuple):
+    """The two sides of a neck, each in the direction of its contour, up to where they bend off."""
+
+    right: Array
+    """Points of the right side, shape (n, 2) [m]."""
+    left: Array
+    """Points of the left side [m]."""
+    straight: tuple[bool, bool]
+    """Whether right and left side are one straight line."""
+
+
+def smooth_fits(sides: Sides) -> Iterator[tuple[Sides, Frame, Profile]]:
+    """Propose the smooth profiles that come nearest to what was drawn."""
+    for shorter in (0, 1):
+        chains = chains_of(sides, shorter)
+        if chains.straight == (True, True):
+            return
+        if chains.straight[1]:
+            yield from _one_sided(sides.turned(), chains_of(sides.turned(), shorter))
+        elif chains.straight[0]:
+            yield from _one_sided(sides, chains)
+        else:
+            yield from _two_sided(sides, chains)
+
+
+def chains_of(sides: Sides, shorter: int = 0) -> Chains:
+    """Return the smooth run of each side about the neck, shorter by some pieces at its ends."""
+    found, straight = [], []
+    for left in (False, True):
+        halves = [_run(sides, left, ahead, shorter) for ahead in (left, not left)]
+        # backwards along the contour, then forwards; the piece at the neck is in both
+        back = [s.reversed() for s in reversed(halves[0])]
+        strokes = [*back, *halves[1][1:]]
+        points = [p for s in strokes for p in s.points(_CHORD)]
+        found.append(np.array(points))
+        straight.append(len(strokes) == 1 and not strokes[0].curve.bulge)
+    return Chains(found[0], found[1], (straight[0], straight[1]))
+
+
+def _run(sides: Sides, left: bool, ahead: bool, shorter: int) -> list[Stroke]:
+    run: list[Stroke] = []
+    for stroke in sides.walk(left, ahead):
+        if run:
+            before = run[-1].curve
+            (ux, uy), (vx, vy) = before.direction(1.0), stroke.curve.direction(0.0)
+            if abs(math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)) > CORNER:
+                break
+            straight = not stroke.curve.bulge and not stroke.trace
+            if straight and stroke.curve.length > _LONG * before.length:
+                break
+        run.append(stroke)
+    return run[: max(1, len(run) - shorter)]
+
+
+def nearest_frame(chains: Chains) -> tuple[Frame, float] | None:
+    """Return the axes by the nearest points of the two sides, and the thickness there [m]."""
+    from scipy.spatial import KDTree
+
+    right, left = chains.right, chains.left
+    if chains.straight[0]:
+        p, q = _foot(right, left)
+    elif chains.straight[1]:
+        q, p = _foot(left, right)
+    else:
+        away, near = KDTree(left).query(right)
+        k = int(np.argmin(away))
+        p, q = right[k], left[int(np.asarray(near)[k])]
+    (dx, dy) = (q - p).tolist()
+    thickness = math.hypot(dx, dy)
+    if thickness == 0.0:
+        return None
+    x, y = (0.5 * (p + q)).tolist()
+    return Frame((x, y), math.atan2(-dx, dy)), thickness
+
+
+def _foot(line: Array, others: Array) -> tuple[Array, Array]:
+    """Return the nearest point of a line, and that of the others."""
+    along = (line[-1] - line[0]) / np.hypot(*(line[-1] - line[0]))
+    off = others - line[0]
+    away = np.abs(off @ np.array([-along[1], along[0]]))
+    k = int(np.argmin(away))
+    return line[0] + along * float(off[k] @ along), others[k]
+
+
+class _Kind(NamedTuple):
+    """A formula: its residual, first guesses and the profile of its parameters."""
+
+    residual: Callable[[Any, Array, Array, float], Array]
+    guesses: Callable[[float, float], list[list[float]]]
+    build: Callable[[Any, float, float], dict[str, float]]
+    profile: type[Profile]
+
+
+def _ellipse(p: Any, x: Array, d: Array, _t: float) -> Array:
+    a, b = p
+    value = (x / a) ** 2 + ((d - b) / b) ** 2 - 1.0
+    return value / (2.0 * np.hypot(x / a**2, (d - b) / b**2))
+
+
+def _power(p: Any, x: Array, d: Array, _t: float) -> Array:
+    k, n = math.exp(min(p[0], 50.0)), p[1]
+    x = np.maximum(np.abs(x), 1e-12)
+    return (d - k * x**n) / np.hypot(1.0, n * k * x ** (n - 1.0))
+
+
+def _parabola(p: Any, x: Array, d: Array, _t: float) -> Array:
+    return (d - p[0] * x**2) / np.hypot(1.0, 2.0 * p[0] * x)
+
+
+def _hyperbola(p: Any, x: Array, d: Array, t: float) -> Array:
+    y = np.sqrt(0.25 * t**2 + (p[0] * x) ** 2)
+    return (d + 0.5 * t - y) / np.hypot(1.0, p[0] ** 2 * x / y)
+
+
+_KINDS = (
+    _Kind(
+        _ellipse,
+        lambda x, d: [[x, d]],
+        lambda p, _end, _t: {"half_length": abs(p[0]), "notch_depth": abs(p[1])},
+        Elliptical,
+    ),
+    _Kind(
+        _parabola,
+        lambda x, d: [[d / x**2]],
+        lambda p, end, _t: {"half_length": end, "notch_depth": p[0] * end**2},
+        Parabolic,
+    ),
+    _Kind(
+        _hyperbola,
+        lambda x, d: [[d / x]],
+        lambda p, end, t: {
+            "half_length": end,
+            "notch_depth": math.sqrt(0.25 * t**2 + (p[0] * end) ** 2) - 0.5 * t,
+        },
+        Hyperbolic,
+    ),
+    _Kind(
+        _power,
+        lambda x, d: [[math.log(d / x**n), n] for n in (3.0, 6.0)],
+        lambda p, end, _t: {
+            "half_length": end,
+            "notch_depth": math.exp(p[0] + p[1] * math.log(end)),
+            "exponent": p[1],
+        },
+        PowerFunction,
+    ),
+)
+
+
+def _two_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, Frame, Profile]]:
+    begin = nearest_frame(chains)
+    if begin is None or len(chains.right) + len(chains.left) < _FEWEST:
+        return
+    frame, thickness = begin
+
+    def placed(q: Any) -> tuple[Array, Array, float]:
+        """Distances and depths of all points in moved axes, in sizes of the notch."""
+        c, s = math.cos(q[2]), math.sin(q[2])
+        xs, ds = [], []
+        for points, sign in ((right, -1.0), (left, 1.0)):
+            x, y = points[:, 0] - q[0], points[:, 1] - q[1]
+            xs.append(c * x + s * y)
+            ds.append(sign * (c * y - s * x) - 0.5 * q[3])
+        return np.concatenate(xs), np.concatenate(ds), q[3]
+
+    local = (frame.local(chains.right), frame.local(chains.left))
+    size = float(np.max(np.abs(np.vstack(local)[:, 0])))
+    right, left = _some(local[0]) / size, _some(local[1]) / size
+    start = [0.0, 0.0, 0.0, thickness / size]
+    for kind, q, p in _solutions(placed, start):
+        turn = frame.direction + q[2]
+        c, s = math.cos(frame.direction), math.sin(frame.direction)
+        at = (
+            frame.at[0] + size * (c * q[0] - s * q[1]),
+            frame.at[1] + size * (s * q[0] + c * q[1]),
+        )
+        fitted = Frame(at, turn)
+        yield from _made(kind, p, sides, chains, fitted, size, q[3], False)
+
+
+def _one_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, Frame, Profile]]:
+    """The straight side is on the right."""
+    begin = nearest_frame(chains)
+    if begin is None or len(chains.left) < _FEWEST:
+        return
+    frame, thickness = begin
+    along = chains.right[-1] - chains.right[0]
+    frame = Frame(frame.at, math.atan2(along[1], along[0]))
+    points = frame.local(chains.left)
+    size = float(np.max(np.abs(points[:, 0])))
+    points = _some(points) / size
+    bottom = -0.5 * thickness / size
+
+    def placed(q: Any) -> tuple[Array, Array, float]:
+        return points[:, 0] - q[0], points[:, 1] - bottom - q[1], q[1]
+
+    c, s = math.cos(frame.direction), math.sin(frame.direction)
+    for kind, q, p in _solutions(placed, [0.0, thickness / size]):
+        x, y = size * q[0], size * (bottom + 0.5 * q[1])
+        at = (frame.at[0] + c * x - s * y, frame.at[1] + s * x + c * y)
+        yield from _made(kind, p, sides, chains, Frame(at, frame.direction), size, q[1], True)
+
+
+def _some(points: Array) -> Array:
+    """Return so many points as a fit needs, evenly picked."""
+    if len(points) <= _MOST:
+        return points
+    return points[np.unique(np.linspace(0, len(points) - 1, _MOST).round().astype(int))]
+
+
+def _solutions(
+    placed: Callable[[Any], tuple[Array, Array, float]], start: list[float]
+) -> Iterator[tuple[_Kind, Any, Any]]:
+    """Fit each formula; give the place and the parameters of those that come near."""
+    from scipy.optimize import least_squares
+
+    x, d, _ = placed(start)
+    reach, deep = float(np.max(np.abs(x))), float(np.max(d))
+    if deep <= 0.0:
+        return
+    count = len(start)
+    for kind in _KINDS:
+        best = None
+        for guess in kind.guesses(reach, deep):
+
+            def residual(v: Any, kind: _Kind = kind) -> Array:
+                x, d, t = placed(v[:count])
+                with np.errstate(all="ignore"):
+                    r = kind.residual(v[count:], x, d, t)
+                return np.clip(np.nan_to_num(r, nan=1.0, posinf=1.0, neginf=-1.0), -1.0, 1.0)
+
+            found = least_squares(
+                residual,
+                [*start, *guess],
+                method="lm",
+                xtol=1e-13,
+                ftol=1e-14,
+                gtol=1e-14,
+                max_nfev=300,
+            )
+            worst = float(np.max(np.abs(found.fun)))
+            if best is None or worst < best[0]:
+                best = (worst, found.x)
+        if best is not None and best[0] < 1e-2:
+            yield kind, best[1][:count].tolist(), best[1][count:].tolist()
+
+
+def _made(
+    kind: _Kind,
+    p: Any,
+    sides: Sides,
+    chains: Chains,
+    frame: Frame,
+    size: float,
+    t: float,
+    one_sided: bool,
+) -> Iterator[tuple[Sides, Frame, Profile]]:
+    """Give the profile of a fit; where it ends is where the shortest side does."""
+    neck = t * size
+    half_neck = 0.5 * neck
+    ends = []
+    for points, left in ((chains.right, False), (chains.left, True)):
+        if one_sided and not left:
+            continue
+        for ahead in (False, True):
+            ends.append(float(np.max(quarter(frame, half_neck, points, left, ahead)[:, 0])))
+    reach = min(ends)
+    if max(ends) - reach < FIT_TOLERANCE:
+        reach = sum(ends) / len(ends)
+    if not neck > 0.0 or (kind.profile is not Elliptical and not p[0] > -50.0):
+        return
+    try:
+        sizes = kind.build(p, reach / size, t)
+        made = kind.profile(
+            neck_thickness=_neat(neck),
+            one_sided=one_sided,
+            **{k: _exponent(v) if k == "exponent" else _neat(v * size) for k, v in sizes.items()},
+        )
+    except (HingeError, OverflowError, ValueError):
+        return  # dimensions that no notch of this kind has
+    yield sides, frame, made
+
+
+def _exponent(value: float) -> float:
+    return round(float(value), 7)
+
+
+def _neat(value: float) -> float:
+    return round(float(value), 13)

@@ -1,0 +1,237 @@
+"""Contours as few exact pieces: polylines and splines that stand for arcs become arcs again."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.stage.curve import Curve
+from flexstage.stage.outline import arc
+
+Pair = tuple[float, float]
+
+#: Largest distance of the corners of a polyline from the arc that they are taken for [m].
+ARC_TOLERANCE = 0.2e-6
+#: Largest distance of an arc from the chords of a polyline that is taken for it [m].
+LARGEST_CHORD_ERROR = 25e-6
+# the same corners are tried with tighter tolerances first, so that an arc does not reach into what
+# goes on from it smoothly
+_TOLERANCES = (2e-9, 20e-9, ARC_TOLERANCE)
+_SHARPEST = math.radians(50.0)  # largest turn of a polyline between two chords of an arc
+_FEWEST = 3  # chords of an arc
+_CURVED = 50.0  # an arc rises this many tolerances above its chord
+_ROUND = 1.9 * math.pi  # more than this is never one arc
+_SAME = 1e-9  # two points, or two circles, are one [m]
+
+
+class Stroke(NamedTuple):
+    """A piece of a contour, a straight line or an arc, with the material on its left."""
+
+    curve: Curve
+    """The line or the arc."""
+    trace: tuple[Pair, ...] = ()
+    """The corners of the polyline or spline that it stands for [m]; none where it was drawn as it
+    is.
+    """
+
+    def reversed(self) -> "Stroke":
+        """Return it run through the other way."""
+        c = self.curve
+        return Stroke(Curve(c.end, c.start, -c.bulge), self.trace[::-1])
+
+    def points(self, chord: float) -> list[Pair]:
+        """Return points that lie on what was drawn, the ends among them.
+
+        Of an arc that was drawn as one they are so close that chords are off by at most `chord`.
+        """
+        if self.trace:
+            return list(self.trace)
+        c = self.curve
+        if not c.bulge:
+            return [c.start, c.end]
+        sweep = 4.0 * abs(math.atan(c.bulge))
+        step = 2.0 * math.acos(max(1.0 - chord / abs(c.radius), 0.5))
+        count = max(8, math.ceil(sweep / step))
+        return [c.point(k / count) for k in range(count + 1)]
+
+
+def tidy(loop: Sequence[Curve]) -> list[Stroke]:
+    """Return a closed contour as few pieces."""
+    strokes = [Stroke(c) for c in loop if math.dist(c.start, c.end) > 0.0]
+    # begin at the longest straight line, or at an arc: no polyline that stands for an arc is cut
+    lengths = [math.inf if s.curve.bulge else s.curve.length for s in strokes]
+    first = lengths.index(max(lengths))
+    strokes = strokes[first:] + strokes[:first]
+    made: list[Stroke] = []
+    run: list[Pair] = []
+    for stroke in strokes:
+        if stroke.curve.bulge:
+            made += _refined(run)
+            run = []
+            made.append(stroke)
+        else:
+            run = run or [stroke.curve.start]
+            run.append(stroke.curve.end)
+    made += _refined(run)
+    return _merged(made)
+
+
+def circle_of(points: Array) -> tuple[Pair, float, float]:
+    """Return centre and radius of the circle nearest to points, and their largest distance from it.
+
+    Least squares of the algebraic distance (I. Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8), then
+    two Gauss-Newton steps of the true distance.
+    """
+    origin = points.mean(axis=0)
+    p = points - origin
+    scale = float(np.max(np.abs(p)))
+    p = p / scale
+    a = np.column_stack([2.0 * p, np.ones(len(p))])
+    solved = np.linalg.lstsq(a, np.sum(p**2, axis=1), rcond=None)[0]
+    centre = solved[:2]
+    radius = math.sqrt(max(float(solved[2] + centre @ centre), 0.0))
+    for _ in range(2):
+        away = p - centre
+        distance = np.hypot(*away.T)
+        if not np.all(distance > 0.0):
+            break
+        jacobian = np.column_stack([-away / distance[:, None], -np.ones(len(p))])
+        step = np.linalg.lstsq(jacobian, radius - distance, rcond=None)[0]
+        centre, radius = centre + step[:2], radius + float(step[2])
+    off = float(np.max(np.abs(np.hypot(*(p - centre).T) - radius)))
+    x, y = (centre * scale + origin).tolist()
+    return (x, y), radius * scale, off * scale
+
+
+def _refined(run: list[Pair]) -> list[Stroke]:
+    """Return the lines and arcs that a polyline stands for."""
+    out: list[Stroke] = []
+    i, last = 0, len(run) - 1
+    points = np.array(run)
+    while i < last:
+        j = _arc_end(points, i) if last - i >= _FEWEST else i
+        if j > i:
+            out += _as_arcs(points[i : j + 1])
+            i = j
+        else:
+            out.append(Stroke(Curve(run[i], run[i + 1])))
+            i += 1
+    return out
+
+
+def _arc_end(points: Array, i: int) -> int:
+    """Return the last corner of the arc that begins at a corner; that corner where none does."""
+    steps = np.diff(points[i:], axis=0)
+    # no chord of an arc is much longer than the one before it, and all turn to the same side
+    lengths = np.hypot(*steps.T)
+    turns = np.arctan2(
+        steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0],
+        np.sum(steps[:-1] * steps[1:], axis=1),
+    )
+    good = (np.abs(turns) < _SHARPEST) & (turns * turns[0] > 0.0)
+    most = int(np.argmin(good)) if not np.all(good) else len(good)
+    if most + 1 < _FEWEST or turns[0] == 0.0:
+        return i
+    end = i + most + 1
+    for tolerance in _TOLERANCES:
+        j = _reach(points, i, end, tolerance)
+        if j - i < _FEWEST:
+            continue
+        _, radius, _ = circle_of(points[i : j + 1])
+        half = 0.5 * float(np.max(lengths[: j - i]))
+        if half >= radius or radius - math.sqrt(radius**2 - half**2) > LARGEST_CHORD_ERROR:
+            continue
+        if _rise(points[i : j + 1]) > _CURVED * tolerance:
+            return j
+    return i
+
+
+def _reach(points: Array, i: int, end: int, tolerance: float) -> int:
+    """Return the last corner up to which all lie on one circle."""
+
+    def fits(j: int) -> bool:
+        return circle_of(points[i : j + 1])[2] <= tolerance
+
+    good, step = i + _FEWEST, _FEWEST
+    if good > end or not fits(good):
+        return i
+    while good < end:
+        trial = min(good + step, end)
+        if fits(trial):
+            good, step = trial, 2 * step
+        elif step > 1:
+            step = max(1, min(step, trial - good) // 2)
+            bad = trial
+            while bad - good > 1:
+                middle = (good + bad) // 2
+                good, bad = (middle, bad) if fits(middle) else (good, middle)
+            break
+        else:
+            break
+    return good
+
+
+def _rise(points: Array) -> float:
+    """Largest distance of points from the chord of the first and the last, or from the first."""
+    chord = points[-1] - points[0]
+    away = points - points[0]
+    length = float(np.hypot(*chord))
+    spread = float(np.max(np.hypot(*away.T)))
+    if length < 0.1 * spread:
+        return spread
+    return float(np.max(np.abs(away @ np.array([-chord[1], chord[0]]) / length)))
+
+
+def _as_arcs(points: Array) -> list[Stroke]:
+    """Return the arc on which points lie, or two where it is nearly or wholly round."""
+    centre, _, _ = circle_of(points)
+    away = points - np.array(centre)
+    angles = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
+    trace = tuple((x, y) for x, y in points.tolist())
+    last = len(points) - 1
+    ends = [0, last // 2, last] if abs(angles[-1] - angles[0]) > _ROUND else [0, last]
+    made = []
+    for a, b in pairwise(ends):
+        bulge = math.tan(0.25 * float(angles[b] - angles[a]))
+        made.append(Stroke(Curve(trace[a], trace[b], bulge), trace[a : b + 1]))
+    return made
+
+
+def _merged(strokes: list[Stroke]) -> list[Stroke]:
+    """Join lines that go on straight, and arcs that go on on the same circle."""
+    out: list[Stroke] = []
+    for stroke in strokes:
+        joined = _join(out[-1], stroke) if out else None
+        if joined is None:
+            out.append(stroke)
+        else:
+            out[-1] = joined
+    while len(out) > 2 and (joined := _join(out[-1], out[0])) is not None:
+        out = [joined, *out[1:-1]]
+    return out
+
+
+def _join(a: Stroke, b: Stroke) -> Stroke | None:
+    """Return two pieces as one, where they are."""
+    trace = (*a.trace, *b.trace[1:]) if a.trace and b.trace else ()
+    start, end = a.curve.start, b.curve.end
+    if not a.curve.bulge and not b.curve.bulge:
+        length = math.dist(start, end)
+        (ux, uy), (vx, vy) = a.curve.direction(0.0), b.curve.direction(0.0)
+        straight = abs(ux * vy - uy * vx) * min(a.curve.length, b.curve.length) < _SAME
+        if length > 0.0 and straight and ux * vx + uy * vy > 0.0:
+            return Stroke(Curve(start, end))
+        return None
+    if a.curve.bulge * b.curve.bulge <= 0.0:
+        return None
+    first, second = arc(*a.curve), arc(*b.curve)
+    same = ARC_TOLERANCE if a.trace or b.trace else _SAME
+    sweep = first[3] + second[3]
+    near = math.dist(first[0], second[0]) < same and abs(first[1] - second[1]) < same
+    if not near or abs(sweep) > _ROUND:
+        return None
+    # the sweep about the centre of the longer one ends in the right place to rounding
+    return Stroke(Curve(start, end, math.tan(0.25 * sweep)), trace)

@@ -1,0 +1,70 @@
+"""Drawings that flexstage exports come back as the stages that they were drawn from."""
+
+import pytest
+
+from flexstage.designs import DESIGNS, design
+from flexstage.errors import StageError
+from flexstage.export.drawing.contours import plate_contours
+from flexstage.export.step import step_files
+from flexstage.stage import check
+from flexstage.stage.drawing.drawn_stage import DrawingOptions, read_drawing
+from tests.drawing_stages import NOTCHES, guide
+from tests.drawn_stages import dxf_without_hinges, figures, require_same, with_drives_of
+
+
+def _is_one_plate(name: str) -> bool:
+    try:
+        plate_contours(design(name))
+    except StageError:
+        return False
+    return True
+
+
+#: Designs that are one plate: others are drawn in several pieces, and a drawing is of one.
+PLATES = [name for name in DESIGNS if _is_one_plate(name)]
+
+
+def _told(stage) -> DrawingOptions:
+    return DrawingOptions(thickness=stage.thickness, material=stage.material.name)
+
+
+@pytest.mark.parametrize("name", PLATES)
+def test_the_dxf_of_a_design_comes_back(name: str, tmp_path) -> None:
+    stage = design(name)
+    path = tmp_path / "part.dxf"
+    dxf_without_hinges(stage).saveas(path)
+    drawn = read_drawing(path, _told(stage))
+    names = require_same(drawn.stage, stage)
+    held = {names[b.name] for b in drawn.stage.bodies if b.fixed}
+    assert held == {b.name for b in stage.bodies if b.fixed}
+    assert [issue for issue in check(drawn.stage) if issue.severity == "error"] == []
+    again, before = figures(with_drives_of(drawn.stage, stage, names)), figures(stage)
+    assert again.keys() == before.keys()
+    for key, value in before.items():
+        assert again[key] == pytest.approx(value, rel=1e-3), key
+
+
+@pytest.mark.parametrize("name", ["parallelogram", "vgtu-piezo"])
+def test_the_step_of_a_design_comes_back(name: str, tmp_path) -> None:
+    stage = design(name)
+    path = tmp_path / "part.step"
+    path.write_bytes(next(iter(step_files(stage).values())))
+    drawn = read_drawing(path, DrawingOptions(material=stage.material.name))
+    assert drawn.stage.thickness == pytest.approx(stage.thickness, rel=1e-9)
+    names = require_same(drawn.stage, stage)
+    again, before = figures(with_drives_of(drawn.stage, stage, names)), figures(stage)
+    for key, value in before.items():
+        assert again[key] == pytest.approx(value, rel=1e-3), key
+
+
+@pytest.mark.parametrize("kind", NOTCHES)
+def test_every_notch_comes_back_turned_and_shifted(kind: str, tmp_path) -> None:
+    # those that are no lines and arcs are drawn within 10 nm, and come back in round sizes
+    stage = guide(NOTCHES[kind])
+    path = tmp_path / "part.dxf"
+    dxf_without_hinges(stage).saveas(path)
+    drawn = read_drawing(path, _told(stage))
+    names = require_same(drawn.stage, stage)
+    assert {n.certainty for n in drawn.necks} == {"likely" if kind == "as-drawn" else "sure"}
+    again = with_drives_of(drawn.stage, stage, names)
+    assert [b.fixed for b in again.bodies].count(True) == 1
