@@ -1,11 +1,12 @@
 """A trapezoidal pivot: an arm on two leaves whose lines cross beyond them, in its remote centre."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from flexstage.designs.pivot_pieces import PivotParameters, faces, leaf, pivot
 from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.stage import Body, Loop, Stage
+from flexstage.stage.drive import AnyActuator, ScrewActuator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -14,6 +15,10 @@ class TrapezoidalPivotParameters(PivotParameters):
 
     centre_distance: Size = 10e-3
     """Distance of the near ends of the leaves from the centre [m]."""
+    actuator: AnyActuator = field(
+        default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=200e-6)
+    )
+    """What turns the pivot."""
     arm_height: Size = 22e-3
     """Height of the arm over its leaves [m]."""
 
