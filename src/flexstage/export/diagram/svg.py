@@ -74,9 +74,9 @@ def diagram_files(
 ) -> dict[str, bytes]:
     """Draw a stage and each of its axes that one drive moves.
 
-    ``diagram.svg`` and, for each of these axes, ``diagram-AXIS.svg``. Where no model is given, amplifiers,
-    hysteresis, creep and sensors are those of `hysteresis.dynamic_model`; damping is fitted
-    to the two lowest modes where none is given.
+    ``diagram.svg`` and, for each of these axes, ``diagram-AXIS.svg``. Where no model is given,
+    amplifiers, hysteresis, creep and sensors are those of `hysteresis.dynamic_model`; damping is
+    fitted to the two lowest modes where none is given.
 
     Examples
     --------
