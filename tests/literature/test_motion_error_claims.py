@@ -11,7 +11,8 @@ from flexstage.fem import plane_model
 from flexstage.fem.stroke import follow_stroke
 from flexstage.stage import Stage
 from flexstage.studies.results import traditional_results
-from flexstage.studies.traditional import TraditionalComparison, _traditional, compare_traditional
+from flexstage.studies.traditional import TraditionalComparison, compare_traditional
+from flexstage.studies.traditional_stages import traditional_axes
 from flexstage.system import analyse
 
 #: Motion across that was measured over the stroke [m], from the study.
@@ -88,7 +89,7 @@ def test_symmetry_takes_a_third_off_the_drift(compared) -> None:
 def test_paths_of_traditional_guides_are_those_of_finite_elements(compared) -> None:
     travel = {name: axis.travel for name, axis in compared.own.axes.items()}
     for (title, axes), found in zip(
-        _traditional(design(compared.own.title), travel), compared.others, strict=True
+        traditional_axes(design(compared.own.title), travel), compared.others, strict=True
     ):
         if "side by side" in title:
             continue
