@@ -3,12 +3,8 @@
 import numpy as np
 
 from flexstage.studies.motion_errors import AxisErrors
-from flexstage.studies.traditional import (
-    CROSSED_ROLLERS,
-    LOADS,
-    ComparedStage,
-    TraditionalComparison,
-)
+from flexstage.studies.traditional import LOADS, ComparedStage, TraditionalComparison
+from flexstage.studies.traditional_stages import CROSSED_ROLLERS
 from flexstage.virtual.imperfections import Scatter
 
 SAMPLES = 41

@@ -1,6 +1,7 @@
 """Claims against traditional stages: how figures become verdicts, and how the stages are made."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,14 +14,13 @@ from flexstage.report.traditional import claim_table, drift_table, error_table, 
 from flexstage.section import Section
 from flexstage.stage.checks import check
 from flexstage.stage.drive import StackActuator, VoiceCoil
-from flexstage.studies.traditional import (
-    compare_traditional,
+from flexstage.studies.traditional import compare_traditional
+from flexstage.studies.traditional_stages import (
     direct_actuator,
-    drift_verdict,
     guides_on_one_side,
     single_axis_guides,
-    verdict,
 )
+from flexstage.studies.traditional_verdict import drift_verdict, verdict
 from tests.compared_stages import comparison
 
 TRAVEL = {"x": 64.5e-6, "y": 62.7e-6}
@@ -62,7 +62,7 @@ def test_sentences_say_what_the_figures_say() -> None:
         "goes 0.200 µm across over its stroke (0.21 µm were measured)",
         "rigid bodies go 0.140 µm, elastic ones 0.060 µm more",
         "17 % less than a traditional stage, holds against worse (33 % below it), lame (78 % below",
-        "does not hold against like it (9 % below it) and better (4 times as much)",
+        "does not hold against like it (9 % below it) and better (4.0 times as much)",
         "By straightness it holds against",
         "legs are at most 8.2 mm from neck to neck",
         "those of the stage have 12 and 14 mm",
@@ -82,7 +82,9 @@ def test_the_longest_leg_has_the_arc_that_the_claim_asks_for() -> None:
 def test_drift_is_set_against_the_stage_without_symmetry_and_the_others() -> None:
     one, other = drift_verdict(comparison())
     assert "drifts 1500 nm instead of 2000 nm by a uniform kelvin" in one
-    assert "takes 25 % off" in one
+    assert "symmetry takes 25 % off what a uniform change does" in one
+    worse = replace(comparison(), asymmetric=comparison().others[1])
+    assert "symmetry adds 50 % to what a uniform change does" in drift_verdict(worse)[0]
     assert (
         other == "By a uniform kelvin it drifts less than worse and better and more than like it."
     )
@@ -105,6 +107,7 @@ def test_tables_hold_every_stage_and_every_axis() -> None:
 def test_an_actuator_that_is_longer_has_the_same_strain_and_section() -> None:
     stack = StackActuator(free_stroke=38e-6, stiffness=43e6)
     longer, length = direct_actuator(stack, 36e-3, 95e-6)
+    assert isinstance(longer, StackActuator)
     assert longer.free_stroke / length == pytest.approx(38e-6 / 36e-3)
     assert longer.stiffness * length == pytest.approx(43e6 * 36e-3)
     with pytest.raises(ModelError, match="kind 'force' has no stroke"):
@@ -115,7 +118,9 @@ def test_traditional_guides_have_the_legs_of_the_stage() -> None:
     stage = design("vgtu-piezo")
     guides = single_axis_guides(stage, "parallelogram", TRAVEL)
     made = side_by_side_xy(
-        SideBySideXYParameters(**guides, thickness=stage.thickness, material=stage.material)
+        SideBySideXYParameters(
+            x=guides["x"], y=guides["y"], thickness=stage.thickness, material=stage.material
+        )
     )
     assert [issue for issue in check(made) if issue.severity == "error"] == []
     for axis in "xy":

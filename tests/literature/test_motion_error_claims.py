@@ -4,14 +4,17 @@ The geometry of both stages was found from the published stroke, stress and freq
 the motion errors that were measured are no part of it.
 """
 
+from dataclasses import replace
+
 import pytest
 
 from flexstage.designs import design
 from flexstage.fem import plane_model
 from flexstage.fem.stroke import follow_stroke
-from flexstage.stage import Stage
+from flexstage.stage import Stage, mass_properties
 from flexstage.studies.results import traditional_results
-from flexstage.studies.traditional import TraditionalComparison, _traditional, compare_traditional
+from flexstage.studies.traditional import TraditionalComparison, compare_traditional
+from flexstage.studies.traditional_stages import traditional_axes
 from flexstage.system import analyse
 
 #: Motion across that was measured over the stroke [m], from the study.
@@ -85,10 +88,27 @@ def test_symmetry_takes_a_third_off_the_drift(compared) -> None:
 
 
 @pytest.mark.slow
+def test_a_stack_weighs_what_its_two_plates_do_and_is_as_high(compared) -> None:
+    stage = design(compared.own.title)
+    travel = {name: axis.travel for name, axis in compared.own.axes.items()}
+    (_, stacked), *_ = traditional_axes(stage, travel)
+    lower, upper = stacked["x"].stage, stacked["y"].stage
+    plates = [
+        sum(m.mass for m in mass_properties(part).values())
+        for part in (
+            replace(lower, bodies=tuple(replace(b, extra_masses=()) for b in lower.bodies)),
+            upper,
+        )
+    ]
+    assert compared.others[0].mass == pytest.approx(sum(plates))
+    assert compared.others[0].size[2] == pytest.approx(2.0 * stage.thickness + 3e-3)
+
+
+@pytest.mark.slow
 def test_paths_of_traditional_guides_are_those_of_finite_elements(compared) -> None:
     travel = {name: axis.travel for name, axis in compared.own.axes.items()}
     for (title, axes), found in zip(
-        _traditional(design(compared.own.title), travel), compared.others, strict=True
+        traditional_axes(design(compared.own.title), travel), compared.others, strict=True
     ):
         if "side by side" in title:
             continue

@@ -119,7 +119,7 @@ def study(
         screen.print(on_terminal(table))
     if result.traditional is not None:
         from flexstage.report.traditional import claim_table
-        from flexstage.studies.traditional import claim_verdict
+        from flexstage.studies.traditional_verdict import claim_verdict
 
         screen.print(on_terminal(claim_table(result.traditional)))
         screen.print(claim_verdict(result.traditional), markup=False)

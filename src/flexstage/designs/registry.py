@@ -45,6 +45,7 @@ _FAMILIES = (
     "bridge_xy",
     "scott_russell",
     "lever_chain",
+    "three_rrr",
 )
 
 #: Parametric families.

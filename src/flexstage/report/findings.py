@@ -92,7 +92,7 @@ def _measured(study: "Study") -> str:
 
 def _traditional(study: "Study") -> str:
     """Say what becomes of the claim of smaller motion errors."""
-    from flexstage.studies.traditional import claim_verdict
+    from flexstage.studies.traditional_verdict import claim_verdict
 
     return "" if study.traditional is None else claim_verdict(study.traditional)
 

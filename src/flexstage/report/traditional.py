@@ -14,9 +14,8 @@ from flexstage.studies.traditional import (
     ComparedStage,
     Reduction,
     TraditionalComparison,
-    drift_verdict,
-    verdict,
 )
+from flexstage.studies.traditional_verdict import drift_verdict, verdict
 from flexstage.table import Cell, Column, Table, table
 
 if TYPE_CHECKING:
@@ -170,7 +169,7 @@ def other_table(found: TraditionalComparison) -> Table:
                 *(f"{f:.0f}" for f in stage.frequency_hz.values()),
                 f"{100.0 * spread(stage.frequency_hz):.0f}",
                 f"{100.0 * spread(stage.axis_errors):.0f}",
-                number(100.0 * abs(coupling), 2),
+                _small(100.0 * abs(coupling)),
                 sizes,
                 number(stage.mass, 3),
                 stage.actuators,

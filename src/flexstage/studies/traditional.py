@@ -1,8 +1,7 @@
 """The study's claims set against traditional stages: motion errors, and drift with temperature."""
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -10,24 +9,19 @@ import numpy as np
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.characteristic import measured_value
-from flexstage.designs.nested_xy_parameters import AxisParameters, NestedXYParameters
-from flexstage.designs.pieces import Leg
 from flexstage.designs.published import MOTION_ERROR_CLAIMS
-from flexstage.designs.registry import PARAMETER_SETS
-from flexstage.designs.side_by_side_xy import SideBySideXYParameters, side_by_side_xy
-from flexstage.designs.single_axis import SingleAxisParameters, extent
-from flexstage.designs.stacked_xy import StackedXYParameters, plates
 from flexstage.errors import ModelError
-from flexstage.hinges import RightCircular
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage, mass_properties
-from flexstage.stage.drive import AnyActuator, ScrewActuator, StackActuator
-from flexstage.studies.motion_errors import (
-    SAMPLES,
-    AxisErrors,
-    GuidedAxis,
-    Mounting,
-    axis_errors,
+from flexstage.stage.mass import outer_size
+from flexstage.studies.motion_errors import SAMPLES, AxisErrors, GuidedAxis, axis_errors
+from flexstage.studies.traditional_stages import (
+    CROSSED_ROLLERS,
+    CatalogueGuide,
+    axis_dimensions,
+    guide_leg,
+    guides_on_one_side,
+    traditional_axes,
 )
 from flexstage.system import MechanicalSystem, modes, static_displacements, static_loads
 from flexstage.system.analysis import axis_mode
@@ -35,7 +29,7 @@ from flexstage.virtual.imperfections import Scatter
 from flexstage.virtual.scattered_motion import drive_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable
 
     from flexstage.fem.stroke import FiniteStroke
 
@@ -52,30 +46,6 @@ LOADS: Mapping[str, float] = {
     "temperature gradient x": 1.0 / SPAN,
     "temperature gradient y": 1.0 / SPAN,
 }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CatalogueGuide:
-    """A guide that one buys, by what its maker states."""
-
-    title: str
-    """What it is."""
-    straightness: float
-    """Largest deviation from a straight line that is stated [m]."""
-    over: float
-    """Length of the travel that it is stated for [m]; nothing is stated for less."""
-    source: str
-    """Where."""
-
-
-#: A guide of rolling elements, for which nothing is computed here.
-CROSSED_ROLLERS = CatalogueGuide(
-    title="crossed rollers (catalogue)",
-    straightness=1e-6,
-    over=0.1,
-    source="A. Bromme, G. Jaffe, Achieving high precision in linear stages without costly air "
-    "bearings, Steinmeyer, 2012: straightness within 1 um over 100 mm",
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -268,7 +238,7 @@ def compare_traditional(
         **made,
     )
     others = []
-    for i, (title, axes) in enumerate(_traditional(stage, travel)):
+    for i, (title, axes) in enumerate(traditional_axes(stage, travel)):
         progress.update("traditional stages", 0.4 + 0.2 * i)
         others.append(_compared(title, axes, {}, {}, **made))
     measured = [measured_value(stage.published, "straightness", axis) for axis in travel]
@@ -279,209 +249,10 @@ def compare_traditional(
         catalogue=CROSSED_ROLLERS,
         asymmetric=asymmetric,
         measured=max((m for m in measured if m is not None), default=None),
-        legs={name: _leg(_dimensions(stage, name)).neck_distance for name in travel},
+        legs={name: guide_leg(axis_dimensions(stage, name)).neck_distance for name in travel},
         scatter=process,
         samples=samples,
     )
-
-
-def claim_verdict(found: TraditionalComparison) -> str:
-    """Say against which traditional stages the claim holds, by motion across."""
-    return (
-        f"The claim, {100.0 * found.claim:.0f} % less than a traditional stage, "
-        f"{_against(found.reductions())}."
-    )
-
-
-def verdict(found: TraditionalComparison) -> tuple[str, ...]:
-    """Say in sentences what of the claims holds, by the figures of a comparison."""
-    own = found.own
-    across = own.median("across")
-    printed = "" if found.measured is None else f" ({1e6 * found.measured:.2f} µm were measured)"
-    implied = found.implied
-    worse = max(own.axes.values(), key=lambda axis: axis.figures("across")[0])
-    legs = " and ".join(sorted({f"{1e3 * v:.0f}" for v in found.legs.values()}))
-    sentences = [
-        f"The worse axis of {own.title} goes {_um(across)} µm across over its stroke"
-        f"{printed}, median of {found.samples} stages as made.",
-        f"Of that rigid bodies go {_um(worse.geometry)} µm, elastic ones {_um(abs(worse.bending))} "
-        f"µm more; what manufacture adds has a deviation of {_um(worse.manufacture)} µm.",
-        claim_verdict(found),
-        f"By yaw it {_against(found.reductions('yaw'))}.",
-        f"Against a single parallelogram it holds where legs are at most "
-        f"{1e3 * found.longest_leg:.1f} mm from neck to neck, by their arc alone; those of the "
-        f"stage have {legs} mm.",
-    ]
-    if found.knows_straightness:
-        sentences.insert(3, f"By straightness it {_against(found.reductions('straightness'))}.")
-    if implied is not None:
-        sentences.append(
-            f"With what was measured of the stage, the claim is of a traditional stage that goes "
-            f"{1e6 * implied:.2f} µm across."
-        )
-    return tuple(sentences)
-
-
-def drift_verdict(found: TraditionalComparison) -> tuple[str, ...]:
-    """Say in sentences what symmetry does for the drift with temperature."""
-    own, lame = found.own, found.asymmetric
-    words = []
-    for load, name in (
-        ("temperature", "a uniform kelvin"),
-        ("temperature gradient x", f"a kelvin over {1e3 * SPAN:.0f} mm in x"),
-        ("temperature gradient y", f"a kelvin over {1e3 * SPAN:.0f} mm in y"),
-    ):
-        one, other = (math.hypot(*s.drift[load][:2]) for s in (own, lame))
-        words.append(f"{1e9 * one:.0f} nm instead of {1e9 * other:.0f} nm by {name}")
-    less = [math.hypot(*s.drift["temperature"][:2]) for s in (own, *found.others)]
-    better = [s.title for s, v in zip(found.others, less[1:], strict=True) if v < less[0]]
-    worse = [s.title for s, v in zip(found.others, less[1:], strict=True) if v >= less[0]]
-    ranks = [f"less than {_listed(worse)}"] * bool(worse) + [f"more than {_listed(better)}"] * bool(
-        better
-    )
-    helps = 1.0 - less[0] / math.hypot(*lame.drift["temperature"][:2])
-    return (
-        f"With guide legs on both sides the platform drifts {_listed(words)}: symmetry takes "
-        f"{100.0 * helps:.0f} % off what a uniform change does, and does not remove it, since the "
-        "drives and levers of either axis stand on one side of it.",
-        f"By a uniform kelvin it drifts {' and '.join(ranks)}.",
-    )
-
-
-def _against(rows: "Sequence[Reduction]") -> str:
-    """Say against which stages a claim holds, and against which it does not."""
-    parts = []
-    for holds, words in ((True, "holds against"), (False, "does not hold against")):
-        named = [f"{r.against} ({_by(r.reduction)})" for r in rows if r.holds == holds]
-        if named:
-            parts.append(f"{words} {_listed(named)}")
-    return ", and ".join(parts)
-
-
-def _um(value: float) -> str:
-    """Write a length in micrometres."""
-    return f"{1e6 * value:.3f}"
-
-
-def _by(reduction: float) -> str:
-    """Say how a figure lies to that of another stage."""
-    if reduction >= 0.0:
-        return f"{100.0 * reduction:.0f} % below it"
-    return f"{1.0 - reduction:.2g} times as much"
-
-
-def _listed(words: "Sequence[str]") -> str:
-    """Join words as a sentence does."""
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
-
-
-def guides_on_one_side(stage: Stage) -> Stage:
-    """Return a nested stage without the guide legs on one side of each axis."""
-    gone = {body.name for body in stage.bodies if body.name[1:] in ("G0d", "G1d")}
-    return replace(
-        stage,
-        name=f"{stage.name}-one-sided",
-        bodies=tuple(body for body in stage.bodies if body.name not in gone),
-        hinges=tuple(hinge for hinge in stage.hinges if not gone & set(hinge.bodies)),
-        published=(),
-    )
-
-
-def single_axis_guides(
-    stage: Stage, guide: str, travel: Mapping[str, float]
-) -> dict[str, SingleAxisParameters]:
-    """Return guides with the legs of each axis of a nested stage, driven directly.
-
-    Notches, length and spacing of legs are those of the axis, the platform as high as the one that
-    carries what is positioned; the actuator is of the same kind and goes as far as that does.
-    """
-    platform = stage.body("PY").outline.points
-    height = max(x for x, _ in platform) - min(x for x, _ in platform)
-    found = {}
-    for name, far in travel.items():
-        of_axis = _dimensions(stage, name)
-        first, second = (stage.hinge(f"{name}gp{i}-u").at for i in (0, 1))
-        actuator, length = direct_actuator(of_axis.actuator, of_axis.actuator_pocket_length, far)
-        found[name] = SingleAxisParameters(
-            guide=guide,  # type: ignore[arg-type]
-            leg=_leg(of_axis),
-            leg_spacing=math.dist(first, second),
-            platform_height=height,
-            actuator=actuator,
-            actuator_length=length,
-        )
-    return found
-
-
-def direct_actuator(
-    actuator: AnyActuator, length: float, travel: float
-) -> tuple[AnyActuator, float]:
-    """Return an actuator that makes a travel [m] itself, and its length [m].
-
-    Of a screw more or less is turned in; a stack grows with its stroke, and its stiffness falls.
-
-    Examples
-    --------
-    >>> stack = StackActuator(free_stroke=38e-6, stiffness=43e6)
-    >>> longer, length = direct_actuator(stack, 36e-3, 65e-6)
-    >>> print(f"{length * 1e3:.1f} mm, {longer.stiffness * 1e-6:.1f} N/um")
-    61.6 mm, 25.1 N/um
-    """
-    if isinstance(actuator, ScrewActuator):
-        return replace(actuator, travel=travel), length
-    if isinstance(actuator, StackActuator):
-        more = travel / actuator.free_stroke
-        longer = replace(actuator, free_stroke=travel, stiffness=actuator.stiffness / more)
-        return longer, length * more
-    raise ModelError(f"an actuator of the kind '{actuator.kind}' has no stroke to set")
-
-
-def _traditional(
-    stage: Stage, travel: Mapping[str, float]
-) -> "Iterator[tuple[str, dict[str, GuidedAxis]]]":
-    """Give every kind of traditional stage: what it is, and its axes.
-
-    The platform of a double parallelogram is enclosed by its base, so none has another beside it.
-    """
-    plate = {"thickness": stage.thickness, "material": stage.material}
-    single, double = (
-        single_axis_guides(stage, guide, travel)
-        for guide in ("parallelogram", "double-parallelogram")
-    )
-    for title, guides in (
-        ("stacked parallelograms", single),
-        ("stacked double parallelograms", double),
-    ):
-        stack = StackedXYParameters(**guides, **plate)
-        lower, upper = plates(stack)
-        low, high = stack.heights
-        yield (
-            title,
-            {
-                "x": GuidedAxis(stage=lower, axis="x", offset=(0.0, 0.0, low)),
-                "y": GuidedAxis(
-                    stage=upper, axis="x", offset=(0.0, 0.0, high), mounting=Mounting(), stream=1
-                ),
-            },
-        )
-    beside = side_by_side_xy(SideBySideXYParameters(**single, **plate))
-    yield (
-        "parallelograms side by side",
-        {
-            name: GuidedAxis(stage=beside, axis=name, offset=(0.0, 0.0, 0.5 * stage.thickness))
-            for name in travel
-        },
-    )
-
-
-def _dimensions(stage: Stage, axis: str) -> AxisParameters:
-    parameters: NestedXYParameters = PARAMETER_SETS[stage.name].parameters
-    return {"x": parameters.x, "y": parameters.y}[axis]
-
-
-def _leg(of_axis: AxisParameters) -> Leg:
-    notch = RightCircular(neck_thickness=of_axis.leg_neck, radius=of_axis.leg_notch_radius)
-    return Leg(notch=notch, bar_length=of_axis.leg_bar_length)
 
 
 def _elastic(stage: Stage) -> MechanicalSystem:
@@ -528,9 +299,8 @@ def _compared(
             samples=samples,
             seed=seed,
         )
-    spans = [extent(part) for part in parts]
     # the upper plate is turned by a quarter
-    sides = [(s[2] - s[0], s[3] - s[1])[:: -1 if i else 1] for i, s in enumerate(spans)]
+    sides = [outer_size(part)[:2][:: -1 if i else 1] for i, part in enumerate(parts)]
     spacers = sum(guided.offset[2] for guided in axes.values() if guided.mounting is None)
     thickness = parts[0].thickness
     return ComparedStage(
@@ -543,7 +313,8 @@ def _compared(
             max(s[1] for s in sides),
             thickness if len(parts) == 1 else 0.5 * thickness + spacers,
         ),
-        mass=sum(m.mass for part in parts for m in mass_properties(part).values()),
+        # the lower plate carries the upper one, where there are two
+        mass=sum(m.mass for m in mass_properties(parts[0]).values()),
         actuators=_actuators(drives),
     )
 

@@ -80,7 +80,8 @@ def axis_characteristics(
         stress = static.hinge_stress[worst]
         scatter = None if system.stress is None else system.stress.scatter(static.q)[worst]
         # nothing is known of its scatter where the stress comes from no mesh
-        add.stress(stage.material, stress, f"hinge '{worst}', full stroke", scatter or None)
+        where = "full stroke" if alone else "change from end to end (the largest is of the stage)"
+        add.stress(stage.material, stress, f"hinge '{worst}', {where}", scatter or None)
     steps = {n: p.smallest_displacement for n, p in ports.items() if p.smallest_displacement}
     if steps:
         gains = (
