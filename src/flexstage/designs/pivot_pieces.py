@@ -55,6 +55,9 @@ class PivotParameters(PlateParameters):
         sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
         room = 0.5 * (self.leaf.root_height * cosine + WIRE) / sine
         at_least("centre_distance", self.centre_distance, room, "for two leaves side by side")
+        near = faces(self, self.radius)[1][0] + self.actuator_length
+        room = 0.5 * self.wall + self.mounting_hole_diameter - near
+        at_least("column_width", self.column_width, room, "so that two bolts have room")
 
     @property
     def reach(self) -> float:
