@@ -71,6 +71,7 @@ def test_the_lower_guide_carries_the_upper_plate() -> None:
     whole = sum(m.mass for m in masses.values())
     riding = lower.body("platform").extra_masses
     assert sum(m.mass for m in riding) == pytest.approx(whole)
+    assert [m.inertia for m in riding] == [m.inertia for m in masses.values()]
     # turned by a quarter, with the middle of its platform above that of the lower one
     above, middle = lower.probe("x").at, upper.probe("x").at
     for mass, drawn in zip(riding, masses.values(), strict=True):
