@@ -110,7 +110,7 @@ def test_outlines_are_joined_along_their_edges() -> None:
 
 
 def test_impossible_dimensions_are_refused() -> None:
-    with pytest.raises(StageError, match="leg_spacing must be over the width of a leg"):
+    with pytest.raises(StageError, match="leg_spacing must be at least"):
         side_by_side_xy(replace(BESIDE, x=replace(X, leg_spacing=2e-3)))
     with pytest.raises(StageError, match="platform_height"):
         SingleAxisParameters(platform_height=-1e-3)
