@@ -282,7 +282,7 @@ def test_drives_askew_to_the_probes_are_decoupled(turned: float) -> None:
 
 def test_a_little_askew_is_cross_coupling_as_before() -> None:
     """Below half the axes are looked at one by one; the limit is where tan(turn) = 1/2."""
-    for turned, coupled in ((0.45, False), (0.48, True)):
+    for turned, coupled in ((0.463, False), (0.4645, True)):
         made = driven_at(turned, turned + np.pi / 2)
         assert analyse(seen(made), made).coupling.coupled is coupled
     made = driven_at(0.2, 0.2 + np.pi / 2)
