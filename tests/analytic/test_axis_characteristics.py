@@ -387,6 +387,19 @@ def test_the_mass_that_moves_with_a_probe() -> None:
     assert rows.value("effective_mass", "y") == pytest.approx(0.21 / 9.0)
 
 
+@pytest.mark.parametrize("turned", [0.0, 0.4, 1.3])
+def test_the_mass_that_moves_does_not_depend_on_how_equal_modes_are_mixed(turned: float) -> None:
+    """Two modes of one frequency have no direction of their own: any probe moves the whole body.
+
+    The probes are turned against the coordinates, along which a solver returns the two.
+    """
+    made = driven_at(turned, turned + np.pi / 2, probes=(turned, turned + np.pi / 2))
+    made = replace(made, K=np.diag((9e5, 9e5, 60.0)))
+    rows = analyse(seen(made), made).characteristics
+    for axis in "xy":
+        assert rows.value("effective_mass", axis) == pytest.approx(0.21)
+
+
 def test_size_and_mass_of_the_whole() -> None:
     rows = analyse(stage(), system()).characteristics.select(axis="stage")
     value = {r.quantity: r.value for r in rows}
