@@ -40,7 +40,9 @@ def frequencies(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
     return np.sqrt(eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi)
 
 
-@pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical", "parallelogram"])
+@pytest.mark.parametrize(
+    "name", ["vgtu-piezo", "vgtu-mechanical", "parallelogram", "rhombus", "three-rrr"]
+)
 def test_matrices_of_stages_equal_the_numeric_ones(name: str) -> None:
     stage = design(name)
     system, model = lumped_system(stage), symbolic_model(stage)
@@ -344,6 +346,21 @@ def test_symbols_are_shared() -> None:
     names = {symbol.name for symbol in model.values}
     assert {n for n in names if n.startswith("k_{u")} == {"k_{u1}"}
     assert {n for n in names if n.startswith("m_")} == {"m_1", "m_2"}
+
+
+def test_mirror_images_share_the_symbol_of_their_angle() -> None:
+    # four beams at 0.14 rad, to either side; three legs at 30 and 60 deg to the axes
+    for name, angles in (("rhombus", [0.14]), ("three-rrr", [math.pi / 6.0, math.pi / 3.0])):
+        values = symbolic_model(design(name)).values
+        found = sorted(v for symbol, v in values.items() if symbol.name.startswith("phi"))
+        assert found == pytest.approx(angles, rel=1e-13)
+
+
+def test_a_rhombus_has_a_transfer_function_in_symbols() -> None:
+    part = reduce_by_symmetry(symbolic_model(design("rhombus")))
+    poles = np.abs(transfer_function(part, "y", "y").poles().imag[::2]) / (2.0 * np.pi)
+    wanted = frequencies(part.numbers(part.K), part.numbers(part.M))
+    assert np.allclose(poles, wanted, rtol=1e-9)
 
 
 def test_errors_say_what_to_do() -> None:

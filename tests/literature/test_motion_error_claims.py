@@ -4,12 +4,14 @@ The geometry of both stages was found from the published stroke, stress and freq
 the motion errors that were measured are no part of it.
 """
 
+from dataclasses import replace
+
 import pytest
 
 from flexstage.designs import design
 from flexstage.fem import plane_model
 from flexstage.fem.stroke import follow_stroke
-from flexstage.stage import Stage
+from flexstage.stage import Stage, mass_properties
 from flexstage.studies.results import traditional_results
 from flexstage.studies.traditional import TraditionalComparison, compare_traditional
 from flexstage.studies.traditional_stages import traditional_axes
@@ -83,6 +85,23 @@ def test_symmetry_takes_a_third_off_the_drift(compared) -> None:
 
     # and no more: the claim of the study that it makes a stage robust holds as far as this
     assert total(compared.own) / total(compared.asymmetric) == pytest.approx(0.66, abs=0.03)
+
+
+@pytest.mark.slow
+def test_a_stack_weighs_what_its_two_plates_do_and_is_as_high(compared) -> None:
+    stage = design(compared.own.title)
+    travel = {name: axis.travel for name, axis in compared.own.axes.items()}
+    (_, stacked), *_ = traditional_axes(stage, travel)
+    lower, upper = stacked["x"].stage, stacked["y"].stage
+    plates = [
+        sum(m.mass for m in mass_properties(part).values())
+        for part in (
+            replace(lower, bodies=tuple(replace(b, extra_masses=()) for b in lower.bodies)),
+            upper,
+        )
+    ]
+    assert compared.others[0].mass == pytest.approx(sum(plates))
+    assert compared.others[0].size[2] == pytest.approx(2.0 * stage.thickness + 3e-3)
 
 
 @pytest.mark.slow

@@ -8,12 +8,15 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from flexstage.designs import find_stage
+from flexstage.designs import design, find_stage
 from flexstage.errors import FlexstageError, PlanError, UnitError
 from flexstage.experiments.file import plan_from_text
 from flexstage.hinges import RightCircular
 from flexstage.stage import PlaneMotion, Stage, check, moved, read_stage, stage_from_text
+from flexstage.stage.drawing.blanks import stage_file_text
+from flexstage.stage.drawing.drawn_stage import DrawingOptions, read_drawing
 from flexstage.stage.format import SCHEMA_PATH
+from tests.drawn_stages import dxf_without_hinges
 from tests.system.test_stage_file import EXAMPLE, SPELLED_OUT, core_schema
 
 HEAD = "flexstage: 1\nlength_unit: mm\nname: own\nthickness: 8 mm\nmaterial: Al 7075-T6\n"
@@ -337,7 +340,7 @@ def long(kind: str) -> tuple[str, str]:
     plate = "bodies:\n  a: {outline: [[0, 0], [1, 0], [0, 1]]}\n"
     row = "bodies:\n  a: {outline: [[0, 0], " + ", ".join(f"[{k}, 1]" for k in range(400)) + "]}\n"
     each = "  - {of: [a], count: 1000, step: [1, 0], rename: {a: [%s]}}\n"
-    names = [", ".join(f"b{k}x{i}" for i in range(999)) for k in range(60)]
+    names = [", ".join(f"b{k}x{i}" for i in range(999)) for k in range(12)]
     root = "= " + "+".join(["sqrt(2)"] * 60)
     chain = [f"  p{k + 1}: = p{k} + 1/{k + 2}\n" for k in range(999)]
     squares = [f"  p{k + 1}: = p{k}*p{k}\n" for k in range(999)]
@@ -399,3 +402,18 @@ def test_a_design_in_a_file_has_parameters_too(tmp_path: Path) -> None:
     )
     with pytest.raises(UnitError, match=r"design.x.lever_neck: expected a length.*t is set"):
         find_stage(path, {"t": "4 s"})
+
+
+def test_the_file_of_a_drawing_has_its_necks_as_parameters(tmp_path: Path) -> None:
+    stage = design("parallelogram")
+    path = tmp_path / "part.dxf"
+    dxf_without_hinges(stage).saveas(path)
+    drawn = read_drawing(path, DrawingOptions(thickness=8e-3, material="Al 7075-T6"))
+    text = stage_file_text(drawn)
+    assert stage_from_text(text) == drawn.stage
+    assert "neck_thickness: 0.5 mm" in text
+    thinner = stage_from_text(text, set={"neck_thickness": "0.42 mm"})
+    assert {hinge.profile.neck_thickness for hinge in thinner.hinges} == {0.42e-3}
+    blank = read_drawing(path, DrawingOptions(thickness=8e-3))
+    assert "material" in blank.blanks
+    assert "material: expected a text, got nothing" in refusal(stage_file_text(blank))

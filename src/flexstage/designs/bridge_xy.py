@@ -178,8 +178,7 @@ def _frame(p: BridgeXYParameters, window: list[Pair]) -> Body:
 TOPOLOGY = Topology(
     name="bridge-xy",
     title="XY stage with bridge amplifiers",
-    source="Y. Li, Q. Xu, IEEE Trans. Robot. 25 (2009) 645; Q. Xu, Y. Li, Mech. Mach. Theory 46 "
-    "(2011) 183",
+    source="Y. Li, Q. Xu, IEEE Trans. Robot. 25 (2009) 645",
     parameters=BridgeXYParameters,
     construct=bridge_xy,
 )

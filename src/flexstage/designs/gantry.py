@@ -3,7 +3,17 @@
 import math
 from dataclasses import dataclass, field
 
-from flexstage.designs.pieces import Leg, PlateParameters, block, bolt_holes, box
+from flexstage.designs.pieces import (
+    WIRE,
+    Leg,
+    PlateParameters,
+    at_least,
+    at_most,
+    block,
+    bolt_holes,
+    box,
+    cut_apart,
+)
 from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.hinges import CornerFilleted
@@ -41,6 +51,20 @@ class GantryParameters(PlateParameters):
     """Distance between carriage and frame [m]."""
     opposed: bool = False
     """Whether a second drive pulls at the opposite carriage, as voice coils can."""
+
+    def __post_init__(self) -> None:
+        PlateParameters.__post_init__(self)
+        cut_apart(self, "actuator_length")
+        slot = self.leg.width + WIRE
+        for name in ("platform_leg_spacing", "carriage_leg_spacing"):
+            at_least(name, getattr(self, name), slot, "so that a slot is between the legs")
+        corner = self.far + self.actuator_length - self.near
+        at_most(
+            "mounting_hole_diameter",
+            self.mounting_hole_diameter,
+            0.5 * (corner + self.wall),
+            "so that a corner of the frame bears a bolt",
+        )
 
     @property
     def half_platform(self) -> float:

@@ -77,5 +77,5 @@ def base_of(guide: Stage) -> Body:
 
 def extent(guide: Stage) -> tuple[float, float, float, float]:
     """Return the smallest and the largest x and y of the outlines of a stage [m]."""
-    xs, ys = zip(*(p for body in guide.bodies for p in body.outline.points), strict=True)
-    return min(xs), min(ys), max(xs), max(ys)
+    x0, y0, x1, y1 = zip(*(body.outline.bounds() for body in guide.bodies), strict=True)
+    return min(x0), min(y0), max(x1), max(y1)

@@ -10,10 +10,10 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.characteristic import measured_value
 from flexstage.designs.published import MOTION_ERROR_CLAIMS
-from flexstage.designs.single_axis import extent
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage, mass_properties
+from flexstage.stage.mass import outer_size
 from flexstage.studies.motion_errors import SAMPLES, AxisErrors, GuidedAxis, axis_errors
 from flexstage.studies.traditional_stages import (
     CROSSED_ROLLERS,
@@ -299,9 +299,8 @@ def _compared(
             samples=samples,
             seed=seed,
         )
-    spans = [extent(part) for part in parts]
     # the upper plate is turned by a quarter
-    sides = [(s[2] - s[0], s[3] - s[1])[:: -1 if i else 1] for i, s in enumerate(spans)]
+    sides = [outer_size(part)[:2][:: -1 if i else 1] for i, part in enumerate(parts)]
     spacers = sum(guided.offset[2] for guided in axes.values() if guided.mounting is None)
     thickness = parts[0].thickness
     return ComparedStage(
@@ -314,7 +313,8 @@ def _compared(
             max(s[1] for s in sides),
             thickness if len(parts) == 1 else 0.5 * thickness + spacers,
         ),
-        mass=sum(m.mass for part in parts for m in mass_properties(part).values()),
+        # the lower plate carries the upper one, where there are two
+        mass=sum(m.mass for m in mass_properties(parts[0]).values()),
         actuators=_actuators(drives),
     )
 
