@@ -157,7 +157,7 @@ def test_what_is_set_is_said_to_be() -> None:
     assert "which is -500 um (t is set)" in refusal(HALF + MIRROR, set={"t": "-0.5 mm"})
     said = refusal(HALF + MIRROR, set={"tt": "1 mm"})
     assert said == "own.yaml has no parameter 'tt': did you mean 't'?"
-    assert "its parameters are none" in refusal(HEAD, set={"t": "1 mm"})
+    assert "it has none, under 'parameters'" in refusal(HEAD, set={"t": "1 mm"})
     assert "own.yaml, parameters.t: unknown unit" in refusal(HALF, set={"t": "1 mn"})
     assert "own.yaml, parameters.t: '1 +' is no" not in refusal(HALF, set={"t": "1 +"})
 

@@ -64,7 +64,8 @@ def require_known(
     if near:
         hint = f"did you mean {' or '.join(repr(k) for k in near[:4])}?"
     else:
-        hint = f"its parameters are {', '.join(k for k in known if '.' not in k) or 'none'}"
+        listed = ", ".join(name for name in known if "." not in name)
+        hint = f"its parameters are {listed}" if listed else "it has none, under 'parameters'"
     raise error(f"{owner} has no parameter {name[:60]!r}: {hint}")
 
 
