@@ -96,6 +96,8 @@ def test_a_ring_about_a_post_is_meshed_in_space():
     assert {str(e.type) for e in made.Elements(ng.VOL)} == {"ET.PRISM"}
     half = 1e9 * sum(body.mass for body in whole.values()) / stage.material.density / 2.0
     assert ng.Integrate(1.0, made) == pytest.approx(half, rel=1e-3)
+    middle = ng.Integrate(1.0, made, definedon=made.Boundaries(mesh.MIDDLE))
+    assert middle == pytest.approx(half / (0.5e3 * stage.thickness), rel=1e-3)
 
 
 @pytest.mark.slow

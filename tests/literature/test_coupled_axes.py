@@ -110,6 +110,11 @@ def test_a_plate_that_its_drives_hold():
     want = PROBES @ np.linalg.inv(DRIVES)
     assert found.jacobian == pytest.approx(want, rel=1e-9)
     assert found.decoupling == pytest.approx(np.linalg.inv(want), rel=1e-9)
+    # a drive of no axis holds as well
+    system, stage = plate(DRIVES, PROBES, STROKES)
+    two = tuple(replace(a, drives=("d0", "d2")) for a in system.axes[:2])
+    part = coupled_axes(stage, replace(system, axes=two))
+    assert part.jacobian == pytest.approx(want[:2, [0, 2]], rel=1e-9)
     # stacks hold as well as screws: it is their elongation that is given
     assert found_plate(stiffness=3e6)[1].jacobian == pytest.approx(want, rel=1e-9)
 
@@ -209,6 +214,7 @@ def test_the_workspace_of_three_drives():
     flat = ConvexHull(corners[:, :2] * 1e6)
     assert reached.projected_area == pytest.approx(flat.volume * 1e-12, rel=1e-9)
     assert polygon_area(reached.projection) == pytest.approx(reached.projected_area, rel=1e-9)
+    assert reached.projection.mean(axis=0) == pytest.approx(J[:2] @ STROKES / 2.0, rel=1e-9)
     # of a box with three sides: the slice at one angle, integrated over the angles, is the volume
     angles = np.linspace(*sorted((corners[:, 2].min(), corners[:, 2].max())), 4001)
     slices = [polygon_area(reached.section(float(a))) for a in angles]
@@ -252,6 +258,7 @@ def test_sums_of_segments_against_hulls(columns: list[tuple[float, ...]], level:
     hull = ConvexHull(corners)
     assert zonotope_volume(g) == pytest.approx(hull.volume, rel=1e-9)
     outline = zonogon_outline(g[:2])
+    assert outline.mean(axis=0) == pytest.approx([0.0, 0.0], abs=1e-9)
     assert polygon_area(outline) == pytest.approx(ConvexHull(corners[:, :2]).volume, rel=1e-9)
     # a point of the section is within all faces of the hull, and its corners are on one of them
     height = level * float(np.abs(g[2]).sum())

@@ -25,6 +25,8 @@ from flexstage.system.response import (
 )
 from flexstage.system.statics import AxisAnalysis, analyse_axis, probe_stiffness, static_loads
 
+# natural frequencies that differ by less are one [1]
+_ALIKE = 1e-3
 # an axis that moves by less than this of what another does is not moved by its drive
 _NOTHING = 0.1
 
@@ -113,12 +115,15 @@ def axis_characteristics(
         load = "moment" if turns else "force"
         where = f"against a {load} at probe '{axis.probe}', drives in place (rigid ones locked)"
         add("rotational_stiffness" if turns else "output_stiffness", stiffness, where)
-    shown = float(system.probe(axis.probe).vector @ removed.shapes[:, mode])
+    # of modes of one frequency any mixture is one: what they do together is sure
+    alike = np.abs(removed.frequency_hz / removed.frequency_hz[mode] - 1.0) < _ALIKE
+    shown = np.sum((system.probe(axis.probe).vector @ removed.shapes[:, alike]) ** 2)
     if shown:
+        which = "mode" if alike.sum() == 1 else f"the {alike.sum()} modes like"
         add(
             "effective_inertia" if turns else "effective_mass",
-            1.0 / shown**2,
-            f"modal mass of mode {mode + 1} (drives removed) where the probe moves by one",
+            1.0 / shown,
+            f"modal mass of {which} {mode + 1} (drives removed) where the probe moves by one",
         )
     for quantity, value, note in _loaded(stage, system, axis.probe):
         add(quantity, value, note)

@@ -98,11 +98,11 @@ def _column(
         middle = float(np.mean(phases))
         lower.set_ylim(middle - 95.0, middle + 95.0)
     lower.yaxis.set_major_locator(MultipleLocator(90.0 if span < 400.0 else 180.0))
-    names = ", ".join(f"'{r.drive}'" for r in responses)
+    # of several drives the legend has the names
+    of = f" of drive '{first.drive}'" if len(responses) == 1 else ""
     entitle(
         upper,
-        f"{axis}, {analysis.system.model} model: {first.input_kind} of "
-        f"drive{'s' * (len(responses) > 1)} {names}, drives {first.drives}",
+        f"{axis}, {analysis.system.model} model: {first.input_kind}{of}, drives {first.drives}",
     )
     upper.set_ylabel(f"{first.probe} / {first.input_kind} [{unit}]", parse_math=False)
     lower.set_ylabel("phase [°]")
