@@ -32,11 +32,11 @@ def test_a_reduction_is_of_medians_of_the_worse_axis() -> None:
     assert found["like it"].reduction == pytest.approx(1.0 - 0.20 / 0.22)
     assert found["better"].reduction == pytest.approx(1.0 - 0.20 / 0.05)
     # what a catalogue states is an upper limit of straightness
-    assert found["crossed rollers (catalogue)"].reduction == pytest.approx(0.8)
+    assert found["crossed rollers (by their maker)"].reduction == pytest.approx(0.8)
     assert [r.against for r in found.values() if r.holds] == [
         "worse",
         "lame",
-        "crossed rollers (catalogue)",
+        "crossed rollers (by their maker)",
     ]
 
 
@@ -97,7 +97,7 @@ def test_tables_hold_every_stage_and_every_axis() -> None:
     assert len(other_table(found).rows) == len(drift_table(found).rows) == 5
     words = {row[0].text: [cell.text for cell in row] for row in claim_table(found).rows}
     assert words["worse"][1:] == ["0.300", "0.67", "0.67", "1.0", "yes", "100 %"]
-    assert words["crossed rollers (catalogue)"][3:5] == ["0.040", "–"]
+    assert words["crossed rollers (by their maker)"][3:5] == ["0.040", "–"]
     differ = [cell.text for cell in other_table(found).rows[0]]
     assert differ[3] == f"{100.0 * 220.0 / 420.0:.0f}"
     page = sections_html(Section(title="T", content=(claim_table(found), error_table(found))))

@@ -56,7 +56,7 @@ def test_the_claims_hold_for_some_definitions_and_not_for_others(compared) -> No
         "stacked double parallelograms": False,
         "parallelograms side by side": True,
         "the same stage, guides on one side": True,
-        "crossed rollers (catalogue)": compared.own.title == "vgtu-piezo",
+        "crossed rollers (by their maker)": compared.own.title == "vgtu-piezo",
     }
     straight = {row.against: row.holds for row in compared.reductions("straightness")}
     assert [name for name, held in straight.items() if not held] == [

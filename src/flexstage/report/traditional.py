@@ -70,8 +70,8 @@ def assumption_section(study: "Study") -> Iterator[Content]:
             "Paths of traditional stages are those of rigid bodies with what elastic ones add to "
             "first order: by plane finite elements with finite displacements they go up to 0.05 µm "
             "less across, and double parallelograms 0.02 µm more.",
-            f"{found.catalogue.title}: {found.catalogue.source}. Nothing is stated for a travel as "
-            "short as this one: it is an upper limit.",
+            f"{found.catalogue.title.capitalize()}: {found.catalogue.source}. Nothing is said of a "
+            "travel as short as this one: it is an upper limit.",
             "Motion along the normal is what leaning hinges and drives off the middle of the plate "
             "do; gravity, screws that push askew and a base that is not flat are not in it.",
             "No public price of an actuator was found: their number, kind and stroke are given.",

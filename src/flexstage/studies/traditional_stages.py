@@ -33,11 +33,12 @@ class CatalogueGuide:
 
 #: A guide of rolling elements, for which nothing is computed here.
 CROSSED_ROLLERS = CatalogueGuide(
-    title="crossed rollers (catalogue)",
+    title="crossed rollers (by their maker)",
     straightness=1e-6,
     over=0.1,
     source="A. Bromme, G. Jaffe, Achieving high precision in linear stages without costly air "
-    "bearings, Steinmeyer, 2012: straightness within 1 um over 100 mm",
+    "bearings, Steinmeyer, 2012, names straightness within 1 µm over 100 mm as what crossed-roller "
+    "stages are built for",
 )
 
 
