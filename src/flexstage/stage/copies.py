@@ -32,7 +32,7 @@ _NOUNS = {"bodies": "body", "hinges": "hinge", "drives": "drive", "probes": "pro
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Mirror:
+class MirrorImages:
     """Mirror images of what the file describes."""
 
     line: PlaneMotion
@@ -91,7 +91,10 @@ class Pattern:
 
 
 #: How a file may copy what it describes, by key; the key that stands first is done first.
-COPIES: Mapping[str, type[Mirror] | type[Pattern]] = {"mirror": Mirror, "pattern": Pattern}
+COPIES: Mapping[str, type[MirrorImages] | type[Pattern]] = {
+    "mirror": MirrorImages,
+    "pattern": Pattern,
+}
 #: The key of profiles that hinges name.
 PROFILES = "profiles"
 
@@ -197,7 +200,7 @@ def _require_names(
     decoder: Decoder,
     entry: Node,
     path: str,
-    told: Mirror | Pattern,
+    told: MirrorImages | Pattern,
     parts: dict[str, dict[str, _Part]],
 ) -> None:
     """Refuse names of parts, and words of names, that there are not."""
@@ -217,7 +220,7 @@ def _require_names(
 
 
 def _copies(
-    told: Mirror | Pattern, parts: dict[str, dict[str, _Part]]
+    told: MirrorImages | Pattern, parts: dict[str, dict[str, _Part]]
 ) -> Iterator[tuple[str, str, _Part]]:
     """Yield the copies that an entry asks for, each with its group and the name that it is of."""
     of = dict.fromkeys(told.of)
