@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 from flexstage.errors import StageError
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.contours import CHORD, Contour, Part
-from flexstage.stage.drawing.notch import FIT_TOLERANCE, Frame
+from flexstage.stage.drawing.notch import Frame
 from flexstage.stage.drawing.profiles import Neck
-from flexstage.stage.drawing.strokes import Pair
+from flexstage.stage.drawing.strokes import Pair, rounded
 from flexstage.stage.outline import Circle, Loop
 
 _SAME = 1e-9  # two points are one, a corner is none [m]
-_REACH = 2.0 * FIT_TOLERANCE  # a root may be off what was drawn by so much [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,13 +108,9 @@ def _cuts(part: Part, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
 def _plane(frame: Frame, along: float, across: float) -> Pair:
     c, s = math.cos(frame.direction), math.sin(frame.direction)
     return (
-        _neat(frame.at[0] + c * along - s * across),
-        _neat(frame.at[1] + s * along + c * across),
+        rounded(frame.at[0] + c * along - s * across),
+        rounded(frame.at[1] + s * along + c * across),
     )
-
-
-def _neat(value: float) -> float:
-    return round(value, 13) + 0.0
 
 
 def _find(part: Part, neck: Neck, left: bool, ahead: bool, point: Pair) -> tuple[int, float]:
@@ -128,7 +123,7 @@ def _find(part: Part, neck: Neck, left: bool, ahead: bool, point: Pair) -> tuple
         n = (place.stroke + (k if forward else -k)) % count
         curve = strokes[n].curve
         share = _nearest(curve, point)
-        if math.dist(curve.point(share), point) < _REACH + neck.off:
+        if math.dist(curve.point(share), point) < 2.0 * part.tolerance + neck.off:
             return n, share
     raise StageError(
         f"the neck about {part.place(neck.frame.at)} has no straight root at {part.place(point)}"
@@ -223,7 +218,7 @@ def _gathered(
 def _loop(curves: list[Curve]) -> Loop:
     """Return a loop, without corners that are none."""
     kept = [c for c in curves if c.length > _SAME]
-    points = [(_neat(c.start[0]), _neat(c.start[1])) for c in kept]
+    points = [(rounded(c.start[0]), rounded(c.start[1])) for c in kept]
     bulges = [c.bulge for c in kept]
     k = 0
     while k < len(points) and len(points) > 3:

@@ -12,7 +12,7 @@ from flexstage.hinges import AsDrawn, Profile
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.notch import LEAF_STEP, Frame, Sides, quarter, slope_at
 from flexstage.stage.drawing.smooth_fit import chains_of, nearest_frame
-from flexstage.stage.drawing.strokes import Stroke
+from flexstage.stage.drawing.strokes import Stroke, rounded
 from flexstage.stage.outline import arc
 
 _BACK = 0.15  # a side comes back where its slope is below level, or beyond upright, by more [rad]
@@ -186,10 +186,10 @@ def _profile(
     if chosen[-1][1] < _LEAST_DEPTH * placed.neck:
         return None
     return AsDrawn(
-        neck_thickness=_neat(placed.neck),
+        neck_thickness=rounded(placed.neck),
         one_sided=one_sided,
-        distances=tuple(_neat(x) for x, _, _ in chosen[1:]),
-        depths=tuple(_neat(max(d, 0.0)) for _, d, _ in chosen[1:]),
+        distances=tuple(rounded(x) for x, _, _ in chosen[1:]),
+        depths=tuple(rounded(max(d, 0.0)) for _, d, _ in chosen[1:]),
         bulges=tuple(b + 0.0 for _, _, b in chosen[1:]),
     )
 
@@ -236,7 +236,3 @@ def _from_neck(curve: Curve, frame: Frame, left: bool, ahead: bool) -> Curve | N
         middle = 0.5 * (low + high)
         low, high = (low, middle) if along(middle) > 0.0 else (middle, high)
     return curve.part(high, 1.0)
-
-
-def _neat(value: float) -> float:
-    return round(float(value), 13)

@@ -15,8 +15,6 @@ from flexstage.stage.drawing.contours import Part
 from flexstage.stage.drawing.strokes import LARGEST_CHORD_ERROR, Pair, Stroke
 from flexstage.stage.drawing.thickness import Place
 
-#: Largest distance of what was drawn from the profile that it is taken for [m].
-FIT_TOLERANCE = 0.5e-6
 #: Deepest step of a leaf, in its thicknesses, where the edges of the bodies have room for more.
 LEAF_STEP = 4.0
 
@@ -114,7 +112,7 @@ def distance_from(profile: Profile, sides: Sides, frame: Frame) -> float:
     What lies beyond the root of the profile does not count.
     """
     half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
-    slack = 2.0 * FIT_TOLERANCE
+    slack = 2.0 * sides.part.tolerance
     worst = 0.0
     if not _lines_follow(profile, sides, frame):
         return math.inf
@@ -193,11 +191,11 @@ def _slope_beyond(
         curve = stroke.curve
         if found:
             return slope_at(curve, frame, left, ahead, 0.0)
-        if math.dist(curve.end, point) < 2.0 * FIT_TOLERANCE:
+        if math.dist(curve.end, point) < 2.0 * sides.part.tolerance:
             found = True
             continue
         share = curve.share(point)
-        if share is not None and math.dist(curve.point(share), point) < 2.0 * FIT_TOLERANCE:
+        if share is not None and math.dist(curve.point(share), point) < 2.0 * sides.part.tolerance:
             return slope_at(curve, frame, left, ahead, share)
     return 0.0
 

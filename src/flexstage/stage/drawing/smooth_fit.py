@@ -8,9 +8,16 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import HingeError
-from flexstage.hinges import Elliptical, Hyperbolic, Parabolic, PowerFunction, Profile
-from flexstage.stage.drawing.notch import FIT_TOLERANCE, Frame, Sides, quarter
-from flexstage.stage.drawing.strokes import Stroke
+from flexstage.hinges import (
+    Elliptical,
+    Hyperbolic,
+    Parabolic,
+    PowerFunction,
+    Profile,
+    RightCircular,
+)
+from flexstage.stage.drawing.notch import Frame, Sides, quarter
+from flexstage.stage.drawing.strokes import Stroke, rounded
 
 #: A corner that turns more than this ends a smooth side [rad].
 CORNER = math.radians(40.0)
@@ -288,25 +295,26 @@ def _made(
         for ahead in (False, True):
             ends.append(float(np.max(quarter(frame, half_neck, points, left, ahead)[:, 0])))
     reach = min(ends)
-    if max(ends) - reach < FIT_TOLERANCE:
+    if max(ends) - reach < sides.part.tolerance:
         reach = sum(ends) / len(ends)
     if not neck > 0.0 or (kind.profile is not Elliptical and not p[0] > -50.0):
         return
     try:
         sizes = kind.build(p, reach / size, t)
         made = kind.profile(
-            neck_thickness=_neat(neck),
+            neck_thickness=rounded(neck),
             one_sided=one_sided,
-            **{k: _exponent(v) if k == "exponent" else _neat(v * size) for k, v in sizes.items()},
+            **{k: _exponent(v) if k == "exponent" else rounded(v * size) for k, v in sizes.items()},
         )
     except (HingeError, OverflowError, ValueError):
         return  # dimensions that no notch of this kind has
+    if isinstance(made, Elliptical) and (
+        abs(made.half_length - made.notch_depth) < sides.part.tolerance
+    ):
+        radius = rounded(0.5 * (made.half_length + made.notch_depth))
+        made = RightCircular(neck_thickness=rounded(neck), one_sided=one_sided, radius=radius)
     yield sides, frame, made
 
 
 def _exponent(value: float) -> float:
     return round(float(value), 7)
-
-
-def _neat(value: float) -> float:
-    return round(float(value), 13)
