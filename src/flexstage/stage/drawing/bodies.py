@@ -166,10 +166,11 @@ def _gathered(
     """Tell outlines from openings, and give each opening to the body that it is in."""
     from shapely import Polygon
 
+    slack = max(_SAME, 4.0 * part.rounding)
     outer: list[tuple[Loop, Any, list[tuple[int, int]]]] = []
     inner: list[tuple[Loop | Circle, Any, list[tuple[int, int]], str]] = []
     for curves, roots in loops:
-        loop = _loop(curves)
+        loop = _loop(curves, slack)
         ring = Polygon(loop.polyline(CHORD))
         if ring.exterior.is_ccw:
             outer.append((loop, ring, roots))
@@ -179,9 +180,9 @@ def _gathered(
         loop = contour.loop
         ring = Polygon(loop.polyline(CHORD))
         if contour is part.outline:
-            outer.append((_loop([s.curve for s in contour.strokes]), ring, []))
+            outer.append((_loop([s.curve for s in contour.strokes], slack), ring, []))
         else:
-            shape = contour.circle or _loop([s.curve for s in contour.strokes])
+            shape = contour.circle or _loop([s.curve for s in contour.strokes], slack)
             inner.append((shape, ring, [], contour.layer))
     outer.sort(key=lambda o: o[1].area)
     owned: list[list[tuple[Loop | Circle, str]]] = [[] for _ in outer]
@@ -215,7 +216,7 @@ def _gathered(
     ]
 
 
-def _loop(curves: list[Curve]) -> Loop:
+def _loop(curves: list[Curve], slack: float) -> Loop:
     """Return a loop, without corners that are none."""
     kept = [c for c in curves if c.length > _SAME]
     points = [(rounded(c.start[0]), rounded(c.start[1])) for c in kept]
@@ -226,7 +227,7 @@ def _loop(curves: list[Curve]) -> Loop:
         ax, ay = here[0] - before[0], here[1] - before[1]
         bx, by = after[0] - here[0], after[1] - here[1]
         off = abs(ax * by - ay * bx) / math.hypot(ax + bx, ay + by)
-        if not bulges[k - 1] and not bulges[k] and off < _SAME and ax * bx + ay * by > 0.0:
+        if not bulges[k - 1] and not bulges[k] and off < slack and ax * bx + ay * by > 0.0:
             del points[k], bulges[k]
             k = max(0, k - 1)
         else:

@@ -20,6 +20,7 @@ FIT_TOLERANCE = 0.5e-6
 #: Largest distance of polygons that stand for contours from their arcs [m].
 CHORD = 0.5e-6
 
+_ASKEW = 0.1  # lines that are nearer to parallel have no sure crossing (sine)
 _SAME = 2e-9  # two points are one, or two lines one on the other [m]
 
 
@@ -144,14 +145,36 @@ def _nodes(curves: Sequence[tuple[Curve, str]], gap: float) -> tuple[np.ndarray,
         label = grouped(np.vstack([pairs, single[near]]), len(ends))
     order = np.argsort(label, kind="stable")
     _, first = np.unique(label[order], return_index=True)
-    sums = np.add.reduceat(ends[order], first)
-    counts = np.diff(np.append(first, len(ends)))
     points = ends[order][first]
-    # nothing is moved by rounding alone
-    means = sums / counts[:, None]
-    moved = np.hypot(*(means - points).T) > _SAME
-    points[moved] = means[moved]
+    for members in np.split(order, first[1:]):
+        if len(members) == 2 and math.dist(*ends[members]) > _SAME:
+            points[label[members[0]]] = _meeting(curves, ends, members.tolist(), gap)
     return label.reshape(-1, 2), points
+
+
+def _meeting(
+    curves: Sequence[tuple[Curve, str]], ends: np.ndarray, members: list[int], gap: float
+) -> Pair:
+    """Return where two ends with a gap between them were meant to meet.
+
+    Two lines go on to where they cross; an arc keeps its end; else it is half way.
+    """
+    one, other = (curves[m // 2][0] for m in members)
+    p, q = ends[members].tolist()
+    middle = (0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]))
+    if one.bulge and not other.bulge:
+        return p[0], p[1]
+    if other.bulge and not one.bulge:
+        return q[0], q[1]
+    if not one.bulge:
+        (ux, uy), (vx, vy) = one.direction(0.0), other.direction(0.0)
+        cross = ux * vy - uy * vx
+        if abs(cross) > _ASKEW:
+            along = ((q[0] - p[0]) * vy - (q[1] - p[1]) * vx) / cross
+            corner = (p[0] + along * ux, p[1] + along * uy)
+            if math.dist(corner, middle) < 2.0 * gap:
+                return corner
+    return middle
 
 
 def _without_doubles(curves: Sequence[tuple[Curve, str]], nodes: np.ndarray) -> list[int]:

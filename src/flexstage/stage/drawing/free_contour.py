@@ -71,9 +71,14 @@ def _first_frame(sides: Sides) -> Frame | None:
     if not right.bulge and not left.bulge:
         if abs(ax * by - ay * bx) < _PARALLEL:
             wa, wb = right.length, left.length
-            p, q = sides.right.at, sides.left.at
-            at = (0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]))
-            return Frame(at, math.atan2(wa * ay - wb * by, wa * ax - wb * bx))
+            frame = Frame(right.start, math.atan2(wa * ay - wb * by, wa * ax - wb * bx))
+            ends = frame.local(np.array([*right[:2], *left[:2]]))
+            low = max(min(ends[0, 0], ends[1, 0]), min(ends[2, 0], ends[3, 0]))
+            high = min(max(ends[0, 0], ends[1, 0]), max(ends[2, 0], ends[3, 0]))
+            x, y = 0.5 * float(low + high), 0.5 * float(np.mean(ends[2:, 1]) + np.mean(ends[:2, 1]))
+            c, s = math.cos(frame.direction), math.sin(frame.direction)
+            at = (right.start[0] + c * x - s * y, right.start[1] + s * x + c * y)
+            return Frame(at, frame.direction)
     elif right.bulge < 0.0 and left.bulge < 0.0:
         cr, cl = arc(*right)[0], arc(*left)[0]
         p, q = _towards(right, cl), _towards(left, cr)

@@ -21,6 +21,7 @@ LEAF_STEP = 4.0
 _CHORD = 2e-6  # points on arcs are so close that chords are off by less [m]
 # a contour that goes on with such a slope against the hinge gets deeper [rad]
 _FLANK = (0.1, 1.3)
+_LEVEL = 0.01  # one of less slope runs along the hinge [rad]
 _MOST = 4000  # pieces of a contour that one side of a notch may have
 
 
@@ -171,10 +172,12 @@ def goes_on(profile: Profile, sides: Sides, frame: Frame) -> bool:
     A notch that ends there is but a part of what was drawn.
     """
     half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
+    end = float(profile.pieces()[-1](np.array([1.0]))[2][0])
     for left in (True,) if profile.one_sided else (False, True):
         for ahead in (False, True):
             slope = _slope_beyond(sides, frame, neck, (half, profile.depth), left, ahead)
-            if not _FLANK[0] < slope < _FLANK[1]:
+            smooth = abs(slope - end) < _FLANK[0] and slope > _LEVEL
+            if not (smooth or slope > _FLANK[0]) or slope > _FLANK[1]:
                 return False
     return True
 

@@ -24,7 +24,7 @@ CORNER = math.radians(40.0)
 
 _CHORD = 0.5e-6  # points on arcs are so close that chords are off by less [m]
 _LONG = 2.5  # a line that is so many times as long as what it goes on from is of a body
-_FEWEST, _MOST = 12, 160  # points of a side that is fitted
+_FEWEST, _MOST = 9, 160  # points of a side that is fitted
 _PARALLEL = 1e-3  # the straight side of a notch may lean by so much at first [rad]
 
 
@@ -179,7 +179,7 @@ _KINDS = (
 
 def _two_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, Frame, Profile]]:
     begin = nearest_frame(chains)
-    if begin is None or len(chains.right) + len(chains.left) < _FEWEST:
+    if begin is None or min(len(chains.right), len(chains.left)) < _FEWEST:
         return
     frame, thickness = begin
 
