@@ -33,6 +33,7 @@ _TANGENT = 2e-3  # a corner that turns less is none [rad]
 _PARALLEL = 0.02  # two sides that could be those of a leaf differ by no more [rad]
 # a fit is as near as before where what was drawn is off by this much more, or less than that [m]
 _AS_NEAR, _NOTHING = 1.3, 1e-12
+_EXACT = 10e-9  # a profile that is off by less is no other one [m]
 _DIGITS = (6, 7, 8, 9)  # decimals of a length in metres that are tried for a dimension
 
 _SHARE = 0.45  # of an edge between two leaves, for the step of each
@@ -67,6 +68,8 @@ def neck_of(part: Part, found: Pass) -> Neck | None:
                 continue
             if profile.kind == AsDrawn.kind or not goes_on(profile, turned, frame):
                 best = Neck(turned, frame, profile, off, found)
+                if off < _EXACT:
+                    break
         if best is not None:
             return _rounded(best)
     return None

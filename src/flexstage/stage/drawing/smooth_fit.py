@@ -25,6 +25,7 @@ CORNER = math.radians(40.0)
 _CHORD = 0.5e-6  # points on arcs are so close that chords are off by less [m]
 _LONG = 2.5  # a line that is so many times as long as what it goes on from is of a body
 _FEWEST, _MOST = 9, 160  # points of a side that is fitted
+_STEPS, _NEAR = (12, 60), 1e-2  # steps until a fit is near, and in all; what is near, in sizes
 _PARALLEL = 1e-3  # the straight side of a notch may lean by so much at first [rad]
 
 
@@ -242,8 +243,6 @@ def _solutions(
     placed: Callable[[Any], tuple[Array, Array, float]], start: list[float]
 ) -> Iterator[tuple[_Kind, Any, Any]]:
     """Fit each formula; give the place and the parameters of those that come near."""
-    from scipy.optimize import least_squares
-
     x, d, _ = placed(start)
     reach, deep = float(np.max(np.abs(x))), float(np.max(d))
     if deep <= 0.0:
@@ -253,26 +252,52 @@ def _solutions(
         best = None
         for guess in kind.guesses(reach, deep):
 
-            def residual(v: Any, kind: _Kind = kind) -> Array:
+            def residual(v: Array, kind: _Kind = kind) -> Array:
                 x, d, t = placed(v[:count])
                 with np.errstate(all="ignore"):
                     r = kind.residual(v[count:], x, d, t)
-                return np.clip(np.nan_to_num(r, nan=1.0, posinf=1.0, neginf=-1.0), -1.0, 1.0)
+                return np.where(np.abs(r) < 1.0, r, 1.0)
 
-            found = least_squares(
-                residual,
-                [*start, *guess],
-                method="lm",
-                xtol=1e-13,
-                ftol=1e-14,
-                gtol=1e-14,
-                max_nfev=300,
-            )
-            worst = float(np.max(np.abs(found.fun)))
+            found = _fitted(residual, np.array([*start, *guess]))
+            worst = float(np.max(np.abs(residual(found))))
             if best is None or worst < best[0]:
-                best = (worst, found.x)
-        if best is not None and best[0] < 1e-2:
+                best = (worst, found)
+        if best is not None and best[0] < _NEAR:
             yield kind, best[1][:count].tolist(), best[1][count:].tolist()
+
+
+def _fitted(residual: Callable[[Array], Array], start: Array) -> Array:
+    """Return the parameters of the smallest squares of a residual.
+
+    Damped Gauss-Newton steps (K. Levenberg, Quart. Appl. Math. 2 (1944) 164; D. W. Marquardt, J.
+    Soc. Indust. Appl. Math. 11 (1963) 431); a fit that is not near after the first ones is given
+    up.
+    """
+    x, r = start, residual(start)
+    damping = 1e-3
+    for step in range(_STEPS[1]):
+        if step == _STEPS[0] and float(np.max(np.abs(r))) > _NEAR:
+            break
+        moves = 1e-7 * np.maximum(np.abs(x), 1e-2)
+        columns = [
+            (residual(x + m * e) - r) / m for m, e in zip(moves, np.eye(len(x)), strict=True)
+        ]
+        jacobian = np.column_stack(columns)
+        normal, slope = jacobian.T @ jacobian, jacobian.T @ r
+        scale = np.diag(np.maximum(np.diag(normal), 1e-12))
+        while damping < 1e6:
+            trial = x - np.linalg.solve(normal + damping * scale, slope)
+            after = residual(trial)
+            if float(after @ after) < float(r @ r):
+                break
+            damping *= 10.0
+        else:
+            break
+        moved = float(np.max(np.abs(trial - x)))
+        x, r, damping = trial, after, max(0.1 * damping, 1e-14)
+        if moved < 1e-13:
+            break
+    return x
 
 
 def _made(
