@@ -20,9 +20,13 @@ parallel := -n auto --dist worksteal --durations=20
 
 .PHONY: study test slow evidence bench docs lint format lock clean help python env env-dev
 
+# Side by side: much of a study is work for one core. The longer one shows its progress.
 study: env ## both stages of the study, with a report each, into out/
-	$(main)/flexstage study vgtu-mechanical --folder $(OUT)/vgtu-mechanical
-	$(main)/flexstage study vgtu-piezo --folder $(OUT)/vgtu-piezo
+	@$(MAKE) --no-print-directory -j2 study-vgtu-piezo study-vgtu-mechanical
+
+study-vgtu-mechanical: quietly := --quiet
+study-%: env
+	$(main)/flexstage study $* --folder $(OUT)/$* $(quietly)
 
 test: lint ## lint, then every test but the slow ones
 	$(dev_run) pytest $(parallel) $(PYTEST_ARGS)

@@ -10,13 +10,13 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from flexstage.designs import design
+from flexstage.designs import DESIGNS, design
 from flexstage.report.figures.style import (
     CYCLE,
     FIXED,
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from flexstage.experiments import VerifiedStep
+    from flexstage.stage import Stage
 
 IMAGES = Path(__file__).parent / "images"
 _MM = 1e3
@@ -46,8 +47,10 @@ def card() -> tuple["Figure", "Axes"]:
     return figure, axes
 
 
-def plate(axes: "Axes", *, moved: dict[str, tuple[float, float, float]] | None = None) -> None:
-    """Draw the bodies of the piezo stage, in place or moved about their centres."""
+def plate(
+    axes: "Axes", stage: "Stage", *, moved: dict[str, tuple[float, float, float]] | None = None
+) -> None:
+    """Draw the bodies of a stage, in place or moved about their centres."""
     from matplotlib.patches import PathPatch
     from matplotlib.transforms import Affine2D
 
@@ -55,7 +58,6 @@ def plate(axes: "Axes", *, moved: dict[str, tuple[float, float, float]] | None =
     from flexstage.report.figures.shapes import body_shapes
     from flexstage.stage import mass_properties
 
-    stage = design("vgtu-piezo")
     masses = mass_properties(stage)
     for shape in body_shapes(stage):
         name = shape.body.name
@@ -75,23 +77,47 @@ def plate(axes: "Axes", *, moved: dict[str, tuple[float, float, float]] | None =
     axes.autoscale_view()
 
 
+def ports(axes: "Axes", stage: "Stage", length: float) -> None:
+    """Draw drives and probes as arrows of a length [mm]; a rotation that is read as a ring."""
+    from matplotlib.patches import Circle
+
+    def arrow(x: float, y: float, direction: float, size: float, colour: str) -> None:
+        to = x + size * np.cos(direction), y + size * np.sin(direction)
+        style = {"arrowstyle": "-|>", "color": colour, "lw": 1.8}
+        axes.annotate("", to, (x, y), arrowprops=style, zorder=4)
+
+    for drive in stage.drives:
+        x, y = (0.5 * _MM * (a + b) for a, b in zip(*drive.at, strict=True))
+        c, s = np.cos(drive.direction), np.sin(drive.direction)
+        arrow(x - length * c, y - length * s, drive.direction, 2.0 * length, CYCLE[1])
+    for probe in stage.probes:
+        x, y = (_MM * c for c in probe.at)
+        if probe.direction is None:
+            ring = {"fill": False, "color": CYCLE[2], "linewidth": 1.4, "zorder": 4}
+            axes.add_patch(Circle((x, y), 0.8 * length, **ring))
+        else:
+            arrow(x, y, probe.direction, 1.6 * length, CYCLE[2])
+
+
 def card_stage() -> "Figure":
     """The piezo stage with its drives and probes."""
     figure, axes = card()
-    plate(axes)
     stage = design("vgtu-piezo")
-    for drive in stage.drives:
-        (x0, y0), (x1, y1) = ((_MM * a, _MM * b) for a, b in drive.at)
-        a = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
-        to = a[0] + 14.0 * np.cos(drive.direction), a[1] + 14.0 * np.sin(drive.direction)
-        back = 2.0 * a[0] - to[0], 2.0 * a[1] - to[1]
-        arrow = {"arrowstyle": "-|>", "color": CYCLE[1], "lw": 1.8}
-        axes.annotate("", to, back, arrowprops=arrow, zorder=4)
-    for probe in stage.probes:
-        x, y = (_MM * c for c in probe.at)
-        to = x + 22.0 * np.cos(probe.direction), y + 22.0 * np.sin(probe.direction)
-        arrow = {"arrowstyle": "-|>", "color": CYCLE[2], "lw": 1.8}
-        axes.annotate("", to, (x, y), arrowprops=arrow, zorder=4)
+    plate(axes, stage)
+    ports(axes, stage, 14.0)
+    return figure
+
+
+def one_design(name: str) -> "Figure":
+    """A built-in design with its drives, its probes and the length of 10 mm."""
+    figure, axes = card()
+    stage = design(name)
+    plate(axes, stage)
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    ports(axes, stage, 0.06 * max(x1 - x0, y1 - y0))
+    low = y0 - 0.03 * (y1 - y0)
+    axes.plot((x0, x0 + 10.0), (low, low), color=MUTED, linewidth=1.4)
+    axes.annotate("10 mm", (x0 + 11.5, low), color=MUTED, fontsize=7.0, va="center")
     return figure
 
 
@@ -107,7 +133,7 @@ def card_mode() -> "Figure":
     size = 0.008  # largest displacement in the picture [m]
     motion = mode_motion(system, shape, stage)
     figure, axes = card()
-    plate(axes, moved={n: (size * x, size * y, size * a) for n, (x, y, a) in motion.items()})
+    plate(axes, stage, moved={n: (size * x, size * y, size * a) for n, (x, y, a) in motion.items()})
     return figure
 
 
@@ -314,6 +340,7 @@ PICTURES: dict[str, Callable[[], "Figure"]] = {
     "vgtu-piezo.png": piezo_stage,
     "inverse-on-twin.png": inverse_on_twin,
     "control-on-twin.png": control_on_twin,
+    **{f"design-{name}.png": partial(one_design, name) for name in DESIGNS},
 }
 #: Pictures that a page makes: the page, and the file that its Python and its commands write.
 PAGES = {

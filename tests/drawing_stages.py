@@ -3,6 +3,9 @@
 import math
 from typing import Any
 
+import pytest
+
+from flexstage.designs import DESIGNS, design
 from flexstage.hinges import AsDrawn, Profile, RightCircular
 from flexstage.hinges.corner_filleted import CornerFilleted
 from flexstage.hinges.elliptical import Elliptical
@@ -15,6 +18,23 @@ from flexstage.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage
 
 Pair = tuple[float, float]
+
+#: Built-in designs that are one plate; a stack of two is drawn, cut and written plate by plate.
+PLATES: dict[str, Stage] = {
+    name: stage
+    for name, stage in ((n, design(n)) for n in DESIGNS)
+    if sum(body.fixed for body in stage.bodies) == 1
+}
+
+# designs of which every test of a drawing takes a part of the default tests
+_ALWAYS = {"vgtu-mechanical", "vgtu-piezo", "parallelogram"}
+
+
+def quick(name: str, value: Any) -> Any:
+    """A parameter of a test, slow for a design whose drawing is made like that of others."""
+    is_slow = name in PLATES and name not in _ALWAYS
+    return pytest.param(value, id=name, marks=pytest.mark.slow if is_slow else ())
+
 
 _SIZES: dict[str, Any] = {"neck_thickness": 0.47e-3, "half_length": 2.3e-3, "notch_depth": 1.1e-3}
 

@@ -25,6 +25,10 @@ ORIGINS: tuple[str, ...] = (
 )
 
 
+#: What stands for the axis in rows that belong to the whole stage.
+WHOLE_STAGE = "stage"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Characteristic:
     """A value of one quantity on one axis, from one origin.
@@ -39,7 +43,7 @@ class Characteristic:
     quantity: str
     """One of `flexstage.quantities.QUANTITIES`."""
     axis: str
-    """Name of the axis of the stage, ``x`` or ``y`` on the built-in ones."""
+    """Name of the axis of the stage, ``x`` or ``y`` on the built-in ones; ``stage`` for all."""
     origin: str
     """One of `ORIGINS`."""
     value: float

@@ -47,7 +47,7 @@ class Quantity:
         """Return the same quantity in a smaller unit where its values are tiny.
 
         In nanometres or nanoradians where the largest magnitude, in `unit`, is below a tenth of a
-        micrometre or microradian, and in pico units below that.
+        micrometre or microradian, and in pico units below that; as it is where all are rounding.
 
         Examples
         --------
@@ -58,6 +58,7 @@ class Quantity:
         while (
             shown.shown_unit[:1] in _SMALLER
             and shown.shown_unit[1:]
+            and self.zero <= largest
             and 0.0 < largest * shown.factor < 0.1
         ):
             if shown.shown_unit.endswith("²"):
@@ -76,16 +77,23 @@ QUANTITIES: dict[str, Quantity] = {
         # name, unit, label, shown unit and factor, what is rounding
         Quantity("input_displacement", "m", "Input displacement", "µm", 1e6),
         Quantity("output_displacement", "m", "Output displacement", "µm", 1e6),
+        Quantity("rotation_stroke", "rad", "Stroke in rotation", "µrad", 1e6),
         Quantity("transmission_ratio", "1", "Transmission ratio", "", 1.0),
         Quantity("max_stress", "Pa", "Largest stress", "MPa", 1e-6),
         Quantity("safety_factor", "1", "Safety factor (yield)", "", 1.0),
         Quantity("fatigue_safety", "1", "Safety factor (fatigue)", "", 1.0),
         Quantity("resolution", "m", "Resolution", "µm", 1e6),
+        Quantity("rotation_resolution", "rad", "Resolution in rotation", "µrad", 1e6),
         Quantity("natural_frequency_hz", "Hz", "Natural frequency", "Hz", 1.0),
         Quantity("cross_coupling", "1", "Cross-coupling", "%", 100.0, 1e-9),
+        Quantity("cross_displacement", "m", "Displacement of other axes", "µm", 1e6, 1e-15),
+        Quantity("cross_rotation", "rad", "Rotation of other axes", "µrad", 1e6, 1e-12),
         Quantity("parasitic_rotation", "rad", "Parasitic rotation", "µrad", 1e6, 1e-12),
         Quantity("input_stiffness", "N/m", "Input stiffness", "N/µm", 1e-6),
         Quantity("output_stiffness", "N/m", "Output stiffness", "N/µm", 1e-6),
+        Quantity("rotational_stiffness", "N*m/rad", "Stiffness in rotation", "N m/rad", 1.0),
+        Quantity("effective_mass", "kg", "Mass moved with the probe", "g", 1e3),
+        Quantity("effective_inertia", "kg*m^2", "Inertia moved with the probe", "kg mm²", 1e6),
         Quantity("gravity_sag", "m", "Deflection under 1 g", "µm", 1e6, 1e-12),
         Quantity("thermal_drift", "m/K", "Thermal drift", "nm/K", 1e9, 1e-13),
         Quantity("out_of_plane_frequency_hz", "Hz", "Lowest mode out of plane", "Hz", 1.0),
@@ -105,6 +113,13 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("mean_reversal", "m", "Mean reversal", "µm", 1e6),
         Quantity("squareness", "rad", "Squareness", "µrad", 1e6),
         Quantity("workspace_area", "m^2", "Area of the workspace", "µm²", 1e12),
+        Quantity("condition_number", "1", "Condition number of the Jacobian", "", 1.0),
+        Quantity("isotropy", "1", "Isotropy of the Jacobian", "", 1.0),
+        Quantity("mass", "kg", "Mass without drives", "g", 1e3),
+        Quantity("moving_mass", "kg", "Mass of all moving bodies", "g", 1e3),
+        Quantity("width", "m", "Width along x", "mm", 1e3),
+        Quantity("height", "m", "Height along y", "mm", 1e3),
+        Quantity("thickness", "m", "Thickness", "mm", 1e3),
         Quantity("damping_ratio", "1", "Damping ratio", "%", 100.0),
         Quantity("noise", "m", "Noise (rms)", "nm", 1e9),
         Quantity("drift", "m/s", "Drift", "nm/s", 1e9),

@@ -46,6 +46,7 @@ DIMENSIONS: dict[str, Dimension] = {
         Dimension(name="inertia", si="kg*m^2", units=("g*mm^2", "kg*m^2")),
         Dimension(name="force", si="N", units=("N", "mN", "kN")),
         Dimension(name="stiffness", si="N/m", units=("N/um", "N/mm", "N/m", "kN/mm")),
+        Dimension(name="rotational stiffness", si="N*m/rad", units=("N*m/rad",)),
         Dimension(name="pressure", si="Pa", units=("MPa", "GPa", "Pa", "kPa")),
         Dimension(name="density", si="kg/m^3", units=("kg/m^3", "g/cm^3")),
         Dimension(name="voltage", si="V", units=("V", "mV", "kV")),
@@ -169,7 +170,7 @@ def _factor(unit: str, dimension: str) -> Decimal:
     angles = ("rad", "deg", "arc", "turn", "rev", "grad", "cycle", "rpm")
     is_angle = any(word in spelled.lower() for word in angles)
     # the radian is the number one to pint, so angles and frequencies are told apart by name
-    if is_angle != (dimension in {"angle", "angular speed"}):
+    if is_angle != (dimension in {"angle", "angular speed", "rotational stiffness"}):
         raise UnitError(f"'{unit}' is not a unit of {wanted.name}: expected {allowed}")
     try:
         return quantity.to(wanted.si).magnitude

@@ -202,3 +202,210 @@ def test_a_relative_probe_reads_the_difference_at_its_point() -> None:
     # centres at x = 15 and 65 mm: y - y', and the lever arms of the two rotations
     expected = [0.0, -1.0, -(at[0] - 0.015), 0.0, 1.0, at[0] - 0.065]
     assert vector == pytest.approx(expected, abs=1e-15)
+
+
+def driven_at(*angles: float, probes: tuple[float, ...] = (0.0, np.pi / 2)) -> MechanicalSystem:
+    """The body with a drive at each angle, through its middle, and an axis for each probe."""
+    names = "abcd"[: len(angles)]
+
+    def row(angle: float) -> np.ndarray:
+        return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+    return replace(
+        system(),
+        drives=tuple(
+            DrivePort(name=n, vector=row(a), stiffness=None, stroke=STROKE)
+            for n, a in zip(names, angles, strict=True)
+        ),
+        probes=tuple(
+            ProbePort(name=f"p{k}", vector=row(a), body="body") for k, a in enumerate(probes)
+        ),
+        axes=tuple(
+            AxisPort(name=n, drives=(d,), probe=f"p{k}")
+            for k, (n, d) in enumerate(zip("xyz", names, strict=False))
+        ),
+    )
+
+
+def seen(of: MechanicalSystem) -> Stage:
+    """The stage of such a system, as far as its figures need one."""
+    probes = tuple(Probe(name=p.name, body="body", at=(0.0, 0.0), direction=0.0) for p in of.probes)
+    return replace(stage(), probes=probes)
+
+
+def percent_of_little(of: MechanicalSystem, axis: str) -> float:
+    """What used to be printed: the other axis over this one, whatever that is, its drive alone."""
+    port = next(a for a in of.axes if a.name == axis)
+    other = next(a for a in of.axes if a.name != axis)
+    read = static_displacements(of, {port.drive: 1e-6}).readings
+    return 100.0 * read[other.probe] / read[port.probe]
+
+
+def test_no_cross_coupling_in_percent_of_nothing() -> None:
+    """A drive that moves the other axis 800 times as far as its own was said to couple -80 854 %.
+
+    K has almost no cross-compliance when x and y are its own directions, so that the angle of the
+    drive makes that figure.
+    """
+    plain = replace(driven_at(0.0, np.pi / 2 + 0.3), K=np.diag((9e5, 9e5, 60.0)))
+    angle = np.pi / 2 + 1.0 / 808.54
+    askew = replace(driven_at(angle, angle - 1.2), K=plain.K)
+    assert percent_of_little(askew, "x") == pytest.approx(-80854.0, rel=1e-4)
+    rows = analyse(seen(askew), askew).characteristics
+    assert all(abs(row.value) < 1.0 for row in rows.select("cross_coupling"))
+    # both drives together move x alone, until one of them is at the end of its stroke
+    reach = STROKE / max(abs(np.cos(angle)), abs(np.cos(angle - 1.2)))
+    assert rows.value("output_displacement", "x") == pytest.approx(reach, rel=1e-9)
+
+
+@pytest.mark.parametrize("turned", [0.25 * np.pi, -0.25 * np.pi, 0.62])
+def test_drives_askew_to_the_probes_are_decoupled(turned: float) -> None:
+    """Two drives at right angles, turned against the probes: J is the matrix of that rotation.
+
+    An axis alone then takes its share of both, cos and sin, and the larger one ends it.
+    """
+    made = driven_at(turned, turned + np.pi / 2)
+    found = analyse(seen(made), made)
+    assert found.coupling is not None
+    assert found.coupling.coupled
+    c, s = np.cos(turned), np.sin(turned)
+    assert found.coupling.jacobian == pytest.approx(np.array([[c, -s], [s, c]]), abs=1e-12)
+    rows = found.characteristics
+    for axis in "xy":
+        reach = STROKE / max(abs(c), abs(s))
+        assert rows.value("output_displacement", axis) == pytest.approx(reach, rel=1e-9)
+        assert abs(rows.value("cross_coupling", axis)) < 1e-12
+    assert rows.value("condition_number", "stage") == pytest.approx(1.0)
+    assert rows.value("isotropy", "stage") == pytest.approx(1.0)
+    assert rows.value("workspace_area", "xy") == pytest.approx(STROKE**2, rel=1e-9)
+
+
+def test_a_little_askew_is_cross_coupling_as_before() -> None:
+    """Below half the axes are looked at one by one; the limit is where tan(turn) = 1/2."""
+    for turned, coupled in ((0.463, False), (0.4645, True)):
+        made = driven_at(turned, turned + np.pi / 2)
+        assert analyse(seen(made), made).coupling.coupled is coupled
+    made = driven_at(0.2, 0.2 + np.pi / 2)
+    rows = analyse(seen(made), made).characteristics
+    assert 100.0 * rows.value("cross_coupling", "x") == pytest.approx(percent_of_little(made, "x"))
+
+
+def test_axes_that_name_each_others_drives_are_called_coupled() -> None:
+    """The rule is fooled by a stage of which nothing couples: it is decoupled all the same."""
+    made = driven_at(np.pi / 2, 0.0)
+    found = analyse(seen(made), made)
+    assert found.coupling.coupled
+    assert np.abs(found.coupling.jacobian) == pytest.approx(np.array([[0, 1], [1, 0]]), abs=1e-12)
+    assert found.characteristics.value("output_displacement", "x") == pytest.approx(STROKE)
+
+
+def test_drives_that_cannot_be_told_apart_leave_absolute_figures() -> None:
+    """Both along x: y is moved by what K couples, too little to be measured by."""
+    made = driven_at(0.0, 0.0)
+    made = replace(
+        made, drives=(made.drives[0], replace(made.drives[1], stiffness=2e6)), K=np.diag(np.diag(K))
+    )
+    rows = analyse(seen(made), made).characteristics.select(axis="y")
+    assert not rows.select("cross_coupling")
+    assert rows.value("cross_displacement", "y") == pytest.approx(STROKE, rel=1e-9)
+
+
+def test_a_rotation_is_in_radians() -> None:
+    """Three drives about a body: figures of the rotation by hand from K, M and the arms."""
+    arm = 17e-3
+    rows = [(1.0, 0.0, 0.4 * arm), (0.0, 1.0, -0.7 * arm), (0.6, 0.8, arm)]
+    base = system()
+    made = replace(
+        base,
+        drives=tuple(
+            DrivePort(
+                name=n,
+                vector=np.array(r),
+                stiffness=None,
+                stroke=STROKE,
+                smallest_displacement=STEP,
+            )
+            for n, r in zip("abc", rows, strict=True)
+        ),
+        probes=(
+            *base.probes,
+            ProbePort(name="turn", vector=np.eye(3)[2], unit="rad", body="body"),
+        ),
+        axes=tuple(
+            AxisPort(name=n, drives=("a", "b", "c"), probe=p)
+            for n, p in (("x", "p"), ("y", "q"), ("theta", "turn"))
+        ),
+    )
+    described = replace(
+        stage(),
+        drives=tuple(
+            PiezoStack(
+                name=n,
+                pushes="body",
+                reacts="body",
+                at=((x, y), (0.0, 0.0)),
+                direction=0.0,
+                free_stroke=STROKE,
+                stiffness=1e7,
+            )
+            for n, x, y in (("a", 6e-3, 8e-3), ("b", 12e-3, 5e-3), ("c", 0.0, 2e-3))
+        ),
+        probes=(
+            Probe(name="p", body="body", at=(0.0, 0.0), direction=0.0),
+            Probe(name="q", body="body", at=(0.0, 0.0), direction=np.pi / 2),
+            Probe(name="turn", body="body", at=(0.0, 0.0), reads="rotation"),
+        ),
+    )
+    found = analyse(described, made)
+    # distances of the pushed points from the probe: 10, 13 and 2 mm
+    assert found.coupling.length == pytest.approx(25e-3 / 3.0)
+    J = np.linalg.inv(np.array(rows))
+    value = {r.quantity: r.value for r in found.characteristics.select(axis="theta")}
+    W = np.array(rows)
+    assert value["rotation_stroke"] == pytest.approx(STROKE / np.abs(W[:, 2]).max(), rel=1e-9)
+    assert value["rotation_resolution"] == pytest.approx(STEP * np.abs(J[2]).max(), rel=1e-9)
+    assert {"output_displacement", "transmission_ratio", "gravity_sag"}.isdisjoint(value)
+    assert abs(value["cross_displacement"]) < 1e-15
+    # all three drives removed, the body turns on its springs: mode 3 has most of it
+    lam, phi = np.linalg.eig(np.linalg.solve(M, K))
+    phi = phi / np.sqrt(np.einsum("ij,ik,kj->j", phi, M, phi))
+    force = K @ (np.linalg.inv(np.array(rows)) @ (W[:, 2]))
+    mode = int(np.argmax(np.abs(phi[2] * (phi.T @ force)) / lam))
+    assert value["effective_inertia"] == pytest.approx(1.0 / phi[2, mode] ** 2, rel=1e-9)
+    assert value["natural_frequency_hz"] == pytest.approx(
+        np.sqrt(lam[mode]) / (2.0 * np.pi), rel=1e-9
+    )
+
+
+def test_the_mass_that_moves_with_a_probe() -> None:
+    """Of a body on separate springs it is its mass, and behind a lever of 3 a ninth of it."""
+    made = replace(driven_at(0.0, np.pi / 2), K=np.diag(np.diag(K)))
+    rows = analyse(seen(made), made).characteristics
+    assert rows.value("effective_mass", "x") == pytest.approx(0.21)
+    lever = replace(made, probes=tuple(replace(p, vector=3.0 * p.vector) for p in made.probes))
+    rows = analyse(seen(made), lever).characteristics
+    assert rows.value("effective_mass", "y") == pytest.approx(0.21 / 9.0)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.4, 1.3])
+def test_the_mass_that_moves_does_not_depend_on_how_equal_modes_are_mixed(turned: float) -> None:
+    """Two modes of one frequency have no direction of their own: any probe moves the whole body.
+
+    The probes are turned against the coordinates, along which a solver returns the two.
+    """
+    made = driven_at(turned, turned + np.pi / 2, probes=(turned, turned + np.pi / 2))
+    made = replace(made, K=np.diag((9e5, 9e5 * (1.0 + 1e-6), 60.0)))
+    rows = analyse(seen(made), made).characteristics
+    for axis in "xy":
+        assert rows.value("effective_mass", axis) == pytest.approx(0.21)
+
+
+def test_size_and_mass_of_the_whole() -> None:
+    rows = analyse(stage(), system()).characteristics.select(axis="stage")
+    value = {r.quantity: r.value for r in rows}
+    assert value["width"] == pytest.approx(30e-3)
+    assert value["height"] == pytest.approx(20e-3)
+    assert value["thickness"] == 0.01
+    mass = 0.03 * 0.02 * 0.01 * material("Ti-6Al-4V").density
+    assert value["mass"] == pytest.approx(mass)
+    assert value["moving_mass"] == pytest.approx(mass)

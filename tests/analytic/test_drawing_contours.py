@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.designs import DESIGNS, design
+from flexstage.designs import design
 from flexstage.errors import StageError
 from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.drawing.smooth import smooth_notches
@@ -16,10 +16,10 @@ from flexstage.hinges.registry import PROFILES
 from flexstage.stage import Circle, Loop, Stage, check, mass_properties
 from flexstage.stage.contour import body_contour
 from flexstage.stage.curve import Curve, crossings, distance, point_distance
-from tests.drawing_stages import NOTCHES, guide
+from tests.drawing_stages import NOTCHES, PLATES, guide, quick
 
-STAGES = {**{n: design(n) for n in DESIGNS}, **{n: guide(p) for n, p in NOTCHES.items()}}
-ALL = pytest.mark.parametrize("stage", STAGES.values(), ids=STAGES)
+STAGES = {**PLATES, **{n: guide(p) for n, p in NOTCHES.items()}}
+ALL = pytest.mark.parametrize("stage", [quick(n, s) for n, s in STAGES.items()])
 
 
 def body_area(stage: Stage) -> float:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import shapely
 
-from flexstage.designs import DESIGNS, design
 from flexstage.errors import StageError
 from flexstage.export.drawing.contours import PlateContours, plate_contours
 from flexstage.export.drawing.cuts import cuts
@@ -19,11 +18,11 @@ from flexstage.hinges.leaf import Leaf
 from flexstage.material import material
 from flexstage.stage import Body, Circle, Loop, Stage
 from flexstage.stage.curve import Curve, distance, point_distance
-from tests.drawing_stages import NOTCHES, guide
+from tests.drawing_stages import NOTCHES, PLATES, guide, quick
 
 KERF = 0.31e-3
-STAGES = {**{n: design(n) for n in DESIGNS}, **{n: guide(p) for n, p in NOTCHES.items()}}
-ALL = pytest.mark.parametrize("name", STAGES)
+STAGES = {**PLATES, **{n: guide(p) for n, p in NOTCHES.items()}}
+ALL = pytest.mark.parametrize("name", [quick(n, n) for n in STAGES])
 
 
 @lru_cache

@@ -1,5 +1,8 @@
 """The symbolic equations: equal to the numeric ones, reduced exactly, solved in closed form."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -37,7 +40,9 @@ def frequencies(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
     return np.sqrt(eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi)
 
 
-@pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical", "parallelogram"])
+@pytest.mark.parametrize(
+    "name", ["vgtu-piezo", "vgtu-mechanical", "parallelogram", "rhombus", "three-rrr"]
+)
 def test_matrices_of_stages_equal_the_numeric_ones(name: str) -> None:
     stage = design(name)
     system, model = lumped_system(stage), symbolic_model(stage)
@@ -212,6 +217,27 @@ def test_transfer_function_with_damping_in_hinges_is_the_response() -> None:
         assert tf.response([f])[0] == pytest.approx(wanted, rel=1e-7)
 
 
+def test_slanted_hinges_have_transfer_functions_in_symbols() -> None:
+    # the sine and the cosine of one angle are not independent, and yet entries of polynomials
+    free = chain(2)
+    held = replace(free, hinges=free.hinges[:1], bodies=free.bodies[:2], drives=(), probes=())
+    angle = held.hinges[0].direction
+    sight = Sight(
+        name="push",
+        bodies=(0, 1),
+        points=((0.01, 0.02), (0.05, 0.03)),
+        direction=0.3,
+        stiffness=None,
+    )
+    model = symbolic_model(replace(held, drives=(sight,), probes=(replace(sight, name="read"),)))
+    assert abs(math.sin(2.0 * angle)) > 0.1
+    assert model.K.atoms(sp.sin, sp.cos)
+    tf = transfer_function(model, "push", "read")
+    for f in (0.0, 87.0, 4100.0):
+        wanted = direct(model, f, stiffness=None, spring=False)
+        assert tf.response([f])[0] == pytest.approx(wanted, rel=1e-7)
+
+
 def test_locked_drive_holds() -> None:
     base = parallelogram()
     # a second drive on the left leg, along x, that is held
@@ -320,6 +346,21 @@ def test_symbols_are_shared() -> None:
     names = {symbol.name for symbol in model.values}
     assert {n for n in names if n.startswith("k_{u")} == {"k_{u1}"}
     assert {n for n in names if n.startswith("m_")} == {"m_1", "m_2"}
+
+
+def test_mirror_images_share_the_symbol_of_their_angle() -> None:
+    # four beams at 0.14 rad, to either side; three legs at 30 and 60 deg to the axes
+    for name, angles in (("rhombus", [0.14]), ("three-rrr", [math.pi / 6.0, math.pi / 3.0])):
+        values = symbolic_model(design(name)).values
+        found = sorted(v for symbol, v in values.items() if symbol.name.startswith("phi"))
+        assert found == pytest.approx(angles, rel=1e-13)
+
+
+def test_a_rhombus_has_a_transfer_function_in_symbols() -> None:
+    part = reduce_by_symmetry(symbolic_model(design("rhombus")))
+    poles = np.abs(transfer_function(part, "y", "y").poles().imag[::2]) / (2.0 * np.pi)
+    wanted = frequencies(part.numbers(part.K), part.numbers(part.M))
+    assert np.allclose(poles, wanted, rtol=1e-9)
 
 
 def test_errors_say_what_to_do() -> None:

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
 from shapely import Point, Polygon, box
 from shapely.ops import unary_union
 
@@ -13,9 +14,9 @@ from flexstage.hinges.registry import PROFILES
 from flexstage.material import material
 from flexstage.stage import Body, Circle, ExtraMass, Hinge, Loop, Stage
 from flexstage.stage.contour import half_notch
-from flexstage.stage.mass import mass_properties
+from flexstage.stage.mass import mass_properties, outer_size
 from tests.reference_stages import NAMES, reference_stage
-from tests.strategies import profiles
+from tests.strategies import loops, profiles
 
 ALUMINIUM = material("Al 7075-T6")
 
@@ -164,3 +165,20 @@ def test_the_profile_of_one_notch_by_hand() -> None:
     assert half_notch(hinge, 1).integrals().area == pytest.approx(half.area, rel=1e-6)
     exact = r * (2 * r + t) - math.pi * r**2 / 2
     assert half_notch(hinge, 0).integrals().area == pytest.approx(exact, rel=1e-12)
+
+
+@given(loops())
+@settings(max_examples=40, deadline=None)
+def test_bounds_are_those_of_a_fine_polygon(loop: Loop) -> None:
+    """Arcs turn either way, more than half round too; the polygon stays within 2 um of them."""
+    assume(all(math.dist(a, b) > 1e-5 and abs(k) > 1e-3 for a, b, k in loop.segments() if k))
+    points = loop.polyline(2e-6)
+    want = (*points.min(axis=0), *points.max(axis=0))
+    assert loop.bounds() == pytest.approx(want, abs=3e-6)
+
+
+def test_outer_size_is_that_of_all_outlines() -> None:
+    """A plate with a half disc of 8.5 mm at its right end, whose arc bulges beyond its points."""
+    disc = Loop(((0.043, 0.031), (0.043, 0.048)), (1.0, 0.0))
+    stage = alone(plate(), Body(name="end", outline=disc))
+    assert outer_size(stage) == pytest.approx((0.031 + 0.0085, 0.017, 0.0085))

@@ -71,6 +71,7 @@ def test_the_lower_guide_carries_the_upper_plate() -> None:
     whole = sum(m.mass for m in masses.values())
     riding = lower.body("platform").extra_masses
     assert sum(m.mass for m in riding) == pytest.approx(whole)
+    assert [m.inertia for m in riding] == [m.inertia for m in masses.values()]
     # turned by a quarter, with the middle of its platform above that of the lower one
     above, middle = lower.probe("x").at, upper.probe("x").at
     for mass, drawn in zip(riding, masses.values(), strict=True):
@@ -109,7 +110,7 @@ def test_outlines_are_joined_along_their_edges() -> None:
 
 
 def test_impossible_dimensions_are_refused() -> None:
-    with pytest.raises(StageError, match="leg_spacing must be over the width of a leg"):
+    with pytest.raises(StageError, match="leg_spacing must be at least"):
         side_by_side_xy(replace(BESIDE, x=replace(X, leg_spacing=2e-3)))
     with pytest.raises(StageError, match="platform_height"):
         SingleAxisParameters(platform_height=-1e-3)

@@ -17,9 +17,9 @@ from flexstage.stage import Stage, check
 from flexstage.stage.drive import StackActuator
 from flexstage.system import MechanicalSystem, analyse_axis, probe_stiffness
 
-# The closed forms were derived here by energy. Those of Lobontiu and Garcia's successors were read
-# as M. Ling, J. Cao, Z. Jiang, J. Lin, Mech. Syst. Signal Process. 119 (2019), eq. 19 to 24, quote
-# them, in a public program that evaluates these; the originals were not at hand.
+# The closed forms were derived here by energy, and compared with those of others as M. Ling et al.,
+# Mech. Syst. Signal Process. 119 (2019), eq. 19 to 24, quote them. These were read in a public
+# program that evaluates them; the originals were not at hand.
 NOTCH = RightCircular(neck_thickness=0.37e-3, radius=1.1e-3)
 OFFSETS = (0.7e-3, 1.3e-3, 2.1e-3, 3.7e-3)
 
@@ -58,13 +58,12 @@ def test_a_bridge_has_the_ratio_of_its_necks(offset: float) -> None:
     turning, stretch = 1.0 / near[2, 2] + 1.0 / far[2, 2], near[0, 0] + far[0, 0]
     # upper and lower limbs differ, as output and base are not equally wide behind the roots
     assert found == pytest.approx(shifted * ly / (ly**2 + turning * stretch), rel=3e-4)
-    # as quoted from Q. Xu, Y. Li, Mech. Mach. Theory 46 (2011) 183, with equal notches: the shift
-    # is left out, half a percent of the length
+    # eq. 23 there, for links with parallel necks: without the shift, half a percent of the length
     loss = turning * stretch
     assert found == pytest.approx(lx * ly / (ly**2 + loss), rel=0.01)
-    # the form of H.-W. Ma, S.-M. Yao, L.-Q. Wang, Z. Zhong, Sens. Actuators A 132 (2006) 730: the
-    # link stretches along the line of its necks, so that the loss shrinks by cos^2 of its angle
-    # (10 % at most here, of a loss that is least there)
+    # eq. 19, after H.-W. Ma et al., Sens. Actuators A 132 (2006) 730: the link stretches along
+    # the line of its necks, so that the loss shrinks by cos^2 of its angle (by 10 % at most, of a
+    # loss that is least there)
     length, angle = math.hypot(lx, ly), math.atan2(ly, lx)
     c, s = math.cos(angle), math.sin(angle)
     slanted = length**2 * s * c / (length**2 * s**2 + loss * c**2)

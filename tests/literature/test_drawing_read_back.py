@@ -12,18 +12,17 @@ import numpy as np
 import pytest
 import shapely
 
-from flexstage.designs import DESIGNS, design
 from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.drawing.dxf import DXF_LAYERS, dxf_files
 from flexstage.export.drawing.offset import offset_contours
 from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.stage import Loop, mass_properties
 from flexstage.stage.curve import Curve
-from tests.drawing_stages import NOTCHES, guide
+from tests.drawing_stages import NOTCHES, PLATES, guide, quick
 
 KERF = 0.31e-3
-STAGES = {**{n: design(n) for n in DESIGNS}, **{n: guide(p) for n, p in NOTCHES.items()}}
-ALL = pytest.mark.parametrize("name", STAGES)
+STAGES = {**PLATES, **{n: guide(p) for n, p in NOTCHES.items()}}
+ALL = pytest.mark.parametrize("name", [quick(n, n) for n in STAGES])
 
 
 def dxf(name: str, **options: float) -> bytes:

@@ -11,13 +11,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from flexstage.designs import DESIGNS, design
 from flexstage.errors import ModelError, StageError
 from flexstage.export.step import step_files
 from flexstage.hinges import Elliptical, Leaf, Profile, RightCircular
 from flexstage.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage, mass_properties
 from flexstage.stage.contour import body_contour
+from tests.drawing_stages import PLATES, quick
 
 NANOMETRE = 1e-6  # in millimetres, the unit of the files
 
@@ -60,7 +60,8 @@ BENT = beam(RightCircular(radius=1.7e-3, neck_thickness=0.41e-3), angle=0.6)
 FLAT = beam(
     Leaf(leaf_length=5.3e-3, neck_thickness=0.29e-3, notch_depth=1.1e-3), angle=-0.35, name="leaf"
 )
-STAGES = [*map(design, DESIGNS), BENT, FLAT]
+STAGES = [*PLATES.values(), BENT, FLAT]
+ALL = pytest.mark.parametrize("stage", [quick(s.name, s) for s in STAGES])
 
 
 # ------------------------------------------------------- the text, by the words of the format
@@ -130,15 +131,21 @@ def gmsh() -> Iterator[ModuleType]:
     found.finalize()
 
 
+class _Written(dict[str, bytes]):
+    """Files by name, each written when it is first asked for."""
+
+    def __missing__(self, name: str) -> bytes:
+        (stage,) = (s for s in STAGES if f"{s.name}.step" == name)
+        self |= step_files(stage)
+        return self[name]
+
+
 @pytest.fixture(scope="module")
 def written() -> dict[str, bytes]:
-    files: dict[str, bytes] = {}
-    for stage in STAGES:
-        files |= step_files(stage)
-    return files
+    return _Written()
 
 
-@pytest.mark.parametrize("stage", STAGES, ids=lambda s: s.name)
+@ALL
 def test_every_neck_is_as_thick_as_described(stage: Stage, written: dict[str, bytes]) -> None:
     surfaces = StepText(written[f"{stage.name}.step"]).surfaces()
     for hinge in stage.hinges:
@@ -162,7 +169,7 @@ def test_every_neck_is_as_thick_as_described(stage: Stage, written: dict[str, by
         assert gap == pytest.approx(1e3 * hinge.profile.neck_thickness, abs=NANOMETRE)
 
 
-@pytest.mark.parametrize("stage", STAGES, ids=lambda s: s.name)
+@ALL
 def test_file_is_one_solid_of_planes_and_cylinders_in_millimetres(
     stage: Stage, written: dict[str, bytes]
 ) -> None:
@@ -306,7 +313,7 @@ def test_overlap_and_pieces_are_refused() -> None:
 # ------------------------------------------------------------------ another reader
 
 
-@pytest.mark.parametrize("stage", STAGES, ids=lambda s: s.name)
+@ALL
 def test_gmsh_finds_the_volume_and_the_centre_of_the_description(
     stage: Stage, written: dict[str, bytes], gmsh: ModuleType, tmp_path: Path
 ) -> None:

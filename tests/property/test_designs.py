@@ -15,9 +15,12 @@ from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
 from flexstage.designs.nested_xy_parameters import AxisParameters
 from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
 from flexstage.designs.pieces import Leg
+from flexstage.designs.registry import TOPOLOGIES
 from flexstage.errors import StageError
-from flexstage.hinges import RightCircular
-from flexstage.stage import Body, Hinge, Loop, Stage
+from flexstage.files.format import field_types
+from flexstage.files.ranges import Size
+from flexstage.hinges import CornerFilleted, RightCircular
+from flexstage.stage import Body, Hinge, Loop, Stage, check
 
 BASES = {"mechanical": vgtu_mechanical.PARAMETERS, "piezo": vgtu_piezo.PARAMETERS}
 
@@ -233,3 +236,56 @@ def test_impossible_parallelograms_are_refused() -> None:
         Leg(notch=RightCircular(neck_thickness=0.3e-3, radius=1e-3), bar_length=0.0)
     with pytest.raises(StageError, match="one_sided"):
         Leg(notch=RightCircular(neck_thickness=0.3e-3, radius=1e-3, one_sided=True))
+
+
+@st.composite
+def legs(draw: st.DrawFn) -> Leg:
+    neck, radius = draw(st.floats(0.3e-3, 0.8e-3)), draw(st.floats(0.2e-3, 2e-3))
+    if draw(st.booleans()):
+        notch = RightCircular(neck_thickness=neck, radius=radius + 0.3e-3)
+        return Leg(notch=notch, bar_length=draw(st.floats(3e-3, 40e-3)))
+    length = 2.0 * radius + draw(st.floats(3e-3, 60e-3))
+    return Leg(notch=CornerFilleted(neck_thickness=neck, notch_length=length, fillet_radius=radius))
+
+
+@st.composite
+def guides(draw: st.DrawFn) -> tuple[str, Any]:
+    """Dimensions of a guide or pivot; some are impossible."""
+    name = draw(st.sampled_from(GUIDES))
+    size = st.floats(1e-3, 30e-3)
+    parameters = TOPOLOGIES[name].parameters
+    given: dict[str, Any] = {}
+    for field, (_, kind) in field_types(parameters).items():
+        if kind == Size and field not in ("thickness", "mounting_hole_diameter", "wall"):
+            given[field] = draw(st.just(None) | size)
+    given = {k: v for k, v in given.items() if v is not None}
+    if "leaf" in parameters.__dataclass_fields__:
+        given["leaf"] = draw(legs().filter(lambda leg: leg.bar_length is None)).notch
+        given["half_angle"] = draw(st.floats(0.3, 1.15))
+    else:
+        given["leg"] = draw(legs())
+    return name, given
+
+
+GUIDES = [
+    "parallelogram",
+    "double-parallelogram",
+    "compound-parallelogram",
+    "linked-parallelogram",
+    "gantry",
+    "cartwheel",
+    "trapezoidal-pivot",
+]
+
+
+@given(guides())
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_dimensions_of_a_guide_are_possible_or_refused(drawn: tuple[str, Any]) -> None:
+    name, given_dimensions = drawn
+    topology = TOPOLOGIES[name]
+    try:
+        parameters = topology.parameters(**given_dimensions)
+    except StageError:
+        return
+    stage = topology.construct(parameters)
+    assert [f.message for f in check(stage) if f.severity == "error"] == []

@@ -4,9 +4,10 @@ from decimal import Decimal
 from fractions import Fraction
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flexstage.designs import find_stage, parameters_of
 from flexstage.errors import FlexstageError
 from flexstage.files.expression import amount_of, evaluate, parse
 from flexstage.stage.file import stage_from_text
@@ -83,6 +84,27 @@ def test_the_name_of_a_quantity_is_that_quantity_to_the_bit(number: Decimal, uni
             "g": "mass", "V": "voltage"}[unit]  # fmt: skip
     made = evaluate(parse("= q"), {"q": amount})
     assert float(made.value) == quantity(f"{number:f} {unit}", name)
+
+
+NAMES_OF_A_DESIGN = st.sampled_from([p.name for p in parameters_of("parallelogram")])
+VALUES = st.sampled_from(
+    ["1 mm", "-1 mm", "1e9 mm", "3", "null", "true", "leaf", "[1 mm, 2 mm]", "{kind: v}", "= 2 mm"]
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.dictionaries(
+        NAMES_OF_A_DESIGN | st.text(max_size=9), VALUES | st.text(max_size=9), max_size=3
+    )
+)
+def test_whatever_is_set_is_a_stage_or_a_sentence(values: dict[str, str]) -> None:
+    said = ""
+    try:
+        assert find_stage("parallelogram", values).bodies
+    except FlexstageError as error:
+        said = str(error)
+    assert "\n" not in said
 
 
 @given(st.lists(st.tuples(st.sampled_from("abcde"), WORDS, WORDS, WORDS), max_size=5))

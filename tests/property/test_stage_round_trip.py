@@ -26,6 +26,14 @@ def test_round_trip(stage: Stage) -> None:
     assert content_hash(again) == content_hash(stage)
 
 
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(stages())
+def test_round_trip_with_shared_profiles(stage: Stage) -> None:
+    again = stage_from_text(stage_to_text(stage, shared=True))
+    assert again == stage
+    assert content_hash(again) == content_hash(stage)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_round_trip_of_the_reference_stages(name: str) -> None:
     stage = reference_stage(name).stage

@@ -14,8 +14,8 @@ from flexstage.cli import main
 from flexstage.errors import ConvergenceError
 from flexstage.quantities import QUANTITIES
 
-#: For a study without its experiments on the simulated stage.
-BRIEFLY = ("--no-virtual", "--no-hysteresis")
+#: For a study without its experiments on the simulated stage, nor traditional stages beside it.
+BRIEFLY = ("--no-virtual", "--no-hysteresis", "--no-traditional")
 
 
 def run(*words: str) -> int:
@@ -50,6 +50,7 @@ def test_study_prints_a_table_and_writes_a_report(
         "lumped to",
     ):
         assert text in out
+    assert ("The claim, 17 % less motion error" in out) == ("--no-traditional" not in less)
     simulated = [] if "--no-virtual" in less else ["out/vgtu-piezo/virtual-measurement.html"]
     assert left_behind(elsewhere) == [
         "out/vgtu-piezo/report.html",
@@ -105,7 +106,7 @@ def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture
     for row in rows:
         assert list(row) == ["quantity", "axis", "origin", "value", "unit", "uncertainty", "note"]
         assert row["origin"] in ORIGINS
-        assert row["axis"] in ("x", "y")
+        assert row["axis"] in ("x", "y", "xy", "stage")
         assert row["unit"] == QUANTITIES[row["quantity"]].unit
         assert isinstance(row["value"], float)
     written = json.loads((elsewhere / "d" / "results.json").read_text(encoding="utf-8"))

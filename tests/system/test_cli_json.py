@@ -12,6 +12,7 @@ from flexstage.cli import app, main
 #: A call of each command that is refused: a file that is not there, or too little.
 REFUSED = {
     "new": ["nowhere"],
+    "import": ["nowhere.dxf"],
     "study": ["nowhere.yaml"],
     "show": ["nowhere.yaml"],
     "check": ["nowhere.yaml"],

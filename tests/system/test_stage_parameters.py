@@ -2,17 +2,21 @@
 
 import json
 import math
+import time
 from pathlib import Path
 
 import jsonschema
 import pytest
 
-from flexstage.designs import find_stage
+from flexstage.designs import design, find_stage
 from flexstage.errors import FlexstageError, PlanError, UnitError
 from flexstage.experiments.file import plan_from_text
 from flexstage.hinges import RightCircular
 from flexstage.stage import PlaneMotion, Stage, check, moved, read_stage, stage_from_text
+from flexstage.stage.drawing.blanks import stage_file_text
+from flexstage.stage.drawing.drawn_stage import DrawingOptions, read_drawing
 from flexstage.stage.format import SCHEMA_PATH
+from tests.drawn_stages import dxf_without_hinges
 from tests.system.test_stage_file import EXAMPLE, SPELLED_OUT, core_schema
 
 HEAD = "flexstage: 1\nlength_unit: mm\nname: own\nthickness: 8 mm\nmaterial: Al 7075-T6\n"
@@ -153,7 +157,7 @@ def test_what_is_set_is_said_to_be() -> None:
     assert "which is -500 um (t is set)" in refusal(HALF + MIRROR, set={"t": "-0.5 mm"})
     said = refusal(HALF + MIRROR, set={"tt": "1 mm"})
     assert said == "own.yaml has no parameter 'tt': did you mean 't'?"
-    assert "its parameters are none" in refusal(HEAD, set={"t": "1 mm"})
+    assert "it has none, under 'parameters'" in refusal(HEAD, set={"t": "1 mm"})
     assert "own.yaml, parameters.t: unknown unit" in refusal(HALF, set={"t": "1 mn"})
     assert "own.yaml, parameters.t: '1 +' is no" not in refusal(HALF, set={"t": "1 +"})
 
@@ -253,6 +257,19 @@ def test_what_stands_first_in_the_file_is_copied_first() -> None:
     assert "no body, hinge, drive or probe 'a-2'" in refusal(row + mirror + pattern)
 
 
+def test_whole_words_of_names_are_replaced() -> None:
+    plate = "outline: [[1, 0], [4, 0], [4, 9]]"
+    rows = "".join(f"  {name}: {{{plate}}}\n" for name in ("leg1-11", "a bar", "Leg-1"))
+    entry = (
+        "pattern:\n  - {of: [leg1-11, a bar, Leg-1], count: 2, step: [0, 20],"
+        " rename: {'1': ['2'], a: [b], leg: [toe], toe: [leg]}}\n"
+    )
+    said = refusal(HEAD + "bodies:\n" + rows + entry)
+    assert "pattern[0].rename: no name in 'of' has the word 'toe'" in said
+    made = stage_from_text(HEAD + "bodies:\n" + rows + entry.replace(", toe: [leg]", ""))
+    assert names_of(made, "bodies")[3:] == ["toe2-11", "b bar", "Leg-2"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
@@ -318,10 +335,40 @@ def test_an_error_of_a_copy_is_told_where_it_is_made() -> None:
     assert stage_from_text(text.replace("eye-right", "eye-left") + entry).hinge("foot-right")
 
 
-def test_copies_without_end_are_refused() -> None:
+def long(kind: str) -> tuple[str, str]:
+    """A file that asks for very much, and what it is told."""
+    plate = "bodies:\n  a: {outline: [[0, 0], [1, 0], [0, 1]]}\n"
     row = "bodies:\n  a: {outline: [[0, 0], " + ", ".join(f"[{k}, 1]" for k in range(400)) + "]}\n"
-    pattern = "pattern:\n  - {of: [a], count: 1000, step: [1, 0]}\n"
-    assert "more than 100000 points with its copies" in refusal(HEAD + row + pattern)
+    each = "  - {of: [a], count: 1000, step: [1, 0], rename: {a: [%s]}}\n"
+    names = [", ".join(f"b{k}x{i}" for i in range(999)) for k in range(12)]
+    root = "= " + "+".join(["sqrt(2)"] * 60)
+    chain = [f"  p{k + 1}: = p{k} + 1/{k + 2}\n" for k in range(999)]
+    squares = [f"  p{k + 1}: = p{k}*p{k}\n" for k in range(999)]
+    images = "".join(f"  - {{line: y, of: [a], rename: {{a: b{k}}}}}\n" for k in range(2000))
+    return {
+        "points": (row + "pattern:\n  - {of: [a], count: 1000, step: [1, 0]}\n", "100000 points"),
+        "copies": (plate + "pattern:\n" + "".join(each % n for n in names), "10000 copies"),
+        "images": (plate + "mirror:\n" + images, "'zebra'"),
+        "names": (plate + f"mirror:\n  - {{line: y, of: [{'a, ' * 50_000}a], rename: {{a: b}}}}\n",
+                  "expected 1 to 1000 names"),
+        "roots": ("parameters:\n" + "".join(f"  p{k}: {root}\n" for k in range(300)) + plate,
+                  "'zebra'"),
+        "chain": ("parameters:\n  p0: 1\n" + "".join(chain) + plate, "'zebra'"),
+        "squares": ("parameters:\n  p0: 1.1\n" + "".join(squares) + plate, "is too large"),
+        "parameters": ("parameters:\n" + "".join(f"  p{k}: 1\n" for k in range(1001)) + plate,
+                       "at most 1000 parameters"),
+    }[kind]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "kind", ["points", "copies", "images", "names", "roots", "chain", "squares", "parameters"]
+)
+def test_what_asks_for_very_much_ends_early(kind: str) -> None:
+    text, sentence = long(kind)
+    text = HEAD + text + "axes: {x: {drive: zebra, probe: b}}\n"
+    start = time.process_time()
+    assert sentence in refusal(text)
+    assert time.process_time() - start < 2.0
 
 
 def test_the_schema_knows_all_of_it() -> None:
@@ -355,3 +402,18 @@ def test_a_design_in_a_file_has_parameters_too(tmp_path: Path) -> None:
     )
     with pytest.raises(UnitError, match=r"design.x.lever_neck: expected a length.*t is set"):
         find_stage(path, {"t": "4 s"})
+
+
+def test_the_file_of_a_drawing_has_its_necks_as_parameters(tmp_path: Path) -> None:
+    stage = design("parallelogram")
+    path = tmp_path / "part.dxf"
+    dxf_without_hinges(stage).saveas(path)
+    drawn = read_drawing(path, DrawingOptions(thickness=8e-3, material="Al 7075-T6"))
+    text = stage_file_text(drawn)
+    assert stage_from_text(text) == drawn.stage
+    assert "neck_thickness: 0.5 mm" in text
+    thinner = stage_from_text(text, set={"neck_thickness": "0.42 mm"})
+    assert {hinge.profile.neck_thickness for hinge in thinner.hinges} == {0.42e-3}
+    blank = read_drawing(path, DrawingOptions(thickness=8e-3))
+    assert "material" in blank.blanks
+    assert "material: expected a text, got nothing" in refusal(stage_file_text(blank))

@@ -18,6 +18,7 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
+    on_terminal,
     picture,
     print_json,
     print_notes,
@@ -72,7 +73,8 @@ def analyse(
         Compute each axis over its stroke with large displacements (plane model): straightness,
         stiffening, buckling.
     folder
-        Write analysis.json, with the Bode data, and a Bode diagram of each axis.
+        Write analysis.json, with the Bode data, a Bode diagram of each axis, and a picture of what
+        all drives reach together.
     vtu
         Also write the states at full stroke and the modes for ParaView, into vtu/ of --folder
         (plane and solid models).
@@ -145,8 +147,9 @@ def _written(
     for name, run in runs.items():
         within = folder / name if folder is not None and len(runs) > 1 else folder
         if within is not None:
-            results = results_json(_results(run))
-            files += write_files(within, {"analysis.json": results} | _diagrams(run.analysis))
+            written = {"analysis.json": results_json(_results(run))}
+            written |= _diagrams(run.analysis) | _workspace(run.analysis)
+            files += write_files(within, written)
             if vtu and run.mesh is not None:
                 from flexstage.export import field_files
 
@@ -163,6 +166,7 @@ def _print(screen: "Console", run: "ModelRun") -> None:
     _characteristics(screen, analysis)
     _modes(screen, analysis)
     _stress(screen, analysis)
+    _coupling(screen, analysis)
     _responses(screen, analysis)
     _loads(screen, analysis)
     _bars(screen, run.bars)
@@ -186,6 +190,16 @@ def _diagrams(
         f"{stem}-{file_name(a.axis)}{figure.suffix}": picture(figure, draw_bode(analysis, a.axis))
         for a in analysis.axes
     }
+
+
+def _workspace(analysis: "Analysis") -> dict[str, bytes]:
+    """A picture of what all drives reach together, where two displacements are axes."""
+    from flexstage.report.figures.reachable_area import draw_reachable_area
+
+    reached = None if analysis.coupling is None else analysis.coupling.workspace
+    if reached is None:
+        return {}
+    return {"workspace.svg": picture(Path("workspace.svg"), draw_reachable_area(reached))}
 
 
 def _characteristics(screen: "Console", analysis: "Analysis") -> None:
@@ -232,15 +246,23 @@ def _stress(screen: "Console", analysis: "Analysis") -> None:
     stress = analysis.hinge_stress
     if not any(stress.values()):
         return
+    of = "drive of" if all(len(axis.drives) == 1 for axis in analysis.axes) else "motion of"
     print_table(
         screen,
         "largest equivalent stress at full stroke in MPa",
-        ("hinge", *(f"drive of {axis}" for axis in stress)),
+        ("hinge", *(f"{of} {axis}" for axis in stress)),
         (
             (hinge.name, *(f"{of[hinge.name] * 1e-6:.1f}" for of in stress.values()))
             for hinge in analysis.stage.hinges
         ),
     )
+
+
+def _coupling(screen: "Console", analysis: "Analysis") -> None:
+    from flexstage.report.coupled_axes import coupling_tables
+
+    for shown in coupling_tables(analysis.coupling) if analysis.coupling is not None else ():
+        screen.print(on_terminal(shown))
 
 
 def _loads(screen: "Console", analysis: "Analysis") -> None:
@@ -251,6 +273,7 @@ def _loads(screen: "Console", analysis: "Analysis") -> None:
     if not found or not any(found.values()):
         return
     probes = list(next(iter(found.values())))
+    turns = any(analysis.system.probe(probe).unit == "rad" for probe in probes)
     rows = []
     for load in analysis.system.loads:
         if (read := found.get(load.name)) is not None:
@@ -258,7 +281,8 @@ def _loads(screen: "Console", analysis: "Analysis") -> None:
             rows.append((load.name, load.unit, *cells))
     print_table(
         screen,
-        "motion of the probes under loads on the whole stage, drives removed, in µm",
+        "motion of the probes under loads on the whole stage, drives removed, in µm"
+        + (" and µrad" if turns else ""),
         ("one unit of", "<unit", *probes),
         rows,
     )

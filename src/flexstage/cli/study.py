@@ -42,6 +42,7 @@ def study(
     hysteresis: bool = True,
     measured: Path | None = None,
     virtual: bool = True,
+    traditional: bool = True,
     seed: Annotated[int, typer.Option(min=0)] = 1,
     quiet: QuietOption = False,
     json: JsonOption = False,
@@ -62,8 +63,11 @@ def study(
     virtual
         --virtual/--no-virtual: Simulate measurements of the stage, and centring an encoder scale
         with it.
+    traditional
+        --traditional/--no-traditional: Set motion errors and drift of a stage of the study against
+        those of traditional stages.
     seed
-        NUMBER: Random seed of the simulated stage.
+        NUMBER: Random seed of the simulated stage, and of stages as they are made.
     """
     from flexstage.files.write import require_writable, write_files
     from flexstage.report.study import report_pages
@@ -90,6 +94,7 @@ def study(
             hysteresis=hysteresis,
             measured=found,
             virtual=virtual,
+            traditional=traditional,
             seed=seed,
         )
     files = write_files(
@@ -112,6 +117,12 @@ def study(
     title = f"{described.name}: {described.title}" if described.title else described.name
     for table in comparison_tables(result.comparison, title, width=screen.width):
         screen.print(on_terminal(table))
+    if result.traditional is not None:
+        from flexstage.report.traditional import claim_table
+        from flexstage.studies.traditional_verdict import claim_verdict
+
+        screen.print(on_terminal(claim_table(result.traditional)))
+        screen.print(claim_verdict(result.traditional), markup=False)
     if not described.axes:
         screen.print("note: the stage names no axis, so there are modes only; see the report")
     for model, why in result.left_out.items():

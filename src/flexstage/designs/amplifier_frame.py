@@ -51,7 +51,7 @@ class Limb:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Amplifier:
+class AmplifierFrame:
     """An amplifier of four equal limbs, and where everything of it lies.
 
     Raises

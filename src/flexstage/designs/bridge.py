@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from flexstage.designs.amplifier_frame import Amplifier, AmplifierParameters, Limb
+from flexstage.designs.amplifier_frame import AmplifierFrame, AmplifierParameters, Limb
 from flexstage.designs.pieces import at_least, at_most, two_sided
 from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
@@ -84,9 +84,9 @@ def bridge(parameters: BridgeParameters | None = None) -> Stage:
     return bridge_amplifier(p).stage("bridge", "Bridge amplifier with a guided output")
 
 
-def bridge_amplifier(p: BridgeParameters) -> Amplifier:
+def bridge_amplifier(p: BridgeParameters) -> AmplifierFrame:
     """Return a bridge without a base."""
-    return Amplifier(parameters=p, limb=_limb(p))
+    return AmplifierFrame(parameters=p, limb=_limb(p))
 
 
 def _limb(p: BridgeParameters) -> Limb:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from flexstage.designs.amplifier_frame import ACROSS, Amplifier
+from flexstage.designs.amplifier_frame import ACROSS, AmplifierFrame
 from flexstage.designs.bridge import BridgeParameters, bridge_amplifier
 from flexstage.designs.driven_plate import round_leaf
 from flexstage.designs.pieces import Leg, Pair, at_least, at_most, block, bolt_holes, box
@@ -131,14 +131,16 @@ def _names(side: str) -> Callable[[str], str]:
     return lambda name: kept.get(name, f"{side}-{name}")
 
 
-def _idle(cell: Amplifier) -> tuple[list[Body], list[Hinge], None]:
+def _idle(cell: AmplifierFrame) -> tuple[list[Body], list[Hinge], None]:
     """Return a block where a bridge has its output, and its guide."""
     bars, notches = cell.guided("block")
     own = block("block", (cell.side, cell.shoulder), (-cell.side, cell.top))
     return [own, *bars], notches, None
 
 
-def _coupling(p: BridgeXYParameters, cell: Amplifier, block: str) -> tuple[list[Body], list[Hinge]]:
+def _coupling(
+    p: BridgeXYParameters, cell: AmplifierFrame, block: str
+) -> tuple[list[Body], list[Hinge]]:
     """Return the two legs from a block to the platform."""
     bodies: list[Body] = []
     hinges: list[Hinge] = []
@@ -152,7 +154,7 @@ def _coupling(p: BridgeXYParameters, cell: Amplifier, block: str) -> tuple[list[
     return bodies, hinges
 
 
-def _room(cell: Amplifier, *, driven: bool, corner: float) -> list[Pair]:
+def _room(cell: AmplifierFrame, *, driven: bool, corner: float) -> list[Pair]:
     """Return the edge of the frame about a side, from the corner before it on [m]."""
     behind = (-cell.column, cell.shoulder - cell.parameters.slot)
     half = cell.room()[::-1] if driven else [behind]
@@ -178,8 +180,7 @@ def _frame(p: BridgeXYParameters, window: list[Pair]) -> Body:
 TOPOLOGY = Topology(
     name="bridge-xy",
     title="XY stage with bridge amplifiers",
-    source="Y. Li, Q. Xu, IEEE Trans. Robot. 25 (2009) 645; Q. Xu, Y. Li, Mech. Mach. Theory 46 "
-    "(2011) 183",
+    source="Y. Li, Q. Xu, IEEE Trans. Robot. 25 (2009) 645",
     parameters=BridgeXYParameters,
     construct=bridge_xy,
 )

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
-from flexstage.designs.pieces import at_least
+from flexstage.designs.pieces import WIRE, at_least, at_most
 from flexstage.designs.pivot_pieces import PivotParameters, faces, leaf, pivot
 from flexstage.designs.topology import Topology
 from flexstage.errors import StageError
@@ -17,9 +17,12 @@ class CartwheelParameters(PivotParameters):
 
     def __post_init__(self) -> None:
         PivotParameters.__post_init__(self)
-        slope = math.tan(self.half_angle)
-        room = 0.5 * self.leaf.root_height * max(slope, 1.0 / slope)
-        at_least("centre_distance", self.centre_distance, room, "for four leaves on the hub")
+        sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
+        room = 0.5 * (self.leaf.root_height * sine + WIRE) / cosine
+        at_least("centre_distance", self.centre_distance, room, "for two leaves one over the other")
+        column = faces(self, self.radius)[1][0] + self.actuator_length
+        room = (column - WIRE) * sine
+        at_most("centre_distance", self.centre_distance, room, "between the hub and the column")
         gap = -2.0 * faces(self, self.radius)[1][1]
         if gap < self.actuator_length:
             raise StageError(

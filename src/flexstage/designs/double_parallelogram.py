@@ -3,7 +3,15 @@
 import math
 from dataclasses import dataclass, field
 
-from flexstage.designs.pieces import Leg, PlateParameters, block, bolt_holes
+from flexstage.designs.pieces import (
+    WIRE,
+    Leg,
+    PlateParameters,
+    at_least,
+    block,
+    bolt_holes,
+    cut_apart,
+)
 from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.hinges import CornerFilleted
@@ -43,6 +51,9 @@ class DoubleParallelogramParameters(PlateParameters):
     def __post_init__(self) -> None:
         PlateParameters.__post_init__(self)
         self._below("mounting_hole_diameter", "wall")
+        cut_apart(self, "clearance", "actuator_length")
+        slot = self.leg.width + WIRE
+        at_least("leg_spacing", self.leg_spacing, slot, "so that a slot is between the legs")
 
     @property
     def half_platform(self) -> float:

@@ -3,7 +3,17 @@
 import math
 from dataclasses import dataclass, field
 
-from flexstage.designs.pieces import Leg, PlateParameters, block, bolt_holes, box
+from flexstage.designs.pieces import (
+    WIRE,
+    Leg,
+    PlateParameters,
+    at_least,
+    at_most,
+    block,
+    bolt_holes,
+    box,
+    cut_apart,
+)
 from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.hinges import CornerFilleted
@@ -42,6 +52,20 @@ class GantryParameters(PlateParameters):
     opposed: bool = False
     """Whether a second drive pulls at the opposite carriage, as voice coils can."""
 
+    def __post_init__(self) -> None:
+        PlateParameters.__post_init__(self)
+        cut_apart(self, "actuator_length")
+        slot = self.leg.width + WIRE
+        for name in ("platform_leg_spacing", "carriage_leg_spacing"):
+            at_least(name, getattr(self, name), slot, "so that a slot is between the legs")
+        corner = self.far + self.actuator_length - self.near
+        at_most(
+            "mounting_hole_diameter",
+            self.mounting_hole_diameter,
+            0.5 * (corner + self.wall),
+            "so that a corner of the frame bears a bolt",
+        )
+
     @property
     def half_platform(self) -> float:
         """Half of the length of the platform and of the carriages [m]."""
@@ -74,7 +98,7 @@ def gantry(p: GantryParameters) -> Stage:
     the platform take up.
 
     Its bodies are ``base`` (fixed), ``platform`` and, for ``right``, ``top``, ``left`` and
-    ``bottom``, ``right-carriage`` and the bars of the legs ``right-upper``, ``right-lower`` (to the
+    ``bottom``, the carriage and the bars of the legs ``right-upper``, ``right-lower`` (to the
     platform; named as on the right), ``right-inner`` and ``right-outer`` (to the frame). Drives,
     axes and the probes ``x`` and ``y``; the probe ``yaw`` reads the rotation of the platform.
 
@@ -82,7 +106,7 @@ def gantry(p: GantryParameters) -> Stage:
     --------
     >>> stage = gantry(GantryParameters())
     >>> len(stage.bodies), len(stage.hinges), [d.pushes for d in stage.drives]
-    (6, 16, ['left-carriage', 'bottom-carriage'])
+    (6, 16, ['left', 'bottom'])
     """
     a, near, far = p.half_platform, p.near, p.far
     bodies, hinges = _quarter(p)
@@ -133,7 +157,7 @@ def gantry(p: GantryParameters) -> Stage:
 
 def _quarter(p: GantryParameters) -> tuple[list[Body], list[Hinge]]:
     """Return the right carriage with its legs."""
-    a, carriage = p.half_platform, "right-carriage"
+    a, carriage = p.half_platform, "right"
     bodies, hinges = [block(carriage, (p.near, -a), (p.far, a))], []
     middle = 0.5 * (p.near + p.far)
     aside, apart = 0.5 * p.platform_leg_spacing, 0.5 * p.carriage_leg_spacing
@@ -155,13 +179,13 @@ def _drive(p: GantryParameters, axis: str, turn: PlaneMotion, *, opposite: bool)
     drive = placed(
         p.actuator,
         name=name,
-        pushes=f"{face}-carriage",
+        pushes=f"{face}",
         reacts="base",
         at=((side * p.far, 0.0), (side * (p.far + p.actuator_length), 0.0)),
         direction=0.0,
         patch_half_width=p.force_patch_half_width,
     )
-    turned = {"left-carriage": "bottom-carriage", "right-carriage": "top-carriage"}
+    turned = {"left": "bottom", "right": "top"}
     return moved(drive, turn, turned if axis == "y" else None)
 
 

@@ -58,7 +58,7 @@ class LinkedParallelogramParameters(DoubleParallelogramParameters):
     @property
     def _shortest_leg(self) -> float:
         """Length of a leg beside which the post of the secondary stage ends above the base [m]."""
-        return self.pivot.length + 5.0 * self.link.width + 2.0 * self.clearance
+        return 1.5 * self.pivot.length + 5.0 * self.link.width + 3.0 * self.clearance
 
     @property
     def outer(self) -> float:

@@ -3,14 +3,21 @@
 import math
 from dataclasses import dataclass, field
 
-from flexstage.designs.pieces import Leg, PlateParameters, block, bolt_holes
+from flexstage.designs.pieces import (
+    WIRE,
+    Leg,
+    PlateParameters,
+    at_least,
+    at_most,
+    block,
+    bolt_holes,
+    cut_apart,
+)
 from flexstage.designs.topology import Topology
-from flexstage.errors import StageError
 from flexstage.files.ranges import Size
 from flexstage.hinges import RightCircular
 from flexstage.stage import Axis, Body, Loop, Probe, Stage
 from flexstage.stage.drive import AnyActuator, ScrewActuator, placed
-from flexstage.stage.issue import millimetres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,11 +49,14 @@ class ParallelogramParameters(PlateParameters):
 
     def __post_init__(self) -> None:
         PlateParameters.__post_init__(self)
-        if not self.leg_spacing > self.leg.width:
-            raise StageError(
-                f"leg_spacing must be over the width of a leg, {millimetres(self.leg.width)}, "
-                f"got {millimetres(self.leg_spacing)}"
-            )
+        cut_apart(self, "actuator_length")
+        slot = self.leg.width + WIRE
+        at_least("leg_spacing", self.leg_spacing, slot, "so that a slot is between the legs")
+        bolts = 2.0 * self.mounting_hole_diameter
+        beside = self.leg.width + 2.0 * (self.platform_overhang + self.actuator_length)
+        hole = self.mounting_hole_diameter
+        at_most("mounting_hole_diameter", hole, beside - WIRE, "so that the base reaches round it")
+        at_least("leg_spacing", self.leg_spacing, bolts, "for the bolts under the legs")
         self._below("mounting_hole_diameter", "base_height")
 
 

@@ -8,13 +8,15 @@ from flexstage.errors import StageError
 from flexstage.files.ranges import Size, require_ranges
 from flexstage.hinges import Profile
 from flexstage.material import CATALOGUE, Material
-from flexstage.stage import Body, Circle, Hinge, Loop, PlaneMotion
+from flexstage.stage import Body, Circle, Hinge, Loop, Manufacture, PlaneMotion
 from flexstage.stage.issue import millimetres
 
 Pair = tuple[float, float]
 
 #: Rounding of sums of dimensions, far below what can be cut [m].
 ROUNDING = 1e-10
+#: Width of the narrowest slot that is usually cut [m].
+WIRE = Manufacture().wire_width
 
 
 def box(low: Pair, high: Pair) -> Loop:
@@ -145,6 +147,12 @@ class Leg:
             hinge(f"{name}-{one}", first, bar.name, half),
             hinge(f"{name}-{other}", bar.name, last, far + half),
         ]
+
+
+def cut_apart(of: Any, *names: str) -> None:
+    """Refuse slots of a description, by name, that the wire does not fit through."""
+    for name in names:
+        at_least(name, getattr(of, name), WIRE, "for the wire that cuts it")
 
 
 def two_sided(notch: Profile, of: str) -> None:

@@ -4,7 +4,15 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from flexstage.designs.pieces import Pair, PlateParameters, bolt_holes, two_sided
+from flexstage.designs.pieces import (
+    WIRE,
+    Pair,
+    PlateParameters,
+    at_least,
+    bolt_holes,
+    cut_apart,
+    two_sided,
+)
 from flexstage.files.ranges import Range, Size
 from flexstage.hinges import CornerFilleted, Profile
 from flexstage.stage import Axis, Body, Hinge, Loop, Probe, Stage
@@ -22,7 +30,7 @@ class PivotParameters(PlateParameters):
         )
     )
     """Its leaves, all alike."""
-    half_angle: Annotated[Angle, Range(low=0.2, high=1.3)] = 0.25 * math.pi
+    half_angle: Annotated[Angle, Range(low=0.3, high=1.15)] = 0.25 * math.pi
     """Angle of the leaves against the line of symmetry [rad]."""
     centre_distance: Size = 3e-3
     """Distance of the near ends of the leaves from the centre [m]."""
@@ -43,6 +51,13 @@ class PivotParameters(PlateParameters):
         PlateParameters.__post_init__(self)
         two_sided(self.leaf, "a pivot")
         self._below("mounting_hole_diameter", "wall")
+        cut_apart(self, "actuator_length")
+        sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
+        room = 0.5 * (self.leaf.root_height * cosine + WIRE) / sine
+        at_least("centre_distance", self.centre_distance, room, "for two leaves side by side")
+        near = faces(self, self.radius)[1][0] + self.actuator_length
+        room = 0.5 * self.wall + self.mounting_hole_diameter - near
+        at_least("column_width", self.column_width, room, "so that two bolts have room")
 
     @property
     def reach(self) -> float:
@@ -71,8 +86,9 @@ def base(p: PivotParameters, top: float) -> Body:
     far = near + p.column_width
     outline = [tip, (x, y), (near, y), (near, top), (far, top), (far, bottom)]
     outline += [(-far, bottom), (-far, y), (-x, y)]
+    inset = 0.5 * p.wall
     holes = bolt_holes(
-        ((sx, bottom + 0.5 * p.wall) for sx in (-0.5 * (near + far), 0.5 * (near + far))),
+        ((sx, bottom + inset) for sx in (inset - far, far - inset)),
         p.mounting_hole_diameter,
     )
     return Body(name="base", outline=Loop(tuple(outline)), mounting_holes=holes, fixed=True)

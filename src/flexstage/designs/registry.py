@@ -36,6 +36,8 @@ _FAMILIES = (
     "compound_parallelogram",
     "linked_parallelogram",
     "gantry",
+    "cartwheel",
+    "trapezoidal_pivot",
     "side_by_side_xy",
     "stacked_xy",
     "bridge",
@@ -43,6 +45,7 @@ _FAMILIES = (
     "bridge_xy",
     "scott_russell",
     "lever_chain",
+    "three_rrr",
 )
 
 #: Parametric families.

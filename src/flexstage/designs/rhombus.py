@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from flexstage.designs.amplifier_frame import Amplifier, AmplifierParameters, Limb
+from flexstage.designs.amplifier_frame import AmplifierFrame, AmplifierParameters, Limb
 from flexstage.designs.pieces import at_most, two_sided
 from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Range
@@ -67,7 +67,7 @@ def rhombus(parameters: RhombusParameters | None = None) -> Stage:
     0.14
     """
     p = parameters or RhombusParameters()
-    return Amplifier(parameters=p, limb=_limb(p)).stage(
+    return AmplifierFrame(parameters=p, limb=_limb(p)).stage(
         "rhombus", "Rhombus amplifier with a guided output"
     )
 

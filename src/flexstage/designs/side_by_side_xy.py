@@ -11,6 +11,7 @@ from flexstage.designs.single_axis import (
     names_of_axis,
 )
 from flexstage.designs.topology import Topology
+from flexstage.errors import StageError
 from flexstage.files.ranges import Size
 from flexstage.stage import Axis, Body, Loop, PlaneMotion, Probe, Stage, moved
 
@@ -20,11 +21,19 @@ class SideBySideXYParameters(PlateParameters):
     """The dimensions of two guides side by side."""
 
     x: SingleAxisParameters = field(default_factory=SingleAxisParameters)
-    """The guide that stands on the base."""
+    """The guide that stands on the base, a parallelogram."""
     y: SingleAxisParameters = field(default_factory=SingleAxisParameters)
     """The guide beside it, which its platform carries."""
     gap: Size = 2e-3
     """Distance between the guides [m]."""
+
+    def __post_init__(self) -> None:
+        PlateParameters.__post_init__(self)
+        if self.x.guide != "parallelogram":
+            raise StageError(
+                f"the guide of x must be a parallelogram, got '{self.x.guide}': its base encloses "
+                "its platform, which cannot reach out to a guide beside it"
+            )
 
 
 def side_by_side_xy(parameters: SideBySideXYParameters | None = None) -> Stage:

@@ -1,9 +1,13 @@
 """A guide for one axis, as a part of stages of two: which one, and its dimensions."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
 
+from flexstage.designs.double_parallelogram import (
+    DoubleParallelogramParameters,
+    double_parallelogram,
+)
 from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
 from flexstage.designs.pieces import Leg, PlateParameters
 from flexstage.errors import StageError
@@ -23,7 +27,7 @@ class SingleAxisParameters:
         A dimension is not positive and finite.
     """
 
-    guide: Literal["parallelogram"] = "parallelogram"
+    guide: Literal["parallelogram", "double-parallelogram"] = "parallelogram"
     """Which guide it is."""
     leg: Leg = field(
         default_factory=lambda: Leg(
@@ -47,19 +51,13 @@ class SingleAxisParameters:
 
     def build(self, plate: PlateParameters) -> Stage:
         """Build the guide alone, as a part of a plate: its axis is x, its platform ``platform``."""
-        return parallelogram(
-            ParallelogramParameters(
-                thickness=plate.thickness,
-                material=plate.material,
-                mounting_hole_diameter=plate.mounting_hole_diameter,
-                force_patch_half_width=plate.force_patch_half_width,
-                leg=self.leg,
-                leg_spacing=self.leg_spacing,
-                platform_height=self.platform_height,
-                actuator_length=self.actuator_length,
-                actuator=self.actuator,
-            )
-        )
+        given: dict[str, Any] = {
+            **{f.name: getattr(plate, f.name) for f in fields(PlateParameters)},
+            **{f.name: getattr(self, f.name) for f in fields(self) if f.name != "guide"},
+        }
+        if self.guide == "parallelogram":
+            return parallelogram(ParallelogramParameters(**given))
+        return double_parallelogram(DoubleParallelogramParameters(**given))
 
 
 def names_of_axis(guide: Stage, axis: str, bodies: Mapping[str, str]) -> dict[str, str]:
@@ -79,5 +77,5 @@ def base_of(guide: Stage) -> Body:
 
 def extent(guide: Stage) -> tuple[float, float, float, float]:
     """Return the smallest and the largest x and y of the outlines of a stage [m]."""
-    xs, ys = zip(*(p for body in guide.bodies for p in body.outline.points), strict=True)
-    return min(xs), min(ys), max(xs), max(ys)
+    x0, y0, x1, y1 = zip(*(body.outline.bounds() for body in guide.bodies), strict=True)
+    return min(x0), min(y0), max(x1), max(y1)

@@ -31,7 +31,7 @@ def design_text(name: str) -> str:
     Examples
     --------
     >>> print(design_text("parallelogram").splitlines()[0])
-    # Parallelogram guide
+    # Parallelogram guide on two legs of notches or leaves.
     """
     known = PARAMETER_SETS[name]
     lines = [

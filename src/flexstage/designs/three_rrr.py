@@ -156,10 +156,14 @@ def _ring(p: ThreeRRRParameters, turns: list[PlaneMotion]) -> Body:
     # where the wall behind the drive meets the slot along the next side of the platform
     start = (wall, -2.0 * (p.apothem + p.slot) - math.sqrt(3.0) * wall)
     window = [start, (wall, floor), (right, floor), (right, top)]
-    bolt = (wall - p.frame_wall, floor + p.frame_wall)
+    radius = math.hypot(right, floor) + p.frame_wall
+    # in the wall behind the drive, as far out as the ring is wide there
+    beside = (wall - p.frame_wall, floor)
+    share = (radius - 0.5 * p.frame_wall) / math.hypot(*beside)
+    bolt = (share * beside[0], share * beside[1])
     return Body(
         name="base",
-        outline=Circle((0.0, 0.0), math.hypot(right, floor) + p.frame_wall).loop(),
+        outline=Circle((0.0, 0.0), radius).loop(),
         holes=(_around(window, turns),),
         mounting_holes=bolt_holes((turn.point(bolt) for turn in turns), p.mounting_hole_diameter),
         fixed=True,

@@ -60,11 +60,20 @@ class ThreeRRRParameters(DrivenPlateParameters):
             0.5 * root + slot - math.sqrt(3.0) * tab,
             "so that the tabs stand on the sides of the platform",
         )
+        at_most(
+            "link_distance",
+            self.link_distance,
+            math.sqrt(3.0) * (self.lever_side - slot) + 0.5 * root + slot,
+            "so that the corners of the platform keep a slot from the levers",
+        )
+        # the wall that a drive stands on ends where it meets the slot along the platform
+        covers = 2.0 * (self.apothem + slot) + self.input_arm - self.lever_length
+        covers += self.force_patch_half_width - self.link_distance
         at_least(
             "actuator_length",
             self.actuator_length,
-            self.lever_side - tab + slot,
-            "so that the ring keeps a slot from the tab beside it",
+            self.lever_side + max(slot - tab, covers / math.sqrt(3.0)),
+            "so that the ring keeps a slot from the tab beside it, and reaches up to the drive",
         )
         at_most(
             "actuator_length",

@@ -1,11 +1,14 @@
 """A trapezoidal pivot: an arm on two leaves whose lines cross beyond them, in its remote centre."""
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 
+from flexstage.designs.pieces import WIRE, at_least
 from flexstage.designs.pivot_pieces import PivotParameters, faces, leaf, pivot
 from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.stage import Body, Loop, Stage
+from flexstage.stage.drive import AnyActuator, ScrewActuator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -14,8 +17,20 @@ class TrapezoidalPivotParameters(PivotParameters):
 
     centre_distance: Size = 10e-3
     """Distance of the near ends of the leaves from the centre [m]."""
+    actuator: AnyActuator = field(
+        default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=200e-6)
+    )
+    """What turns the pivot."""
     arm_height: Size = 22e-3
     """Height of the arm over its leaves [m]."""
+
+    def __post_init__(self) -> None:
+        PivotParameters.__post_init__(self)
+        under = -faces(self, self.centre_distance)[1][1]
+        room = under + 4.0 * self.force_patch_half_width
+        at_least("arm_height", self.arm_height, room, "so that the drive pushes beside the centre")
+        slot = self.leaf.length * math.cos(self.half_angle)
+        at_least("leaf.length * cos(half_angle)", slot, WIRE, "between arm and base")
 
 
 def trapezoidal_pivot(p: TrapezoidalPivotParameters) -> Stage:

@@ -14,6 +14,7 @@ from flexstage.elasticity import face
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import StageError
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
+from flexstage.stage.checks import ON_BODY
 from flexstage.stage.contour import body_contour, inner_notch
 
 _SYNTAX = frozenset("^$\\.*+?()[]{}|")  # characters that mean something in an expression
@@ -119,7 +120,8 @@ def patches(drive: Drive, bodies: Iterable[Body]) -> tuple[DrivePatch, ...]:
 
 
 def _stretch(body: Body, at: Point, half_width: float) -> tuple[Point, Point] | None:
-    """Find the stretch about a point of the straight edge that it lies on."""
+    """Find the stretch of the straight edge that a point lies on or beside, about its foot."""
+    found: list[tuple[float, tuple[Point, Point]]] = []
     for loop in (body.outline, *(h for h in body.holes if isinstance(h, Loop))):
         for a, b, bulge in loop.segments():
             length = math.dist(a, b)
@@ -130,9 +132,11 @@ def _stretch(body: Body, at: Point, half_width: float) -> tuple[Point, Point] | 
             aside = (at[1] - a[1]) * ux - (at[0] - a[0]) * uy
             # as far to either side, so that the resultant goes through the point
             w = min(half_width, along, length - along)
-            if abs(aside) < _NEAR and w > _NEAR:
-                return (at[0] - w * ux, at[1] - w * uy), (at[0] + w * ux, at[1] + w * uy)
-    return None
+            if abs(aside) < ON_BODY and w > _NEAR:
+                x, y = (at[0] + aside * uy, at[1] - aside * ux) if abs(aside) > _NEAR else at
+                ends = (x - w * ux, y - w * uy), (x + w * ux, y + w * uy)
+                found.append((abs(aside), ends))
+    return min(found)[1] if found else None
 
 
 def _with_points(loop: Loop, extra: Iterable[Point]) -> Loop:

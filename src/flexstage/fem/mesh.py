@@ -95,10 +95,9 @@ def _afford(stage: Stage, faces: StageFaces, settings: MeshSettings, dimension: 
     )
 
 
-def _outline(face: TopoDS_Shape) -> tuple[float, ...]:
-    """What tells a face from another one at its level: concentric ones share their centre."""
-    low, high = face.bounding_box
-    return face.center.x, face.center.y, math.sqrt(face.mass), low.x, low.y, high.x, high.y
+def _level_faces(solid: TopoDS_Shape, height: float) -> list[TopoDS_Shape]:
+    boxes = [(f, f.bounding_box) for f in solid.faces]
+    return [f for f, (low, high) in boxes if high.z - low.z < 1e-3 * height]
 
 
 def plane_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
@@ -130,21 +129,15 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
         for k in range(settings.layers)
     ]
     whole = slabs[0] if len(slabs) == 1 else Glue(slabs)
-    levels: dict[int, list[TopoDS_Shape]] = {}
-    for f in whole.faces:
-        box = f.bounding_box
-        if box[1].z - box[0].z < 1e-3 * height:
-            levels.setdefault(round(f.center.z / height), []).append(f)
-    for f in levels[0]:
-        f.name = MIDDLE
-    # Faces that lie over one another are meshed alike, with prisms between them. Layers are slabs
-    # of their own: splitting prisms afterwards would lose the curvature of their sides.
-    # the kernel takes long over an outline
-    seen = {level: [(_outline(f), f) for f in found] for level, found in levels.items()}
-    for level in range(settings.layers):
-        for outline, below in seen[level]:
-            _, above = min(seen[level + 1], key=lambda pair: math.dist(pair[0], outline))
-            below.Identify(above, f"layer {level}", IdentificationType.CLOSESURFACES)
+    # What lies over one another is meshed alike, with prisms between: the two level faces of each
+    # solid, however many bodies share a centre. Layers are slabs of their own: splitting prisms
+    # afterwards would lose the curvature of their sides.
+    for solid in whole.solids:
+        below, above = sorted(_level_faces(solid, height), key=lambda f: f.center.z)
+        layer = round(below.center.z / height)
+        if layer == 0:
+            below.name = MIDDLE
+        below.Identify(above, f"layer {layer}", IdentificationType.CLOSESURFACES)
     for share in _SIZES:
         mesh = _generate(whole, 3, share * settings.size * stage.thickness, settings.grading)
         if all(e.type == ng.ET.PRISM for e in mesh.Elements(ng.VOL)):

@@ -167,6 +167,12 @@ def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[
     validity = list(analysis.validity)
     paths: list[FiniteStroke] = []
     for k, axis in enumerate(analysis.axes):
+        if len(axis.drives) > 1 or model.stage.probe(axis.probe).direction is None:
+            validity.append(
+                f"Axis {axis.axis} was not followed over its stroke: that is done of a point that "
+                "one drive moves."
+            )
+            continue
         try:
             with progress.subtask(k / len(analysis.axes), (k + 1) / len(analysis.axes)):
                 path = follow_stroke(model, axis)

@@ -70,7 +70,7 @@ class Amount:
 
 
 @dataclass(frozen=True, slots=True)
-class Expression:
+class QuantityExpression:
     """An expression that can be evaluated."""
 
     text: str
@@ -146,7 +146,7 @@ def amount_of(text: str) -> Amount:
 
 
 @lru_cache(maxsize=1024)
-def parse(text: str) -> Expression:
+def parse(text: str) -> QuantityExpression:
     """Read an expression, which begins with an equals sign.
 
     Examples
@@ -204,10 +204,10 @@ def parse(text: str) -> Expression:
             f"{_shown(text)} is no arithmetic: write it of + - * / ** and parentheses, with "
             "numbers, units and names of parameters"
         ) from None
-    return Expression(text, tree, constants, frozenset(names), frozenset(units))
+    return QuantityExpression(text, tree, constants, frozenset(names), frozenset(units))
 
 
-def require_names(expression: Expression, names: Collection[str]) -> None:
+def require_names(expression: QuantityExpression, names: Collection[str]) -> None:
     """Refuse an expression that needs other names, or has a unit that is called like one."""
     for name in sorted(expression.names - set(names)):
         listed = ", ".join(names) or "none"
@@ -222,7 +222,7 @@ def require_names(expression: Expression, names: Collection[str]) -> None:
         )
 
 
-def evaluate(expression: Expression, parameters: Mapping[str, Amount]) -> Amount:
+def evaluate(expression: QuantityExpression, parameters: Mapping[str, Amount]) -> Amount:
     """Return the value of an expression.
 
     Raises

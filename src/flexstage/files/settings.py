@@ -26,12 +26,12 @@ def settings_of(
         for group in groups:
             inner = held.items.setdefault(group, Mapping(None))
             if not isinstance(inner, Mapping):
-                raise error(f"'{name[:60]}' is set, and all of '{group[:60]}' as well: leave one")
+                raise error(f"{name[:60]!r} is set, and all of {group[:60]!r} as well: leave one")
             held = inner
         if last in held.items:
-            raise error(f"'{name[:60]}' is set, and a part of it as well: leave one out")
+            raise error(f"{name[:60]!r} is set, and a part of it as well: leave one out")
         if isinstance(value, str):
-            source = f"the value of '{name[:60]}'"
+            source = f"the value of {name[:60]!r}"
             held.items[last] = _without_lines(parse_yaml(value, source, "value", error))
         else:
             held.items[last] = node_of(value)
@@ -64,8 +64,9 @@ def require_known(
     if near:
         hint = f"did you mean {' or '.join(repr(k) for k in near[:4])}?"
     else:
-        hint = f"its parameters are {', '.join(k for k in known if '.' not in k) or 'none'}"
-    raise error(f"{owner} has no parameter '{name[:60]}': {hint}")
+        listed = ", ".join(name for name in known if "." not in name)
+        hint = f"its parameters are {listed}" if listed else "it has none, under 'parameters'"
+    raise error(f"{owner} has no parameter {name[:60]!r}: {hint}")
 
 
 def _without_lines(node: Node) -> Node:

@@ -14,18 +14,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def read(source: str | os.PathLike[str]) -> Stage:
+def read(source: str | os.PathLike[str], set: Mapping[str, object] | None = None) -> Stage:
     """Return the stage of a stage file; the name of a built-in design will do as well.
 
-    A notebook shows it as a drawing. Measured data are read by `read_record`.
+    What is `set` stands in place of its parameters, see `flexstage.designs.find_stage`. A notebook
+    shows it as a drawing. Measured data are read by `read_record`.
 
     Examples
     --------
     >>> import flexstage as fs
     >>> len(fs.read("vgtu-piezo").hinges)
     32
+    >>> fs.read("vgtu-piezo", set={"x.lever_neck": "0.5 mm"}).name
+    'vgtu-piezo-variation'
     """
-    return find_stage(source)
+    return find_stage(source, set)
 
 
 def draw(stage: Stage | str | os.PathLike[str]) -> "Figure":

@@ -78,18 +78,25 @@ class StageAnalysis:
         return "\n".join([title, *headline(self.characteristics)])
 
     def _repr_html_(self) -> str:
-        axes = list(dict.fromkeys(row.axis for row in self.characteristics))
-        values = {(row.quantity, row.axis): row.value for row in self.characteristics}
+        axes = [axis.name for axis in self.system.axes]
+        of_axes = [row for row in self.characteristics if row.axis in axes]
+        values = {(row.quantity, row.axis): row.value for row in of_axes}
         rows = [
             [
                 display(q).label,
                 *(display(q).text(values.get((q, axis))) for axis in axes),
                 display(q).shown_unit,
             ]
-            for q in dict.fromkeys(row.quantity for row in self.characteristics)
+            for q in dict.fromkeys(row.quantity for row in of_axes)
+        ]
+        whole = [
+            [display(row.quantity).label, row.text(), display(row.quantity).shown_unit]
+            for row in self.characteristics
+            if row.axis not in axes
         ]
         caption = f"{self.system.name}, {self.system.model} model"
-        return table_html(table(caption, ["", *axes, "<"], rows))
+        tables = [table(caption, ["", *axes, "<"], rows), table("", ["", "stage", "<"], whole)]
+        return f"<div>{''.join(table_html(shown) for shown in tables if shown.rows)}</div>"
 
 
 def analyse(

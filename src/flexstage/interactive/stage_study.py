@@ -96,6 +96,7 @@ def study(
     plane: Plane = "auto",
     hysteresis: bool = False,
     virtual: bool = False,
+    traditional: bool = False,
     seed: int = 1,
 ) -> StageStudy:
     """Run several models of a stage, beside what was published of it.
@@ -112,8 +113,10 @@ def study(
         Whether to identify and compensate piezo drives on the virtual stage.
     virtual : bool
         Whether to measure a virtual stage, and to centre an encoder scale with it.
+    traditional : bool
+        Whether to set a stage of the study against traditional ones.
     seed : int
-        Seed of that stage and its measurement.
+        Seed of that stage and its measurement, and of stages as they are made.
 
     Returns
     -------
@@ -137,6 +140,12 @@ def study(
     if isinstance(models, str):
         models = [models]
     found = run_study(
-        stage_of(stage), models, plane=plane, hysteresis=hysteresis, virtual=virtual, seed=seed
+        stage_of(stage),
+        models,
+        plane=plane,
+        hysteresis=hysteresis,
+        virtual=virtual,
+        traditional=traditional,
+        seed=seed,
     )
     return StageStudy(study=found)

@@ -74,12 +74,16 @@ class SymbolTable:
         return symbol if value > 0.0 else -symbol
 
     def direction(self, angle: float) -> tuple[sp.Expr, sp.Expr]:
-        """Return cosine and sine of a direction; numbers where it is along x or y."""
+        """Return cosine and sine of a direction; numbers where it is along x or y.
+
+        The symbol is the acute angle to the x axis: mirror images share it.
+        """
         c, s = math.cos(angle), math.sin(angle)
         if min(abs(c), abs(s)) < 1e-15:
             return sp.Integer(round(c)), sp.Integer(round(s))
-        symbol = self._symbol("phi", angle, _SAME, positive=False)
-        return sp.cos(symbol), sp.sin(symbol)
+        symbol = self._symbol("phi", math.atan2(abs(s), abs(c)), _SAME, positive=False)
+        along, across = sp.cos(symbol), sp.sin(symbol)
+        return along if c > 0.0 else -along, across if s > 0.0 else -across
 
     def hinge_type(self, stiffness: NDArray[np.float64]) -> int:
         """Return the number of a kind of hinge, from 1: one for all of the same stiffness."""

@@ -230,12 +230,15 @@ def _edged(matrix: sp.Matrix, column: sp.Matrix, row: sp.Matrix) -> sp.Matrix:
 def _determinant(matrix: sp.Matrix) -> sp.Expr:
     """Expanded determinant; numbers become rationals so that no digit is lost on the way."""
     exact_matrix = matrix.applyfunc(_rational)
-    domain = DomainMatrix.from_Matrix(exact_matrix)
+    # sine and cosine of one angle would keep the entries from being polynomials
+    angles = {f: sp.Dummy() for f in exact_matrix.atoms(sp.sin, sp.cos)}
+    domain = DomainMatrix.from_Matrix(exact_matrix.xreplace(angles))
     if domain.domain.is_EX:
         return sp.expand(exact_matrix.det(method="berkowitz"))
     # division-free: the entries are polynomials
     coefficients = domain.charpoly()
-    return domain.domain.to_sympy(coefficients[-1]) * (-1) ** matrix.rows
+    found = domain.domain.to_sympy(coefficients[-1]) * (-1) ** matrix.rows
+    return found.xreplace({dummy: f for f, dummy in angles.items()})
 
 
 def _rational(expression: sp.Expr) -> sp.Expr:

@@ -90,6 +90,13 @@ def _measured(study: "Study") -> str:
     return " ".join(parts) or "Nothing was measured."
 
 
+def _traditional(study: "Study") -> str:
+    """Say what becomes of the claim of smaller motion errors."""
+    from flexstage.studies.traditional_verdict import claim_verdict
+
+    return "" if study.traditional is None else claim_verdict(study.traditional)
+
+
 def _hysteresis(study: "Study") -> str:
     """Say by how much inverses narrow the loop."""
     if not study.experiments:
@@ -142,6 +149,7 @@ FINDINGS: dict[str, Callable[["Study"], str]] = {
     "dynamics": _dynamics,
     "strength": _stress,
     "measurements": _measured,
+    "traditional": _traditional,
     "compensation": _hysteresis,
     "scale": _centring,
     "record": _record,

@@ -316,7 +316,8 @@ def _known(study: "Study") -> Iterator[str]:
         return listed(values)
 
     yield f"Size and mass: {outer_size(study)}; {study.stage.material.name}."
-    motion = said("output_displacement")
+    strokes = ("output_displacement", "rotation_stroke")
+    motion = listed(part for quantity in strokes if (part := said(quantity)))
     if motion:
         frequency = said("natural_frequency_hz")
         yield (

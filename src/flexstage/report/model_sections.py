@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from flexstage.errors import FlexstageError
 from flexstage.quantities import display, number
+from flexstage.report.coupled_axes import full_stroke_words
 from flexstage.report.figures.convergence import draw_convergence
 from flexstage.report.figures.fields import draw_fe_modes
 from flexstage.report.figures.neck_stress import draw_neck_stress, neck_sampler
@@ -76,7 +77,7 @@ def _inline(svg: bytes) -> str:
 def neck_stress_section(study: "Study") -> Iterator[Content]:
     """Show the stress at the necks, by the model with a mesh that leaves the least out."""
     for name, run in _meshed(study):
-        shown = [a.axis for a in run.analysis.axes if any(a.static.hinge_stress.values())]
+        shown = [a for a in run.analysis.axes if any(a.static.hinge_stress.values())]
         if not shown:
             continue
         assert run.mesh is not None
@@ -91,10 +92,12 @@ def neck_stress_section(study: "Study") -> Iterator[Content]:
         yield Pictures(
             shown=tuple(
                 Picture(
-                    result=partial(draw_neck_stress, run.mesh, run.analysis, axis, sampler=sampler),
-                    title=f"stress at the necks, {axis}, model {name}",
-                    caption=f"Equivalent stress (von Mises), drive of {axis} at full stroke, the "
-                    f"others removed; {mesh_words(name, run)}{where}.",
+                    result=partial(
+                        draw_neck_stress, run.mesh, run.analysis, axis.axis, sampler=sampler
+                    ),
+                    title=f"stress at the necks, {axis.axis}, model {name}",
+                    caption=f"Equivalent stress (von Mises), {full_stroke_words(axis)}; "
+                    f"{mesh_words(name, run)}{where}.",
                     size="small",
                 )
                 for axis in shown

@@ -23,6 +23,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ModalFit", "stabilisation"): ("modal_fit.draw_stabilisation", "fit"),
     ("MotionCurve", ""): ("motion_error.draw_motion_error", "curve"),
     ("Positioning", ""): ("motion_error.draw_positioning", "found"),
+    ("ReachableArea", ""): ("reachable_area.draw_reachable_area", "found"),
     ("Record", ""): ("record.draw_record", "record"),
     ("Refinement", ""): ("convergence.draw_convergence", "refinement"),
     ("Stage", ""): ("drawing.draw_stage", "stage"),

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from flexstage.quantities import QUANTITIES
+from flexstage.report.coupled_axes import coupling_section, full_stroke_words
 from flexstage.report.figures.bench import draw_bench
 from flexstage.report.figures.body_motion import (
     body_outlines,
@@ -35,6 +36,7 @@ from flexstage.report.tables import (
     hinge_table,
     published_table,
 )
+from flexstage.report.traditional import assumption_section, drift_section, motion_error_section
 from flexstage.section import Bullets, Content, Definitions, Picture, Pictures, Section
 from flexstage.studies.measurement import MeasurementComparison
 from flexstage.studies.study import Study
@@ -190,12 +192,16 @@ def _modes(study: Study) -> Iterator[Content]:
     )
 
 
+def _begun(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
 def _static(study: Study) -> Iterator[Content]:
     plots = [
         Picture(
             result=partial(draw_static_shape, study.main, a.axis),
             title=f"static shape of {a.axis}",
-            caption=f"Drive of {a.axis} at full stroke, the others removed; "
+            caption=f"{_begun(full_stroke_words(a))}; "
             f"{study.main.system.model} model; dashed: at rest.",
         )
         for a in study.main.axes
@@ -290,6 +296,7 @@ CHAPTERS: dict[str, Chapter] = {
         title="Statics",
         sections={
             "characteristics": ("Displacement, stiffness, coupling", _statics_table),
+            "coupling": ("Drives together", lambda study: coupling_section(study.main.coupling)),
             "static": ("Static shapes", _static),
             "stroke": ("Motion over the stroke", _stroke),
         },
@@ -321,6 +328,14 @@ CHAPTERS: dict[str, Chapter] = {
                 "Simulated measurement",
                 lambda study: bench_section(study.virtual, _VIRTUAL_FILE),
             ),
+        },
+    ),
+    "traditional": Chapter(
+        title="Traditional stages",
+        sections={
+            "motion-errors": ("Motion errors", motion_error_section),
+            "drift": ("Drift with temperature", drift_section),
+            "traditional-assumptions": ("Assumptions", assumption_section),
         },
     ),
     "compensation": Chapter(title="Hysteresis", sections={"hysteresis": ("", hysteresis_section)}),

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
+from flexstage.characteristic import WHOLE_STAGE
 from flexstage.errors import StageError
 from flexstage.stage.clearance import overlaps, slots_between, slots_within
 from flexstage.stage.drive import Drive, Force
@@ -13,8 +14,8 @@ from flexstage.stage.mobility import free_motion, reachable_bodies
 from flexstage.stage.model import Hinge, Stage
 from flexstage.stage.shapes import Shape, body_shapes, notch_shapes, ring
 
-# how far a drive or probe may be off its body [m]
-_ON_BODY = 10e-6
+#: How far a drive or probe may be off its body [m].
+ON_BODY = 10e-6
 # how deep under the surface the material is looked for that a drive pushes on [m]
 _INTO_BODY = 50e-6
 
@@ -235,7 +236,7 @@ def _drive(stage: Stage, drive: Drive, shapes: dict[str, Shape]) -> Iterator[Iss
             off = True
             continue
         distance = shapes[body].polygon.boundary.distance(Point(at))
-        if distance > _ON_BODY:
+        if distance > ON_BODY:
             off = True
             yield _error(
                 "drive-off-body",
@@ -248,7 +249,7 @@ def _drive(stage: Stage, drive: Drive, shapes: dict[str, Shape]) -> Iterator[Iss
         return
     c, s = math.cos(drive.direction), math.sin(drive.direction)
     x, y = drive.at[0]
-    inside = shapes[drive.pushes].polygon.buffer(_ON_BODY)
+    inside = shapes[drive.pushes].polygon.buffer(ON_BODY)
     if not inside.contains(Point(x + _INTO_BODY * c, y + _INTO_BODY * s)):
         yield _warning(
             "drive-pulls",
@@ -284,7 +285,7 @@ def _probes(stage: Stage, sound: set[str]) -> Iterator[Issue]:
                 if inside.area < insides[body.name].area and inside.contains(at)
             ]
             distance = insides[body.name].distance(at)
-            if distance > _ON_BODY or inner:
+            if distance > ON_BODY or inner:
                 where = (
                     f"on body '{inner[0]}'" if inner else f"{millimetres(distance)} outside of it"
                 )
@@ -313,7 +314,7 @@ def _list(noun: str, names: tuple[str, ...]) -> str:
 
 def _published(stage: Stage) -> Iterator[Issue]:
     axes = {axis.name for axis in stage.axes}
-    for name in sorted({row.axis for row in stage.published} - axes):
+    for name in sorted({row.axis for row in stage.published} - axes - {WHOLE_STAGE}):
         yield _warning(
             "published-axis",
             (name,),

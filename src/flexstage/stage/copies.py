@@ -26,11 +26,13 @@ from flexstage.units import Angle
 GROUPS = ("bodies", "hinges", "drives", "probes")
 
 _Part = Body | Hinge | Drive | Probe
+#: Most copies that are made for a file, and most names of an entry.
+_MOST, _MOST_NAMES = 10_000, 1_000
 _NOUNS = {"bodies": "body", "hinges": "hinge", "drives": "drive", "probes": "probe"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Mirror:
+class MirrorImages:
     """Mirror images of what the file describes."""
 
     line: PlaneMotion
@@ -89,7 +91,10 @@ class Pattern:
 
 
 #: How a file may copy what it describes, by key; the key that stands first is done first.
-COPIES: Mapping[str, type[Mirror] | type[Pattern]] = {"mirror": Mirror, "pattern": Pattern}
+COPIES: Mapping[str, type[MirrorImages] | type[Pattern]] = {
+    "mirror": MirrorImages,
+    "pattern": Pattern,
+}
 #: The key of profiles that hinges name.
 PROFILES = "profiles"
 
@@ -173,27 +178,36 @@ def read_with_copies(
         node = root.items.get(group)
         read = () if node is None else decoder.decode(kinds[group][1], node, group)
         parts[group] = {part.name: part for part in read}
-    origins = {}
+    origins: dict[tuple[str, str], tuple[int | None, str]] = {}
+    points = 0
     for key in (key for key in root.items if key in COPIES):
         for k, entry in enumerate(decoder.items(root.items[key], key, None, "mappings")):
             path = f"{key}[{k}]"
             told = decoder.build(COPIES[key], decoder.mapping(entry, path), path)
-            for copied in _copy(decoder, entry, path, told, parts):
-                origins[copied] = (entry.line, path)
+            _require_names(decoder, entry, path, told, parts)
+            for group, name, copy in _copies(told, parts):
+                _require_new(decoder, entry, path, (group, name, copy.name), parts)
+                parts[group][copy.name] = copy
+                origins[group, copy.name] = (entry.line, path)
+                points += _size(copy)
+                if len(origins) > _MOST or points > MAX_NODES:
+                    most = f"at most {_MOST} copies, with {MAX_NODES} points, are made for a file"
+                    decoder.refuse(entry, path, most)
     return {group: tuple(named.values()) for group, named in parts.items()}, origins
 
 
-def _copy(
+def _require_names(
     decoder: Decoder,
     entry: Node,
     path: str,
-    told: Mirror | Pattern,
+    told: MirrorImages | Pattern,
     parts: dict[str, dict[str, _Part]],
-) -> Iterator[tuple[str, str]]:
-    """Add the copies that an entry asks for; yields the group and the name of each."""
-    if not told.of:
-        decoder.refuse(_place(entry, "of", ""), f"{path}.of", "it names nothing to be copied")
-    every = [name for named in parts.values() for name in named]
+) -> None:
+    """Refuse names of parts, and words of names, that there are not."""
+    if not 0 < len(told.of) <= _MOST_NAMES or len(told.rename) > _MOST_NAMES:
+        message = f"expected 1 to {_MOST_NAMES} names, got {len(told.of)}"
+        decoder.refuse(_place(entry, "of", ""), f"{path}.of", message)
+    every = {name for named in parts.values() for name in named}
     for name in told.of:
         if name not in every:
             hint = did_you_mean(name, every, 0.5)
@@ -203,32 +217,55 @@ def _copy(
         if not any(_renamed(name, {word: ""}) != name for name in told.of):
             message = f"no name in 'of' has the word '{word[:60]}'"
             decoder.refuse(_place(entry, "rename", word), f"{path}.rename", message)
-    bodies = list(parts["bodies"])
+
+
+def _copies(
+    told: MirrorImages | Pattern, parts: dict[str, dict[str, _Part]]
+) -> Iterator[tuple[str, str, _Part]]:
+    """Yield the copies that an entry asks for, each with its group and the name that it is of."""
+    of = dict.fromkeys(told.of)
+    first = [(group, named[name]) for group, named in parts.items() for name in of if name in named]
+    beside = {body for _, part in first for body in _stands_on(part)} - of.keys()
     for motion, rename in told.copies():
-        names = {name: rename(name) for name in told.of}
-        made = {*bodies, *(names[name] for name in told.of if name in parts["bodies"])}
+        names = {name: rename(name) for name in of}
+        made = {names[part.name] for group, part in first if group == "bodies"}
         # a body that is not copied: that of the new name where there is one, or else itself
-        stands_on = {body: new for body in bodies if (new := rename(body)) in made}
-        for group, named in parts.items():
-            for name in [name for name in told.of if name in named]:
-                copy = moved(named[name], motion, stands_on | names)
-                if copy.name in named:
-                    decoder.refuse(
-                        entry,
-                        path,
-                        f"the copy of {_NOUNS[group]} '{name}' would be called '{copy.name}', and "
-                        "there is one of that name: say in 'rename' what it is called",
-                    )
-                check_name(copy.name, lambda text: decoder.refuse(entry, path, text))
-                named[copy.name] = copy
-                yield group, copy.name
-        if (
-            sum(map(_size, (part for named in parts.values() for part in named.values())))
-            > MAX_NODES
-        ):
-            decoder.refuse(
-                entry, path, f"the stage has more than {MAX_NODES} points with its copies"
-            )
+        for body in beside:
+            new = rename(body)
+            names[body] = new if new in parts["bodies"] or new in made else body
+        for group, part in first:
+            yield group, part.name, moved(part, motion, names)
+
+
+def _require_new(
+    decoder: Decoder,
+    entry: Node,
+    path: str,
+    copied: tuple[str, str, str],
+    parts: dict[str, dict[str, _Part]],
+) -> None:
+    """Refuse a copy that is called like another part; `copied` is its group, of what, its name."""
+    group, name, new = copied
+    check_name(new, lambda text: decoder.refuse(entry, path, text))
+    if new in parts[group]:
+        decoder.refuse(
+            entry,
+            path,
+            f"the copy of {_NOUNS[group]} '{name}' would be called '{new}', and there is one of "
+            "that name: say in 'rename' what it is called",
+        )
+
+
+def _stands_on(part: _Part) -> tuple[str, ...]:
+    """Names of the bodies that a part names."""
+    match part:
+        case Hinge():
+            return part.bodies
+        case Drive():
+            return (part.pushes, part.reacts)
+        case Probe():
+            return (part.body, *(() if part.relative_to is None else (part.relative_to,)))
+    return ()
 
 
 def _place(entry: Node, key: str, word: str) -> Node:

@@ -59,6 +59,34 @@ def mass_properties(stage: Stage) -> dict[str, MassProperties]:
     return {body.name: _of(body, halves[body.name], surface_density) for body in stage.bodies}
 
 
+def outer_size(stage: Stage) -> tuple[float, float, float]:
+    """Return width along x, height along y and thickness of the plate.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+
+    Returns
+    -------
+    tuple of float
+        Of the outlines of all bodies, without drives and what is mounted on it [m].
+
+    Notes
+    -----
+    Validity: exact for arcs.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> [round(1e3 * v, 3) for v in outer_size(design("parallelogram"))]
+    [66.0, 55.8, 10.0]
+    """
+    found = [body.outline.bounds() for body in stage.bodies]
+    x0, y0, x1, y1 = zip(*found, strict=True)
+    return max(x1) - min(x0), max(y1) - min(y0), stage.thickness
+
+
 # a stage has dozens of hinges but a handful of profiles
 @lru_cache(maxsize=1024)
 def _half_notch(profile: Profile) -> tuple[float, float, float, float]:

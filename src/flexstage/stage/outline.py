@@ -143,6 +143,27 @@ class Loop:
                     )
         return np.array(corners)
 
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Return least x and y, greatest x and y [m], of arcs as well.
+
+        Examples
+        --------
+        >>> [round(1e3 * v, 6) for v in Circle((3e-3, 1e-3), 2e-3).loop().bounds()]
+        [1.0, -1.0, 5.0, 3.0]
+        """
+        places = [*self.points]
+        for start, end, bulge in self.segments():
+            if not bulge:
+                continue
+            (cx, cy), r, first, sweep = arc(start, end, bulge)
+            for quarter, at in enumerate(((cx + r, cy), (cx, cy + r), (cx - r, cy), (cx, cy - r))):
+                # how far on the arc, the way it turns, the point of this side lies
+                turn = math.copysign(1.0, sweep) * (0.5 * math.pi * quarter - first)
+                if turn % math.tau <= abs(sweep):
+                    places.append(at)
+        x, y = zip(*places, strict=True)
+        return min(x), min(y), max(x), max(y)
+
     def mapped(self, move: Callable[[tuple[float, float]], tuple[float, float]]) -> "Loop":
         """Move every point by a rotation, translation or reflection.
 

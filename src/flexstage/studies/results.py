@@ -6,6 +6,7 @@ from flexstage.characteristic import Characteristic
 from flexstage.files.plain import json_text, picked, plain
 from flexstage.studies.models import ModelRun
 from flexstage.system import Analysis, load_readings
+from flexstage.system.coupled_axes import CoupledAxes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from flexstage.studies.compensation import AxisExperiment
     from flexstage.studies.measurement import MeasurementComparison
     from flexstage.studies.study import Study
+    from flexstage.studies.traditional import TraditionalComparison
     from flexstage.studies.virtual_experiments import CentringTrial
 
 
@@ -46,6 +48,8 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
         },
         **picked(analysis, "validity", "provenance"),
     }
+    if analysis.coupling is not None:
+        out["coupling"] = coupling_results(analysis.coupling)
     if responses:
         out["responses"] = [
             picked(
@@ -62,6 +66,39 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
             for response in analysis.responses
         ]
     return out
+
+
+def coupling_results(found: CoupledAxes) -> dict[str, Any]:
+    """Return what all drives do to all axes as plain data, in SI units.
+
+    Rows of the Jacobian are axes and its columns drives; of the decoupling matrix, which is None
+    where the drives cannot move one axis alone, it is the other way round.
+    """
+    reached = found.workspace
+    return {
+        **picked(
+            found,
+            "axes=names",
+            "units",
+            "drives",
+            "strokes",
+            "jacobian",
+            "characteristic_length=length",
+            "singular_values",
+            "condition_number",
+            "isotropy",
+            "manipulability",
+            "coupled",
+        ),
+        "decoupling": plain(found.decoupling) if found.independent else None,
+        "workspace": None
+        if reached is None
+        else {
+            **picked(reached, "axes", "middle", "area", "projected_area", "volume"),
+            "outline": plain(reached.section()),
+            "projection": plain(reached.projection),
+        },
+    }
 
 
 def run_results(run: ModelRun) -> dict[str, Any]:
@@ -123,6 +160,7 @@ def study_results(study: "Study") -> dict[str, Any]:
         "hysteresis": experiment_results(study.experiments),
         "virtual_measurement": _virtual(study.virtual),
         "centring": centring_results(study.centring),
+        "traditional": traditional_results(study.traditional),
         "variants": {name: analysis_results(a) for name, a in study.variants.items()},
     }
 
@@ -152,6 +190,52 @@ def centring_results(found: "CentringTrial | str | None") -> dict[str, Any]:
             }
             for step in found.done.steps
         ],
+    }
+
+
+def traditional_results(found: "TraditionalComparison | None") -> dict[str, Any]:
+    """Return the comparison with traditional stages as plain data; SI units, shares from 0 to 1.
+
+    Motion errors are medians and 95 % quantiles of the samples.
+    """
+    if found is None:
+        return {}
+    from flexstage.studies.traditional import MEASURES
+    from flexstage.studies.traditional_verdict import drift_verdict, verdict
+
+    stages = (found.own, *found.others, found.asymmetric)
+    return {
+        **picked(found, "claim", "samples", "measured", "implied", "longest_leg", "scatter"),
+        "stages": [
+            {
+                **picked(stage, "title", "frequency_hz", "size", "mass", "actuators"),
+                "drift": {
+                    load: dict(zip(("x", "y", "rotation"), moved, strict=True))
+                    for load, moved in stage.drift.items()
+                },
+                "axes": {
+                    name: {
+                        **picked(axis, "travel", "geometry", "bending", "manufacture"),
+                        **picked(axis, "assembly", "coupling", "finite_elements"),
+                        **{
+                            what: dict(zip(("median", "upper"), axis.figures(what), strict=True))
+                            for what in ("across", "straightness", "normal", "yaw", "tilt")
+                        },
+                    }
+                    for name, axis in stage.axes.items()
+                },
+            }
+            for stage in stages
+        ],
+        "catalogue": plain(found.catalogue),
+        "reductions": {
+            measure: [
+                picked(row, "against", "other", "reduction", "share", "holds")
+                for row in found.reductions(measure)
+            ]
+            for measure in MEASURES
+        },
+        "verdict": [*verdict(found), *drift_verdict(found)],
     }
 
 

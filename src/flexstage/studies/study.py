@@ -9,6 +9,7 @@ import numpy as np
 from flexstage import progress
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.comparison import Comparison, compare
+from flexstage.designs.published import MOTION_ERROR_CLAIMS
 from flexstage.errors import ConvergenceError, ModelError, StageError
 from flexstage.lumped import hinge_springs, mechanism, stroke_path
 from flexstage.lumped.assemble import HingeSpring
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import Characterisation
     from flexstage.studies.compensation import AxisExperiment
     from flexstage.studies.measurement import MeasurementComparison
+    from flexstage.studies.traditional import TraditionalComparison
     from flexstage.studies.virtual_experiments import CentringTrial
 
 #: What a study asks of a model beyond its usual mesh.
@@ -34,6 +36,9 @@ _BOUNDED = ("lumped", "plane")
 
 #: Time that the models take beside one another, for the progress that is told.
 _WEIGHTS: Mapping[str, float] = {"lumped": 0.2, "superelement": 1.0, "plane": 2.0, "solid": 25.0}
+
+#: And the comparison with traditional stages beside them.
+_TRADITIONAL = 1.0
 
 #: Share of the time that experiments on the virtual stage take.
 _EXPERIMENT = 0.1
@@ -70,6 +75,8 @@ class Study:
     """What measuring a virtual stage gave, or why that could not be done."""
     centring: "CentringTrial | str | None" = None
     """An encoder scale that was centred on the virtual table, or why that could not be done."""
+    traditional: "TraditionalComparison | None" = None
+    """Its motion errors and drift beside those of traditional stages, where any is claimed."""
 
     __repr__ = short_repr
 
@@ -143,6 +150,7 @@ def run_study(
     hysteresis: bool = False,
     measured: "Characterisation | None" = None,
     virtual: bool = False,
+    traditional: bool = False,
     seed: int = 1,
 ) -> Study:
     """Run the models of a stage.
@@ -162,8 +170,10 @@ def run_study(
         What was measured of the stage.
     virtual : bool
         Whether to measure a virtual stage, and to centre an encoder scale with it.
+    traditional : bool
+        Whether to set a stage of the study against traditional ones, as its claims are.
     seed : int
-        Seed of that stage and its measurement.
+        Seed of that stage and its measurement, and of stages as they are made.
 
     Returns
     -------
@@ -192,7 +202,10 @@ def run_study(
     variants: dict[str, Analysis] = {}
     left_out: dict[str, str] = {}
     weights = [_WEIGHTS.get(model, 1.0) for model in models]
-    whole = sum(weights) / (1.0 - _EXPERIMENT if hysteresis or virtual else 1.0)
+    beside = traditional and stage.name in MOTION_ERROR_CLAIMS
+    whole = (sum(weights) + _TRADITIONAL * beside) / (
+        1.0 - _EXPERIMENT if hysteresis or virtual else 1.0
+    )
     done = 0.0
     for model, weight in zip(models, weights, strict=True):
         with progress.subtask(done / whole, (done + weight) / whole):
@@ -223,6 +236,10 @@ def run_study(
     paths: Mapping[str, StrokePath] = {}
     if "lumped" in analyses:
         paths, analyses["lumped"] = _over_the_stroke(stage, analyses["lumped"], plane)
+    compared = None
+    if beside:
+        with progress.subtask(done / whole, (done + _TRADITIONAL) / whole):
+            compared = _compared(stage, runs, seed)
     made = Study(
         stage=stage,
         analyses=analyses,
@@ -231,6 +248,7 @@ def run_study(
         runs=runs,
         left_out=left_out,
         measured=measured,
+        traditional=compared,
     )
     steps = virtual_steps(stage, measure=virtual, compensate=hysteresis)
     if not steps:
@@ -246,6 +264,15 @@ def run_study(
         experiments={a: given for a, given in of_axes.items() if not isinstance(given, str)},
         experiments_left_out={a: why for a, why in of_axes.items() if isinstance(why, str)},
     )
+
+
+def _compared(stage: Stage, runs: Mapping[str, ModelRun], seed: int) -> "TraditionalComparison":
+    """Compare with traditional stages, with what the models gave of this one."""
+    from flexstage.studies.traditional import compare_traditional
+
+    system = runs["superelement"].analysis.system if "superelement" in runs else None
+    strokes = runs["plane"].strokes if "plane" in runs else ()
+    return compare_traditional(stage, system, strokes=strokes, seed=seed)
 
 
 def _over_the_stroke(
@@ -265,6 +292,9 @@ def _over_the_stroke(
     rows = list(analysis.characteristics)
     validity = list(analysis.validity)
     for axis in analysis.axes:
+        if len(axis.drives) > 1 or stage.probe(axis.probe).direction is None:
+            # the line of one drive is followed, and what a point does
+            continue
         steps = np.linspace(0.0, axis.input_displacement, _STEPS)
         try:
             path = stroke_path(model, axis.drive, axis.probe, steps)

@@ -66,7 +66,7 @@ def virtual_steps(stage: Stage, *, measure: bool, compensate: bool) -> tuple[Vir
         steps += [
             VirtualStep(verb="verify", axis=axis.name)
             for axis in stage.axes
-            if isinstance(stage.drive_of(axis.name), PiezoStack)
+            if axis.drive is not None and isinstance(stage.drive(axis.drive), PiezoStack)
         ]
     return tuple(steps)
 

@@ -6,6 +6,7 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.system.analysis import Analysis, analyse
+    from flexstage.system.coupled_axes import CoupledAxes, coupled_axes
     from flexstage.system.damping import Damping, LossFactor, ModalDamping, RayleighDamping
     from flexstage.system.mechanical import (
         DriveCondition,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Analysis",
     "AxisAnalysis",
+    "CoupledAxes",
     "Damping",
     "DriveCondition",
     "FrequencyResponse",
@@ -48,6 +50,7 @@ __all__ = [
     "TimeResponse",
     "analyse",
     "analyse_axis",
+    "coupled_axes",
     "drive_stiffness",
     "frequency_response",
     "guyan_reduction",

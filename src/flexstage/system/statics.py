@@ -9,6 +9,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
+from flexstage.stage.model import only_drive
 from flexstage.system.linalg import solve_stiffness
 from flexstage.system.mechanical import AxisPort, DriveCondition, DrivePort, MechanicalSystem
 
@@ -68,7 +69,7 @@ def static_forces(
         right[:, 0] += force * system.drive(name).vector
     added, held = system.drive_springs(drives)
     q, _ = solve_stiffness(system.K + added, right, held)
-    return _solution(system, q[:, 0], dict(forces))
+    return static_state(system, q[:, 0], dict(forces))
 
 
 def static_displacements(
@@ -122,7 +123,7 @@ def static_displacements(
             "or moves what the others already hold"
         )
     force = np.linalg.solve(moved, wanted)
-    return _solution(system, compliance @ force, dict(zip(names, force.tolist(), strict=True)))
+    return static_state(system, compliance @ force, dict(zip(names, force.tolist(), strict=True)))
 
 
 def static_loads(
@@ -158,7 +159,7 @@ def static_loads(
         right[:, 0] += size * system.load(name).vector
     added, held = system.drive_springs(drives)
     q, _ = solve_stiffness(system.K + added, right, held)
-    found = _solution(system, q[:, 0], {})
+    found = static_state(system, q[:, 0], {})
     if any(name.startswith("temperature") for name in loads):
         return replace(found, hinge_stress={})
     return found
@@ -248,7 +249,8 @@ def _without(system: MechanicalSystem, names: list[str]) -> MechanicalSystem:
     return replace(system, drives=tuple(d for d in system.drives if d.name not in names))
 
 
-def _solution(system: MechanicalSystem, q: Array, force: dict[str, float]) -> StaticSolution:
+def static_state(system: MechanicalSystem, q: Array, force: dict[str, float]) -> StaticSolution:
+    """Return what coordinates and the drive forces that hold them are in a stage."""
     motion = {b.name: b.matrix @ q for b in system.bodies}
     return StaticSolution(
         q=q,
@@ -262,24 +264,37 @@ def _solution(system: MechanicalSystem, q: Array, force: dict[str, float]) -> St
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisAnalysis:
-    """What one drive does to the stage over its stroke, the other drives removed."""
+    """The full stroke of an axis: of its drive, the others removed, or of all drives together."""
 
     axis: str
     """Name of the axis."""
-    drive: str
-    """Its drive."""
+    drives: Mapping[str, float]
+    """Elongation of each drive that moves it [m]."""
     probe: str
     """Its probe."""
     input_displacement: float
-    """Elongation of the drive [m]."""
+    """Largest elongation of a drive [m]."""
     output_displacement: float
-    """Reading of the probe [m]."""
+    """Reading of the probe [m, or rad]."""
     input_stiffness: float
-    """Force of the drive over its elongation [N/m]."""
+    """Force of the drive over its elongation; of several, twice the energy over the square of the
+    input displacement [N/m].
+    """
     static: StaticSolution
     """The whole state."""
 
     __repr__ = short_repr
+
+    @property
+    def drive(self) -> str:
+        """The drive that moves it alone.
+
+        Raises
+        ------
+        ModelError
+            Several drives move it together.
+        """
+        return only_drive(self.axis, tuple(self.drives), ModelError)
 
 
 def analyse_axis(system: MechanicalSystem, axis: AxisPort) -> AxisAnalysis:
@@ -300,7 +315,7 @@ def analyse_axis(system: MechanicalSystem, axis: AxisPort) -> AxisAnalysis:
     Raises
     ------
     ModelError
-        The drive has neither a stroke nor a largest force.
+        The drive has neither a stroke nor a largest force, or several drives move the axis.
     """
     port = system.drive(axis.drive)
     stroke = port.stroke
@@ -311,7 +326,7 @@ def analyse_axis(system: MechanicalSystem, axis: AxisPort) -> AxisAnalysis:
     static = static_displacements(system, {axis.drive: stroke})
     return AxisAnalysis(
         axis=axis.name,
-        drive=axis.drive,
+        drives={axis.drive: stroke},
         probe=axis.probe,
         input_displacement=stroke,
         output_displacement=static.readings[axis.probe],

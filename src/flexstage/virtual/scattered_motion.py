@@ -17,7 +17,8 @@ from flexstage.lumped import hinge_springs, mechanism
 from flexstage.lumped.assemble import HingeSpring
 from flexstage.lumped.rigid_bodies import Mechanism, Sight
 from flexstage.measure.updating.parameters import with_neck_thickness
-from flexstage.stage import Stage
+from flexstage.stage import Axis, Stage
+from flexstage.stage.model import only_drive
 from flexstage.virtual.imperfections import Scatter
 
 # Step of the difference quotient of a hinge's stiffness by its neck, as part of the neck.
@@ -88,7 +89,8 @@ def motion_rates(stage: Stage, deviations: Deviations | None = None) -> dict[str
     Raises
     ------
     ModelError
-        The stage has no axis, or can move without deforming a hinge.
+        The stage has no axis, or one that several drives move or that is a rotation, or it can move
+        without deforming a hinge.
 
     Notes
     -----
@@ -111,7 +113,7 @@ def motion_rates(stage: Stage, deviations: Deviations | None = None) -> dict[str
     forces = np.stack(
         [
             _sight_row(model, model.drives[i], off.drive[:, i])[:, 0]
-            for i in (drives[axis.drive] for axis in stage.axes)
+            for i in (drives[drive_of(axis)] for axis in stage.axes)
         ],
         axis=-1,
     )
@@ -130,6 +132,11 @@ def motion_rates(stage: Stage, deviations: Deviations | None = None) -> dict[str
         moved = q[:, :, k] @ row.T
         rates[axis.name] = moved / moved[:, :1]
     return rates
+
+
+def drive_of(axis: Axis) -> str:
+    """Return the one drive that moves an axis; refuse an axis that several move."""
+    return only_drive(axis.name, axis.moved_by, ModelError)
 
 
 def _none(stage: Stage) -> Deviations:
@@ -224,6 +231,11 @@ def _sight_row(model: Mechanism, sight: Sight, off: Array) -> Array:
 
     Push and reaction share one line; `off` is how far it is to the left, and along the normal.
     """
+    if sight.direction is None:
+        raise ModelError(
+            f"'{sight.name}' reads a rotation, which is no motion along an axis: name a probe that "
+            "reads a displacement"
+        )
     axes = _axes(sight.direction)
     at = np.array([*sight.points[1], 0.0]) + off @ axes[:, 1:].T
     return _difference(model, sight.bodies, at, axes)

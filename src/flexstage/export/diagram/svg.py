@@ -72,11 +72,11 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
 def diagram_files(
     stage: Stage, *, model: DynamicModel | None = None, damping: RayleighDamping | None = None
 ) -> dict[str, bytes]:
-    """Draw a stage and each of its axes.
+    """Draw a stage and each of its axes that one drive moves.
 
-    ``diagram.svg`` and, for each axis, ``diagram-AXIS.svg``. Where no model is given, amplifiers,
-    hysteresis, creep and sensors are those of `hysteresis.dynamic_model`; damping is fitted
-    to the two lowest modes where none is given.
+    ``diagram.svg`` and, for each of these axes, ``diagram-AXIS.svg``. Where no model is given,
+    amplifiers, hysteresis, creep and sensors are those of `hysteresis.dynamic_model`; damping is
+    fitted to the two lowest modes where none is given.
 
     Examples
     --------
@@ -87,6 +87,8 @@ def diagram_files(
     out = {"diagram.svg": diagram_svg(stage_diagram(stage, model=model, damping=damping))}
     safe = file_names(axis.name for axis in stage.axes)
     for axis, name in zip(stage.axes, safe, strict=True):
+        if axis.drive is None:
+            continue
         made = stage_diagram(stage, model=model, axis=axis.name, damping=damping)
         out[f"diagram-{name}.svg"] = diagram_svg(made)
     return out

@@ -22,7 +22,7 @@ from flexstage.report.figures.style import (
     new_figure,
 )
 from flexstage.stage import Stage
-from flexstage.system import Analysis, MechanicalSystem
+from flexstage.system import Analysis, AxisAnalysis, MechanicalSystem
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,6 +53,12 @@ def exaggeration(size: float, motion: float) -> float:
     wanted = _SHOWN * size / motion
     power = 10.0 ** math.floor(math.log10(wanted))
     return power * max(m for m in (1.0, 2.0, 5.0) if m * power <= wanted)
+
+
+def elongation_words(result: AxisAnalysis) -> str:
+    """Say how far each drive of an axis goes for its full stroke."""
+    words = [f"'{name}' {'+' * (w >= 0.0)}{number(w * 1e6)}" for name, w in result.drives.items()]
+    return f"drive{'s' * (len(words) > 1)} {', '.join(words)} µm"
 
 
 def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
@@ -88,10 +94,11 @@ def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
         xlabel="x [mm]",
         ylabel="y [mm]",
     )
+    turns = analysis.system.probe(result.probe).unit == "rad"
     entitle(
         axes,
-        f"drive '{result.drive}' +{number(result.input_displacement * 1e6)} µm: "
-        f"'{result.probe}' reads {number(result.output_displacement * 1e6)} µm; "
+        f"{elongation_words(result)}: '{result.probe}' reads "
+        f"{number(result.output_displacement * 1e6)} {'µrad' if turns else 'µm'}; "
         f"motion × {factor:g}",
     )
     for shape in sorted(shapes, key=lambda s: not s.body.fixed):

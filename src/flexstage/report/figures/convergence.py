@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.characteristic import WHOLE_STAGE
 from flexstage.quantities import display
 from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
 
@@ -62,7 +63,7 @@ def draw_convergence(refinement: "Refinement") -> "Figure":
     grid[0].set_ylim(min(positive) / 2.0, max(positive) * 3.0)
     handles, labels = _named(grid)
     legend = figure.legend(
-        handles, labels, loc="outside lower center", ncols=min(len(labels), 6) or 1, fontsize=7.5,
+        handles, labels, loc="outside lower center", ncols=min(len(labels), 4) or 1, fontsize=7.5,
         frameon=False, labelcolor=INK,
     )  # fmt: skip
     for text in legend.get_texts():
@@ -90,7 +91,8 @@ def _meshes(axes: "Axes", refinement: "Refinement") -> None:
 
 
 def _axes(refinement: "Refinement", quantity: str) -> list[str]:
-    return [axis for name, axis in refinement.steps[-1].values if name == quantity]
+    values = refinement.steps[-1].values
+    return [axis for name, axis in values if name == quantity and axis != WHOLE_STAGE]
 
 
 def _line(

@@ -10,7 +10,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.quantities import number
-from flexstage.report.figures.body_motion import exaggeration
+from flexstage.report.figures.body_motion import elongation_words, exaggeration
 from flexstage.report.figures.fields import Bands, add_bar, fill, frame, place, trace, window
 from flexstage.report.figures.shapes import Placer
 from flexstage.report.figures.style import INK, MUTED, PAPER, dress, entitle, new_figure
@@ -117,8 +117,7 @@ def draw_neck_stress(
     _letters(overview, sample, necks, factor)
     entitle(
         overview,
-        f"{axis}: drive '{result.drive}' +{number(result.input_displacement * 1e6)} µm; "
-        f"motion × {factor:g}",
+        f"{axis}: {elongation_words(result)}; motion × {factor:g}",
     )
     for letter, axes, neck, (at, _) in zip("ABCD", panels, necks, peaks, strict=False):
         _neck(axes, sampler, sample, bands, neck, at, letter)

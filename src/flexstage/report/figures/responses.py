@@ -1,7 +1,8 @@
 """Frequency responses, magnitude and phase: Bode diagrams of models, and what was measured."""
 
-from collections.abc import Collection
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,12 @@ _PUBLISHED = {
 }
 # width and height of a label, in parts of the diagram
 _LABEL = (0.13, 0.07)
-_UNITS = {"m/N": ("µm/N", 1e6), "m/m": ("µm/µm", 1.0), "rad/N": ("µrad/N", 1e6)}
+_UNITS = {
+    "m/N": ("µm/N", 1e6),
+    "m/m": ("µm/µm", 1.0),
+    "rad/N": ("µrad/N", 1e6),
+    "rad/m": ("µrad/µm", 1.0),
+}
 
 
 def draw_bode(
@@ -37,7 +43,7 @@ def draw_bode(
     conditions: Collection[str] | None = None,
     size: tuple[float, float] = (5.1, 5.0),
 ) -> "Figure":
-    """Draw the response of an axis to its drive: a column for each condition of the drives.
+    """Draw the response of an axis to its drives: a column for each condition of the drives.
 
     Published natural frequencies are dashed lines where the drives are removed, which is what they
     belong to. All conditions are drawn where None; `size` is that of a column [inch].
@@ -47,54 +53,69 @@ def draw_bode(
         r
         for r in analysis.responses
         if port is not None
-        and (r.drive, r.probe) == (port.drive, port.probe)
+        and r.drive in port.drives
+        and r.probe == port.probe
         and (conditions is None or r.drives in conditions)
     ]
     if not shown:
         raise ModelError(f"the analysis has no frequency response of an axis '{axis}'")
-    figure = new_figure(size[0] * len(shown), size[1])
-    grid = figure.subplots(2, len(shown), sharex="col", height_ratios=(1.7, 1.0), squeeze=False)
-    for column, response in enumerate(shown):
-        _column(grid[0, column], grid[1, column], analysis, response, axis)
+    columns = [[r for r in shown if r.drives == c] for c in dict.fromkeys(r.drives for r in shown)]
+    figure = new_figure(size[0] * len(columns), size[1])
+    grid = figure.subplots(2, len(columns), sharex="col", height_ratios=(1.7, 1.0), squeeze=False)
+    for column, responses in enumerate(columns):
+        _column(grid[0, column], grid[1, column], analysis, responses, axis)
     return figure
 
 
 def _column(
-    upper: "Axes", lower: "Axes", analysis: Analysis, response: FrequencyResponse, axis: str
+    upper: "Axes",
+    lower: "Axes",
+    analysis: Analysis,
+    responses: Sequence[FrequencyResponse],
+    axis: str,
 ) -> None:
     from matplotlib.ticker import MultipleLocator
 
-    unit, factor = _UNITS.get(response.unit, (response.unit, 1.0))
-    f = response.frequency_hz
-    magnitude = factor * np.abs(response.value)
-    phase = np.degrees(np.unwrap(np.angle(response.value)))
-    phase -= 360.0 * np.round(phase[0] / 360.0)
+    first = responses[0]
+    unit, factor = _UNITS.get(first.unit, (first.unit, 1.0))
     for axes in (upper, lower):
         dress(axes)
         axes.set_xscale("log")
-        axes.set_xlim(f[0], f[-1])
+        axes.set_xlim(first.frequency_hz[0], first.frequency_hz[-1])
     upper.set_yscale("log")
-    upper.plot(f, magnitude, color=CYCLE[0], linewidth=1.4)
-    lower.plot(f, phase, color=CYCLE[0], linewidth=1.4)
-    span = float(np.ptp(phase))
+    sizes, phases = [], []
+    for k, response in enumerate(responses):
+        sizes.append(factor * np.abs(response.value))
+        phase = np.degrees(np.unwrap(np.angle(response.value)))
+        phases.append(phase - 360.0 * np.round(phase[0] / 360.0))
+        line: dict[str, Any] = {"color": CYCLE[k % len(CYCLE)], "linewidth": 1.4}
+        if len(responses) > 1:
+            line["label"] = f"'{response.drive}'"
+        upper.plot(response.frequency_hz, sizes[-1], **line)
+        lower.plot(response.frequency_hz, phases[-1], **line)
+    span = float(np.ptp(phases))
     if span < 1.0:
-        lower.set_ylim(phase.mean() - 95.0, phase.mean() + 95.0)
+        middle = float(np.mean(phases))
+        lower.set_ylim(middle - 95.0, middle + 95.0)
     lower.yaxis.set_major_locator(MultipleLocator(90.0 if span < 400.0 else 180.0))
+    # of several drives the legend has the names
+    of = f" of drive '{first.drive}'" if len(responses) == 1 else ""
     entitle(
         upper,
-        f"{axis}, {analysis.system.model} model: {response.input_kind} of drive "
-        f"'{response.drive}', drives {response.drives}",
+        f"{axis}, {analysis.system.model} model: {first.input_kind}{of}, drives {first.drives}",
     )
-    upper.set_ylabel(f"{response.probe} / {response.input_kind} [{unit}]", parse_math=False)
+    upper.set_ylabel(f"{first.probe} / {first.input_kind} [{unit}]", parse_math=False)
     lower.set_ylabel("phase [°]")
     lower.set_xlabel("frequency [Hz]")
-    top, bottom = magnitude.max(), magnitude.min()
+    top, bottom = float(np.max(sizes)), float(np.min(sizes))
     # a rigid drive may leave nothing to see but its own length: show that as a level line
-    spare = max(10.0 / np.sqrt(top / bottom), 1.0)
+    spare = max(10.0 / math.sqrt(top / bottom), 1.0)
     top, bottom = top * spare, bottom / spare
     upper.set_ylim(bottom / 1.6, top * (top / bottom) ** 0.16)
-    _resonances(upper, analysis, response, magnitude)
-    if response.drives == "removed":
+    if len(responses) > 1:
+        upper.legend(loc="lower left", fontsize=7, frameon=False, labelcolor=MUTED)
+    _resonances(upper, analysis, first, sizes[0])
+    if first.drives == "removed":
         _published(upper, lower, analysis.stage, axis)
 
 

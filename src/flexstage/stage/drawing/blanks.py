@@ -38,7 +38,7 @@ def stage_file_text(drawn: DrawnStage) -> str:
 
     A file whose thickness or material is blank is refused, with its line, until it is filled in.
     """
-    text = stage_to_text(drawn.stage)
+    text = stage_to_text(drawn.stage, shared=True)
     for key, what in _TEXTS.items():
         if key in drawn.blanks:
             text = re.sub(

@@ -1,0 +1,504 @@
+"""Axes that drives move together: Jacobian, conditioning, decoupling, stroke and workspace."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+from flexstage.short_repr import short_repr
+from flexstage.stage import Stage
+from flexstage.system.mechanical import AxisPort, DrivePort, MechanicalSystem
+from flexstage.system.statics import AxisAnalysis, static_displacements, static_state
+from flexstage.system.zonotope import (
+    MOST_DRIVES,
+    box_section,
+    polygon_area,
+    zonogon_outline,
+    zonotope_volume,
+)
+
+# of the largest singular value, less is none
+_SINGULAR = 1e-9
+# a drive that moves another axis by more than this of what it moves its own couples them
+_COUPLED = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CoupledAxes:
+    r"""What all drives of a stage do to all of its axes.
+
+    .. math:: y = J w
+
+    with the readings y of the axes and the elongations w of the drives. A column of J is the state
+    with one drive at unit length and all others held at no elongation, as the drives of a parallel
+    mechanism all hold, by their own stiffness or by a sensor of their length. A drive that is a
+    pure force holds nothing: its column is for the force that makes its elongation one by itself.
+    """
+
+    axes: tuple[AxisPort, ...]
+    """The axes, in the order of the rows of J."""
+    units: tuple[str, ...]
+    """Unit of each axis: m or rad."""
+    drives: tuple[str, ...]
+    """The drives, in the order of the columns of J."""
+    strokes: Array
+    """Least and greatest elongation of each drive [m], shape (d, 2)."""
+    jacobian: Array
+    """J, in m/m or rad/m, shape (a, d)."""
+    shapes: Array
+    """Coordinates of the system for a unit of each drive, shape (n, d)."""
+    forces: Array
+    """Force of each drive for a unit of each drive [N/m], shape (d, d)."""
+    length: float | None
+    """Characteristic length, by which rotations are multiplied to be compared with displacements
+    [m]; None where no axis is a rotation.
+    """
+
+    __repr__ = short_repr
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the axes."""
+        return tuple(axis.name for axis in self.axes)
+
+    @property
+    def scaled(self) -> Array:
+        """J with rotations times the characteristic length [m/m], shape (a, d)."""
+        scale = [(self.length or 1.0) if unit == "rad" else 1.0 for unit in self.units]
+        return np.array(scale, dtype=np.float64)[:, None] * self.jacobian
+
+    @property
+    def singular_values(self) -> Array:
+        """Singular values of the scaled J, falling [m/m], shape (min(a, d),)."""
+        return np.asarray(np.linalg.svd(self.scaled, compute_uv=False), dtype=np.float64)
+
+    @property
+    def independent(self) -> bool:
+        """Whether the drives can move every axis alone: J has the rank of its rows."""
+        values = self.singular_values
+        return len(values) == len(self.axes) and bool(values[-1] > _SINGULAR * values[0])
+
+    @property
+    def condition_number(self) -> float:
+        r"""Largest over smallest singular value of the scaled J [1]; infinite if dependent.
+
+        J.-P. Merlet, J. Mech. Des. 128 (2006) 199, section 4. Its inverse over the workspace is the
+        global conditioning index (C. Gosselin, J. Angeles, J. Mech. Des. 113 (1991) 220); over
+        the small motion of flexures J does not change, and that is the inverse at rest.
+        """
+        values = self.singular_values
+        return float(values[0] / values[-1]) if self.independent else math.inf
+
+    @property
+    def isotropy(self) -> float:
+        r"""Geometric over arithmetic mean of the squared singular values of the scaled J [1].
+
+        J.-O. Kim, P. K. Khosla, IROS (1991) 758: 1 if all directions are alike, 0 if one is lost.
+        """
+        squares = self.singular_values**2
+        if len(squares) < len(self.axes):
+            return 0.0
+        return float(np.prod(squares) ** (1.0 / squares.size) / squares.mean())
+
+    @property
+    def manipulability(self) -> float:
+        r"""Product of the singular values, :math:`\sqrt{\det JJ^T}`, of the scaled J [1].
+
+        T. Yoshikawa, Int. J. Robotics Research 4 (1985) 3.
+        """
+        values = self.singular_values
+        return float(np.prod(values)) if len(values) == len(self.axes) else 0.0
+
+    @property
+    def coupled(self) -> bool:
+        """Whether the axes have to be looked at together.
+
+        So it is where an axis has several drives, or where a drive moves the axis of another by
+        more than half of what it moves its own, rotations times the characteristic length.
+
+        Notes
+        -----
+        Validity: a convention. Two axes that name each other's drives are called coupled, though
+        each drive moves one axis alone; and of a rotation beside a displacement the answer
+        depends on the length, so that a larger platform may be called otherwise.
+        """
+        if any(len(axis.drives) > 1 for axis in self.axes):
+            return True
+        size = np.abs(self.scaled)
+        for i, axis in enumerate(self.axes):
+            j = self.drives.index(axis.drives[0])
+            others = [k for k, a in enumerate(self.axes) if a.drives != axis.drives]
+            if others and size[others, j].max() > _COUPLED * size[i, j]:
+                return True
+        return False
+
+    @property
+    def decoupling(self) -> Array:
+        r"""W, by which commands of the axes become elongations of the drives, shape (d, a).
+
+        :math:`W = J^{-1}`; with more drives than axes the pseudo-inverse, which takes the least
+        :math:`\sum w^2`. In m/m, or m/rad for a rotation.
+
+        Raises
+        ------
+        ModelError
+            The drives cannot move every axis alone.
+        """
+        if not self.independent:
+            raise ModelError(
+                f"the drives {', '.join(self.drives)} cannot move the axes "
+                f"{', '.join(self.names)} one by one, as what they do is not independent: leave an "
+                "axis out, or add a drive"
+            )
+        return np.linalg.pinv(self.jacobian / self._sizes[:, None]) / self._sizes
+
+    @property
+    def _sizes(self) -> Array:
+        """Size of each axis' motion, so that metres and radians are alike to the solvers."""
+        return np.abs(self.jacobian).max(axis=1)
+
+    def gains(self, axis: str) -> dict[str, float]:
+        """Return what an axis reads for a unit of each drive [m/m, or rad/m], by drive."""
+        row = self.jacobian[self.names.index(axis)]
+        return dict(zip(self.drives, row.tolist(), strict=True))
+
+    def elongations(self, axis: str) -> Array:
+        r"""Return how far each drive goes for the longest motion along an axis alone.
+
+        The motion t is the largest for which drives within their strokes begin and end it, from
+        wherever suits it: :math:`J v = t e` with :math:`|v_j|` at most the stroke of drive j. For
+        a square J that is :math:`t = \min_j s_j/|W_{ji}|`; otherwise a linear programme, of which
+        several solutions may be equally good.
+
+        Parameters
+        ----------
+        axis : str
+            Its name.
+
+        Returns
+        -------
+        numpy.ndarray
+            Elongations at the end less those at the beginning [m], shape (d,).
+
+        Raises
+        ------
+        ModelError
+            The drives cannot move every axis alone.
+        """
+        i, span = self.names.index(axis), np.ptp(self.strokes, axis=1)
+        direction = self.decoupling[:, i]
+        if len(self.drives) > len(self.axes):
+            direction = self._redundant(i, span)
+        return direction / (np.abs(direction) / span).max()
+
+    def _redundant(self, i: int, span: Array) -> Array:
+        from scipy.optimize import linprog
+
+        # unknowns: the part of its stroke that each drive takes, and the motion, of the order of 1
+        rows = self.jacobian * span / (self._sizes * span.max())[:, None]
+        wanted = np.zeros((len(self.axes), 1))
+        wanted[i] = -1.0
+        d = len(self.drives)
+        found = linprog(
+            np.r_[np.zeros(d), -1.0],
+            A_eq=np.hstack((rows, wanted)),
+            b_eq=np.zeros(len(self.axes)),
+            bounds=[(-1.0, 1.0)] * d + [(0.0, None)],
+            method="highs",
+        )
+        return span * found.x[:d]
+
+    def _plane(self) -> tuple[int, int, tuple[int, ...]]:
+        """Rows of the first two displacements, and of the rotations."""
+        straight = [i for i, unit in enumerate(self.units) if unit == "m"]
+        turning = tuple(i for i, unit in enumerate(self.units) if unit == "rad")
+        if len(straight) < 2 or len(turning) > 1:
+            raise ModelError(
+                "a workspace is that of two displacements, with one rotation or none: the axes are "
+                f"{', '.join(f'{a} [{u}]' for a, u in zip(self.names, self.units, strict=True))}"
+            )
+        return straight[0], straight[1], turning
+
+    @property
+    def workspace(self) -> "ReachableArea | None":
+        """What all drives reach together; None where no two displacements are axes."""
+        try:
+            first, second, turning = self._plane()
+        except ModelError:
+            return None
+        rows = [first, second, *turning]
+        reach = self.jacobian[rows] * np.ptp(self.strokes, axis=1)
+        return ReachableArea(
+            axes=tuple(self.names[i] for i in rows),
+            drives=self.drives,
+            generators=reach,
+            lowest=self.jacobian[rows] @ self.strokes[:, 0],
+            middle=self.jacobian[rows] @ self.strokes.mean(axis=1),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReachableArea:
+    """The positions that all drives reach together, and the angles with them.
+
+    It is the sum of the strokes of the drives, each along its column of the Jacobian: a polygon, or
+    with a rotation a polyhedron, whose points opposite of the middle are alike.
+    """
+
+    axes: tuple[str, ...]
+    """The two displacements, and the rotation where there is one."""
+    drives: tuple[str, ...]
+    """The drives."""
+    generators: Array
+    """What the stroke of each drive does [m, m, rad], shape (2, d) or (3, d)."""
+    lowest: Array
+    """Where all drives are at the lower end of their strokes [m, m, rad], shape (2,) or (3,)."""
+    middle: Array
+    """Where all drives are in the middle of their strokes [m, m, rad], shape (2,) or (3,)."""
+
+    __repr__ = short_repr
+
+    @property
+    def projection(self) -> Array:
+        """Corners of the positions reached at any angle, counterclockwise [m], shape (k, 2)."""
+        return zonogon_outline(self.generators[:2]) + self.middle[:2]
+
+    def section(self, angle: float | None = None) -> Array:
+        """Return the corners of the positions that are reached at one angle.
+
+        Parameters
+        ----------
+        angle : float, optional
+            The reading of the rotation [rad], 0 where all drives are at no elongation; that of the
+            middle, where the area is largest, if not given. Without a rotation there is none.
+
+        Returns
+        -------
+        numpy.ndarray
+            The corners, counterclockwise [m], shape (k, 2); fewer than 3 where it has no area.
+
+        Notes
+        -----
+        Validity: exact for linear stages.
+        """
+        if len(self.axes) < 3:
+            return self.projection
+        level = 0.0 if angle is None else angle - float(self.middle[2])
+        return box_section(self.generators, level) + self.middle[:2]
+
+    @property
+    def area(self) -> float:
+        """Area reached at the angle of the middle [m^2]."""
+        return polygon_area(self.section())
+
+    @property
+    def projected_area(self) -> float:
+        """Area reached at any angle [m^2]."""
+        return zonotope_volume(self.generators[:2])
+
+    @property
+    def volume(self) -> float:
+        """Area or volume of all that is reached [m^2, or m^2 rad]."""
+        return zonotope_volume(self.generators)
+
+
+def characteristic_length(stage: Stage, drives: Sequence[str], probe: str) -> float:
+    r"""Return the mean distance of the pushed points of drives from a probe.
+
+    The mean radius of the platform, as rotations are usually compared with displacements where no
+    other length is natural (for a review see L. Stocco, S. E. Salcudean, F. Sassani, ICRA (1998)
+    1388). A rotation of the platform moves a point at that distance by this length times the angle.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    drives : Sequence of str
+        Names of the drives.
+    probe : str
+        Name of the probe of a rotation.
+
+    Returns
+    -------
+    float
+        The length [m].
+
+    Notes
+    -----
+    Validity: a convention; condition number and isotropy change with it, strokes, decoupling and
+    workspace do not.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> print(f"{characteristic_length(design('parallelogram'), ['x'], 'x'):.4f} m")
+    0.0250 m
+    """
+    at = stage.probe(probe).at
+    return float(np.mean([math.dist(at, stage.drive(name).at[0]) for name in drives]))
+
+
+def coupled_axes(
+    stage: Stage, system: MechanicalSystem, *, length: float | None = None
+) -> CoupledAxes:
+    """Return what the drives of a stage do to its axes together.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    system : MechanicalSystem
+        A model of it.
+    length : float, optional
+        Characteristic length [m], if there is a rotation; that of `characteristic_length`, from
+        the first probe of a rotation to all drives, if not given.
+
+    Returns
+    -------
+    CoupledAxes
+        Jacobian, conditioning, decoupling, workspace.
+
+    Raises
+    ------
+    ModelError
+        No axis is named; a drive has no stroke, moves nothing, or moves what others hold.
+
+    Notes
+    -----
+    Validity: small displacements, as the system. The drives keep the elongation that they are
+    given: a stack by itself gives less of its free displacement, by its stiffness against that of
+    the stage.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.lumped import lumped_system
+    >>> stage = design("vgtu-piezo")
+    >>> found = coupled_axes(stage, lumped_system(stage))
+    >>> print(found.jacobian.diagonal().round(3), found.coupled)
+    [1.777 1.694] False
+    >>> print(f"condition {found.condition_number:.3f}, {found.workspace.area * 1e12:.0f} um2")
+    condition 1.049, 4347 um2
+    """
+    if not system.axes:
+        raise ModelError(f"stage '{stage.name}' names no axis: add one, with its drives and probe")
+    axes = system.axes
+    names = tuple(d.name for d in system.drives if any(d.name in a.drives for a in axes))
+    stiff = [n for n in names if system.drive(n).stiffness != 0.0]
+    shapes, forces, strokes = [], np.zeros((len(names), len(names))), []
+    for j, name in enumerate(names):
+        # a drive of no axis that holds is held as well
+        state = static_displacements(
+            system,
+            {**dict.fromkeys(stiff, 0.0), name: 1.0},
+            others="locked",
+        )
+        shapes.append(state.q)
+        for i, other in enumerate(names):
+            forces[i, j] = state.drive_force.get(other, 0.0)
+        strokes.append(_range(system.drive(name), forces[j, j]))
+    probes = [system.probe(axis.probe) for axis in axes]
+    units = tuple(probe.unit for probe in probes)
+    if "rad" in units and length is None:
+        length = characteristic_length(stage, names, axes[units.index("rad")].probe)
+    q = np.array(shapes).T
+    return CoupledAxes(
+        axes=axes,
+        units=units,
+        drives=names,
+        strokes=np.array(strokes),
+        jacobian=np.array([probe.vector @ q for probe in probes]),
+        shapes=q,
+        forces=forces,
+        length=length if "rad" in units else None,
+    )
+
+
+def _range(port: DrivePort, stiffness: float) -> tuple[float, float]:
+    """Least and greatest elongation of a drive; a force works both ways."""
+    if port.stroke is not None:
+        return 0.0, port.stroke
+    if port.largest_force is None:
+        raise ModelError(f"drive '{port.name}' has neither a stroke nor a largest force")
+    reach = port.largest_force / stiffness
+    return -reach, reach
+
+
+def decoupled_axis(system: MechanicalSystem, coupled: CoupledAxes, axis: str) -> AxisAnalysis:
+    """Return the longest motion along an axis alone, made by all drives together.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    coupled : CoupledAxes
+        What its drives do to its axes.
+    axis : str
+        Name of the axis.
+
+    Returns
+    -------
+    AxisAnalysis
+        The motion from its beginning to its end, and the stress that it adds on the way.
+
+    Raises
+    ------
+    ModelError
+        The drives cannot move every axis alone.
+    """
+    moved = coupled.elongations(axis)
+    force = coupled.forces @ moved
+    state = static_state(
+        system, coupled.shapes @ moved, dict(zip(coupled.drives, force.tolist(), strict=True))
+    )
+    largest = float(np.abs(moved).max())
+    probe = coupled.axes[coupled.names.index(axis)].probe
+    return AxisAnalysis(
+        axis=axis,
+        drives=dict(zip(coupled.drives, moved.tolist(), strict=True)),
+        probe=probe,
+        input_displacement=largest,
+        output_displacement=state.readings[probe],
+        input_stiffness=float(moved @ force) / largest**2,
+        static=state,
+    )
+
+
+def stress_anywhere(system: MechanicalSystem, coupled: CoupledAxes) -> dict[str, float]:
+    """Return the largest stress of each hinge with the drives anywhere within their strokes.
+
+    Stress is convex in the elongations, so that it is largest where each drive is at an end of its
+    stroke.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    coupled : CoupledAxes
+        What its drives do to its axes.
+
+    Returns
+    -------
+    dict of str to float
+        Largest equivalent stress by hinge [Pa]; empty where the system knows no stress.
+
+    Raises
+    ------
+    ModelError
+        There are more than 12 drives.
+    """
+    if system.stress is None:
+        return {}
+    if len(coupled.drives) > MOST_DRIVES:
+        raise ModelError(
+            f"the ends of at most {MOST_DRIVES} drives are gone through, got {len(coupled.drives)}"
+        )
+    ends = (system.stress.largest(coupled.shapes @ np.array(w)) for w in product(*coupled.strokes))
+    worst: dict[str, float] = {}
+    for stress in ends:
+        worst = {hinge: max(size, worst.get(hinge, 0.0)) for hinge, size in stress.items()}
+    return worst

@@ -1,0 +1,147 @@
+"""Claims against traditional stages: how figures become verdicts, and how the stages are made."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flexstage.designs import design
+from flexstage.designs.side_by_side_xy import SideBySideXYParameters, side_by_side_xy
+from flexstage.errors import ModelError
+from flexstage.report.page import sections_html
+from flexstage.report.traditional import claim_table, drift_table, error_table, other_table
+from flexstage.section import Section
+from flexstage.stage.checks import check
+from flexstage.stage.drive import StackActuator, VoiceCoil
+from flexstage.studies.traditional import compare_traditional
+from flexstage.studies.traditional_stages import (
+    direct_actuator,
+    guides_on_one_side,
+    single_axis_guides,
+)
+from flexstage.studies.traditional_verdict import drift_verdict, verdict
+from tests.compared_stages import comparison
+
+TRAVEL = {"x": 64.5e-6, "y": 62.7e-6}
+
+
+def test_a_reduction_is_of_medians_of_the_worse_axis() -> None:
+    found = {r.against: r for r in comparison().reductions()}
+    assert found["worse"].reduction == pytest.approx(1.0 - 0.20 / 0.30)
+    assert found["like it"].reduction == pytest.approx(1.0 - 0.20 / 0.22)
+    assert found["better"].reduction == pytest.approx(1.0 - 0.20 / 0.05)
+    # what a catalogue states is an upper limit of straightness
+    assert found["crossed rollers (by their maker)"].reduction == pytest.approx(0.8)
+    assert [r.against for r in found.values() if r.holds] == [
+        "worse",
+        "lame",
+        "crossed rollers (by their maker)",
+    ]
+
+
+def test_the_share_counts_pairs_of_stages() -> None:
+    found = {r.against: r for r in comparison().reductions()}
+    assert found["worse"].share == 1.0
+    assert found["better"].share == 0.0
+    own, other = 0.20 * np.linspace(0.9, 1.1, 41), 0.22 * np.linspace(0.9, 1.1, 41)
+    pairs = sum(a <= 0.83 * b for a in own for b in other)
+    assert found["like it"].share == pytest.approx(pairs / 41**2)
+    assert 0.0 < found["like it"].share < 0.5
+
+
+def test_yaw_is_compared_with_what_has_one() -> None:
+    rows = comparison().reductions("yaw")
+    assert [r.against for r in rows] == ["worse", "like it", "better", "lame"]
+    assert [r.reduction for r in rows] == pytest.approx(4 * [0.0])
+
+
+def test_sentences_say_what_the_figures_say() -> None:
+    text = " ".join(verdict(comparison()))
+    for words in (
+        "goes 0.200 µm across over its stroke (0.21 µm were measured)",
+        "rigid bodies go 0.140 µm, elastic ones 0.060 µm more",
+        "17 % less than a traditional stage, holds against worse (33 % below it), lame (78 % below",
+        "does not hold against like it (9 % below it) and better (4.0 times as much)",
+        "By straightness it holds against",
+        "legs are at most 8.2 mm from neck to neck",
+        "those of the stage have 12 and 14 mm",
+        "a traditional stage that goes 0.25 µm across",
+    ):
+        assert words in text
+    # without a path of finite elements nothing is known of its straightness
+    assert "By straightness" not in " ".join(verdict(comparison(finite_elements=False)))
+
+
+def test_the_longest_leg_has_the_arc_that_the_claim_asks_for() -> None:
+    found = comparison()
+    assert (63e-6) ** 2 / (2.0 * found.longest_leg) * (1.0 - 0.17) == pytest.approx(0.20e-6)
+    assert found.implied == pytest.approx(0.21e-6 / 0.83)
+
+
+def test_drift_is_set_against_the_stage_without_symmetry_and_the_others() -> None:
+    one, other = drift_verdict(comparison())
+    assert "drifts 1500 nm instead of 2000 nm by a uniform kelvin" in one
+    assert "symmetry takes 25 % off what a uniform change does" in one
+    worse = replace(comparison(), asymmetric=comparison().others[1])
+    assert "symmetry adds 50 % to what a uniform change does" in drift_verdict(worse)[0]
+    assert (
+        other == "By a uniform kelvin it drifts less than worse and better and more than like it."
+    )
+
+
+def test_tables_hold_every_stage_and_every_axis() -> None:
+    found = comparison()
+    assert len(claim_table(found).rows) == 5
+    assert len(error_table(found).rows) == 10
+    assert len(other_table(found).rows) == len(drift_table(found).rows) == 5
+    words = {row[0].text: [cell.text for cell in row] for row in claim_table(found).rows}
+    assert words["worse"][1:] == ["0.300", "0.67", "0.67", "1.0", "yes", "100 %"]
+    assert words["crossed rollers (by their maker)"][3:5] == ["0.040", "–"]
+    differ = [cell.text for cell in other_table(found).rows[0]]
+    assert differ[3] == f"{100.0 * 220.0 / 420.0:.0f}"
+    page = sections_html(Section(title="T", content=(claim_table(found), error_table(found))))
+    assert "straight" in page
+
+
+def test_an_actuator_that_is_longer_has_the_same_strain_and_section() -> None:
+    stack = StackActuator(free_stroke=38e-6, stiffness=43e6)
+    longer, length = direct_actuator(stack, 36e-3, 95e-6)
+    assert isinstance(longer, StackActuator)
+    assert longer.free_stroke / length == pytest.approx(38e-6 / 36e-3)
+    assert longer.stiffness * length == pytest.approx(43e6 * 36e-3)
+    with pytest.raises(ModelError, match="kind 'force' has no stroke"):
+        direct_actuator(VoiceCoil(largest_force=1.0), 1e-3, 1e-6)
+
+
+def test_traditional_guides_have_the_legs_of_the_stage() -> None:
+    stage = design("vgtu-piezo")
+    guides = single_axis_guides(stage, "parallelogram", TRAVEL)
+    made = side_by_side_xy(
+        SideBySideXYParameters(
+            x=guides["x"], y=guides["y"], thickness=stage.thickness, material=stage.material
+        )
+    )
+    assert [issue for issue in check(made) if issue.severity == "error"] == []
+    for axis in "xy":
+        here, there = stage.hinge(f"{axis}gp0-u"), made.hinge(f"{axis}-left-upper")
+        assert here.profile == there.profile
+        spacing = math.dist(here.at, stage.hinge(f"{axis}gp1-u").at)
+        assert math.dist(there.at, made.hinge(f"{axis}-right-upper").at) == pytest.approx(spacing)
+        length = math.dist(here.at, stage.hinge(f"{axis}gg0-u").at)
+        assert math.dist(there.at, made.hinge(f"{axis}-left-lower").at) == pytest.approx(length)
+        assert made.drive(axis).stroke == pytest.approx(TRAVEL[axis])
+
+
+def test_a_stage_with_guides_on_one_side_has_lost_four_legs() -> None:
+    stage = design("vgtu-piezo")
+    lame = guides_on_one_side(stage)
+    gone = {b.name for b in stage.bodies} - {b.name for b in lame.bodies}
+    assert gone == {"xG0d", "xG1d", "yG0d", "yG1d"}
+    assert len(stage.hinges) - len(lame.hinges) == 8
+    assert lame.published == ()
+
+
+def test_a_stage_of_which_nothing_is_claimed_is_refused() -> None:
+    with pytest.raises(ModelError, match="nothing is claimed of the motion errors of 'parallelo"):
+        compare_traditional(design("parallelogram"))
