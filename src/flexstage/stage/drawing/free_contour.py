@@ -195,7 +195,7 @@ def _profile(
         one_sided=one_sided,
         distances=tuple(rounded(x) for x, _, _ in chosen[1:]),
         depths=tuple(rounded(max(d, 0.0)) for _, d, _ in chosen[1:]),
-        bulges=tuple(b + 0.0 for _, _, b in chosen[1:]),
+        bulges=tuple(round(b, 12) + 0.0 for _, _, b in chosen[1:]),
     )
 
 
