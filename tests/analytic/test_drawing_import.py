@@ -94,7 +94,7 @@ def test_elastic_bodies_have_the_same_figures(name: str, tmp_path) -> None:
     drawn = read_drawing(path, _told(stage)).stage
     again = with_drives_of(drawn, stage, require_same(drawn, stage))
     found, meant = (
-        run_model("superelement", s, ModelOptions()).analysis.characteristics
+        run_model(s, "superelement", ModelOptions()).analysis.characteristics
         for s in (again, stage)
     )
     before = {(c.quantity, c.axis): c.value for c in meant if c.quantity in FIGURES}
