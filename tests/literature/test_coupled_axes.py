@@ -119,6 +119,28 @@ def test_a_plate_that_its_drives_hold():
     assert found_plate(stiffness=3e6)[1].jacobian == pytest.approx(want, rel=1e-9)
 
 
+def test_forces_hold_nothing():
+    """Beside a stack that holds its length, a force pushes the springs: its column is theirs.
+
+    The state under a force f along b with a held is that of K with the Lagrange multiplier of a; it
+    goes both ways, so that the stroke is F over the stiffness that b then sees, to either side.
+    """
+    system, stage = plate(DRIVES, PROBES, STROKES)
+    a, b = system.drives[:2]
+    push = replace(b, stiffness=0.0, stroke=None, largest_force=0.7)
+    axes = tuple(replace(axis, drives=("d0", "d1")) for axis in system.axes[:2])
+    found = coupled_axes(stage, replace(system, drives=(a, push), axes=axes))
+    saddle = np.block([[system.K, a.vector[:, None]], [a.vector[None], np.zeros((1, 1))]])
+    pushed = np.linalg.solve(saddle, np.r_[push.vector, 0.0])[:3]
+    seen = push.vector @ pushed
+    assert found.jacobian[:, 1] == pytest.approx(PROBES[:2] @ pushed / seen, rel=1e-9)
+    assert found.strokes[1] == pytest.approx([-0.7 * seen, 0.7 * seen], rel=1e-9)
+    # the stack alone moves its line, and the force gives way to it
+    alone = np.linalg.solve(system.K, a.vector)
+    want = PROBES[:2] @ alone / (a.vector @ alone)
+    assert found.jacobian[:, 0] == pytest.approx(want, rel=1e-9)
+
+
 def test_conditioning_is_that_of_the_eigenvalues():
     """Singular values by the characteristic polynomial of J J^T, rotations times the length."""
     _, found = found_plate()

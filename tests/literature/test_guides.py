@@ -36,7 +36,7 @@ from flexstage.fem.geometry import patches
 from flexstage.fem.ports import body_motion, drive_vector, rigid_regions
 from flexstage.hinges import CornerFilleted, Leaf, RightCircular
 from flexstage.lumped import equilibrium, hinge_springs, lumped_system, mechanism, nonlinear
-from flexstage.stage import Force, Stage, check
+from flexstage.stage import Force, Hinge, Stage, check
 from flexstage.stage.drive import VoiceCoil
 from flexstage.system import analyse, modes, static_displacements, static_forces
 
@@ -339,6 +339,33 @@ def test_stiffness_of_pivots(
     # about the centre, which is the origin: the centre of mass goes round it
     centre = system.body("arm").centre
     assert turned[0] == pytest.approx(-turned[2] * centre[1], rel=2e-2)
+
+
+def test_a_cross_spring_pivot_is_a_quarter_as_stiff_and_cannot_be_cut() -> None:
+    """Haringx (1949): E I/L for each of two leaves that cross in their middles."""
+    leaf = Leaf(neck_thickness=NECK, leaf_length=14e-3, notch_depth=0.4e-3)
+    p = CartwheelParameters(leaf=leaf, half_angle=0.7, centre_distance=2.3e-3)
+    joined = couple(cartwheel(p))
+    long = replace(leaf, leaf_length=2.0 * p.radius)
+    crossed = replace(
+        joined,
+        bodies=tuple(b for b in joined.bodies if b.name != "hub"),
+        hinges=tuple(
+            Hinge(
+                name=name,
+                bodies=("base", "arm"),
+                at=(0.0, 0.0),
+                direction=0.5 * math.pi - side * p.half_angle,
+                profile=long,
+            )
+            for name, side in (("rising", 1.0), ("falling", -1.0))
+        ),
+    )
+    system = lumped_system(crossed, method="euler-bernoulli", plane="stress")
+    turned = static_forces(system, {"up": 0.9, "down": 0.9}).body_motion["arm"][2]
+    stiffness = 1.8 * crossed.drives[0].at[0][0] / turned
+    assert stiffness == pytest.approx(2.0 * bending(crossed) / long.leaf_length, rel=1e-6)
+    assert "hinges-coincide" in {f.code for f in check(crossed)}
 
 
 @pytest.mark.slow

@@ -80,7 +80,7 @@ def outer_size(stage: Stage) -> tuple[float, float, float]:
     --------
     >>> from flexstage.designs import design
     >>> [round(1e3 * v, 3) for v in outer_size(design("parallelogram"))]
-    [66.0, 55.8, 10.0]
+    [68.5, 61.0, 8.0]
     """
     found = [body.outline.bounds() for body in stage.bodies]
     x0, y0, x1, y1 = zip(*found, strict=True)

@@ -18,6 +18,12 @@ Point = Annotated[tuple[float, float], DIMENSIONS["length"]]
 SMALLEST, LARGEST = 1e-12, 100.0
 # leaves a quarter of a degree of the full circle open
 _LARGEST_BULGE = 1e3
+# an arc that leaves its chord by less than half of this part of it is straight; the centre of one
+# that is flatter still would be out of reach of numbers
+_FLATTEST = 1e-12
+# below this bulge an arc is integrated along its chord, to rounding by this many points
+_FLAT = 0.02
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
 class AreaIntegrals(NamedTuple):
@@ -68,6 +74,9 @@ class Loop:
 
     def __post_init__(self) -> None:
         n = len(self.points)
+        if any(0.0 < abs(bulge) < _FLATTEST for bulge in self.bulges):
+            straight = tuple(b if abs(b) >= _FLATTEST else 0.0 for b in self.bulges)
+            object.__setattr__(self, "bulges", straight)
         if self.bulges and not any(self.bulges):
             object.__setattr__(self, "bulges", ())
         if n < (2 if self.bulges else 3):
@@ -246,10 +255,44 @@ def _triangle(p: tuple[float, float], q: tuple[float, float]) -> AreaIntegrals:
     )
 
 
+def _flat_segment(
+    start: tuple[float, float], end: tuple[float, float], bulge: float
+) -> AreaIntegrals:
+    """Integrate as `_circular_segment`, by strips across the chord.
+
+    The centre of a flat arc is far away, and moments about it cancel but for their rounding.
+    """
+    length = math.dist(start, end)
+    if length == 0.0:
+        return AreaIntegrals(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    half = 2.0 * math.atan(abs(bulge))
+    radius = length / (2.0 * math.sin(half))
+    sign = math.copysign(1.0, bulge)
+    c, s = (end[0] - start[0]) / length, (end[1] - start[1]) / length
+    t = half * _NODES
+    height = 2.0 * radius * np.sin(0.5 * (half + t)) * np.sin(0.5 * (half - t))
+    along = radius * np.sin(t)
+    x, y = 0.5 * (start[0] + end[0]) + c * along, 0.5 * (start[1] + end[1]) + s * along
+    # an arc that turns left lies to the right of its chord
+    u, v = sign * s, -sign * c
+    area = sign * radius * np.cos(t) * half * _WEIGHTS * height
+    h, hh = height / 2.0, height**2 / 3.0
+    return AreaIntegrals(
+        float(np.sum(area)),
+        float(np.sum(area * (x + u * h))),
+        float(np.sum(area * (y + v * h))),
+        float(np.sum(area * (x**2 + 2.0 * u * x * h + u**2 * hh))),
+        float(np.sum(area * (y**2 + 2.0 * v * y * h + v**2 * hh))),
+        float(np.sum(area * (x * y + (u * y + v * x) * h + u * v * hh))),
+    )
+
+
 def _circular_segment(
     start: tuple[float, float], end: tuple[float, float], bulge: float
 ) -> AreaIntegrals:
     """Integrate over the area between a chord and its arc, positive where the arc turns left."""
+    if abs(bulge) < _FLAT:
+        return _flat_segment(start, end, bulge)
     (cx, cy), r, first, sweep = arc(start, end, bulge)
     a = abs(sweep) / 2.0
     sign = math.copysign(1.0, sweep)
