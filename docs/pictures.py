@@ -351,6 +351,10 @@ PAGES = {
 #: Pictures that commands make, the last of which writes the file.
 COMMANDS = {
     "diagram-vgtu-piezo-x.svg": ["equations vgtu-piezo --axis x --format svg --out"],
+    "found-in-drawing.png": [
+        "export vgtu-piezo --to dxf --folder .",
+        "import vgtu-piezo.dxf --figure",
+    ],
     "part-faces.png": [
         "export parallelogram --to step --folder .",
         "part parallelogram.step --order 0 --figure",

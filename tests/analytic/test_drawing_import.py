@@ -8,8 +8,15 @@ from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.step import step_files
 from flexstage.stage import check
 from flexstage.stage.drawing.drawn_stage import DrawingOptions, read_drawing
+from flexstage.studies.models import ModelOptions, run_model
 from tests.drawing_stages import NOTCHES, guide
-from tests.drawn_stages import dxf_without_hinges, figures, require_same, with_drives_of
+from tests.drawn_stages import (
+    FIGURES,
+    dxf_without_hinges,
+    figures,
+    require_same,
+    with_drives_of,
+)
 
 
 def _is_one_plate(name: str) -> bool:
@@ -28,7 +35,12 @@ def _told(stage) -> DrawingOptions:
     return DrawingOptions(thickness=stage.thickness, material=stage.material.name)
 
 
-@pytest.mark.parametrize("name", PLATES)
+def _tiered(names, quick: set[str]) -> list:
+    """What takes longer runs with the slow evidence."""
+    return [n if n in quick else pytest.param(n, marks=pytest.mark.slow) for n in names]
+
+
+@pytest.mark.parametrize("name", _tiered(PLATES, {"parallelogram", "vgtu-piezo"}))
 def test_the_dxf_of_a_design_comes_back(name: str, tmp_path) -> None:
     stage = design(name)
     path = tmp_path / "part.dxf"
@@ -44,7 +56,7 @@ def test_the_dxf_of_a_design_comes_back(name: str, tmp_path) -> None:
         assert again[key] == pytest.approx(value, rel=1e-3), key
 
 
-@pytest.mark.parametrize("name", ["parallelogram", "vgtu-piezo"])
+@pytest.mark.parametrize("name", _tiered(PLATES, {"parallelogram"}))
 def test_the_step_of_a_design_comes_back(name: str, tmp_path) -> None:
     stage = design(name)
     path = tmp_path / "part.step"
@@ -57,7 +69,9 @@ def test_the_step_of_a_design_comes_back(name: str, tmp_path) -> None:
         assert again[key] == pytest.approx(value, rel=1e-3), key
 
 
-@pytest.mark.parametrize("kind", NOTCHES)
+@pytest.mark.parametrize(
+    "kind", _tiered(NOTCHES, {"circular-one-sided", "elliptical", "leaf", "v", "as-drawn"})
+)
 def test_every_notch_comes_back_turned_and_shifted(kind: str, tmp_path) -> None:
     # those that are no lines and arcs are drawn within 10 nm, and come back in round sizes
     stage = guide(NOTCHES[kind])
@@ -68,3 +82,23 @@ def test_every_notch_comes_back_turned_and_shifted(kind: str, tmp_path) -> None:
     assert {n.certainty for n in drawn.necks} == {"likely" if kind == "as-drawn" else "sure"}
     again = with_drives_of(drawn.stage, stage, names)
     assert [b.fixed for b in again.bodies].count(True) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["parallelogram", "vgtu-piezo"])
+def test_elastic_bodies_have_the_same_figures(name: str, tmp_path) -> None:
+    """The same by superelements, whose meshes know nothing of names and of the order of corners."""
+    stage = design(name)
+    path = tmp_path / "part.dxf"
+    dxf_without_hinges(stage).saveas(path)
+    drawn = read_drawing(path, _told(stage)).stage
+    again = with_drives_of(drawn, stage, require_same(drawn, stage))
+    found, meant = (
+        run_model(s, "superelement", ModelOptions()).analysis.characteristics
+        for s in (again, stage)
+    )
+    before = {(c.quantity, c.axis): c.value for c in meant if c.quantity in FIGURES}
+    after = {(c.quantity, c.axis): c.value for c in found if c.quantity in FIGURES}
+    assert after.keys() == before.keys()
+    for key, value in before.items():
+        assert after[key] == pytest.approx(value, rel=1e-3), key

@@ -73,6 +73,17 @@ def test_a_turned_stage_has_the_same_figures(angle: float) -> None:
     assert a[4] == pytest.approx(b[4], rel=1e-2)
 
 
+def test_a_mirrored_stage_has_the_same_figures() -> None:
+    """Outlines run the other way round then, and arcs turn to the other side."""
+    stage = hinged_bars()
+    a, b = (
+        figures(superelement_model(s, FINE, cache=False))
+        for s in (stage, moved(stage, PlaneMotion.reflection(0.4, through=(0.01, 0.03))))
+    )
+    np.testing.assert_allclose(a[[0, 1, 2, 3, 5]], b[[0, 1, 2, 3, 5]], rtol=1e-4)
+    assert a[4] == pytest.approx(b[4], rel=1e-2)
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -191,6 +191,8 @@ GIVEN: dict[str, dict[str, Callable[[Path], None]]] = {
     "identification.md": {"Test_Vi_Do_Di.dat": public, "Model_Vi_Do.dat": public},
     "export.md": {"x.yaml": model, "y.yaml": model, "mine.yaml": stage("parallelogram")},
     "use-the-twin.md": {"mine.yaml": stage("vgtu-piezo")},
+    # what the command before it has made, which is quick and was run apart
+    "from-a-drawing.md": {"parallelogram.yaml": stage("parallelogram")},
     "centre.md": {f"r{k}.csv": magnet for k in range(5)},
     "keep-records.md": {"rk9/records/loops-x.stream": torn},
     "finite-elements.md": {"joint.step": solid},

@@ -243,10 +243,12 @@ def _modes(screen: "Console", analysis: "Analysis") -> None:
 
 
 def _stress(screen: "Console", analysis: "Analysis") -> None:
+    from flexstage.report.coupled_axes import cause_words
+
     stress = analysis.hinge_stress
     if not any(stress.values()):
         return
-    of = "drive of" if all(len(axis.drives) == 1 for axis in analysis.axes) else "motion of"
+    of = cause_words(analysis)
     print_table(
         screen,
         "largest equivalent stress at full stroke in MPa",

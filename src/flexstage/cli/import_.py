@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from flexstage.stage.drawing.drawn_stage import DrawnStage
 
 _AS_DRAWN = DrawingSettings()
+_EXACT = 0.5e-9  # m
 
 
 @from_docstring
@@ -106,7 +107,7 @@ def _printed(drawn: "DrawnStage", files: list[Path]) -> None:
             f"{hinge.at[0] * 1e3:.4g}, {hinge.at[1] * 1e3:.4g}",
             f"{hinge.profile.kind}{', one-sided' if hinge.profile.one_sided else ''}",
             Cell(f"{hinge.profile.neck_thickness * 1e3:.6g}"),
-            Cell(f"{neck.off * 1e6:.2g}"),
+            Cell("0" if neck.off < _EXACT else f"{neck.off * 1e6:.2g}"),
             Cell(f"{neck.ratio:.3g}"),
             neck.certainty,
         )

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from flexstage.quantities import number
 from flexstage.section import Content, Picture
-from flexstage.system import AxisAnalysis
+from flexstage.system import Analysis, AxisAnalysis
 from flexstage.system.coupled_axes import CoupledAxes
 from flexstage.table import Table, table
 
@@ -61,6 +61,12 @@ def coupling_section(found: CoupledAxes | None) -> Iterator[Content]:
             "itself, from where all are at the lower end of theirs.",
             size="tiny",
         )
+
+
+def cause_words(analysis: Analysis) -> str:
+    """Say what stands before the name of an axis where something is said to come of it."""
+    alone = all(len(axis.drives) == 1 for axis in analysis.axes)
+    return "drive of" if alone else "motion of"
 
 
 def full_stroke_words(axis: AxisAnalysis) -> str:

@@ -127,7 +127,7 @@ class Probe:
     body: str
     """The body whose motion is read."""
     at: Point
-    """The point [m]; of a rotation, where it is drawn."""
+    """The point [m]; of a rotation, where it is drawn and the distance of drives is taken from."""
     direction: Angle | None = None
     """The direction in which a displacement is read, from the x axis to the left [rad]."""
     relative_to: str | None = None

@@ -6,6 +6,7 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.hinges import Profile
+from flexstage.report.coupled_axes import cause_words
 from flexstage.report.figures.shapes import notch_contour
 from flexstage.report.figures.style import BODY, CYCLE, INK, MUTED, dress, entitle, new_figure
 from flexstage.system import Analysis
@@ -104,8 +105,9 @@ def draw_stress(analysis: Analysis) -> "Figure":
             f"{left_out} hinges with less stress are not shown", (1.0, 0.01),
             xycoords="axes fraction", ha="right", fontsize=7, color=MUTED,
         )  # fmt: skip
+    of = cause_words(analysis)
     handles = [
-        Patch(color=CYCLE[k % len(CYCLE)], label=f"drive of {axis} at full stroke")
+        Patch(color=CYCLE[k % len(CYCLE)], label=f"{of} {axis} at full stroke")
         for k, axis in enumerate(stress)
     ]
     legend = figure.legend(

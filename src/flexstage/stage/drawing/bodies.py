@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 from flexstage.errors import StageError
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.contours import CHORD, Contour, Part
-from flexstage.stage.drawing.notch import FIT_TOLERANCE, Frame
+from flexstage.stage.drawing.notch import Frame
 from flexstage.stage.drawing.profiles import Neck
-from flexstage.stage.drawing.strokes import Pair
+from flexstage.stage.drawing.strokes import Pair, rounded
 from flexstage.stage.outline import Circle, Loop
 
 _SAME = 1e-9  # two points are one, a corner is none [m]
-_REACH = 2.0 * FIT_TOLERANCE  # a root may be off what was drawn by so much [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,13 +108,9 @@ def _cuts(part: Part, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
 def _plane(frame: Frame, along: float, across: float) -> Pair:
     c, s = math.cos(frame.direction), math.sin(frame.direction)
     return (
-        _neat(frame.at[0] + c * along - s * across),
-        _neat(frame.at[1] + s * along + c * across),
+        rounded(frame.at[0] + c * along - s * across),
+        rounded(frame.at[1] + s * along + c * across),
     )
-
-
-def _neat(value: float) -> float:
-    return round(value, 13) + 0.0
 
 
 def _find(part: Part, neck: Neck, left: bool, ahead: bool, point: Pair) -> tuple[int, float]:
@@ -128,7 +123,7 @@ def _find(part: Part, neck: Neck, left: bool, ahead: bool, point: Pair) -> tuple
         n = (place.stroke + (k if forward else -k)) % count
         curve = strokes[n].curve
         share = _nearest(curve, point)
-        if math.dist(curve.point(share), point) < _REACH + neck.off:
+        if math.dist(curve.point(share), point) < 2.0 * part.tolerance + neck.off:
             return n, share
     raise StageError(
         f"the neck about {part.place(neck.frame.at)} has no straight root at {part.place(point)}"
@@ -171,10 +166,11 @@ def _gathered(
     """Tell outlines from openings, and give each opening to the body that it is in."""
     from shapely import Polygon
 
+    slack = max(_SAME, 4.0 * part.rounding)
     outer: list[tuple[Loop, Any, list[tuple[int, int]]]] = []
     inner: list[tuple[Loop | Circle, Any, list[tuple[int, int]], str]] = []
     for curves, roots in loops:
-        loop = _loop(curves)
+        loop = _loop(curves, slack)
         ring = Polygon(loop.polyline(CHORD))
         if ring.exterior.is_ccw:
             outer.append((loop, ring, roots))
@@ -184,9 +180,9 @@ def _gathered(
         loop = contour.loop
         ring = Polygon(loop.polyline(CHORD))
         if contour is part.outline:
-            outer.append((_loop([s.curve for s in contour.strokes]), ring, []))
+            outer.append((_loop([s.curve for s in contour.strokes], slack), ring, []))
         else:
-            shape = contour.circle or _loop([s.curve for s in contour.strokes])
+            shape = contour.circle or _loop([s.curve for s in contour.strokes], slack)
             inner.append((shape, ring, [], contour.layer))
     outer.sort(key=lambda o: o[1].area)
     owned: list[list[tuple[Loop | Circle, str]]] = [[] for _ in outer]
@@ -220,10 +216,10 @@ def _gathered(
     ]
 
 
-def _loop(curves: list[Curve]) -> Loop:
+def _loop(curves: list[Curve], slack: float) -> Loop:
     """Return a loop, without corners that are none."""
     kept = [c for c in curves if c.length > _SAME]
-    points = [(_neat(c.start[0]), _neat(c.start[1])) for c in kept]
+    points = [(rounded(c.start[0]), rounded(c.start[1])) for c in kept]
     bulges = [c.bulge for c in kept]
     k = 0
     while k < len(points) and len(points) > 3:
@@ -231,7 +227,7 @@ def _loop(curves: list[Curve]) -> Loop:
         ax, ay = here[0] - before[0], here[1] - before[1]
         bx, by = after[0] - here[0], after[1] - here[1]
         off = abs(ax * by - ay * bx) / math.hypot(ax + bx, ay + by)
-        if not bulges[k - 1] and not bulges[k] and off < _SAME and ax * bx + ay * by > 0.0:
+        if not bulges[k - 1] and not bulges[k] and off < slack and ax * bx + ay * by > 0.0:
             del points[k], bulges[k]
             k = max(0, k - 1)
         else:

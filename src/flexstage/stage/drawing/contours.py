@@ -9,14 +9,18 @@ import numpy as np
 
 from flexstage.errors import StageError
 from flexstage.stage.curve import Curve
-from flexstage.stage.drawing.strokes import Pair, Stroke, tidy
+from flexstage.stage.drawing.strokes import Pair, Stroke, circle_of, rounded, tidy
 from flexstage.stage.outline import Circle, Loop, arc
 
 #: Largest gap that is closed where no other is asked for [m].
 GAP = 2e-6
+#: Largest distance of what was drawn from the profile that it is taken for, of a drawing with all
+#: digits [m].
+FIT_TOLERANCE = 0.5e-6
 #: Largest distance of polygons that stand for contours from their arcs [m].
 CHORD = 0.5e-6
 
+_ASKEW = 0.1  # lines that are nearer to parallel have no sure crossing (sine)
 _SAME = 2e-9  # two points are one, or two lines one on the other [m]
 
 
@@ -44,10 +48,13 @@ class Contour:
         circles = [arc(*s.curve) for s in self.strokes]
         (x, y), radius, _, _ = max(circles, key=lambda c: abs(c[3]))
         turn = abs(sum(c[3] for c in circles))
-        near = all(math.dist(c[0], (x, y)) < 1e-6 and abs(c[1] - radius) < 1e-6 for c in circles)
+        near = all(math.dist(c[0], (x, y)) < 5e-6 and abs(c[1] - radius) < 5e-6 for c in circles)
         if not near or abs(turn - 2.0 * math.pi) > 1e-3:
             return None
-        return Circle((_neat(x), _neat(y)), _neat(radius))
+        off = 0.0
+        if all(s.trace for s in self.strokes):
+            (x, y), radius, off = circle_of(np.array([p for s in self.strokes for p in s.trace]))
+        return Circle((rounded(x, off), rounded(y, off)), rounded(radius, off))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,11 +69,18 @@ class Part:
     """Unit in which places are told [m]."""
     unit_name: str = "mm"
     """Its name."""
+    rounding: float = 0.0
+    """Largest error of a coordinate for want of digits in the file [m]."""
 
     @property
     def contours(self) -> tuple[Contour, ...]:
         """All of them, the outline first."""
         return (self.outline, *self.openings)
+
+    @property
+    def tolerance(self) -> float:
+        """Largest distance of what was drawn from the profile that it is taken for [m]."""
+        return max(FIT_TOLERANCE, 2.0 * self.rounding)
 
     def place(self, point: Pair) -> str:
         """Return a place in the units of the drawing, in words."""
@@ -85,18 +99,18 @@ def place(point: Sequence[float], unit: float, name: str) -> str:
     return f"({x}, {y}) {name}"
 
 
-def _neat(value: float) -> float:
-    """Round to a tenth of a picometre, which takes the noise of units off."""
-    return round(value, 13) + 0.0
-
-
 def part_of(
-    curves: Sequence[tuple[Curve, str]], *, gap: float, unit: float, unit_name: str
+    curves: Sequence[tuple[Curve, str]],
+    *,
+    gap: float,
+    unit: float,
+    unit_name: str,
+    rounding: float = 0.0,
 ) -> Part:
     """Chain the lines and arcs of a drawing to closed contours, and find out which is in which.
 
     Each curve comes with its layer. Ends that are up to `gap` apart are joined [m]; `unit` and
-    `unit_name` are those in which places are told.
+    `unit_name` are those in which places are told, `rounding` is the error of a coordinate [m].
     """
 
     def at(point: Sequence[float]) -> str:
@@ -107,7 +121,7 @@ def part_of(
     nodes, points = _nodes(curves, gap)
     kept = _without_doubles(curves, nodes)
     loops = _chained(curves, nodes, points, kept, gap, at)
-    return _nested(loops, unit, unit_name, at)
+    return _nested(loops, unit, unit_name, rounding, at)
 
 
 def _nodes(curves: Sequence[tuple[Curve, str]], gap: float) -> tuple[np.ndarray, np.ndarray]:
@@ -131,14 +145,36 @@ def _nodes(curves: Sequence[tuple[Curve, str]], gap: float) -> tuple[np.ndarray,
         label = grouped(np.vstack([pairs, single[near]]), len(ends))
     order = np.argsort(label, kind="stable")
     _, first = np.unique(label[order], return_index=True)
-    sums = np.add.reduceat(ends[order], first)
-    counts = np.diff(np.append(first, len(ends)))
     points = ends[order][first]
-    # nothing is moved by rounding alone
-    means = sums / counts[:, None]
-    moved = np.hypot(*(means - points).T) > _SAME
-    points[moved] = means[moved]
+    for members in np.split(order, first[1:]):
+        if len(members) == 2 and math.dist(*ends[members]) > _SAME:
+            points[label[members[0]]] = _meeting(curves, ends, members.tolist(), gap)
     return label.reshape(-1, 2), points
+
+
+def _meeting(
+    curves: Sequence[tuple[Curve, str]], ends: np.ndarray, members: list[int], gap: float
+) -> Pair:
+    """Return where two ends with a gap between them were meant to meet.
+
+    Two lines go on to where they cross; an arc keeps its end; else it is half way.
+    """
+    one, other = (curves[m // 2][0] for m in members)
+    p, q = ends[members].tolist()
+    middle = (0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]))
+    if one.bulge and not other.bulge:
+        return p[0], p[1]
+    if other.bulge and not one.bulge:
+        return q[0], q[1]
+    if not one.bulge:
+        (ux, uy), (vx, vy) = one.direction(0.0), other.direction(0.0)
+        cross = ux * vy - uy * vx
+        if abs(cross) > _ASKEW:
+            along = ((q[0] - p[0]) * vy - (q[1] - p[1]) * vx) / cross
+            corner = (p[0] + along * ux, p[1] + along * uy)
+            if math.dist(corner, middle) < 2.0 * gap:
+                return corner
+    return middle
 
 
 def _without_doubles(curves: Sequence[tuple[Curve, str]], nodes: np.ndarray) -> list[int]:
@@ -213,7 +249,9 @@ def _chained(
     return loops
 
 
-def _nested(loops: list[tuple[list[Curve], str]], unit: float, unit_name: str, at: Any) -> Part:
+def _nested(
+    loops: list[tuple[list[Curve], str]], unit: float, unit_name: str, rounding: float, at: Any
+) -> Part:
     from shapely import Polygon, STRtree
 
     rings = []
@@ -252,13 +290,14 @@ def _nested(loops: list[tuple[list[Curve], str]], unit: float, unit_name: str, a
     for i, (loop, layer) in enumerate(loops):
         outward = rings[i].exterior.is_ccw == (depth[i] == 0)
         turned = loop if outward else [Curve(c.end, c.start, -c.bulge) for c in reversed(loop)]
-        made.append(Contour(strokes=tuple(tidy(turned)), layer=layer))
+        made.append(Contour(strokes=tuple(tidy(turned, rounding)), layer=layer))
     outline = made[outer[0]]
     return Part(
         outline=outline,
         openings=tuple(c for c in made if c is not outline),
         unit=unit,
         unit_name=unit_name,
+        rounding=rounding,
     )
 
 

@@ -97,7 +97,13 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
         raise StageError(
             f"a drawing ends in {', '.join(DRAWINGS)}, got '{path}': export it as one of them"
         )
-    part = part_of(sheet.curves, gap=o.gap, unit=sheet.unit, unit_name=sheet.unit_name)
+    part = part_of(
+        sheet.curves,
+        gap=o.gap,
+        unit=sheet.unit,
+        unit_name=sheet.unit_name,
+        rounding=sheet.rounding,
+    )
     found = find_necks(part, o.neck_limit)
     drawn = bodies_of(part, found.necks)
     bodies, order = _named_bodies(part, drawn, o, sheet)

@@ -39,6 +39,8 @@ _OTHER_LAYERS = (
 _OTHER_LINES = ("center", "hidden", "phantom", "dashdot", "dashed", "mitte", "verdeckt")
 
 _CURVE = 0.1e-6  # corners of splines and ellipses are so close that chords are off by less [m]
+# rounding that matters, and that which only round numbers can have [m]
+_ALL_DIGITS, _TOO_FEW = 1e-9, 3e-6
 _FLAT = 1e-6  # a direction is that of the plane to this
 
 
@@ -67,6 +69,8 @@ class Sheet:
     """Lines on the layers of drives and probes, each with its layer."""
     words: tuple[Word, ...] = ()
     """Its texts on those layers."""
+    rounding: float = 0.0
+    """Largest error of a coordinate for want of digits in the file [m]."""
     left_out: tuple[tuple[str, int], ...] = ()
     """Kinds of entities that were left out, and how many of each."""
     thickness: float | None = None
@@ -128,8 +132,39 @@ def read_dxf(
         unit_name=name,
         arrows=tuple(arrows),
         words=tuple(words),
+        rounding=_rounding(curves, scale),
         left_out=tuple(sorted(left.items())),
     )
+
+
+def _rounding(curves: list[tuple[Curve, str]], scale: float) -> float:
+    """Return the error of coordinates that were written with few digits; 0 where they have all.
+
+    Programs write so many significant digits, or so many decimals. Where even the longest numbers
+    have few, they may as well be round as they are: then nothing is known, and nothing allowed for.
+    """
+    import numpy as np
+
+    values = np.unique([abs(v) / scale for c, _ in curves for p in c[:2] for v in p])
+    largest = float(values[-1]) if len(values) else 0.0
+    if largest <= 0.0:
+        return 0.0
+    decade = math.floor(math.log10(largest))
+    # the longest numbers show how many digits there are, and then all must have no more: of
+    # significant ones, or of decimals
+    longest = values[values >= 10.0**decade].tolist()
+    for digits in range(1, 13):
+        forms = (f".{digits}g", f".{max(digits - decade - 1, 0)}f")
+        if any(_written(longest, form) for form in forms):
+            known = any(_written(values.tolist(), form) for form in forms)
+            found = 0.5 * 10.0 ** (decade + 1 - digits) * scale
+            return found if known and _ALL_DIGITS < found <= _TOO_FEW else 0.0
+    return 0.0
+
+
+def _written(values: list[float], form: str) -> bool:
+    """Say whether numbers are what a format writes of them."""
+    return all(abs(float(f"{v:{form}}") - v) <= 1e-13 * v for v in values)
 
 
 def _document(path: Path) -> Any:

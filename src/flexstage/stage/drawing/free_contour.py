@@ -12,7 +12,7 @@ from flexstage.hinges import AsDrawn, Profile
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.notch import LEAF_STEP, Frame, Sides, quarter, slope_at
 from flexstage.stage.drawing.smooth_fit import chains_of, nearest_frame
-from flexstage.stage.drawing.strokes import Stroke
+from flexstage.stage.drawing.strokes import Stroke, rounded
 from flexstage.stage.outline import arc
 
 _BACK = 0.15  # a side comes back where its slope is below level, or beyond upright, by more [rad]
@@ -71,9 +71,14 @@ def _first_frame(sides: Sides) -> Frame | None:
     if not right.bulge and not left.bulge:
         if abs(ax * by - ay * bx) < _PARALLEL:
             wa, wb = right.length, left.length
-            p, q = sides.right.at, sides.left.at
-            at = (0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]))
-            return Frame(at, math.atan2(wa * ay - wb * by, wa * ax - wb * bx))
+            frame = Frame(right.start, math.atan2(wa * ay - wb * by, wa * ax - wb * bx))
+            ends = frame.local(np.array([*right[:2], *left[:2]]))
+            low = max(min(ends[0, 0], ends[1, 0]), min(ends[2, 0], ends[3, 0]))
+            high = min(max(ends[0, 0], ends[1, 0]), max(ends[2, 0], ends[3, 0]))
+            x, y = 0.5 * float(low + high), 0.5 * float(np.mean(ends[2:, 1]) + np.mean(ends[:2, 1]))
+            c, s = math.cos(frame.direction), math.sin(frame.direction)
+            at = (right.start[0] + c * x - s * y, right.start[1] + s * x + c * y)
+            return Frame(at, frame.direction)
     elif right.bulge < 0.0 and left.bulge < 0.0:
         cr, cl = arc(*right)[0], arc(*left)[0]
         p, q = _towards(right, cl), _towards(left, cr)
@@ -186,11 +191,11 @@ def _profile(
     if chosen[-1][1] < _LEAST_DEPTH * placed.neck:
         return None
     return AsDrawn(
-        neck_thickness=_neat(placed.neck),
+        neck_thickness=rounded(placed.neck),
         one_sided=one_sided,
-        distances=tuple(_neat(x) for x, _, _ in chosen[1:]),
-        depths=tuple(_neat(max(d, 0.0)) for _, d, _ in chosen[1:]),
-        bulges=tuple(b + 0.0 for _, _, b in chosen[1:]),
+        distances=tuple(rounded(x) for x, _, _ in chosen[1:]),
+        depths=tuple(rounded(max(d, 0.0)) for _, d, _ in chosen[1:]),
+        bulges=tuple(round(b, 12) + 0.0 for _, _, b in chosen[1:]),
     )
 
 
@@ -236,7 +241,3 @@ def _from_neck(curve: Curve, frame: Frame, left: bool, ahead: bool) -> Curve | N
         middle = 0.5 * (low + high)
         low, high = (low, middle) if along(middle) > 0.0 else (middle, high)
     return curve.part(high, 1.0)
-
-
-def _neat(value: float) -> float:
-    return round(float(value), 13)

@@ -15,14 +15,13 @@ from flexstage.stage.drawing.contours import Part
 from flexstage.stage.drawing.strokes import LARGEST_CHORD_ERROR, Pair, Stroke
 from flexstage.stage.drawing.thickness import Place
 
-#: Largest distance of what was drawn from the profile that it is taken for [m].
-FIT_TOLERANCE = 0.5e-6
 #: Deepest step of a leaf, in its thicknesses, where the edges of the bodies have room for more.
 LEAF_STEP = 4.0
 
 _CHORD = 2e-6  # points on arcs are so close that chords are off by less [m]
 # a contour that goes on with such a slope against the hinge gets deeper [rad]
 _FLANK = (0.1, 1.3)
+_LEVEL = 0.01  # one of less slope runs along the hinge [rad]
 _MOST = 4000  # pieces of a contour that one side of a notch may have
 
 
@@ -114,7 +113,7 @@ def distance_from(profile: Profile, sides: Sides, frame: Frame) -> float:
     What lies beyond the root of the profile does not count.
     """
     half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
-    slack = 2.0 * FIT_TOLERANCE
+    slack = 2.0 * sides.part.tolerance
     worst = 0.0
     if not _lines_follow(profile, sides, frame):
         return math.inf
@@ -173,10 +172,12 @@ def goes_on(profile: Profile, sides: Sides, frame: Frame) -> bool:
     A notch that ends there is but a part of what was drawn.
     """
     half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
+    end = float(profile.pieces()[-1](np.array([1.0]))[2][0])
     for left in (True,) if profile.one_sided else (False, True):
         for ahead in (False, True):
             slope = _slope_beyond(sides, frame, neck, (half, profile.depth), left, ahead)
-            if not _FLANK[0] < slope < _FLANK[1]:
+            smooth = abs(slope - end) < _FLANK[0] and slope > _LEVEL
+            if not (smooth or slope > _FLANK[0]) or slope > _FLANK[1]:
                 return False
     return True
 
@@ -193,11 +194,11 @@ def _slope_beyond(
         curve = stroke.curve
         if found:
             return slope_at(curve, frame, left, ahead, 0.0)
-        if math.dist(curve.end, point) < 2.0 * FIT_TOLERANCE:
+        if math.dist(curve.end, point) < 2.0 * sides.part.tolerance:
             found = True
             continue
         share = curve.share(point)
-        if share is not None and math.dist(curve.point(share), point) < 2.0 * FIT_TOLERANCE:
+        if share is not None and math.dist(curve.point(share), point) < 2.0 * sides.part.tolerance:
             return slope_at(curve, frame, left, ahead, share)
     return 0.0
 

@@ -1,7 +1,7 @@
 """Which profile a neck has: by its own lines and arcs first, then by a fit, else as it was drawn.
 
 Whatever is proposed is held against what was drawn, and counts where all of it lies within
-`FIT_TOLERANCE`.
+`Part.tolerance`.
 """
 
 import math
@@ -17,7 +17,6 @@ from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.contours import Part
 from flexstage.stage.drawing.free_contour import free_contour
 from flexstage.stage.drawing.notch import (
-    FIT_TOLERANCE,
     LEAF_STEP,
     Frame,
     Sides,
@@ -26,7 +25,7 @@ from flexstage.stage.drawing.notch import (
     slope_at,
 )
 from flexstage.stage.drawing.smooth_fit import smooth_fits
-from flexstage.stage.drawing.strokes import Pair, Stroke
+from flexstage.stage.drawing.strokes import Pair, Stroke, rounded
 from flexstage.stage.drawing.thickness import Pass, Place
 from flexstage.stage.outline import arc
 
@@ -34,6 +33,7 @@ _TANGENT = 2e-3  # a corner that turns less is none [rad]
 _PARALLEL = 0.02  # two sides that could be those of a leaf differ by no more [rad]
 # a fit is as near as before where what was drawn is off by this much more, or less than that [m]
 _AS_NEAR, _NOTHING = 1.3, 1e-12
+_EXACT = 10e-9  # a profile that is off by less is no other one [m]
 _DIGITS = (6, 7, 8, 9)  # decimals of a length in metres that are tried for a dimension
 
 _SHARE = 0.45  # of an edge between two leaves, for the step of each
@@ -64,18 +64,32 @@ def neck_of(part: Part, found: Pass) -> Neck | None:
         best: Neck | None = None
         for turned, frame, profile in proposed(sides):
             off = distance_from(profile, turned, frame)
-            if off > FIT_TOLERANCE or (best is not None and off >= 0.5 * best.off):
+            if off > part.tolerance or (best is not None and off >= 0.5 * best.off):
                 continue
             if profile.kind == AsDrawn.kind or not goes_on(profile, turned, frame):
                 best = Neck(turned, frame, profile, off, found)
+                if off < _EXACT:
+                    break
         if best is not None:
             return _rounded(best)
     return None
 
 
 def _rounded(neck: Neck) -> Neck:
-    """Return a neck with the roundest dimensions that are as near to what was drawn."""
-    if neck.off < _NOTHING or neck.profile.kind == AsDrawn.kind:
+    """Return a neck with the roundest place and sizes that are as near to what was drawn."""
+    if neck.off < _NOTHING:
+        return neck
+    room = _AS_NEAR * neck.off
+    x, y = (rounded(c, neck.off) for c in neck.frame.at)
+    degrees = math.degrees(neck.frame.direction)
+    lean = math.radians(abs(degrees - round(degrees))) * neck.profile.length
+    direction = math.radians(round(degrees)) if lean < neck.off else neck.frame.direction
+    for frame in (Frame((x, y), direction), Frame((x, y), neck.frame.direction)):
+        off = distance_from(neck.profile, neck.sides, frame)
+        if off <= room:
+            neck = neck._replace(frame=frame, off=off)
+            break
+    if neck.profile.kind == AsDrawn.kind:
         return neck
     sizes: dict[str, Any] = {f.name: getattr(neck.profile, f.name) for f in fields(neck.profile)}
     for digits in _DIGITS:
@@ -89,7 +103,7 @@ def _rounded(neck: Neck) -> Neck:
         except HingeError:
             continue
         off = distance_from(profile, neck.sides, neck.frame)
-        if off <= _AS_NEAR * neck.off:
+        if off <= room:
             return neck._replace(profile=profile, off=off)
     return neck
 
@@ -107,7 +121,7 @@ def parted(necks: Sequence[Neck]) -> list[Neck]:
             for n in found:
                 leaf = out[n].profile
                 assert isinstance(leaf, Leaf)
-                depth = min(leaf.notch_depth, _neat(_SHARE * curve.length))
+                depth = min(leaf.notch_depth, rounded(_SHARE * curve.length))
                 out[n] = out[n]._replace(profile=replace(leaf, notch_depth=depth))
     return out
 
@@ -172,7 +186,7 @@ def _by_pieces(sides: Sides) -> Iterator[Proposal]:
 
 def _two_arcs(sides: Sides, right: Curve, left: Curve) -> Iterator[Proposal]:
     (cr, rr, _, _), (cl, rl, _, _) = arc(*right), arc(*left)
-    if abs(rr - rl) > FIT_TOLERANCE:
+    if abs(rr - rl) > sides.part.tolerance:
         return
     apart = math.dist(cr, cl)
     radius, neck = 0.5 * (rr + rl), apart - rr - rl
@@ -218,9 +232,9 @@ def _round(
         tangent = straight and abs(lean - turns[-1]) < max(_TANGENT, 0.1 * turns[-1])
         flanks.append(following.length if tangent and following else 0.0)
         leans.append(lean)
-    common = {"neck_thickness": _neat(neck), "one_sided": one_sided}
-    if min(turns) >= 0.5 * math.pi - FIT_TOLERANCE / radius:
-        yield sides, frame, RightCircular(radius=_neat(radius), **common)
+    common = {"neck_thickness": rounded(neck), "one_sided": one_sided}
+    if min(turns) >= 0.5 * math.pi - sides.part.tolerance / radius:
+        yield sides, frame, RightCircular(radius=rounded(radius), **common)
         return
     shallow = min(turns)
     if min(flanks) > 0.0:
@@ -232,9 +246,9 @@ def _round(
             sides,
             frame,
             VFillet(
-                half_opening_angle=_neat(0.5 * math.pi - shallow),
-                fillet_radius=_neat(radius),
-                notch_depth=_neat(depth) if min(flanks) > 0.0 else depth * (1.0 + 1e-9),
+                half_opening_angle=rounded(0.5 * math.pi - shallow),
+                fillet_radius=rounded(radius),
+                notch_depth=rounded(depth) if min(flanks) > 0.0 else depth * (1.0 + 1e-9),
                 **common,
             ),
         )
@@ -281,7 +295,7 @@ def _two_lines(sides: Sides, right: Curve, left: Curve) -> Iterator[Proposal]:
     at = (origin[0] + c * centre - s * middle, origin[1] + s * centre + c * middle)
     frame = Frame(at, direction)
     deep = {
-        key: end.kind != "other" and end.x < x[key[1]] + 2.0 * FIT_TOLERANCE
+        key: end.kind != "other" and end.x < x[key[1]] + 2.0 * sides.part.tolerance
         for key, end in ends.items()
     }
     if all(deep.values()):
@@ -299,16 +313,16 @@ def _flat(
 ) -> Iterator[Proposal]:
     kinds = {end.kind for end in ends}
     sizes = [end.size for end in ends]
-    common = {"neck_thickness": _neat(neck), "one_sided": one_sided}
+    common = {"neck_thickness": rounded(neck), "one_sided": one_sided}
     if kinds == {"fillet"}:
         radius = sum(sizes) / len(sizes)
-        length = _neat(flat + 2.0 * radius)
-        fillet = min(_neat(radius), 0.5 * length)
+        length = rounded(flat + 2.0 * radius)
+        fillet = min(rounded(radius), 0.5 * length)
         yield sides, frame, CornerFilleted(notch_length=length, fillet_radius=fillet, **common)
     elif kinds == {"step"}:
         # a leaf between wide bodies: as deep as the shortest edge, or so much that more is alike
         depth = min(*sizes, LEAF_STEP * neck)
-        yield sides, frame, Leaf(leaf_length=_neat(flat), notch_depth=_neat(depth), **common)
+        yield sides, frame, Leaf(leaf_length=rounded(flat), notch_depth=rounded(depth), **common)
 
 
 def _flat_end(sides: Sides, frame: Frame, left: bool, ahead: bool) -> _End:
@@ -324,8 +338,8 @@ def _flat_end(sides: Sides, frame: Frame, left: bool, ahead: bool) -> _End:
         stop = slope_at(following, frame, left, ahead, 1.0)
         upright = stop if stop > 0.0 else stop + 2.0 * math.pi
         radius = abs(following.radius)
-        smooth = abs(start) < max(_TANGENT, math.sqrt(2.0 * FIT_TOLERANCE / radius))
-        round_enough = upright >= 0.5 * math.pi - max(FIT_TOLERANCE / radius, 1e-6)
+        smooth = abs(start) < max(_TANGENT, math.sqrt(2.0 * sides.part.tolerance / radius))
+        round_enough = upright >= 0.5 * math.pi - max(sides.part.tolerance / radius, 1e-6)
         turns_out = slope_at(following, frame, left, ahead, 0.5) > 0.0
         if smooth and turns_out and round_enough:
             # the centre of the fillet says where it begins, to the last digit
@@ -333,7 +347,7 @@ def _flat_end(sides: Sides, frame: Frame, left: bool, ahead: bool) -> _End:
             x = float(frame.local(np.array([centre]))[0, 0]) * (1.0 if ahead else -1.0)
             return _End(x, "fillet", radius)
         return _End(x, "other", 0.0)
-    if abs(start - 0.5 * math.pi) * following.length < 2.0 * FIT_TOLERANCE:
+    if abs(start - 0.5 * math.pi) * following.length < 2.0 * sides.part.tolerance:
         return _End(x, "step", following.length)
     return _End(x, "other", 0.0)
 
@@ -343,8 +357,3 @@ def _first(sides: Sides, left: bool, ahead: bool, count: int) -> Iterator[Stroke
         if k == count:
             return
         yield stroke
-
-
-def _neat(value: float) -> float:
-    """Round to a tenth of a picometre, which takes the noise of units off."""
-    return round(value, 13)

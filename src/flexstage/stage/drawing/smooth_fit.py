@@ -8,16 +8,24 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import HingeError
-from flexstage.hinges import Elliptical, Hyperbolic, Parabolic, PowerFunction, Profile
-from flexstage.stage.drawing.notch import FIT_TOLERANCE, Frame, Sides, quarter
-from flexstage.stage.drawing.strokes import Stroke
+from flexstage.hinges import (
+    Elliptical,
+    Hyperbolic,
+    Parabolic,
+    PowerFunction,
+    Profile,
+    RightCircular,
+)
+from flexstage.stage.drawing.notch import Frame, Sides, quarter
+from flexstage.stage.drawing.strokes import Stroke, rounded
 
 #: A corner that turns more than this ends a smooth side [rad].
 CORNER = math.radians(40.0)
 
 _CHORD = 0.5e-6  # points on arcs are so close that chords are off by less [m]
 _LONG = 2.5  # a line that is so many times as long as what it goes on from is of a body
-_FEWEST, _MOST = 12, 160  # points of a side that is fitted
+_FEWEST, _MOST = 9, 160  # points of a side that is fitted
+_STEPS, _NEAR = (12, 60), 1e-2  # steps until a fit is near, and in all; what is near, in sizes
 _PARALLEL = 1e-3  # the straight side of a notch may lean by so much at first [rad]
 
 
@@ -172,7 +180,7 @@ _KINDS = (
 
 def _two_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, Frame, Profile]]:
     begin = nearest_frame(chains)
-    if begin is None or len(chains.right) + len(chains.left) < _FEWEST:
+    if begin is None or min(len(chains.right), len(chains.left)) < _FEWEST:
         return
     frame, thickness = begin
 
@@ -235,8 +243,6 @@ def _solutions(
     placed: Callable[[Any], tuple[Array, Array, float]], start: list[float]
 ) -> Iterator[tuple[_Kind, Any, Any]]:
     """Fit each formula; give the place and the parameters of those that come near."""
-    from scipy.optimize import least_squares
-
     x, d, _ = placed(start)
     reach, deep = float(np.max(np.abs(x))), float(np.max(d))
     if deep <= 0.0:
@@ -246,26 +252,52 @@ def _solutions(
         best = None
         for guess in kind.guesses(reach, deep):
 
-            def residual(v: Any, kind: _Kind = kind) -> Array:
+            def residual(v: Array, kind: _Kind = kind) -> Array:
                 x, d, t = placed(v[:count])
                 with np.errstate(all="ignore"):
                     r = kind.residual(v[count:], x, d, t)
-                return np.clip(np.nan_to_num(r, nan=1.0, posinf=1.0, neginf=-1.0), -1.0, 1.0)
+                return np.where(np.abs(r) < 1.0, r, 1.0)
 
-            found = least_squares(
-                residual,
-                [*start, *guess],
-                method="lm",
-                xtol=1e-13,
-                ftol=1e-14,
-                gtol=1e-14,
-                max_nfev=300,
-            )
-            worst = float(np.max(np.abs(found.fun)))
+            found = _fitted(residual, np.array([*start, *guess]))
+            worst = float(np.max(np.abs(residual(found))))
             if best is None or worst < best[0]:
-                best = (worst, found.x)
-        if best is not None and best[0] < 1e-2:
+                best = (worst, found)
+        if best is not None and best[0] < _NEAR:
             yield kind, best[1][:count].tolist(), best[1][count:].tolist()
+
+
+def _fitted(residual: Callable[[Array], Array], start: Array) -> Array:
+    """Return the parameters of the smallest squares of a residual.
+
+    Damped Gauss-Newton steps (K. Levenberg, Quart. Appl. Math. 2 (1944) 164; D. W. Marquardt, J.
+    Soc. Indust. Appl. Math. 11 (1963) 431); a fit that is not near after the first ones is given
+    up.
+    """
+    x, r = start, residual(start)
+    damping = 1e-3
+    for step in range(_STEPS[1]):
+        if step == _STEPS[0] and float(np.max(np.abs(r))) > _NEAR:
+            break
+        moves = 1e-7 * np.maximum(np.abs(x), 1e-2)
+        columns = [
+            (residual(x + m * e) - r) / m for m, e in zip(moves, np.eye(len(x)), strict=True)
+        ]
+        jacobian = np.column_stack(columns)
+        normal, slope = jacobian.T @ jacobian, jacobian.T @ r
+        scale = np.diag(np.maximum(np.diag(normal), 1e-12))
+        while damping < 1e6:
+            trial = x - np.linalg.solve(normal + damping * scale, slope)
+            after = residual(trial)
+            if float(after @ after) < float(r @ r):
+                break
+            damping *= 10.0
+        else:
+            break
+        moved = float(np.max(np.abs(trial - x)))
+        x, r, damping = trial, after, max(0.1 * damping, 1e-14)
+        if moved < 1e-13:
+            break
+    return x
 
 
 def _made(
@@ -288,25 +320,26 @@ def _made(
         for ahead in (False, True):
             ends.append(float(np.max(quarter(frame, half_neck, points, left, ahead)[:, 0])))
     reach = min(ends)
-    if max(ends) - reach < FIT_TOLERANCE:
+    if max(ends) - reach < sides.part.tolerance:
         reach = sum(ends) / len(ends)
     if not neck > 0.0 or (kind.profile is not Elliptical and not p[0] > -50.0):
         return
     try:
         sizes = kind.build(p, reach / size, t)
         made = kind.profile(
-            neck_thickness=_neat(neck),
+            neck_thickness=rounded(neck),
             one_sided=one_sided,
-            **{k: _exponent(v) if k == "exponent" else _neat(v * size) for k, v in sizes.items()},
+            **{k: _exponent(v) if k == "exponent" else rounded(v * size) for k, v in sizes.items()},
         )
     except (HingeError, OverflowError, ValueError):
         return  # dimensions that no notch of this kind has
+    if isinstance(made, Elliptical) and (
+        abs(made.half_length - made.notch_depth) < sides.part.tolerance
+    ):
+        radius = rounded(0.5 * (made.half_length + made.notch_depth))
+        made = RightCircular(neck_thickness=rounded(neck), one_sided=one_sided, radius=radius)
     yield sides, frame, made
 
 
 def _exponent(value: float) -> float:
     return round(float(value), 7)
-
-
-def _neat(value: float) -> float:
-    return round(float(value), 13)

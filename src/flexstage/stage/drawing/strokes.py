@@ -19,9 +19,13 @@ ARC_TOLERANCE = 0.2e-6
 LARGEST_CHORD_ERROR = 25e-6
 # the same corners are tried with tighter tolerances first, so that an arc does not reach into what
 # goes on from it smoothly
-_TOLERANCES = (2e-9, 20e-9, ARC_TOLERANCE)
+_TOLERANCES = (2e-9, 20e-9)
 _SHARPEST = math.radians(50.0)  # largest turn of a polyline between two chords of an arc
 _FEWEST = 3  # chords of an arc
+_UNEVEN = math.log(
+    6.0
+)  # neighbouring chords of an arc differ by less than this ratio, as logarithm
+_ROUND_CORNERS = 12  # of a polygon that stands for a circle
 _CURVED = 50.0  # an arc rises this many tolerances above its chord
 _ROUND = 1.9 * math.pi  # more than this is never one arc
 _SAME = 1e-9  # two points, or two circles, are one [m]
@@ -58,8 +62,32 @@ class Stroke(NamedTuple):
         return [c.point(k / count) for k in range(count + 1)]
 
 
-def tidy(loop: Sequence[Curve]) -> list[Stroke]:
-    """Return a closed contour as few pieces."""
+def rounded(value: float, room: float = 0.0) -> float:
+    """Return a round length, to a tenth of a micrometre or more, that is within some room [m].
+
+    Where none is, it is rounded to a tenth of a picometre, which takes the noise of units off.
+
+    Examples
+    --------
+    >>> rounded(6.9999916237e-3, 0.02e-6), rounded(1.9999999999999998e-3)
+    (0.007, 0.002)
+    """
+    value = float(value)
+    for digits in range(4, 8):
+        if abs(round(value, digits) - value) <= room:
+            return round(value, digits) + 0.0
+    return round(value, 13) + 0.0
+
+
+def tidy(loop: Sequence[Curve], rounding: float = 0.0) -> list[Stroke]:
+    """Return a closed contour as few pieces; coordinates may be off by a rounding [m]."""
+    tolerance = max(ARC_TOLERANCE, 2.0 * rounding)
+    corners = np.array([c.start for c in loop])
+    if len(corners) >= _ROUND_CORNERS and not any(c.bulge for c in loop):
+        _, radius, off = circle_of(corners)
+        half = 0.5 * max(c.length for c in loop)
+        if off <= tolerance and _chord_error(radius, half) <= LARGEST_CHORD_ERROR:
+            return _as_arcs(np.vstack([corners, corners[:1]]))
     strokes = [Stroke(c) for c in loop if math.dist(c.start, c.end) > 0.0]
     # begin at the longest straight line, or at an arc: no polyline that stands for an arc is cut
     lengths = [math.inf if s.curve.bulge else s.curve.length for s in strokes]
@@ -69,14 +97,14 @@ def tidy(loop: Sequence[Curve]) -> list[Stroke]:
     run: list[Pair] = []
     for stroke in strokes:
         if stroke.curve.bulge:
-            made += _refined(run)
+            made += _refined(run, tolerance)
             run = []
             made.append(stroke)
         else:
             run = run or [stroke.curve.start]
             run.append(stroke.curve.end)
-    made += _refined(run)
-    return _merged(made)
+    made += _refined(run, tolerance)
+    return _merged(made, tolerance, max(_SAME, 4.0 * rounding))
 
 
 def circle_of(points: Array) -> tuple[Pair, float, float]:
@@ -85,34 +113,46 @@ def circle_of(points: Array) -> tuple[Pair, float, float]:
     Least squares of the algebraic distance (I. Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8), then
     two Gauss-Newton steps of the true distance.
     """
-    origin = points.mean(axis=0)
-    p = points - origin
-    scale = float(np.max(np.abs(p)))
-    p = p / scale
-    a = np.column_stack([2.0 * p, np.ones(len(p))])
-    solved = np.linalg.lstsq(a, np.sum(p**2, axis=1), rcond=None)[0]
-    centre = solved[:2]
-    radius = math.sqrt(max(float(solved[2] + centre @ centre), 0.0))
+    (x0, y0), scale = points[0], float(np.max(np.ptp(points, axis=0)))
+    u, v = (points[:, 0] - x0) / scale, (points[:, 1] - y0) / scale
+    rows = np.array([u, v, np.ones_like(u)])
+    found = _solved(rows, 0.5 * (u * u + v * v))
+    if found is None:
+        return (float(x0), float(y0)), math.inf, math.inf
+    cx, cy = found[0], found[1]
+    radius = math.sqrt(max(2.0 * found[2] + cx * cx + cy * cy, 0.0))
+    distance = np.hypot(u - cx, v - cy)
     for _ in range(2):
-        away = p - centre
-        distance = np.hypot(*away.T)
-        if not np.all(distance > 0.0):
+        if not radius or float(np.min(distance)) <= 0.0:
             break
-        jacobian = np.column_stack([-away / distance[:, None], -np.ones(len(p))])
-        step = np.linalg.lstsq(jacobian, radius - distance, rcond=None)[0]
-        centre, radius = centre + step[:2], radius + float(step[2])
-    off = float(np.max(np.abs(np.hypot(*(p - centre).T) - radius)))
-    x, y = (centre * scale + origin).tolist()
-    return (x, y), radius * scale, off * scale
+        rows[0], rows[1] = (u - cx) / distance, (v - cy) / distance
+        step = _solved(rows, distance - radius)
+        if step is None:
+            break
+        cx, cy, radius = cx + step[0], cy + step[1], radius + step[2]
+        distance = np.hypot(u - cx, v - cy)
+    off = float(np.max(np.abs(distance - radius)))
+    return (float(x0 + scale * cx), float(y0 + scale * cy)), radius * scale, off * scale
 
 
-def _refined(run: list[Pair]) -> list[Stroke]:
+def _solved(rows: Array, right: Array) -> tuple[float, float, float] | None:
+    """Solve a small least-squares problem, the better the points are spread; None for a line."""
+    q, r = np.linalg.qr(rows.T)
+    if abs(r[2, 2]) < 1e-14 or abs(r[1, 1]) < 1e-14:
+        return None
+    d0, d1, d2 = (q.T @ right).tolist()
+    c = d2 / r[2, 2]
+    b = (d1 - r[1, 2] * c) / r[1, 1]
+    return float((d0 - r[0, 1] * b - r[0, 2] * c) / r[0, 0]), float(b), float(c)
+
+
+def _refined(run: list[Pair], tolerance: float) -> list[Stroke]:
     """Return the lines and arcs that a polyline stands for."""
     out: list[Stroke] = []
     i, last = 0, len(run) - 1
     points = np.array(run)
     while i < last:
-        j = _arc_end(points, i) if last - i >= _FEWEST else i
+        j = _arc_end(points, i, tolerance) if last - i >= _FEWEST else i
         if j > i:
             out += _as_arcs(points[i : j + 1])
             i = j
@@ -122,31 +162,39 @@ def _refined(run: list[Pair]) -> list[Stroke]:
     return out
 
 
-def _arc_end(points: Array, i: int) -> int:
+def _arc_end(points: Array, i: int, loosest: float) -> int:
     """Return the last corner of the arc that begins at a corner; that corner where none does."""
     steps = np.diff(points[i:], axis=0)
-    # no chord of an arc is much longer than the one before it, and all turn to the same side
+    # no chord of an arc is much longer than its neighbour, and all turn to the same side
     lengths = np.hypot(*steps.T)
     turns = np.arctan2(
         steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0],
         np.sum(steps[:-1] * steps[1:], axis=1),
     )
     good = (np.abs(turns) < _SHARPEST) & (turns * turns[0] > 0.0)
+    good &= np.abs(np.log(lengths[1:] / lengths[:-1])) < _UNEVEN
     most = int(np.argmin(good)) if not np.all(good) else len(good)
     if most + 1 < _FEWEST or turns[0] == 0.0:
         return i
-    end = i + most + 1
-    for tolerance in _TOLERANCES:
+    end, reached = i + most + 1, i
+    for tolerance in (*_TOLERANCES, loosest):
         j = _reach(points, i, end, tolerance)
         if j - i < _FEWEST:
             continue
         _, radius, _ = circle_of(points[i : j + 1])
         half = 0.5 * float(np.max(lengths[: j - i]))
-        if half >= radius or radius - math.sqrt(radius**2 - half**2) > LARGEST_CHORD_ERROR:
+        if _chord_error(radius, half) > LARGEST_CHORD_ERROR:
             continue
         if _rise(points[i : j + 1]) > _CURVED * tolerance:
             return j
-    return i
+        reached = j
+    # no arc, but a curve that one stands for as well as its chords do
+    return reached
+
+
+def _chord_error(radius: float, half: float) -> float:
+    """Distance of a chord, of which half the length is given, from its arc [m]."""
+    return math.inf if half >= radius else radius - math.sqrt(radius**2 - half**2)
 
 
 def _reach(points: Array, i: int, end: int, tolerance: float) -> int:
@@ -200,38 +248,56 @@ def _as_arcs(points: Array) -> list[Stroke]:
     return made
 
 
-def _merged(strokes: list[Stroke]) -> list[Stroke]:
+def _merged(strokes: list[Stroke], tolerance: float, straight: float) -> list[Stroke]:
     """Join lines that go on straight, and arcs that go on on the same circle."""
     out: list[Stroke] = []
     for stroke in strokes:
-        joined = _join(out[-1], stroke) if out else None
+        joined = _join(out[-1], stroke, tolerance, straight) if out else None
         if joined is None:
             out.append(stroke)
         else:
             out[-1] = joined
-    while len(out) > 2 and (joined := _join(out[-1], out[0])) is not None:
+    while len(out) > 2 and (joined := _join(out[-1], out[0], tolerance, straight)) is not None:
         out = [joined, *out[1:-1]]
     return out
 
 
-def _join(a: Stroke, b: Stroke) -> Stroke | None:
+def _join(a: Stroke, b: Stroke, tolerance: float, straight: float) -> Stroke | None:
     """Return two pieces as one, where they are."""
-    trace = (*a.trace, *b.trace[1:]) if a.trace and b.trace else ()
     start, end = a.curve.start, b.curve.end
+    if a.trace or b.trace:
+        return _join_traces(a, b, tolerance)
     if not a.curve.bulge and not b.curve.bulge:
         length = math.dist(start, end)
         (ux, uy), (vx, vy) = a.curve.direction(0.0), b.curve.direction(0.0)
-        straight = abs(ux * vy - uy * vx) * min(a.curve.length, b.curve.length) < _SAME
-        if length > 0.0 and straight and ux * vx + uy * vy > 0.0:
+        off = abs(ux * vy - uy * vx) * min(a.curve.length, b.curve.length)
+        if length > 0.0 and off < straight and ux * vx + uy * vy > 0.0:
             return Stroke(Curve(start, end))
         return None
     if a.curve.bulge * b.curve.bulge <= 0.0:
         return None
     first, second = arc(*a.curve), arc(*b.curve)
-    same = ARC_TOLERANCE if a.trace or b.trace else _SAME
     sweep = first[3] + second[3]
-    near = math.dist(first[0], second[0]) < same and abs(first[1] - second[1]) < same
+    near = math.dist(first[0], second[0]) < _SAME and abs(first[1] - second[1]) < _SAME
     if not near or abs(sweep) > _ROUND:
         return None
-    # the sweep about the centre of the longer one ends in the right place to rounding
-    return Stroke(Curve(start, end, math.tan(0.25 * sweep)), trace)
+    return Stroke(Curve(start, end, math.tan(0.25 * sweep)))
+
+
+def _join_traces(a: Stroke, b: Stroke, tolerance: float) -> Stroke | None:
+    """Return two parts of a polyline as one arc, where all their corners lie on one circle."""
+    if a.curve.bulge * b.curve.bulge < 0.0 or any(s.curve.bulge and not s.trace for s in (a, b)):
+        return None
+    corners = [*(a.trace or a.curve[:2]), *(b.trace or b.curve[:2])[1:]]
+    points = np.array(corners)
+    (x, y), radius, off = circle_of(points)
+    half = 0.5 * float(np.max(np.hypot(*np.diff(points, axis=0).T)))
+    if off > tolerance or _chord_error(radius, half) > LARGEST_CHORD_ERROR:
+        return None
+    angles = np.unwrap(np.arctan2(points[:, 1] - y, points[:, 0] - x))
+    turns = np.diff(angles)
+    sweep = float(angles[-1] - angles[0])
+    same = bool(np.all(turns * sweep > 0.0)) and sweep * (a.curve.bulge + b.curve.bulge) > 0.0
+    if not same or abs(sweep) > _ROUND:
+        return None
+    return Stroke(Curve(corners[0], corners[-1], math.tan(0.25 * sweep)), tuple(corners))

@@ -25,6 +25,7 @@ _COARSE = 6000  # points of all contours at first
 _FINEST = 2e-6  # points are never nearer [m]
 _MOST = 400_000  # points in all
 _DENSE = 2.0  # points are nearer along a contour than this part of the thickness there, inverted
+_FLAT = 1e-7  # a triangle of less area, in squares of its longest side, is a line
 _AROUND = 3.0  # way along the contour, in straight ways, that makes two places opposite
 
 
@@ -178,7 +179,7 @@ def _passes(samples: _Samples) -> Relief:
     mesh = Delaunay((at - origin) / size)
     triangles = mesh.simplices
     inside = _within(samples, triangles)
-    radius, _ = _circles(at, triangles)
+    radius = _radii(at, triangles)
     first, second, edge = _shared(mesh, triangles, inside, samples)
     width = _widths(at, triangles, radius, first, second, edge)
     height = 2.0 * radius
@@ -199,7 +200,7 @@ def _passes(samples: _Samples) -> Relief:
             continue
         if top[a] < top[b]:
             a, b = b, a
-        if top[b] < LEAST_RATIO * width[e]:
+        if top[b] <= LEAST_RATIO * width[e]:
             hill[b] = a
         else:
             found.append((float(width[e]), a, b, e))
@@ -231,15 +232,18 @@ def _within(samples: _Samples, triangles: Any) -> Any:
     return contains_xy(shape, middle[:, 0], middle[:, 1])
 
 
-def _circles(at: Array, triangles: Any) -> tuple[Array, Array]:
-    """Return radii and areas of the circles through the corners of triangles."""
+def _radii(at: Array, triangles: Any) -> Array:
+    """Return radii of the circles through the corners of triangles.
+
+    Of three points in a line, which have none, it is half of the way between the outer two.
+    """
     a, b, c = (at[triangles[:, k]] for k in range(3))
     ab, ac, bc = b - a, c - a, c - b
     area = 0.5 * np.abs(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
-    product = np.hypot(*ab.T) * np.hypot(*ac.T) * np.hypot(*bc.T)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        radius = product / (4.0 * area)
-    return np.where(area > 0.0, radius, 0.0), area
+    sides = np.array([np.hypot(*ab.T), np.hypot(*ac.T), np.hypot(*bc.T)])
+    longest = sides.max(axis=0)
+    flat = area < _FLAT * longest**2
+    return np.where(flat, 0.5 * longest, sides.prod(axis=0) / (4.0 * np.where(flat, 1.0, area)))
 
 
 def _shared(mesh: Any, triangles: Any, inside: Any, samples: _Samples) -> tuple[Any, Any, Any]:
