@@ -121,26 +121,21 @@ def distance_from(profile: Profile, sides: Sides, frame: Frame) -> float:
         straight = profile.one_sided and not left
         deep = 0.0 if straight else profile.depth
         x, depth = points.T
-        within = (x >= 0.0) & (x <= half + slack) & (depth <= deep + slack)
-        # the first point beyond the root ends it: a contour may come back elsewhere
-        beyond = np.flatnonzero((x > half + slack) | ((x > 0.0) & (depth > deep + slack)))
-        if len(beyond):
-            within[beyond[0] :] = False
-        elif not (np.any(x >= half - slack) and np.any(depth[x >= half - slack] >= deep - slack)):
+        # where it comes to the end of the root, or passes by it: it may come back elsewhere
+        arrived = (x >= half - slack) & (depth >= deep - slack)
+        gone = (x > half + slack) | ((x > 0.0) & (depth > deep + slack))
+        ends = np.flatnonzero(arrived | gone)
+        if not len(ends):
             return math.inf
-        if straight:
-            off = np.abs(depth[within])
-            end = beyond[0] if len(beyond) else len(x)
-            goes_on = bool(len(beyond)) and abs(depth[end]) <= slack
-            reaches = goes_on or bool(np.max(x[:end], initial=0.0) >= half - slack)
-        else:
-            off = _off_contour(profile, points[within])
-            last = points[: beyond[0] + 1] if len(beyond) else points
-            reaches = bool(np.max(last[:, 0]) >= half - slack)
-            if profile.step == 0.0:
-                reaches &= bool(np.max(last[:, 1]) >= deep - slack)
-        if not reaches:
-            return math.inf
+        end = int(ends[0])
+        if not arrived[end]:
+            # the last piece goes on straight beyond the root, which lies on it
+            passes = straight and abs(depth[end]) <= slack
+            if not (passes or (not straight and profile.step == 0.0 and x[end] >= half - slack)):
+                return math.inf
+        keep = slice(0, end + 1 if not gone[end] else end)
+        within = points[keep][x[keep] >= 0.0]
+        off = np.abs(within[:, 1]) if straight else _off_contour(profile, within)
         worst = max(worst, float(np.max(off, initial=0.0)))
     return worst
 
@@ -148,6 +143,7 @@ def distance_from(profile: Profile, sides: Sides, frame: Frame) -> float:
 def _lines_follow(profile: Profile, sides: Sides, frame: Frame) -> bool:
     """Say whether straight lines, as chords of the profile, come near to it all along."""
     half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
+    slack = sides.part.tolerance
     for left in (True,) if profile.one_sided else (False, True):
         for ahead in (False, True):
             middles = []
@@ -155,11 +151,11 @@ def _lines_follow(profile: Profile, sides: Sides, frame: Frame) -> bool:
                 ends = quarter(frame, neck, np.array(stroke.curve[:2]), left, ahead)
                 if not stroke.curve.bulge and not stroke.trace:
                     middles.append(0.5 * (ends[0] + ends[1]))
-                if ends[1, 0] > half or ends[1, 1] > profile.depth:
+                if ends[1, 0] > half + slack or ends[1, 1] > profile.depth - slack:
                     break
             if middles:
                 at = np.array(middles)
-                inside = (at[:, 0] > 0.0) & (at[:, 0] < half) & (at[:, 1] < profile.depth)
+                inside = (at[:, 0] > 0.0) & (at[:, 0] < half - slack) & (at[:, 1] < profile.depth)
                 off = _off_contour(profile, at[inside])
                 if np.max(off, initial=0.0) > LARGEST_CHORD_ERROR:
                     return False
