@@ -61,7 +61,7 @@ def computed(name: str) -> list[Figures]:
 
 def row(figures: Figures) -> str:
     """Write a row of the table."""
-    cells = [" ".join(f"{v:#.4g}".rstrip(".") for v in values) for values in figures.values]
+    cells = [" / ".join(f"{v:#.4g}".rstrip(".") for v in values) for values in figures.values]
     return f"| {figures.design} | {figures.axis} | {' | '.join(cells)} |"
 
 
@@ -71,7 +71,7 @@ def printed() -> dict[tuple[str, str], Figures]:
     for line in PAGE.read_text(encoding="utf-8").splitlines():
         cells = [c.strip() for c in line.strip("|").split("|")]
         if line.startswith("|") and len(cells) == 2 + len(COLUMNS) and cells[0] in DESIGNS:
-            values = tuple(tuple(map(float, re.split(" +", c))) for c in cells[2:])
+            values = tuple(tuple(map(float, re.split("[ /]+", c))) for c in cells[2:])
             found[cells[0], cells[1]] = Figures(cells[0], cells[1], values)
     return found
 
