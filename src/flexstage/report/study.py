@@ -87,12 +87,13 @@ def report_html(study: Study) -> str:
                 _WrittenChapter(key=key, title=title, finding=finding, sections=sections)
             )
     free = sum(not body.fixed for body in stage.bodies)
+    drives = f"{len(stage.drives)} drive{'s'[len(stage.drives) == 1 :]}"
     return page_html(
         template="study.html",
         title=f"{stage.name}: flexstage study",
         heading=f"{stage.name}: {stage.title}" if stage.title else stage.name,
         lead=f"{outer_size(study)}; {stage.material.name}; {len(stage.bodies)} bodies ({free} "
-        f"free), {len(stage.hinges)} hinges, {len(stage.drives)} drives",
+        f"free), {len(stage.hinges)} hinges, {drives}",
         version=study.main.provenance.version,
         links=(("summary", "Result"), *((c.key, c.title) for c in chapters)),
         notes=stage.notes[:1],

@@ -336,7 +336,7 @@ def characteristic_length(stage: Stage, drives: Sequence[str], probe: str) -> fl
     --------
     >>> from flexstage.designs import design
     >>> print(f"{characteristic_length(design('parallelogram'), ['x'], 'x'):.4f} m")
-    0.0250 m
+    0.0262 m
     """
     at = stage.probe(probe).at
     return float(np.mean([math.dist(at, stage.drive(name).at[0]) for name in drives]))

@@ -40,7 +40,7 @@ def draw_found(drawn: "DrawnStage") -> "Figure":
     x0, y0, x1, y1 = x0 - margin, y0 - margin, x1 + margin, y1 + margin
     per_inch = max(x1 - x0, y1 - y0) / _LONGEST
     width, height = (x1 - x0) / per_inch, (y1 - y0) / per_inch
-    figure = new_figure(max(width, 3.4) + 0.7, height + 1.1)
+    figure = new_figure(max(width, 3.4) + 0.7, height + 1.4)
     axes = figure.subplots()
     dress(axes, grid=False)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
