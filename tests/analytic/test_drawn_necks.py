@@ -5,9 +5,12 @@ import math
 import pytest
 
 from flexstage.errors import StageError
-from flexstage.stage import Stage, check
+from flexstage.material import material
+from flexstage.stage import Body, Hinge, Loop, Stage, check
 from flexstage.stage.drawing.drawn_stage import DrawingOptions, read_drawing
 from tests import foreign_drawings as foreign
+from tests.drawing_stages import NOTCHES
+from tests.drawn_stages import dxf_without_hinges, require_same
 
 Corner = tuple[float, float, float]  # with the bulge of what follows
 
@@ -95,6 +98,49 @@ def test_leaves_beside_each_other_share_the_edge_between_them(apart: float, tmp_
         assert hinge.profile.kind == "leaf"
         assert hinge.profile.length == pytest.approx(20e-3, abs=1e-12)
         assert hinge.profile.depth < 0.5e-3 * apart
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["circular", "elliptical", "as-drawn"])
+def test_a_hundred_necks_are_found(kind: str, tmp_path) -> None:
+    profile = NOTCHES[kind]
+    length, wide = profile.length, profile.root_height
+    pitch, high = wide + 2.3e-3, length + 12e-3
+
+    def block(name: str, x0: float, y0: float, x1: float, y1: float, fixed: bool = False) -> Body:
+        return Body(name=name, outline=Loop(((x0, y0), (x1, y0), (x1, y1), (x0, y1))), fixed=fixed)
+
+    bodies = [
+        block("base", -5e-3, -20e-3, 50 * pitch + 5e-3, 0.0, True),
+        block("top", -5e-3, high + length, 50 * pitch + 5e-3, high + length + 15e-3),
+    ]
+    hinges = []
+    for k in range(50):
+        x = (k + 0.5) * pitch
+        bodies.append(block(f"bar{k}", x - 0.5 * wide, length, x + 0.5 * wide, high))
+        for end, (a, b), y in (
+            ("low", ("base", f"bar{k}"), 0.5 * length),
+            ("high", (f"bar{k}", "top"), high + 0.5 * length),
+        ):
+            hinges.append(
+                Hinge(
+                    name=f"{end}{k}",
+                    bodies=(a, b),
+                    at=(x, y),
+                    direction=0.5 * math.pi,
+                    profile=profile,
+                )
+            )
+    stage = Stage(
+        name="comb",
+        thickness=8e-3,
+        material=material("Al 7075-T6"),
+        bodies=tuple(bodies),
+        hinges=tuple(hinges),
+    )
+    path = tmp_path / "part.dxf"
+    dxf_without_hinges(stage).saveas(path)
+    require_same(read_drawing(path).stage, stage)
 
 
 def test_walls_beside_holes_and_pockets_are_no_necks(tmp_path) -> None:

@@ -88,11 +88,14 @@ def quarter(frame: Frame, half_neck: float, points: Array, left: bool, ahead: bo
     return np.column_stack([along, across - half_neck])
 
 
-def quarters(sides: Sides, frame: Frame, half_neck: float, reach: float) -> dict[tuple, Array]:
+def quarters(
+    sides: Sides, frame: Frame, half_neck: float, reach: float, deep: float
+) -> dict[tuple[bool, bool], Array]:
     """Return what was drawn on each side to each end, as distance from the neck and depth [m].
 
-    Each goes on until it is further along the hinge than `reach`, and comes as points that lie on
-    what was drawn; the key says whether it is on the left, and whether towards body b.
+    Each goes on until it is further along the hinge than `reach`, or deeper than `deep`, and comes
+    as points that lie on what was drawn; the key says whether it is on the left, and whether
+    towards body b.
     """
     out = {}
     for left in (False, True):
@@ -101,7 +104,7 @@ def quarters(sides: Sides, frame: Frame, half_neck: float, reach: float) -> dict
             for stroke in sides.walk(left, ahead):
                 points = np.array(stroke.points(_CHORD))
                 found.append(quarter(frame, half_neck, points, left, ahead))
-                if found[-1][-1, 0] > reach or found[-1][-1, 1] > 4.0 * reach + 20.0 * half_neck:
+                if found[-1][-1, 0] > reach or found[-1][-1, 1] > deep:
                     break
             out[left, ahead] = np.vstack(found)
     return out
@@ -117,7 +120,8 @@ def distance_from(profile: Profile, sides: Sides, frame: Frame) -> float:
     worst = 0.0
     if not _lines_follow(profile, sides, frame):
         return math.inf
-    for (left, _), points in quarters(sides, frame, neck, half + slack).items():
+    found = quarters(sides, frame, neck, half + slack, profile.depth + slack)
+    for (left, _), points in found.items():
         straight = profile.one_sided and not left
         deep = 0.0 if straight else profile.depth
         x, depth = points.T
