@@ -89,6 +89,22 @@ def test_what_is_no_contour_is_counted(tmp_path) -> None:
     }
 
 
+def test_holes_in_an_array_of_blocks_of_unequal_scales_are_round_again(tmp_path) -> None:
+    """A block drawn twice as wide as high, put in place in rows and columns, half as wide."""
+    stage = design("parallelogram")
+    document = foreign.soup(stage)
+    block = document.blocks.new("BOLT")
+    block.add_ellipse((0, 0), (3.0, 0.0), 0.5)
+    place = {"xscale": 0.5, "column_count": 3, "column_spacing": 3.5, "row_count": 2}
+    place |= {"row_spacing": 3.8}
+    document.modelspace().add_blockref("BOLT", (-7.0, -12.5), dxfattribs=place)
+    drawn = _read(document, tmp_path / "part.dxf", stage)
+    (base,) = (b for b in drawn.stage.bodies if b.fixed)
+    small = sorted(c.centre for c in base.mounting_holes if c.radius < 2e-3)
+    assert small == sorted((x, y) for x in (-7e-3, -3.5e-3, 0.0) for y in (-12.5e-3, -8.7e-3))
+    assert {c.radius for c in base.mounting_holes} == {1.5e-3, 2.75e-3}
+
+
 def test_lines_of_six_digits_give_round_places_and_drilled_holes(tmp_path) -> None:
     """A plate as a modeller of solids writes it: polygons of 96 and 48 sides, cut from a square."""
     from shapely import Polygon, box

@@ -18,7 +18,7 @@ from flexstage.fem import (
     superelement_model,
 )
 from flexstage.fem.geometry import patches, stage_faces
-from flexstage.fem.ports import body_motion, drive_vector, probe_vector
+from flexstage.fem.ports import body_motion, body_path, drive_vector, probe_vector
 from flexstage.lumped import lumped_system
 from flexstage.stage import Circle, ExtraMass, Probe, Stage
 from flexstage.system import analyse, load_readings, modes, static_displacements, static_forces
@@ -213,3 +213,25 @@ def test_a_leaf_does_not_turn_the_body_that_it_grows_from() -> None:
     assert abs(found["base"][2]) < 0.1 * rigid["platform"][2]
     whole = analyse(stage, plane_model(stage, MESH).system).axes[0].static.body_motion
     assert whole["platform"] == pytest.approx(found["platform"], rel=1e-3, abs=1e-8)
+
+
+def test_a_body_that_turns_far_is_read_where_it_is(model: StageModel) -> None:
+    continuum = model.problems[0].continuum
+    angle, shift, at = 0.31, (1.7e-3, -0.9e-3), (0.013, 0.052)
+    c, s = math.cos(angle), math.sin(angle)
+    x, y = ng.x / METRE, ng.y / METRE
+    field = ng.GridFunction(continuum.space)
+    field.Set(
+        ng.CoefficientFunction((shift[0] + (c - 1.0) * x - s * y, shift[1] + s * x + (c - 1.0) * y))
+    )
+    u = np.asarray(field.vec.FV().NumPy())[None]
+    expected = (
+        shift[0] + (c - 1.0) * at[0] - s * at[1],
+        shift[1] + s * at[0] + (c - 1.0) * at[1],
+        angle,
+    )
+    found = body_path(continuum, STAGE, "platform", at, u)
+    # the space gives nothing where the base is held, and the platform is not
+    assert found[0] == pytest.approx(expected, rel=1e-9)
+    small = body_motion(continuum, STAGE, "platform", at) @ u[0]
+    assert small != pytest.approx(expected, rel=1e-2)

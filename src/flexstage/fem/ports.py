@@ -64,6 +64,24 @@ def body_motion(continuum: Continuum, stage: Stage, body: str, at: tuple[float, 
     return motion if continuum.dimension == 2 else motion[[0, 1, 5]]
 
 
+def body_path(
+    continuum: Continuum, stage: Stage, body: str, at: tuple[float, float], u: Array
+) -> Array:
+    r"""Return displacement and rotation of a body about a point for rotations of any size.
+
+    The mean displacement s of the middle of the body is that of a rigid motion; the rotation that
+    fits :math:`(R - I) r` best is the sine of the angle.
+
+    x, y [m] and rotation [rad], shape (k, 3), of displacements of a plane mesh, shape (k, n).
+    """
+    middle, rows = continuum.rigid_motion(rigid_regions(stage, body))
+    x, y, sine = (u @ rows.T).T
+    angle = np.arcsin(sine)
+    arm, less = (at[0] - middle[0], at[1] - middle[1]), np.cos(angle) - 1.0
+    moved = (x + less * arm[0] - sine * arm[1], y + sine * arm[0] + less * arm[1], angle)
+    return np.stack(moved, axis=1)
+
+
 def _patch_vector(
     continuum: Continuum,
     stage: Stage,

@@ -16,7 +16,7 @@ from flexstage.fem.geometry import patches
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel, UncoupledProblem
 from flexstage.fem.plane import plane_model
-from flexstage.fem.ports import Supports, body_motion, drive_vector
+from flexstage.fem.ports import Supports, body_motion, body_path, drive_vector
 from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 from flexstage.stage import Body, Force, Hinge, Loop, Stage
@@ -109,14 +109,14 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
     continuum = problem.continuum
     row = _drive_row(model, axis.drive)
     probe = stage.probe(axis.probe)
-    platform = body_motion(continuum, stage, probe.body, probe.at)
-    if probe.relative_to is not None:
-        platform = platform - body_motion(continuum, stage, probe.relative_to, probe.at)
     values = np.linspace(0.0, axis.input_displacement, steps)[1:]
     with progress.subtask(0.0, 0.7):
         progress.update("large displacement")
         path = follow_drive(continuum, row, values)
-    moved = np.concatenate((np.zeros((1, 3)), path.displacement @ platform.T))
+    u = np.concatenate((np.zeros((1, continuum.size)), path.displacement))
+    moved = body_path(continuum, stage, probe.body, probe.at, u)
+    if probe.relative_to is not None:
+        moved = moved - body_path(continuum, stage, probe.relative_to, probe.at, u)
     c, s = probe.along
     progress.update("stiffening", 0.7)
     frequency = _frequency_at(model, problem, axis, path.displacement[-1])

@@ -6,6 +6,7 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.stage.checks import Issue, check
+    from flexstage.stage.drawing.drawn_stage import DrawingOptions, DrawnStage, read_drawing
     from flexstage.stage.drive import Drive, Force, PiezoStack, Screw
     from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
     from flexstage.stage.hinge_attachment import Root, root_widths
@@ -18,6 +19,8 @@ __all__ = [
     "Axis",
     "Body",
     "Circle",
+    "DrawingOptions",
+    "DrawnStage",
     "Drive",
     "ExtraMass",
     "Force",
@@ -36,6 +39,7 @@ __all__ = [
     "check",
     "mass_properties",
     "moved",
+    "read_drawing",
     "read_stage",
     "root_widths",
     "stage_from_text",

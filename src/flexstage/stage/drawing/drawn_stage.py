@@ -85,7 +85,45 @@ class DrawnStage:
 
 
 def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = None) -> DrawnStage:
-    """Read a drawing of a plate, and find the bodies and necks in it."""
+    """Read a drawing of a plate, and find the bodies and necks in it.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        A DXF file with the contours of a plate, or a STEP file with a plate of one thickness.
+    options : DrawingOptions, optional
+        What is to be known of it beyond the file.
+
+    Returns
+    -------
+    DrawnStage
+        The stage, how sure its necks are, and what the drawing does not say.
+
+    Raises
+    ------
+    StageError
+        The file is no such drawing, its contours are not closed or cross, or a neck has no profile
+        that a hinge can have; the message is one sentence with the place in the drawing.
+
+    Notes
+    -----
+    Validity: necks are at least 1.5 times thinner than the bodies beside them, or as thin as
+    `DrawingOptions.neck_limit`; profiles are within 0.5 um of what was drawn, or twice the
+    rounding of a file with few digits.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from flexstage.designs import design
+    >>> from flexstage.export import dxf_files
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "guide.dxf"
+    ...     _ = path.write_bytes(dxf_files(design("parallelogram"))["parallelogram.dxf"])
+    ...     drawn = read_drawing(path, DrawingOptions(thickness=8e-3, material="Al 7075-T6"))
+    >>> len(drawn.stage.bodies), [neck.certainty for neck in drawn.necks]
+    (4, ['sure', 'sure', 'sure', 'sure'])
+    """
     o = options or DrawingOptions()
     suffix = Path(path).suffix.lower()
     if suffix in DXF:

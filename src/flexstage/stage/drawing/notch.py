@@ -88,11 +88,14 @@ def quarter(frame: Frame, half_neck: float, points: Array, left: bool, ahead: bo
     return np.column_stack([along, across - half_neck])
 
 
-def quarters(sides: Sides, frame: Frame, half_neck: float, reach: float) -> dict[tuple, Array]:
+def quarters(
+    sides: Sides, frame: Frame, half_neck: float, reach: float, deep: float
+) -> dict[tuple[bool, bool], Array]:
     """Return what was drawn on each side to each end, as distance from the neck and depth [m].
 
-    Each goes on until it is further along the hinge than `reach`, and comes as points that lie on
-    what was drawn; the key says whether it is on the left, and whether towards body b.
+    Each goes on until it is further along the hinge than `reach`, or deeper than `deep`, and comes
+    as points that lie on what was drawn; the key says whether it is on the left, and whether
+    towards body b.
     """
     out = {}
     for left in (False, True):
@@ -101,7 +104,7 @@ def quarters(sides: Sides, frame: Frame, half_neck: float, reach: float) -> dict
             for stroke in sides.walk(left, ahead):
                 points = np.array(stroke.points(_CHORD))
                 found.append(quarter(frame, half_neck, points, left, ahead))
-                if found[-1][-1, 0] > reach or found[-1][-1, 1] > 4.0 * reach + 20.0 * half_neck:
+                if found[-1][-1, 0] > reach or found[-1][-1, 1] > deep:
                     break
             out[left, ahead] = np.vstack(found)
     return out
@@ -117,30 +120,26 @@ def distance_from(profile: Profile, sides: Sides, frame: Frame) -> float:
     worst = 0.0
     if not _lines_follow(profile, sides, frame):
         return math.inf
-    for (left, _), points in quarters(sides, frame, neck, half + slack).items():
+    found = quarters(sides, frame, neck, half + slack, profile.depth + slack)
+    for (left, _), points in found.items():
         straight = profile.one_sided and not left
         deep = 0.0 if straight else profile.depth
         x, depth = points.T
-        within = (x >= 0.0) & (x <= half + slack) & (depth <= deep + slack)
-        # the first point beyond the root ends it: a contour may come back elsewhere
-        beyond = np.flatnonzero((x > half + slack) | ((x > 0.0) & (depth > deep + slack)))
-        if len(beyond):
-            within[beyond[0] :] = False
-        elif not (np.any(x >= half - slack) and np.any(depth[x >= half - slack] >= deep - slack)):
+        # where it comes to the end of the root, or passes by it: it may come back elsewhere
+        arrived = (x >= half - slack) & (depth >= deep - slack)
+        gone = (x > half + slack) | ((x > 0.0) & (depth > deep + slack))
+        ends = np.flatnonzero(arrived | gone)
+        if not len(ends):
             return math.inf
-        if straight:
-            off = np.abs(depth[within])
-            end = beyond[0] if len(beyond) else len(x)
-            goes_on = bool(len(beyond)) and abs(depth[end]) <= slack
-            reaches = goes_on or bool(np.max(x[:end], initial=0.0) >= half - slack)
-        else:
-            off = _off_contour(profile, points[within])
-            last = points[: beyond[0] + 1] if len(beyond) else points
-            reaches = bool(np.max(last[:, 0]) >= half - slack)
-            if profile.step == 0.0:
-                reaches &= bool(np.max(last[:, 1]) >= deep - slack)
-        if not reaches:
-            return math.inf
+        end = int(ends[0])
+        if not arrived[end]:
+            # the last piece goes on straight beyond the root, which lies on it
+            passes = straight and abs(depth[end]) <= slack
+            if not (passes or (not straight and profile.step == 0.0 and x[end] >= half - slack)):
+                return math.inf
+        keep = slice(0, end + 1 if not gone[end] else end)
+        within = points[keep][x[keep] >= 0.0]
+        off = np.abs(within[:, 1]) if straight else _off_contour(profile, within)
         worst = max(worst, float(np.max(off, initial=0.0)))
     return worst
 
@@ -148,6 +147,7 @@ def distance_from(profile: Profile, sides: Sides, frame: Frame) -> float:
 def _lines_follow(profile: Profile, sides: Sides, frame: Frame) -> bool:
     """Say whether straight lines, as chords of the profile, come near to it all along."""
     half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
+    slack = sides.part.tolerance
     for left in (True,) if profile.one_sided else (False, True):
         for ahead in (False, True):
             middles = []
@@ -155,11 +155,11 @@ def _lines_follow(profile: Profile, sides: Sides, frame: Frame) -> bool:
                 ends = quarter(frame, neck, np.array(stroke.curve[:2]), left, ahead)
                 if not stroke.curve.bulge and not stroke.trace:
                     middles.append(0.5 * (ends[0] + ends[1]))
-                if ends[1, 0] > half or ends[1, 1] > profile.depth:
+                if ends[1, 0] > half + slack or ends[1, 1] > profile.depth - slack:
                     break
             if middles:
                 at = np.array(middles)
-                inside = (at[:, 0] > 0.0) & (at[:, 0] < half) & (at[:, 1] < profile.depth)
+                inside = (at[:, 0] > 0.0) & (at[:, 0] < half - slack) & (at[:, 1] < profile.depth)
                 off = _off_contour(profile, at[inside])
                 if np.max(off, initial=0.0) > LARGEST_CHORD_ERROR:
                     return False
