@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from flexstage.errors import StageError
 from flexstage.stage.curve import Curve
-from flexstage.stage.drawing.contours import CHORD, Contour, Part
-from flexstage.stage.drawing.notch import Frame
+from flexstage.stage.drawing.contours import CHORD, DrawnContour, DrawnPart
+from flexstage.stage.drawing.notch import NeckFrame
 from flexstage.stage.drawing.profiles import Neck
 from flexstage.stage.drawing.strokes import Pair, rounded
 from flexstage.stage.outline import Circle, Loop
@@ -41,11 +41,11 @@ class _Cut(NamedTuple):
     outward: bool  # whether the contour leaves the notch here
 
 
-def bodies_of(part: Part, necks: Sequence[Neck]) -> list[DrawnBody]:
+def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
     """Take the notches out of a part and close what is left by straight lines across the roots."""
     cuts = _cuts(part, necks)
     chains: dict[tuple[int, int, bool], tuple[list[Curve], _Cut]] = {}
-    loose: list[Contour] = []
+    loose: list[DrawnContour] = []
     for k, contour in enumerate(part.contours):
         own = sorted(cuts.get(k, []), key=lambda c: (c.stroke, c.share))
         if not own:
@@ -84,7 +84,7 @@ def _start_of(curves: list[Curve]) -> Pair:
     return curves[0].start
 
 
-def _cuts(part: Part, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
+def _cuts(part: DrawnPart, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
     """Find the four ends of the roots of each neck on the contours."""
     found: dict[int, list[_Cut]] = {}
     for n, neck in enumerate(necks):
@@ -105,7 +105,7 @@ def _cuts(part: Part, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
     return found
 
 
-def _plane(frame: Frame, along: float, across: float) -> Pair:
+def _plane(frame: NeckFrame, along: float, across: float) -> Pair:
     c, s = math.cos(frame.direction), math.sin(frame.direction)
     return (
         rounded(frame.at[0] + c * along - s * across),
@@ -113,7 +113,7 @@ def _plane(frame: Frame, along: float, across: float) -> Pair:
     )
 
 
-def _find(part: Part, neck: Neck, left: bool, ahead: bool, point: Pair) -> tuple[int, float]:
+def _find(part: DrawnPart, neck: Neck, left: bool, ahead: bool, point: Pair) -> tuple[int, float]:
     """Find a point on a side, outward from the neck."""
     place = neck.sides.left if left else neck.sides.right
     strokes = part.contours[place.contour].strokes
@@ -139,7 +139,7 @@ def _nearest(curve: Curve, point: Pair) -> float:
     return share
 
 
-def _between(contour: Contour, first: _Cut, last: _Cut) -> list[Curve]:
+def _between(contour: DrawnContour, first: _Cut, last: _Cut) -> list[Curve]:
     """Return the pieces of a contour between two cuts, which end at the points of the cuts."""
     curves = [s.curve for s in contour.strokes]
     count = len(curves)
@@ -159,9 +159,9 @@ def _between(contour: Contour, first: _Cut, last: _Cut) -> list[Curve]:
 
 
 def _gathered(
-    part: Part,
+    part: DrawnPart,
     loops: list[tuple[list[Curve], list[tuple[int, int]]]],
-    loose: list[Contour],
+    loose: list[DrawnContour],
 ) -> list[DrawnBody]:
     """Tell outlines from openings, and give each opening to the body that it is in."""
     from shapely import Polygon

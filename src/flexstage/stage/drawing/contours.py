@@ -9,7 +9,7 @@ import numpy as np
 
 from flexstage.errors import StageError
 from flexstage.stage.curve import Curve
-from flexstage.stage.drawing.strokes import Pair, Stroke, circle_of, rounded, tidy
+from flexstage.stage.drawing.strokes import DrawnStroke, Pair, circle_of, rounded, tidy
 from flexstage.stage.outline import Circle, Loop, arc
 
 #: Largest gap that is closed where no other is asked for [m].
@@ -25,10 +25,10 @@ _SAME = 2e-9  # two points are one, or two lines one on the other [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Contour:
+class DrawnContour:
     """A closed line, with the material on its left."""
 
-    strokes: tuple[Stroke, ...]
+    strokes: tuple[DrawnStroke, ...]
     """Its pieces in order."""
     layer: str = ""
     """The layer on which most of it was drawn."""
@@ -58,12 +58,12 @@ class Contour:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
+class DrawnPart:
     """A part as it was drawn: its outline and the openings in it."""
 
-    outline: Contour
+    outline: DrawnContour
     """Counter-clockwise."""
-    openings: tuple[Contour, ...]
+    openings: tuple[DrawnContour, ...]
     """Clockwise."""
     unit: float = 1e-3
     """Unit in which places are told [m]."""
@@ -73,7 +73,7 @@ class Part:
     """Largest error of a coordinate for want of digits in the file [m]."""
 
     @property
-    def contours(self) -> tuple[Contour, ...]:
+    def contours(self) -> tuple[DrawnContour, ...]:
         """All of them, the outline first."""
         return (self.outline, *self.openings)
 
@@ -106,7 +106,7 @@ def part_of(
     unit: float,
     unit_name: str,
     rounding: float = 0.0,
-) -> Part:
+) -> DrawnPart:
     """Chain the lines and arcs of a drawing to closed contours, and find out which is in which.
 
     Each curve comes with its layer. Ends that are up to `gap` apart are joined [m]; `unit` and
@@ -251,7 +251,7 @@ def _chained(
 
 def _nested(
     loops: list[tuple[list[Curve], str]], unit: float, unit_name: str, rounding: float, at: Any
-) -> Part:
+) -> DrawnPart:
     from shapely import Polygon, STRtree
 
     rings = []
@@ -290,9 +290,9 @@ def _nested(
     for i, (loop, layer) in enumerate(loops):
         outward = rings[i].exterior.is_ccw == (depth[i] == 0)
         turned = loop if outward else [Curve(c.end, c.start, -c.bulge) for c in reversed(loop)]
-        made.append(Contour(strokes=tuple(tidy(turned, rounding)), layer=layer))
+        made.append(DrawnContour(strokes=tuple(tidy(turned, rounding)), layer=layer))
     outline = made[outer[0]]
-    return Part(
+    return DrawnPart(
         outline=outline,
         openings=tuple(c for c in made if c is not outline),
         unit=unit,

@@ -10,7 +10,7 @@ from flexstage.errors import StageError
 from flexstage.files.names import file_name
 from flexstage.material import Material, material
 from flexstage.stage.drawing.bodies import DrawnBody, bodies_of
-from flexstage.stage.drawing.contours import GAP, Part, part_of
+from flexstage.stage.drawing.contours import GAP, DrawnPart, part_of
 from flexstage.stage.drawing.endings import DRAWINGS, DXF, STEP
 from flexstage.stage.drawing.entities import Sheet, read_dxf
 from flexstage.stage.drawing.marks import Places, add_axes, drives_of, probes_of, whole
@@ -218,7 +218,7 @@ def _reading_order(places: Sequence[tuple[float, float]], height: float) -> list
 
 
 def _named_bodies(
-    part: Part, drawn: Sequence[DrawnBody], o: DrawingOptions, sheet: Sheet
+    part: DrawnPart, drawn: Sequence[DrawnBody], o: DrawingOptions, sheet: Sheet
 ) -> tuple[list[Body], list[int]]:
     """Return the bodies with names and what is held, and the place of each in the list."""
     centres = []
@@ -323,7 +323,7 @@ def _asked(bodies: list[Body], text: str, sheet: Sheet) -> int:
 
 
 def _hinges(
-    part: Part,
+    part: DrawnPart,
     necks: Sequence[Neck],
     drawn: Sequence[DrawnBody],
     bodies: Sequence[Body],

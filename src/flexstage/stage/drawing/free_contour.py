@@ -10,9 +10,9 @@ from flexstage.arrays import Array
 from flexstage.errors import HingeError
 from flexstage.hinges import AsDrawn, Profile
 from flexstage.stage.curve import Curve
-from flexstage.stage.drawing.notch import LEAF_STEP, Frame, Sides, quarter, slope_at
+from flexstage.stage.drawing.notch import LEAF_STEP, NeckFrame, Sides, quarter, slope_at
 from flexstage.stage.drawing.smooth_fit import chains_of, nearest_frame
-from flexstage.stage.drawing.strokes import Stroke, rounded
+from flexstage.stage.drawing.strokes import DrawnStroke, rounded
 from flexstage.stage.outline import arc
 
 _BACK = 0.15  # a side comes back where its slope is below level, or beyond upright, by more [rad]
@@ -24,7 +24,7 @@ _LEAST_DEPTH = 0.1  # a notch is at least so deep, in thicknesses of its neck
 _MOST = 400  # pieces of one side of a notch
 
 
-def free_contour(sides: Sides) -> Iterator[tuple[Sides, Frame, Profile]]:
+def free_contour(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
     """Propose the contour itself, where both halves are alike, and both sides or one straight."""
     straight = [
         not sides.stroke(left).curve.bulge and not sides.stroke(left).trace
@@ -60,32 +60,32 @@ def free_contour(sides: Sides) -> Iterator[tuple[Sides, Frame, Profile]]:
 class _Placed(NamedTuple):
     """The axes of a neck, and its thickness."""
 
-    frame: Frame
+    frame: NeckFrame
     neck: float
 
 
-def _first_frame(sides: Sides) -> Frame | None:
+def _first_frame(sides: Sides) -> NeckFrame | None:
     """Return the axes by the pieces at the neck, or else by the nearest points."""
     right, left = sides.stroke(False).curve, sides.stroke(True).curve
     (ax, ay), (bx, by) = right.direction(0.5), left.direction(0.5)
     if not right.bulge and not left.bulge:
         if abs(ax * by - ay * bx) < _PARALLEL:
             wa, wb = right.length, left.length
-            frame = Frame(right.start, math.atan2(wa * ay - wb * by, wa * ax - wb * bx))
+            frame = NeckFrame(right.start, math.atan2(wa * ay - wb * by, wa * ax - wb * bx))
             ends = frame.local(np.array([*right[:2], *left[:2]]))
             low = max(min(ends[0, 0], ends[1, 0]), min(ends[2, 0], ends[3, 0]))
             high = min(max(ends[0, 0], ends[1, 0]), max(ends[2, 0], ends[3, 0]))
             x, y = 0.5 * float(low + high), 0.5 * float(np.mean(ends[2:, 1]) + np.mean(ends[:2, 1]))
             c, s = math.cos(frame.direction), math.sin(frame.direction)
             at = (right.start[0] + c * x - s * y, right.start[1] + s * x + c * y)
-            return Frame(at, frame.direction)
+            return NeckFrame(at, frame.direction)
     elif right.bulge < 0.0 and left.bulge < 0.0:
         cr, cl = arc(*right)[0], arc(*left)[0]
         p, q = _towards(right, cl), _towards(left, cr)
         at = (0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]))
-        return Frame(at, math.atan2(-(cl[0] - cr[0]), cl[1] - cr[1]))
+        return NeckFrame(at, math.atan2(-(cl[0] - cr[0]), cl[1] - cr[1]))
     elif not right.bulge and left.bulge < 0.0:
-        return Frame(sides.right.at, math.atan2(ay, ax))
+        return NeckFrame(sides.right.at, math.atan2(ay, ax))
     found = nearest_frame(chains_of(sides))
     return None if found is None else found[0]
 
@@ -96,9 +96,9 @@ def _towards(curve: Curve, point: tuple[float, float]) -> tuple[float, float]:
     return (x + radius * (point[0] - x) / apart, y + radius * (point[1] - y) / apart)
 
 
-def _run(sides: Sides, frame: Frame, left: bool, ahead: bool) -> list[Stroke]:
+def _run(sides: Sides, frame: NeckFrame, left: bool, ahead: bool) -> list[DrawnStroke]:
     """Return the pieces of a side outward, as long as they lead away and get deeper."""
-    run: list[Stroke] = []
+    run: list[DrawnStroke] = []
     for k, stroke in enumerate(sides.walk(left, ahead)):
         first, last = (slope_at(stroke.curve, frame, left, ahead, s) for s in (0.0, 1.0))
         if k and not (-_BACK < first < 0.5 * math.pi + _BACK):
@@ -110,7 +110,10 @@ def _run(sides: Sides, frame: Frame, left: bool, ahead: bool) -> list[Stroke]:
 
 
 def _settled(
-    sides: Sides, frame: Frame, runs: dict[tuple[bool, bool], list[Stroke]], one_sided: bool
+    sides: Sides,
+    frame: NeckFrame,
+    runs: dict[tuple[bool, bool], list[DrawnStroke]],
+    one_sided: bool,
 ) -> _Placed | None:
     """Move the axes until both halves, and both sides, are as alike as they can be."""
     from scipy.optimize import least_squares
@@ -119,14 +122,14 @@ def _settled(
     line = sides.stroke(False).curve
     size = max(math.dist(sides.right.at, sides.left.at), 1e-9)
 
-    def moved(q: Any) -> Frame:
+    def moved(q: Any) -> NeckFrame:
         c, s = math.cos(frame.direction), math.sin(frame.direction)
         x, y = size * float(q[0]), size * float(q[1]) if len(q) > 2 else 0.0
         turn = float(q[-1]) if len(q) > 1 else 0.0
         at = (frame.at[0] + c * x - s * y, frame.at[1] + s * x + c * y)
-        return Frame(at, frame.direction + turn)
+        return NeckFrame(at, frame.direction + turn)
 
-    def heights(trial: Frame) -> tuple[float, float]:
+    def heights(trial: NeckFrame) -> tuple[float, float]:
         """Where the two sides are nearest to each other, across the hinge."""
         low = float(np.min(_across(points, trial, True)))
         if one_sided:
@@ -158,19 +161,19 @@ def _settled(
     c, s = math.cos(placed.direction), math.sin(placed.direction)
     centre = 0.5 * (low + high)
     at = (placed.at[0] - s * centre, placed.at[1] + c * centre)
-    return _Placed(Frame(at, placed.direction), low - high) if low > high else None
+    return _Placed(NeckFrame(at, placed.direction), low - high) if low > high else None
 
 
-def _dense(stroke: Stroke) -> list[tuple[float, float]]:
+def _dense(stroke: DrawnStroke) -> list[tuple[float, float]]:
     return stroke.points(_CHORD)
 
 
-def _across(points: dict[tuple[bool, bool], Array], frame: Frame, left: bool) -> Array:
+def _across(points: dict[tuple[bool, bool], Array], frame: NeckFrame, left: bool) -> Array:
     return np.concatenate([frame.local(p)[:, 1] for (side, _), p in points.items() if side is left])
 
 
 def _profile(
-    placed: _Placed, runs: dict[tuple[bool, bool], list[Stroke]], one_sided: bool
+    placed: _Placed, runs: dict[tuple[bool, bool], list[DrawnStroke]], one_sided: bool
 ) -> Profile | None:
     """Return the contour of one quarter, as far as all go on alike."""
     frame, half = placed.frame, 0.5 * placed.neck
@@ -200,7 +203,7 @@ def _profile(
 
 
 def _corners(
-    frame: Frame, half: float, run: list[Stroke], key: tuple[bool, bool]
+    frame: NeckFrame, half: float, run: list[DrawnStroke], key: tuple[bool, bool]
 ) -> list[tuple[float, float, float]]:
     """Return distance and depth of the corners of a quarter, and the bulge of what leads there."""
     left, ahead = key
@@ -223,7 +226,7 @@ def _corners(
     return out
 
 
-def _from_neck(curve: Curve, frame: Frame, left: bool, ahead: bool) -> Curve | None:
+def _from_neck(curve: Curve, frame: NeckFrame, left: bool, ahead: bool) -> Curve | None:
     """Return the part of a piece that lies ahead of the neck."""
     c, s = math.cos(frame.direction), math.sin(frame.direction)
 

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from flexstage.errors import StageError
-from flexstage.stage.drawing.contours import Part
+from flexstage.stage.drawing.contours import DrawnPart
 from flexstage.stage.drawing.profiles import Neck, neck_of, parted
 from flexstage.stage.drawing.thickness import Pass, Relief, relief
 
@@ -27,7 +27,7 @@ class FoundNecks(NamedTuple):
     """Thickness of the thickest neck, and of the thinnest place that is none [m]."""
 
 
-def find_necks(part: Part, limit: float | None = None) -> FoundNecks:
+def find_necks(part: DrawnPart, limit: float | None = None) -> FoundNecks:
     """Find the necks of a part.
 
     All places thinner than `limit` are necks [m]; where none is given, those below the widest gap
@@ -60,7 +60,7 @@ def find_necks(part: Part, limit: float | None = None) -> FoundNecks:
     return FoundNecks(tuple(necks), tuple(ends), (thickest, min(others)) if others else None)
 
 
-def _chosen(part: Part, found: Relief, limit: float | None) -> list[Pass]:
+def _chosen(part: DrawnPart, found: Relief, limit: float | None) -> list[Pass]:
     """Choose the passes that are necks."""
     by_size = sorted(found.passes, key=lambda p: p.thickness)
     if limit is not None:
@@ -78,7 +78,7 @@ def _chosen(part: Part, found: Relief, limit: float | None) -> list[Pass]:
     return _separating([*below, *(p for p in above if _is_notch(part, p))], found)
 
 
-def _is_notch(part: Part, found: Pass) -> bool:
+def _is_notch(part: DrawnPart, found: Pass) -> bool:
     neck = neck_of(part, found)
     if neck is None or neck.profile.kind in ("as-drawn", "leaf"):
         return False

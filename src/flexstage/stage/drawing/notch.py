@@ -11,8 +11,8 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.hinges import Profile
 from flexstage.stage.curve import Curve
-from flexstage.stage.drawing.contours import Part
-from flexstage.stage.drawing.strokes import LARGEST_CHORD_ERROR, Pair, Stroke
+from flexstage.stage.drawing.contours import DrawnPart
+from flexstage.stage.drawing.strokes import LARGEST_CHORD_ERROR, DrawnStroke, Pair
 from flexstage.stage.drawing.thickness import Place
 
 #: Deepest step of a leaf, in its thicknesses, where the edges of the bodies have room for more.
@@ -25,7 +25,7 @@ _LEVEL = 0.01  # one of less slope runs along the hinge [rad]
 _MOST = 4000  # pieces of a contour that one side of a notch may have
 
 
-class Frame(NamedTuple):
+class NeckFrame(NamedTuple):
     """The axes of a hinge."""
 
     at: Pair
@@ -39,17 +39,17 @@ class Frame(NamedTuple):
         d = np.asarray(points, dtype=float) - np.array(self.at)
         return np.column_stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]])
 
-    def turned(self) -> "Frame":
+    def turned(self) -> "NeckFrame":
         """Return the axes of the same hinge with its bodies exchanged."""
         turn = math.pi if self.direction <= 0.0 else -math.pi
-        return Frame(self.at, self.direction + turn)
+        return NeckFrame(self.at, self.direction + turn)
 
 
 @dataclass(frozen=True, slots=True)
 class Sides:
     """The contours on the right and on the left of a neck."""
 
-    part: Part
+    part: DrawnPart
     """The part."""
     right: Place
     """The place on the right; its contour runs from body a to body b."""
@@ -60,7 +60,7 @@ class Sides:
         """Return them seen from the other body."""
         return Sides(self.part, self.left, self.right)
 
-    def walk(self, left: bool, ahead: bool) -> Iterator[Stroke]:
+    def walk(self, left: bool, ahead: bool) -> Iterator[DrawnStroke]:
         """Give the pieces of one side outward from the neck, the one at the neck first, whole.
 
         `ahead` is towards body b.
@@ -74,13 +74,13 @@ class Sides:
             stroke = strokes[(place.stroke + step * k) % count]
             yield stroke if forward else stroke.reversed()
 
-    def stroke(self, left: bool) -> Stroke:
+    def stroke(self, left: bool) -> DrawnStroke:
         """The piece at the neck, in the direction of its contour."""
         place = self.left if left else self.right
         return self.part.contours[place.contour].strokes[place.stroke]
 
 
-def quarter(frame: Frame, half_neck: float, points: Array, left: bool, ahead: bool) -> Array:
+def quarter(frame: NeckFrame, half_neck: float, points: Array, left: bool, ahead: bool) -> Array:
     """Return points of a side as distance from the neck and depth, shape (n, 2) [m]."""
     found = frame.local(points)
     along = found[:, 0] if ahead else -found[:, 0]
@@ -89,7 +89,7 @@ def quarter(frame: Frame, half_neck: float, points: Array, left: bool, ahead: bo
 
 
 def quarters(
-    sides: Sides, frame: Frame, half_neck: float, reach: float, deep: float
+    sides: Sides, frame: NeckFrame, half_neck: float, reach: float, deep: float
 ) -> dict[tuple[bool, bool], Array]:
     """Return what was drawn on each side to each end, as distance from the neck and depth [m].
 
@@ -110,7 +110,7 @@ def quarters(
     return out
 
 
-def distance_from(profile: Profile, sides: Sides, frame: Frame) -> float:
+def distance_from(profile: Profile, sides: Sides, frame: NeckFrame) -> float:
     """Return the largest distance of what was drawn from a profile [m]; infinite if it ends short.
 
     What lies beyond the root of the profile does not count.
@@ -144,7 +144,7 @@ def distance_from(profile: Profile, sides: Sides, frame: Frame) -> float:
     return worst
 
 
-def _lines_follow(profile: Profile, sides: Sides, frame: Frame) -> bool:
+def _lines_follow(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
     """Say whether straight lines, as chords of the profile, come near to it all along."""
     half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
     slack = sides.part.tolerance
@@ -166,7 +166,7 @@ def _lines_follow(profile: Profile, sides: Sides, frame: Frame) -> bool:
     return True
 
 
-def goes_on(profile: Profile, sides: Sides, frame: Frame) -> bool:
+def goes_on(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
     """Say whether what was drawn goes on getting deeper beyond the root, on every side.
 
     A notch that ends there is but a part of what was drawn.
@@ -183,7 +183,7 @@ def goes_on(profile: Profile, sides: Sides, frame: Frame) -> bool:
 
 
 def _slope_beyond(
-    sides: Sides, frame: Frame, neck: float, root: Pair, left: bool, ahead: bool
+    sides: Sides, frame: NeckFrame, neck: float, root: Pair, left: bool, ahead: bool
 ) -> float:
     """Return the slope of a side just beyond the end of a root."""
     c, s = math.cos(frame.direction), math.sin(frame.direction)
@@ -231,7 +231,7 @@ def _off_contour(profile: Profile, points: Array) -> Array:
     return np.where(ends, np.minimum(away, np.maximum(square, 0.0)), square)
 
 
-def slope_at(curve: Curve, frame: Frame, left: bool, ahead: bool, share: float) -> float:
+def slope_at(curve: Curve, frame: NeckFrame, left: bool, ahead: bool, share: float) -> float:
     """Return the slope of a piece against the hinge, in quarters: 0 along it, pi/2 outward."""
     ux, uy = curve.direction(share)
     c, s = math.cos(frame.direction), math.sin(frame.direction)

@@ -1,7 +1,7 @@
 """Which profile a neck has: by its own lines and arcs first, then by a fit, else as it was drawn.
 
 Whatever is proposed is held against what was drawn, and counts where all of it lies within
-`Part.tolerance`.
+`DrawnPart.tolerance`.
 """
 
 import math
@@ -14,18 +14,18 @@ import numpy as np
 from flexstage.errors import HingeError
 from flexstage.hinges import AsDrawn, CornerFilleted, Leaf, Profile, RightCircular, VFillet
 from flexstage.stage.curve import Curve
-from flexstage.stage.drawing.contours import Part
+from flexstage.stage.drawing.contours import DrawnPart
 from flexstage.stage.drawing.free_contour import free_contour
 from flexstage.stage.drawing.notch import (
     LEAF_STEP,
-    Frame,
+    NeckFrame,
     Sides,
     distance_from,
     goes_on,
     slope_at,
 )
 from flexstage.stage.drawing.smooth_fit import smooth_fits
-from flexstage.stage.drawing.strokes import Pair, Stroke, rounded
+from flexstage.stage.drawing.strokes import DrawnStroke, Pair, rounded
 from flexstage.stage.drawing.thickness import Pass, Place
 from flexstage.stage.outline import arc
 
@@ -46,7 +46,7 @@ class Neck(NamedTuple):
 
     sides: Sides
     """The contours beside it; its direction is that of the contour on the right."""
-    frame: Frame
+    frame: NeckFrame
     """Its centre and direction."""
     profile: Profile
     """Its profile."""
@@ -56,7 +56,7 @@ class Neck(NamedTuple):
     """The thin place that it is."""
 
 
-def neck_of(part: Part, found: Pass) -> Neck | None:
+def neck_of(part: DrawnPart, found: Pass) -> Neck | None:
     """Return the neck at a thin place; None where it has no profile that a hinge can have."""
     first, second = found.sides
     sides = Sides(part, _settled(part, first, second.at), _settled(part, second, first.at))
@@ -84,7 +84,7 @@ def _rounded(neck: Neck) -> Neck:
     degrees = math.degrees(neck.frame.direction)
     lean = math.radians(abs(degrees - round(degrees))) * neck.profile.length
     direction = math.radians(round(degrees)) if lean < neck.off else neck.frame.direction
-    for frame in (Frame((x, y), direction), Frame((x, y), neck.frame.direction)):
+    for frame in (NeckFrame((x, y), direction), NeckFrame((x, y), neck.frame.direction)):
         off = distance_from(neck.profile, neck.sides, frame)
         if off <= room:
             neck = neck._replace(frame=frame, off=off)
@@ -138,7 +138,7 @@ def _step_strokes(neck: Neck) -> Iterator[tuple[int, int]]:
         yield place.contour, (place.stroke + (1 if ahead != left else -1)) % count
 
 
-def _settled(part: Part, place: Place, other: Pair) -> Place:
+def _settled(part: DrawnPart, place: Place, other: Pair) -> Place:
     """Choose between the two pieces that meet at a place: the one more square to the neck."""
     strokes = part.contours[place.contour].strokes
     count = len(strokes)
@@ -165,7 +165,7 @@ def _settled(part: Part, place: Place, other: Pair) -> Place:
     return place._replace(stroke=best)
 
 
-Proposal = tuple[Sides, Frame, Profile]
+Proposal = tuple[Sides, NeckFrame, Profile]
 
 
 def _by_pieces(sides: Sides) -> Iterator[Proposal]:
@@ -194,7 +194,7 @@ def _two_arcs(sides: Sides, right: Curve, left: Curve) -> Iterator[Proposal]:
         return
     across = ((cl[0] - cr[0]) / apart, (cl[1] - cr[1]) / apart)
     at = (0.5 * (cr[0] + cl[0]), 0.5 * (cr[1] + cl[1]))
-    frame = Frame(at, math.atan2(-across[0], across[1]))
+    frame = NeckFrame(at, math.atan2(-across[0], across[1]))
     yield from _round(sides, frame, radius, neck, False, _ENDS)
 
 
@@ -207,13 +207,13 @@ def _arc_and_line(sides: Sides, line: Curve, bow: Curve) -> Iterator[Proposal]:
     if neck <= 0.0:
         return
     at = (centre[0] + uy * (away - 0.5 * neck), centre[1] - ux * (away - 0.5 * neck))
-    frame = Frame(at, math.atan2(uy, ux))
+    frame = NeckFrame(at, math.atan2(uy, ux))
     yield from _round(sides, frame, radius, neck, True, _ENDS[2:])
 
 
 def _round(
     sides: Sides,
-    frame: Frame,
+    frame: NeckFrame,
     radius: float,
     neck: float,
     one_sided: bool,
@@ -273,7 +273,7 @@ def _two_lines(sides: Sides, right: Curve, left: Curve) -> Iterator[Proposal]:
     origin = sides.right.at
     ends = {}
     for side, ahead in _ENDS:
-        ends[side, ahead] = _flat_end(sides, Frame(origin, direction), side, ahead)
+        ends[side, ahead] = _flat_end(sides, NeckFrame(origin, direction), side, ahead)
     x = {ahead: min(ends[False, ahead].x, ends[True, ahead].x) for ahead in (False, True)}
     centre = 0.5 * (x[True] - x[False])
     flat = x[True] + x[False]
@@ -293,7 +293,7 @@ def _two_lines(sides: Sides, right: Curve, left: Curve) -> Iterator[Proposal]:
         return
     middle = 0.5 * (low + high)
     at = (origin[0] + c * centre - s * middle, origin[1] + s * centre + c * middle)
-    frame = Frame(at, direction)
+    frame = NeckFrame(at, direction)
     deep = {
         key: end.kind != "other" and end.x < x[key[1]] + 2.0 * sides.part.tolerance
         for key, end in ends.items()
@@ -309,7 +309,7 @@ def _two_lines(sides: Sides, right: Curve, left: Curve) -> Iterator[Proposal]:
 
 
 def _flat(
-    sides: Sides, frame: Frame, neck: float, flat: float, ends: list[_End], one_sided: bool
+    sides: Sides, frame: NeckFrame, neck: float, flat: float, ends: list[_End], one_sided: bool
 ) -> Iterator[Proposal]:
     kinds = {end.kind for end in ends}
     sizes = [end.size for end in ends]
@@ -325,7 +325,7 @@ def _flat(
         yield sides, frame, Leaf(leaf_length=rounded(flat), notch_depth=rounded(depth), **common)
 
 
-def _flat_end(sides: Sides, frame: Frame, left: bool, ahead: bool) -> _End:
+def _flat_end(sides: Sides, frame: NeckFrame, left: bool, ahead: bool) -> _End:
     """Say where the flat part of a side ends, and in what."""
     walked = list(_first(sides, left, ahead, 2))
     end = walked[0].curve.end
@@ -352,7 +352,7 @@ def _flat_end(sides: Sides, frame: Frame, left: bool, ahead: bool) -> _End:
     return _End(x, "other", 0.0)
 
 
-def _first(sides: Sides, left: bool, ahead: bool, count: int) -> Iterator[Stroke]:
+def _first(sides: Sides, left: bool, ahead: bool, count: int) -> Iterator[DrawnStroke]:
     for k, stroke in enumerate(sides.walk(left, ahead)):
         if k == count:
             return

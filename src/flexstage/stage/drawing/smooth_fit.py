@@ -16,8 +16,8 @@ from flexstage.hinges import (
     Profile,
     RightCircular,
 )
-from flexstage.stage.drawing.notch import Frame, Sides, quarter
-from flexstage.stage.drawing.strokes import Stroke, rounded
+from flexstage.stage.drawing.notch import NeckFrame, Sides, quarter
+from flexstage.stage.drawing.strokes import DrawnStroke, rounded
 
 #: A corner that turns more than this ends a smooth side [rad].
 CORNER = math.radians(40.0)
@@ -40,7 +40,7 @@ class Chains(NamedTuple):
     """Whether right and left side are one straight line."""
 
 
-def smooth_fits(sides: Sides) -> Iterator[tuple[Sides, Frame, Profile]]:
+def smooth_fits(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
     """Propose the smooth profiles that come nearest to what was drawn."""
     for shorter in (0, 1):
         chains = chains_of(sides, shorter)
@@ -68,8 +68,8 @@ def chains_of(sides: Sides, shorter: int = 0) -> Chains:
     return Chains(found[0], found[1], (straight[0], straight[1]))
 
 
-def _run(sides: Sides, left: bool, ahead: bool, shorter: int) -> list[Stroke]:
-    run: list[Stroke] = []
+def _run(sides: Sides, left: bool, ahead: bool, shorter: int) -> list[DrawnStroke]:
+    run: list[DrawnStroke] = []
     for stroke in sides.walk(left, ahead):
         if run:
             before = run[-1].curve
@@ -83,7 +83,7 @@ def _run(sides: Sides, left: bool, ahead: bool, shorter: int) -> list[Stroke]:
     return run[: max(1, len(run) - shorter)]
 
 
-def nearest_frame(chains: Chains) -> tuple[Frame, float] | None:
+def nearest_frame(chains: Chains) -> tuple[NeckFrame, float] | None:
     """Return the axes by the nearest points of the two sides, and the thickness there [m]."""
     from scipy.spatial import KDTree
 
@@ -101,7 +101,7 @@ def nearest_frame(chains: Chains) -> tuple[Frame, float] | None:
     if thickness == 0.0:
         return None
     x, y = (0.5 * (p + q)).tolist()
-    return Frame((x, y), math.atan2(-dx, dy)), thickness
+    return NeckFrame((x, y), math.atan2(-dx, dy)), thickness
 
 
 def _foot(line: Array, others: Array) -> tuple[Array, Array]:
@@ -178,7 +178,7 @@ _KINDS = (
 )
 
 
-def _two_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, Frame, Profile]]:
+def _two_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
     begin = nearest_frame(chains)
     if begin is None or min(len(chains.right), len(chains.left)) < _FEWEST:
         return
@@ -205,18 +205,18 @@ def _two_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, Frame, Pro
             frame.at[0] + size * (c * q[0] - s * q[1]),
             frame.at[1] + size * (s * q[0] + c * q[1]),
         )
-        fitted = Frame(at, turn)
+        fitted = NeckFrame(at, turn)
         yield from _made(kind, p, sides, chains, fitted, size, q[3], False)
 
 
-def _one_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, Frame, Profile]]:
+def _one_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
     """The straight side is on the right."""
     begin = nearest_frame(chains)
     if begin is None or len(chains.left) < _FEWEST:
         return
     frame, thickness = begin
     along = chains.right[-1] - chains.right[0]
-    frame = Frame(frame.at, math.atan2(along[1], along[0]))
+    frame = NeckFrame(frame.at, math.atan2(along[1], along[0]))
     points = frame.local(chains.left)
     size = float(np.max(np.abs(points[:, 0])))
     points = _some(points) / size
@@ -229,7 +229,7 @@ def _one_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, Frame, Pro
     for kind, q, p in _solutions(placed, [0.0, thickness / size]):
         x, y = size * q[0], size * (bottom + 0.5 * q[1])
         at = (frame.at[0] + c * x - s * y, frame.at[1] + s * x + c * y)
-        yield from _made(kind, p, sides, chains, Frame(at, frame.direction), size, q[1], True)
+        yield from _made(kind, p, sides, chains, NeckFrame(at, frame.direction), size, q[1], True)
 
 
 def _some(points: Array) -> Array:
@@ -305,11 +305,11 @@ def _made(
     p: Any,
     sides: Sides,
     chains: Chains,
-    frame: Frame,
+    frame: NeckFrame,
     size: float,
     t: float,
     one_sided: bool,
-) -> Iterator[tuple[Sides, Frame, Profile]]:
+) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
     """Give the profile of a fit; where it ends is where the shortest side does."""
     neck = t * size
     half_neck = 0.5 * neck

@@ -31,7 +31,7 @@ _ROUND = 1.9 * math.pi  # more than this is never one arc
 _SAME = 1e-9  # two points, or two circles, are one [m]
 
 
-class Stroke(NamedTuple):
+class DrawnStroke(NamedTuple):
     """A piece of a contour, a straight line or an arc, with the material on its left."""
 
     curve: Curve
@@ -41,10 +41,10 @@ class Stroke(NamedTuple):
     is.
     """
 
-    def reversed(self) -> "Stroke":
+    def reversed(self) -> "DrawnStroke":
         """Return it run through the other way."""
         c = self.curve
-        return Stroke(Curve(c.end, c.start, -c.bulge), self.trace[::-1])
+        return DrawnStroke(Curve(c.end, c.start, -c.bulge), self.trace[::-1])
 
     def points(self, chord: float) -> list[Pair]:
         """Return points that lie on what was drawn, the ends among them.
@@ -79,7 +79,7 @@ def rounded(value: float, room: float = 0.0) -> float:
     return round(value, 13) + 0.0
 
 
-def tidy(loop: Sequence[Curve], rounding: float = 0.0) -> list[Stroke]:
+def tidy(loop: Sequence[Curve], rounding: float = 0.0) -> list[DrawnStroke]:
     """Return a closed contour as few pieces; coordinates may be off by a rounding [m]."""
     tolerance = max(ARC_TOLERANCE, 2.0 * rounding)
     corners = np.array([c.start for c in loop])
@@ -88,12 +88,12 @@ def tidy(loop: Sequence[Curve], rounding: float = 0.0) -> list[Stroke]:
         half = 0.5 * max(c.length for c in loop)
         if off <= tolerance and _chord_error(radius, half) <= LARGEST_CHORD_ERROR:
             return _as_arcs(np.vstack([corners, corners[:1]]))
-    strokes = [Stroke(c) for c in loop if math.dist(c.start, c.end) > 0.0]
+    strokes = [DrawnStroke(c) for c in loop if math.dist(c.start, c.end) > 0.0]
     # begin at the longest straight line, or at an arc: no polyline that stands for an arc is cut
     lengths = [math.inf if s.curve.bulge else s.curve.length for s in strokes]
     first = lengths.index(max(lengths))
     strokes = strokes[first:] + strokes[:first]
-    made: list[Stroke] = []
+    made: list[DrawnStroke] = []
     run: list[Pair] = []
     for stroke in strokes:
         if stroke.curve.bulge:
@@ -146,9 +146,9 @@ def _solved(rows: Array, right: Array) -> tuple[float, float, float] | None:
     return float((d0 - r[0, 1] * b - r[0, 2] * c) / r[0, 0]), float(b), float(c)
 
 
-def _refined(run: list[Pair], tolerance: float) -> list[Stroke]:
+def _refined(run: list[Pair], tolerance: float) -> list[DrawnStroke]:
     """Return the lines and arcs that a polyline stands for."""
-    out: list[Stroke] = []
+    out: list[DrawnStroke] = []
     i, last = 0, len(run) - 1
     points = np.array(run)
     while i < last:
@@ -157,7 +157,7 @@ def _refined(run: list[Pair], tolerance: float) -> list[Stroke]:
             out += _as_arcs(points[i : j + 1])
             i = j
         else:
-            out.append(Stroke(Curve(run[i], run[i + 1])))
+            out.append(DrawnStroke(Curve(run[i], run[i + 1])))
             i += 1
     return out
 
@@ -233,7 +233,7 @@ def _rise(points: Array) -> float:
     return float(np.max(np.abs(away @ np.array([-chord[1], chord[0]]) / length)))
 
 
-def _as_arcs(points: Array) -> list[Stroke]:
+def _as_arcs(points: Array) -> list[DrawnStroke]:
     """Return the arc on which points lie, or two where it is nearly or wholly round."""
     centre, _, _ = circle_of(points)
     away = points - np.array(centre)
@@ -244,13 +244,13 @@ def _as_arcs(points: Array) -> list[Stroke]:
     made = []
     for a, b in pairwise(ends):
         bulge = math.tan(0.25 * float(angles[b] - angles[a]))
-        made.append(Stroke(Curve(trace[a], trace[b], bulge), trace[a : b + 1]))
+        made.append(DrawnStroke(Curve(trace[a], trace[b], bulge), trace[a : b + 1]))
     return made
 
 
-def _merged(strokes: list[Stroke], tolerance: float, straight: float) -> list[Stroke]:
+def _merged(strokes: list[DrawnStroke], tolerance: float, straight: float) -> list[DrawnStroke]:
     """Join lines that go on straight, and arcs that go on on the same circle."""
-    out: list[Stroke] = []
+    out: list[DrawnStroke] = []
     for stroke in strokes:
         joined = _join(out[-1], stroke, tolerance, straight) if out else None
         if joined is None:
@@ -262,7 +262,7 @@ def _merged(strokes: list[Stroke], tolerance: float, straight: float) -> list[St
     return out
 
 
-def _join(a: Stroke, b: Stroke, tolerance: float, straight: float) -> Stroke | None:
+def _join(a: DrawnStroke, b: DrawnStroke, tolerance: float, straight: float) -> DrawnStroke | None:
     """Return two pieces as one, where they are."""
     start, end = a.curve.start, b.curve.end
     if a.trace or b.trace:
@@ -272,7 +272,7 @@ def _join(a: Stroke, b: Stroke, tolerance: float, straight: float) -> Stroke | N
         (ux, uy), (vx, vy) = a.curve.direction(0.0), b.curve.direction(0.0)
         off = abs(ux * vy - uy * vx) * min(a.curve.length, b.curve.length)
         if length > 0.0 and off < straight and ux * vx + uy * vy > 0.0:
-            return Stroke(Curve(start, end))
+            return DrawnStroke(Curve(start, end))
         return None
     if a.curve.bulge * b.curve.bulge <= 0.0:
         return None
@@ -281,10 +281,10 @@ def _join(a: Stroke, b: Stroke, tolerance: float, straight: float) -> Stroke | N
     near = math.dist(first[0], second[0]) < _SAME and abs(first[1] - second[1]) < _SAME
     if not near or abs(sweep) > _ROUND:
         return None
-    return Stroke(Curve(start, end, math.tan(0.25 * sweep)))
+    return DrawnStroke(Curve(start, end, math.tan(0.25 * sweep)))
 
 
-def _join_traces(a: Stroke, b: Stroke, tolerance: float) -> Stroke | None:
+def _join_traces(a: DrawnStroke, b: DrawnStroke, tolerance: float) -> DrawnStroke | None:
     """Return two parts of a polyline as one arc, where all their corners lie on one circle."""
     if a.curve.bulge * b.curve.bulge < 0.0 or any(s.curve.bulge and not s.trace for s in (a, b)):
         return None
@@ -300,4 +300,4 @@ def _join_traces(a: Stroke, b: Stroke, tolerance: float) -> Stroke | None:
     same = bool(np.all(turns * sweep > 0.0)) and sweep * (a.curve.bulge + b.curve.bulge) > 0.0
     if not same or abs(sweep) > _ROUND:
         return None
-    return Stroke(Curve(corners[0], corners[-1], math.tan(0.25 * sweep)), tuple(corners))
+    return DrawnStroke(Curve(corners[0], corners[-1], math.tan(0.25 * sweep)), tuple(corners))

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.stage.drawing.contours import Contour, Part
+from flexstage.stage.drawing.contours import DrawnContour, DrawnPart
 from flexstage.stage.drawing.strokes import Pair
 
 #: A body is at least this much thicker than a neck that leads to it [1].
@@ -74,7 +74,7 @@ class _Samples(NamedTuple):
     length: Array  # (n,) of its whole contour
 
 
-def relief(part: Part) -> Relief:
+def relief(part: DrawnPart) -> Relief:
     """Find the thin places of a part.
 
     Round holes are left out: a wall beside a drilled hole is no neck.
@@ -84,7 +84,7 @@ def relief(part: Part) -> Relief:
     return _passes(samples)
 
 
-def _sampled(part: Part, walls: list[int]) -> _Samples:
+def _sampled(part: DrawnPart, walls: list[int]) -> _Samples:
     total = sum(s.curve.length for k in walls for s in part.contours[k].strokes)
     shares = {
         (k, n): _even(part.contours[k], n, total / _COARSE)
@@ -106,7 +106,7 @@ def _sampled(part: Part, walls: list[int]) -> _Samples:
         shares = {key: sorted(set(cuts)) for key, cuts in shares.items()}
 
 
-def _even(contour: Contour, n: int, step: float) -> list[float]:
+def _even(contour: DrawnContour, n: int, step: float) -> list[float]:
     curve = contour.strokes[n].curve
     count = max(1, int(np.ceil(curve.length / step)))
     if curve.bulge:
@@ -115,7 +115,7 @@ def _even(contour: Contour, n: int, step: float) -> list[float]:
 
 
 def _gathered(
-    part: Part, walls: list[int], shares: dict[tuple[int, int], list[float]]
+    part: DrawnPart, walls: list[int], shares: dict[tuple[int, int], list[float]]
 ) -> tuple[_Samples, Array]:
     """Place the points; each stands for the stretch up to the next, whose length is given too."""
     at, contour, stroke, share, along, following, length = [], [], [], [], [], [], []
