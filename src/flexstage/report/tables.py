@@ -20,7 +20,7 @@ _TITLES = {
     "published-fem": "FEM",
     "published-measured": "measured",
 }
-#: What comes from manufacture: no model of the ideal geometry is compared with it.
+#: What also depends on manufacture: no model of the ideal geometry is compared with it.
 MANUFACTURE = frozenset(("straightness", "straightness_out_of_plane", "linearity"))
 _LABELS = (Column("Quantity", "long words"), "<Axis")
 _MOST_NAMES = 12  # hinges that a row names
