@@ -50,7 +50,6 @@ def draw_found(drawn: "DrawnStage") -> "Figure":
     placer = Placer((x0, y0, x1, y1))
     for hinge in stage.hinges:
         placer.take(hinge.at[0] * _MM, hinge.at[1] * _MM, 4.0 * point, 4.0 * point)
-    _necks(axes, drawn, placer, point)
     for shape in shapes:
         number = shape.body.name.removeprefix("body-")
         x, y = (v * _MM for v in shape.label_at)
@@ -58,6 +57,8 @@ def draw_found(drawn: "DrawnStage") -> "Figure":
             axes.text(
                 x, y, number, color=MUTED, fontsize=6.5, ha="center", va="center_baseline", zorder=6
             )
+            placer.take(x, y, 4.5 * len(number) * point, 7.0 * point)
+    _necks(axes, drawn, placer, point)
     _legend(axes, drawn)
     return figure
 
