@@ -185,6 +185,7 @@ GIVEN: dict[str, dict[str, Callable[[Path], None]]] = {
         "measured.csv": measured,
         "another.csv": lambda file: measured(file, (0.7, 3.0)),
         "wanted.csv": wanted,
+        "parallelogram.yaml": stage("parallelogram"),
     },
     "compensate.md": {"stack.yaml": model, "reference.csv": wanted},
     "identify.md": {"logged.csv": logged, "loop.csv": branches},
