@@ -157,3 +157,14 @@ def test_a_solid_that_is_no_plate_is_refused(tmp_path: Path) -> None:
     (Box((0, 0, 0), (30, 20, 5)) + Cylinder((10, 10, 5), Z, r=3, h=2)).WriteStep(str(path))
     with pytest.raises(StageError, match="is no plate of one thickness"):
         find_stage(path, drawing=DrawingOptions(material="Al 7075-T6"))
+
+
+def test_a_stage_file_that_was_filled_in_is_not_replaced(
+    drawing: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("part.yaml").write_text("mine", encoding="utf-8")
+    assert run("import", drawing) == 2
+    assert "--force" in capsys.readouterr().err
+    assert Path("part.yaml").read_text("utf-8") == "mine"
+    assert run("import", drawing, "--force") == 0
+    assert Path("part.yaml").read_text("utf-8") != "mine"

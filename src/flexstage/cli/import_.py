@@ -16,7 +16,7 @@ from flexstage.cli.output import (
     print_json,
     print_notes,
     print_table,
-    writable,
+    stage_file,
     write_file,
 )
 from flexstage.files.names import file_name
@@ -33,6 +33,7 @@ def import_(
     drawing: Annotated[Path, typer.Argument()],
     taken: DrawingSettings = _AS_DRAWN,
     out: OutputFile = None,
+    force: bool = False,
     figure: FigureFile = None,
     json: JsonOption = False,
 ) -> None:
@@ -45,6 +46,8 @@ def import_(
         thickness.
     out
         Write the stage file (default: NAME.yaml).
+    force
+        Replace a file that exists.
     figure
         Draw what was found: bodies, and necks with how sure each is. (.svg, .png or .pdf)
     """
@@ -52,7 +55,7 @@ def import_(
     from flexstage.stage.drawing.drawn_stage import read_drawing
 
     drawn = read_drawing(drawing, taken.drawing())
-    path = out if out is not None else writable(Path(f"{file_name(drawn.stage.name)}.yaml"))
+    path = stage_file(out, f"{file_name(drawn.stage.name)}.yaml", force=force)
     write_file(path, stage_file_text(drawn).encode("utf-8"))
     files = [path]
     if figure is not None:

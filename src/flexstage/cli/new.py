@@ -13,11 +13,11 @@ from flexstage.cli.output import (
     print_json,
     print_notes,
     print_table,
-    writable,
+    stage_file,
     write_file,
 )
 from flexstage.cli.stage_options import designs_like
-from flexstage.errors import ModelError, StageError
+from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -69,11 +69,7 @@ def new(
     from flexstage.designs.start import design_text, spelled_out_text
 
     name = known_design(design)
-    path = out if out is not None else writable(Path(f"{name}.yaml"))
-    if path.exists() and not force:
-        raise StageError(
-            f"{path} exists: give --force to replace it, or the name of another file by --out"
-        )
+    path = stage_file(out, f"{name}.yaml", force=force)
     text = spelled_out_text(name) if spelled_out else design_text(name)
     write_file(path, text.encode("utf-8"))
     files = [path, *([] if folder is None else _drawn({name: built(name)}, folder))]

@@ -165,6 +165,18 @@ def writable(path: Path) -> Path:
     return path
 
 
+def stage_file(out: Path | None, name: str, *, force: bool) -> Path:
+    """Return where a stage file goes that people then edit, refusing to replace one unasked."""
+    from flexstage.errors import StageError
+
+    path = out if out is not None else writable(Path(name))
+    if path.exists() and not force:
+        raise StageError(
+            f"{path} exists: give --force to replace it, or the name of another file by --out"
+        )
+    return path
+
+
 def _file(text: str | Path) -> Path:
     return writable(output_path(text))
 
