@@ -130,7 +130,8 @@ def slots_within(body: Body, wire_width: float) -> Iterator[Issue]:
     if not missed.size:
         return
     start, end, normals = edges(polygon)
-    tree = STRtree(linestrings(np.stack([start, end], axis=1)))
+    lines: Any = linestrings(np.stack([start, end], axis=1))
+    tree = STRtree(lines)
     for part in missed:
         width = _facing_distance(part, tree, normals, wire_width)
         if width is not None:

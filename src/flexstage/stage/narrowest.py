@@ -2,7 +2,7 @@
 
 `flexstage.stage.check` says whether a stage can be cut; these say by how much, so that a search
 can follow them. They go with the geometry without a jump, but for 1 um where an arc gets one more
-chord, and for tapers: sides count as those of one slot or wall within 11 deg of being parallel.
+chord, and for tapers: sides count as those of one slot or wall within 6 deg of being parallel.
 """
 
 from collections.abc import Iterable, Sequence
@@ -19,9 +19,9 @@ from flexstage.stage.model import Body, Stage
 from flexstage.stage.outline import Circle
 from flexstage.stage.shapes import Shape, body_shapes, drawn_openings, notch_shapes
 
-# two sides of a slot or a wall: their outward normals are within 11 deg of opposite, and within
-# 37 deg of the shortest line between them
-_OPPOSITE, _ACROSS = -0.98, 0.8
+# two sides of a slot or a wall: their outward normals are within 6 deg of opposite, and within 37
+# deg of the shortest line between them; a round end is then narrower than its slot by 0.1 %
+_OPPOSITE, _ACROSS = -0.995, 0.8
 # how far bodies are looked for about each other, in widths of the wire
 _REACH = 3.0
 # pairs of edges that are measured at once
@@ -64,7 +64,9 @@ def narrowest_slot(stage: Stage) -> float:
     found = [profile.length for profile in profiles]
     found += [2.0 * profile.neck_radius for profile in profiles if profile.neck_radius > 0.0]
     found += [2.0 * hole.radius for body in stage.bodies for hole in _circles(body)]
-    found.append(_between(shapes, _REACH * stage.manufacture.wire_width, min(found, default=np.inf)))
+    found.append(
+        _between(shapes, _REACH * stage.manufacture.wire_width, min(found, default=np.inf))
+    )
     narrowest = min(found)
     for body in stage.bodies if narrowest > 0.0 else ():
         if (drawn := drawn_openings(body)) is not None:
@@ -185,8 +187,8 @@ def _within(polygon: Any, reach: float, *, outside: bool) -> float:
     i, j = opposite_edges(normals, _OPPOSITE)
     between = middle[j] - middle[i]
     apart = sign * _dot(normals[i], between)
-    # an edge leans by less than a fifth of its length against the other
-    least = np.maximum(apart - 0.2 * half[j], np.hypot(*between.T) - half[i] - half[j])
+    # an edge leans by less than a tenth of its length against the other
+    least = np.maximum(apart - 0.1 * half[j], np.hypot(*between.T) - half[i] - half[j])
     order = np.flatnonzero((apart >= 0.0) & (least < reach))
     order = order[np.argsort(least[order])]
     lines: Any = shapely.linestrings(np.stack([start, end], axis=1))
@@ -195,15 +197,26 @@ def _within(polygon: Any, reach: float, *, outside: bool) -> float:
         some = some[least[some] < reach]
         if not some.size:
             break
-        ends = shapely.get_coordinates(shapely.shortest_line(lines[i[some]], lines[j[some]]))
+        a, b = i[some], j[some]
+        ends = shapely.get_coordinates(shapely.shortest_line(lines[a], lines[b]))
         across = ends[1::2] - ends[::2]
         width = np.hypot(*across.T)
         facing = (
             (width < reach)
-            & (sign * _dot(normals[i[some]], across) >= _ACROSS * width)
-            & (-sign * _dot(normals[j[some]], across) >= _ACROSS * width)
+            & (sign * _dot(normals[a], across) >= _ACROSS * width)
+            & (-sign * _dot(normals[b], across) >= _ACROSS * width)
         )
-        x, y = 0.5 * (ends[1::2] + ends[::2])[facing].T
+        # in the middle of what lies side by side, as corners lie on other edges
+        along = np.stack([-normals[a][:, 1], normals[a][:, 0]], axis=1)
+        beside = [_dot(along, e[b] - middle[a]) for e in (start, end)]
+        low = np.maximum(np.minimum(*beside), -half[a])
+        high = np.minimum(np.maximum(*beside), half[a])
+        place = 0.5 * (ends[::2] + ends[1::2])
+        inner = middle[a] + 0.5 * (
+            (low + high)[:, None] * along + sign * width[:, None] * normals[a]
+        )
+        place[high > low] = inner[high > low]
+        x, y = place[facing].T
         facing[facing] = (shapely.contains_xy(polygon, x, y) != outside) | (width[facing] == 0.0)
         reach = min(reach, float(width[facing].min(initial=np.inf)))
     return reach

@@ -50,8 +50,6 @@ def drawn_openings(body: Body, narrower_than: float = 0.0) -> Any:
 
     They are what its outline has, and its holes but for round ones that are wide enough [m].
     """
-    from shapely import Polygon
-
     holes = [
         ring(hole)
         for hole in (*body.holes, *body.mounting_holes)
