@@ -98,7 +98,7 @@ def thinnest_wall(stage: Stage) -> float:
     --------
     >>> from flexstage.designs import design
     >>> round(1e3 * thinnest_wall(design("vgtu-piezo")), 3)
-    3.25
+    2.4
     """
     from shapely import Point
     from shapely.geometry import Polygon
