@@ -1,7 +1,6 @@
 """Many stages from one source: a design, or a stage file, with other values of its parameters."""
 
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -21,7 +20,7 @@ from flexstage.designs.start import text_of_dimensions
 from flexstage.designs.topology import ParameterSet, Topology
 from flexstage.errors import FlexstageError, StageError
 from flexstage.files.nodes import Mapping as MappingNode
-from flexstage.files.nodes import Node, parse_yaml, read_text
+from flexstage.files.nodes import Node, Scalar, parse_yaml, read_text
 from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.settings import require_known
 from flexstage.stage import Stage, stage_from_text, stage_to_text
@@ -101,10 +100,10 @@ class StageTemplate:
         That of a design gives all of its dimensions. A file keeps its words and comments where each
         value that changes stands in a line of it; else all is written anew.
         """
+        wanted = self.stage(values)
         if self.file is None:
             topology, known, _ = _design(self)
             return text_of_dimensions(topology, known, self._dimensions(values))
-        wanted = self.stage(values)
         texts = dict(self.settings) | self._texts(values)
         edited = _edited(self, texts)
         if edited is not None:
@@ -159,29 +158,31 @@ def _edited(template: StageTemplate, texts: Mapping[str, str]) -> str | None:
     lines = template.file.splitlines(keepends=True)
     root = parse_yaml(template.file, template.source, STAGE_FILE.noun, StageError)
     for name, text in texts.items():
-        at = _line(root, name)
-        found = at and re.match(r"^(.*?:\s+)([^#{\[\s][^#{\[\n]*?)(\s*(?:#.*)?\n?)$", lines[at - 1])
-        if not at or not found:
+        place = _place(root, name)
+        if place is None or place.line is None:
             return None
-        before, value, behind = found.groups()
+        line = lines[place.line - 1]
+        before, found, behind = line.partition(place.text)
+        if not found or place.text in before + behind:
+            return None
         # a comment behind it stays where it stood
         spare = len(behind) - len(behind.lstrip(" "))
-        taken = min(max(len(text) - len(value), 0), max(spare - 1, 0))
-        padding = " " * max(len(value) - len(text), 0) if spare else ""
-        lines[at - 1] = f"{before}{text}{padding}{behind[taken:]}"
+        longer = len(text) - len(found)
+        behind = " " * -longer * bool(spare) + behind[min(max(longer, 0), max(spare - 1, 0)) :]
+        lines[place.line - 1] = before + text + behind
     return "".join(lines)
 
 
-def _line(root: Node, name: str) -> int | None:
-    """Return the line on which the value of a parameter stands."""
+def _place(root: Node, name: str) -> Scalar | None:
+    """Return where the value of a parameter stands in a file."""
     for key, path in ((PARAMETERS, [name]), ("design", name.split("."))):
-        node, line = root, None
+        node = root
         for part in (key, *path):
             if not isinstance(node, MappingNode) or part not in node.items:
                 break
-            line, node = node.key_lines.get(part), node.items[part]
+            node = node.items[part]
         else:
             if isinstance(node, MappingNode):  # a value with its description
-                line = node.key_lines.get("value")
-            return line
+                node = node.items.get("value", node)
+            return node if isinstance(node, Scalar) else None
     return None

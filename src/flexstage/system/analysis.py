@@ -341,6 +341,40 @@ def _coupling(stage: Stage, system: MechanicalSystem) -> CoupledAxes | None:
     return found
 
 
+def axis_states(
+    stage: Stage, system: MechanicalSystem
+) -> tuple[CoupledAxes | None, CoupledAxes | None, tuple[AxisAnalysis, ...]]:
+    """Return what all drives do to all axes, whether that moves the axes, and each at full stroke.
+
+    The second is the first where all drives together make the motion of an axis, and None where
+    each is moved by its drive alone.
+
+    Raises
+    ------
+    ModelError
+        The stage is a mechanism, or a drive has no stroke.
+    """
+    coupling = _coupling(stage, system)
+    together = coupling if coupling is not None and coupling.coupled else None
+    if (
+        together is not None
+        and not together.independent
+        and all(len(axis.drives) == 1 for axis in system.axes)
+    ):
+        # no way to move one axis alone: each drive by itself, as it is
+        together = None
+    return (
+        coupling,
+        together,
+        tuple(
+            analyse_axis(system, axis)
+            if together is None
+            else decoupled_axis(system, together, axis.name)
+            for axis in system.axes
+        ),
+    )
+
+
 def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     """Analyse a stage by one of its systems.
 
@@ -361,21 +395,7 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     ModelError
         The stage is a mechanism, or a drive has no stroke.
     """
-    coupling = _coupling(stage, system)
-    together = coupling if coupling is not None and coupling.coupled else None
-    if (
-        together is not None
-        and not together.independent
-        and all(len(axis.drives) == 1 for axis in system.axes)
-    ):
-        # no way to move one axis alone: each drive by itself, as it is
-        together = None
-    axes = tuple(
-        analyse_axis(system, axis)
-        if together is None
-        else decoupled_axis(system, together, axis.name)
-        for axis in system.axes
-    )
+    coupling, together, axes = axis_states(stage, system)
     # without drives the three conditions are one
     conditions = _CONDITIONS if system.drives else _CONDITIONS[:1]
     found: dict[DriveCondition, Modes] = {c: modes(system, drives=c, count=12) for c in conditions}
