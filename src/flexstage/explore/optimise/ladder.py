@@ -65,8 +65,8 @@ def find_optimum(problem: Problem, options: SearchOptions | None = None) -> Opti
     The lumped model is searched from the start and from the best of a Sobol' sample
     (`local_search`). The finer model is asked at the optimum only; the ratio of both, to first
     order about there, corrects the lumped figures, which are searched again, until the finer model
-    says what was expected (Bandler et al. 1994, IEEE Trans. MTT 42, 2536: space mapping; Echeverria,
-    Hemker 2005: manifold mapping).
+    says what was expected (Bandler et al. 1994, IEEE Trans. MTT 42, 2536: space mapping;
+    Echeverria, Hemker 2005: manifold mapping).
 
     Parameters
     ----------
@@ -121,8 +121,8 @@ class _Climb:
                 if not -1e-9 <= x <= 1.0 + 1e-9
             ]
             raise ModelError(
-                f"the stage as described lies outside the bounds of {', '.join(outside[:3])}: widen "
-                "them, or start from their middle with --start middle"
+                f"the stage as described lies outside the bounds of {', '.join(outside[:3])}: "
+                "widen them, or start from their middle with --start middle"
             )
         self.start = np.clip(self.start, 0.0, 1.0)
         self.program = StageProgram(problem=problem, nearest_to=self.start)
@@ -190,7 +190,7 @@ class _Climb:
         return sampler.random(2 ** int(np.log2(count)))
 
     def _order(self, points: Array, values: Array, ok: Array) -> list[int]:
-        """Return the order of starts: the given one, then without a goal the nearest, else the best."""
+        """Return the order of starts: the given one, then the best; the nearest without a goal."""
         off = violation_of(values[:, 1:], self.program.low, self.program.high).sum(axis=1)
         if self.problem.goals:
             rank = np.where(off > 0.5, 10.0 + off, values[:, 0] + off)
