@@ -24,6 +24,7 @@ from flexstage.explore.optimise.optimum import TOLERANCE, Level, Optimum, Rung, 
 from flexstage.explore.optimise.problem import Problem, StageProgram
 from flexstage.explore.optimise.walls import Wall
 from flexstage.provenance import provenance
+from flexstage.stage import Stage, check
 
 Start = Literal["described", "middle"]
 
@@ -45,12 +46,17 @@ class SearchOptions:
     """A finer model that confirms the best, ``plane`` or ``solid``; None for none."""
     evaluations: int = EVALUATIONS
     """Evaluations of the lumped model at most."""
+    starts: int = OTHER_STARTS
+    """Starts beside the given one, for a goal."""
     seed: int = 0
     """Seed of the other starts."""
 
     def __post_init__(self) -> None:
-        if self.evaluations < 1:
-            raise ModelError(f"--evaluations must be at least 1, got {self.evaluations}")
+        if self.evaluations < 1 or self.starts < 0:
+            raise ModelError(
+                f"a search needs at least one evaluation, and no fewer than 0 other starts, got "
+                f"{self.evaluations} and {self.starts}"
+            )
         if self.model not in ("lumped", "superelement"):
             raise ModelError(f"the ladder goes to lumped or superelement, got '{self.model}'")
         if self.confirm not in (None, "superelement", "plane", "solid"):
@@ -59,7 +65,9 @@ class SearchOptions:
             )
 
 
-def find_optimum(problem: Problem, options: SearchOptions | None = None) -> Optimum:
+def find_optimum(
+    problem: Problem, options: SearchOptions | None = None, start: Array | None = None
+) -> Optimum:
     """Return the best stage of a family by one goal, or the nearest that meets what is required.
 
     The lumped model is searched from the start and from the best of a Sobol' sample
@@ -74,6 +82,8 @@ def find_optimum(problem: Problem, options: SearchOptions | None = None) -> Opti
         What is sought; with one goal or none.
     options : SearchOptions, optional
         How it is searched.
+    start : array, optional
+        Where to start, in SI, shape (d,), instead of what the options say.
 
     Returns
     -------
@@ -93,7 +103,7 @@ def find_optimum(problem: Problem, options: SearchOptions | None = None) -> Opti
     """
     if len(problem.goals) > 1:
         raise ModelError("several goals have no single best: ask for their Pareto front")
-    return _Climb(problem, options or SearchOptions()).run()
+    return _Climb(problem, options or SearchOptions(), start).run()
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -110,10 +120,12 @@ class _Visited:
 class _Climb:
     """One way up the ladder."""
 
-    def __init__(self, problem: Problem, options: SearchOptions) -> None:
+    def __init__(self, problem: Problem, options: SearchOptions, start: Array | None) -> None:
         self.problem, self.options = problem, options
-        usual, middle = problem.family.usual, problem.family.middle
-        self.start = problem.position(usual if options.start == "described" else middle)
+        if start is None:
+            family = problem.family
+            start = family.usual if options.start == "described" else family.middle
+        self.start = problem.position(start)
         if not np.all((self.start >= -1e-9) & (self.start <= 1.0 + 1e-9)):
             outside = [
                 v.name
@@ -165,7 +177,7 @@ class _Climb:
                 f"{faults[0] or 'its figures cannot be computed'}"
             )
         order = self._order(points, values, ok)
-        wanted = 1 + (OTHER_STARTS if self.problem.goals else 0)
+        wanted = 1 + (self.options.starts if self.problem.goals else 0)
         found: list[LocalOptimum] = []
         for i in order:
             if len(found) >= wanted and any(f.feasible for f in found):
@@ -396,7 +408,5 @@ class _Climb:
             provenance=provenance(stage, settings),
         )
 
-    def _faults(self, stage) -> None:
-        from flexstage.stage import check
-
+    def _faults(self, stage: Stage) -> None:
         self.notes += [issue.message for issue in check(stage) if issue.severity == "error"]
