@@ -341,13 +341,18 @@ def _coupling(stage: Stage, system: MechanicalSystem) -> CoupledAxes | None:
     return found
 
 
-def axis_motions(
+def axis_states(
     stage: Stage, system: MechanicalSystem
 ) -> tuple[CoupledAxes | None, CoupledAxes | None, tuple[AxisAnalysis, ...]]:
-    """Return the full stroke of every axis, by its drive alone or by all drives together.
+    """Return what all drives do to all axes, whether that moves the axes, and each at full stroke.
 
-    Before it stand what all drives do to all axes, None where that says nothing, and the same again
-    where the axes have to be moved by all drives together, None where each drive is by itself.
+    The second is the first where all drives together make the motion of an axis, and None where
+    each is moved by its drive alone.
+
+    Raises
+    ------
+    ModelError
+        The stage is a mechanism, or a drive has no stroke.
     """
     coupling = _coupling(stage, system)
     together = coupling if coupling is not None and coupling.coupled else None
@@ -358,13 +363,16 @@ def axis_motions(
     ):
         # no way to move one axis alone: each drive by itself, as it is
         together = None
-    axes = tuple(
-        analyse_axis(system, axis)
-        if together is None
-        else decoupled_axis(system, together, axis.name)
-        for axis in system.axes
+    return (
+        coupling,
+        together,
+        tuple(
+            analyse_axis(system, axis)
+            if together is None
+            else decoupled_axis(system, together, axis.name)
+            for axis in system.axes
+        ),
     )
-    return coupling, together, axes
 
 
 def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
@@ -387,7 +395,7 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     ModelError
         The stage is a mechanism, or a drive has no stroke.
     """
-    coupling, together, axes = axis_motions(stage, system)
+    coupling, together, axes = axis_states(stage, system)
     # without drives the three conditions are one
     conditions = _CONDITIONS if system.drives else _CONDITIONS[:1]
     found: dict[DriveCondition, Modes] = {c: modes(system, drives=c, count=12) for c in conditions}

@@ -17,7 +17,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.stage import Stage
-from flexstage.system.analysis import NOTHING, axis_motions
+from flexstage.system.analysis import NOTHING, axis_states
 from flexstage.system.batch_modes import start_shapes
 from flexstage.system.coupled_axes import CoupledAxes
 from flexstage.system.forward_mode import (
@@ -110,7 +110,7 @@ class Decisions:
 @lru_cache(maxsize=32)
 def decisions(stage: Stage, system: MechanicalSystem) -> Decisions:
     """Decide on the nominal stage, once."""
-    coupling, together, axes = axis_motions(stage, system)
+    coupling, together, axes = axis_states(stage, system)
     responses = [
         (_force(system, axis.static.drive_force), system.probe(axis.probe).vector) for axis in axes
     ]
