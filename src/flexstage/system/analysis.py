@@ -25,10 +25,10 @@ from flexstage.system.response import (
 )
 from flexstage.system.statics import AxisAnalysis, analyse_axis, probe_stiffness, static_loads
 
-# natural frequencies that differ by less are one [1]
-_ALIKE = 1e-3
-# an axis that moves by less than this of what another does is not moved by its drive
-_NOTHING = 0.1
+#: Natural frequencies that differ by less are one [1].
+ALIKE = 1e-3
+#: An axis that moves by less than this of what another does is not moved by its drive.
+NOTHING = 0.1
 
 
 def axis_mode(
@@ -116,7 +116,7 @@ def axis_characteristics(
         where = f"against a {load} at probe '{axis.probe}', drives in place (rigid ones locked)"
         add("rotational_stiffness" if turns else "output_stiffness", stiffness, where)
     # of modes of one frequency any mixture is one: what they do together is sure
-    alike = np.abs(removed.frequency_hz / removed.frequency_hz[mode] - 1.0) < _ALIKE
+    alike = np.abs(removed.frequency_hz / removed.frequency_hz[mode] - 1.0) < ALIKE
     shown = np.sum((system.probe(axis.probe).vector @ removed.shapes[:, alike]) ** 2)
     if shown:
         which = "mode" if alike.sum() == 1 else f"the {alike.sum()} modes like"
@@ -179,7 +179,7 @@ def _cross(
     worst = max(alike, key=abs, default=0.0)
     ways = ("cross_rotation", "cross_displacement")
     how = "after decoupling" if len(axis.drives) > 1 else "at full stroke"
-    if alike and abs(own) >= _NOTHING * abs(worst) and own != 0.0:
+    if alike and abs(own) >= NOTHING * abs(worst) and own != 0.0:
         note = "displacement of the other axis over that of this one"
         yield "cross_coupling", worst / own, note + f", {how}" * (len(axis.drives) > 1)
     elif alike:
