@@ -25,6 +25,7 @@ from flexstage.cli.hinges import hinges
 from flexstage.cli.identify import identify
 from flexstage.cli.import_ import import_
 from flexstage.cli.new import new
+from flexstage.cli.optimise import optimise
 from flexstage.cli.output import print_json
 from flexstage.cli.part import part
 from flexstage.cli.predict import predict

@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.explore.optimise.walls import Bools
 
 # a factor beyond which two values are unlike each other: then their difference is carried
 _ALIKE = 5.0
@@ -19,7 +20,7 @@ class Correction:
 
     at: Array
     """The point, variables from 0 to 1, shape (d,)."""
-    factor: Array
+    factor: Bools
     """Which figures have a factor, and which a difference, shape (m,)."""
     shift: Array
     """Logarithm of the factor, or the difference, there, shape (m,)."""

@@ -17,6 +17,7 @@ from flexstage.explore.optimise.ladder import SearchOptions, find_optimum
 from flexstage.explore.optimise.local_search import FEASIBLE, local_search, violation_of
 from flexstage.explore.optimise.optimum import Optimum
 from flexstage.explore.optimise.problem import Problem, StageProgram
+from flexstage.explore.optimise.walls import Bools
 from flexstage.explore.workers import Workers
 from flexstage.lazy import require_extra
 from flexstage.short_repr import short_repr
@@ -107,7 +108,7 @@ def find_front(
     return search.run()
 
 
-def non_dominated(costs: Array) -> Array:
+def non_dominated(costs: Array) -> Bools:
     """Return which rows of costs (N, k) no other row betters in one column without loss in another.
 
     Examples
@@ -248,7 +249,7 @@ class _FrontSearch:
     def _costs(self, figures: Array) -> Array:
         return figures[:, self.columns] * self.signs
 
-    def _feasible(self) -> Array:
+    def _feasible(self) -> Bools:
         x, figures = np.concatenate(self.points), np.concatenate(self.figures)
         return np.all(self._violations(x, figures) <= 10.0 * FEASIBLE, axis=1)
 
@@ -280,7 +281,7 @@ class _FrontSearch:
         from scipy.stats import qmc
 
         d = len(self.start)
-        sample = qmc.Sobol(d, seed=self.options.seed).random(2 ** int(np.log2(_POPULATION)))
+        sample = qmc.Sobol(d, rng=self.options.seed).random(2 ** int(np.log2(_POPULATION)))
         known = np.vstack([self.start[None], ends])
         first = np.vstack([known, sample[: max(_POPULATION - len(known), 0)]])
         requirements = len(self.problem.all_requirements)
@@ -291,13 +292,14 @@ class _FrontSearch:
             xl=np.zeros(d),
             xu=np.ones(d),
         )
-        algorithm = NSGA2(pop_size=len(first), sampling=Population.new("X", first))
+        sampling: Any = Population.new("X", first)
+        algorithm = NSGA2(pop_size=len(first), sampling=sampling)
         algorithm.setup(bounds, termination=("n_gen", 10**6), seed=self.options.seed, verbose=False)
         generations = 0
         budget = self.options.evaluations - _REFINED * 10 * (d + 1)
         while generations == 0 or self.counts["lumped"] + _POPULATION <= budget:
             progress.update(f"generation {generations + 1}", self.counts["lumped"] / max(budget, 1))
-            bred = algorithm.ask()
+            bred: Any = algorithm.ask()
             x = np.clip(np.asarray(bred.get("X"), dtype=float), 0.0, 1.0)
             figures = self._evaluate(x)
             costs = np.where(np.isfinite(figures), figures, 0.0)[:, self.columns] * self.signs

@@ -1,7 +1,7 @@
 """The ladder: a quick model is searched, finer ones correct it and confirm what is found."""
 
 import time
-from collections import Counter
+from collections import defaultdict
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -140,7 +140,7 @@ class _Climb:
         self.program = StageProgram(problem=problem, nearest_to=self.start)
         self.trace: list[Trace] = []
         self.rungs: list[Rung] = []
-        self.seconds: Counter[str] = Counter()
+        self.seconds: defaultdict[str, float] = defaultdict(float)
         self.searches = 0
         self.known: dict[tuple[str, bytes], Array] = {}
         self.walls: tuple[Wall, ...] = ()
@@ -198,7 +198,7 @@ class _Climb:
         from scipy.stats import qmc
 
         count = min(_SAMPLE, max(self.options.evaluations // 20, 1))
-        sampler = qmc.Sobol(len(self.start), seed=self.options.seed)
+        sampler = qmc.Sobol(len(self.start), rng=self.options.seed)
         return sampler.random(2 ** int(np.log2(count)))
 
     def _order(self, points: Array, values: Array, ok: Array) -> list[int]:

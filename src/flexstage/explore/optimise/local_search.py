@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.explore.optimise.quadratic import bounded_step
-from flexstage.explore.optimise.walls import Wall, find_wall, joined
+from flexstage.explore.optimise.walls import Bools, Wall, find_wall, joined
 
 # trust region: its first half width, what a good step widens it by, what a bad one leaves of it
 _FIRST, _LARGEST, _WIDER, _NARROWER = 0.15, 0.5, 2.0, 0.4
@@ -26,10 +26,15 @@ _WALLS = 6
 class Program(Protocol):
     """Minimise the first value where the others keep their limits, over variables from 0 to 1."""
 
-    low: Array
-    """Least allowed value of each constraint, shape (m,); minus infinity for none."""
-    high: Array
-    """Largest allowed value of each constraint, shape (m,)."""
+    @property
+    def low(self) -> Array:
+        """Least allowed value of each constraint, shape (m,); minus infinity for none."""
+        ...
+
+    @property
+    def high(self) -> Array:
+        """Largest allowed value of each constraint, shape (m,)."""
+        ...
 
     def values(self, points: Array) -> Array:
         """Return objective and constraints at points (S, d), shape (S, 1 + m).
@@ -42,7 +47,7 @@ class Program(Protocol):
         """Return the values at a point (d,), shape (1 + m,), and their slopes (1 + m, d)."""
         ...
 
-    def possible(self, points: Array) -> Array:
+    def possible(self, points: Array) -> Bools:
         """Return which points (S, d) are possible at all."""
         ...
 
@@ -130,74 +135,17 @@ def local_search(
     """
     x = np.clip(np.asarray(start, dtype=float), 0.0, 1.0)
     values, slopes = program.slopes(x)
-    if not np.all(np.isfinite(values)) or not np.all(np.isfinite(slopes)):
+    if not _finite(values, slopes):
         return None
-    low, high = program.low, program.high
-    n = len(x)
-    B = np.eye(n) * max(float(np.linalg.norm(slopes[0])), 1e-3) if curvature is None else curvature
-    region, penalty, converged = _FIRST, 1.0, False
-    path = [_iterate(program, x, values)]
+    search = _Search(program, _Place(x, values, slopes), curvature, walls, tolerance)
+    path = [_iterate(program, search.place)]
     told(path[0])
+    converged = False
     for _ in range(steps):
-        found, met = None, 0
-        while region > _SMALLEST:
-            A, least, most = slopes[1:], np.maximum(-region, -x), np.minimum(region, 1.0 - x)
-            W = np.array([wall.normal for wall in walls]).reshape(-1, n)
-            beyond = np.array([wall.offset for wall in walls]) - W @ x
-            found = bounded_step(
-                B,
-                slopes[0],
-                np.vstack([A, W]),
-                np.append(low - values[1:], np.full(len(walls), -np.inf)),
-                np.append(high - values[1:], np.maximum(beyond, 0.0)),
-                least,
-                most,
-            )
-            if found is None:
-                region *= _NARROWER
-                continue
-            p, was = found.step, path[-1].violation
-            linear = violation_of(values[1:] + A @ p, low, high).sum()
-            model = -(slopes[0] @ p + 0.5 * p @ B @ p)
-            largest = float(np.max(np.abs(found.multipliers[: len(low)]), initial=0.0))
-            penalty = max(penalty, 1.5 * largest) if was > FEASIBLE else max(1.5 * largest, 1e-6)
-            if was - linear > FEASIBLE:  # the step must gain in the penalty function
-                penalty = max(penalty, -2.0 * model / (was - linear))
-            predicted = model + penalty * (was - linear)
-            if predicted <= tolerance * min(1.0, region / _FIRST):
-                converged = True
-                break
-            taken = _try(program, x, p, values, slopes, penalty, predicted, region)
-            if taken is None:  # impossible there
-                wall = find_wall(program.possible, x, p)
-                met += 1
-                if wall is None or met > _WALLS:
-                    region *= _NARROWER
-                else:
-                    walls = joined(walls, wall)
-                continue
-            p, gain = taken
-            if gain >= _ACCEPTED * predicted:
-                break
-            region = _NARROWER * min(region, float(np.max(np.abs(p))))
-        else:
-            converged = True
-        if converged or found is None:
+        if not search.step():
+            converged = search.converged
             break
-        ahead, steeper = program.slopes(x + p)
-        if not (np.all(np.isfinite(ahead)) and np.all(np.isfinite(steeper))):
-            region *= _NARROWER  # possible by itself, yet not around it
-            if region <= _SMALLEST:
-                break
-            continue
-        if gain > _GOOD * predicted and float(np.max(np.abs(p))) > 0.7 * region:
-            region = min(_WIDER * region, _LARGEST)
-        if curvature is None:
-            multipliers = found.multipliers[: len(low)]
-            turned = (steeper - slopes).T @ np.append(1.0, multipliers)
-            B = _updated(B, p, turned)
-        x, values, slopes = x + p, ahead, steeper
-        path.append(_iterate(program, x, values))
+        path.append(_iterate(program, search.place))
         told(path[-1])
         if _stalled(path, tolerance):
             converged = True
@@ -207,11 +155,156 @@ def local_search(
         point=last.point,
         values=last.values,
         violation=last.violation,
-        slopes=slopes,
-        walls=walls,
+        slopes=search.place.slopes,
+        walls=search.walls,
         converged=converged,
         iterates=tuple(path),
     )
+
+
+class _Place(NamedTuple):
+    """A point with its values and slopes."""
+
+    x: Array
+    values: Array
+    slopes: Array
+
+
+class _Trial(NamedTuple):
+    """A step that a model proposes, what it promises and what it brought."""
+
+    p: Array
+    multipliers: Array
+    predicted: float
+    gain: float
+
+
+class _Search:
+    """The state of a local search between two steps."""
+
+    def __init__(
+        self,
+        program: Program,
+        place: _Place,
+        curvature: Array | None,
+        walls: tuple[Wall, ...],
+        tolerance: float,
+    ) -> None:
+        self.program, self.place, self.walls, self.tolerance = program, place, walls, tolerance
+        self.low, self.high = program.low, program.high
+        self.known = curvature is not None
+        steep = max(float(np.linalg.norm(place.slopes[0])), 1e-3)
+        self.B: Array = np.eye(len(place.x)) * steep if curvature is None else curvature
+        self.region, self.penalty, self.converged = _FIRST, 1.0, False
+
+    def step(self) -> bool:
+        """Take a step that lowers the penalty function; False where there is none."""
+        while self.region > _SMALLEST:
+            trial = self._trial()
+            if trial is None:
+                return False
+            x = self.place.x + trial.p
+            values, slopes = self.program.slopes(x)
+            if not _finite(values, slopes):
+                self.region *= _NARROWER  # possible by itself, yet not around it
+                continue
+            longest = float(np.max(np.abs(trial.p)))
+            if trial.gain > _GOOD * trial.predicted and longest > 0.7 * self.region:
+                self.region = min(_WIDER * self.region, _LARGEST)
+            if not self.known:
+                turned = (slopes - self.place.slopes).T @ np.append(1.0, trial.multipliers)
+                self.B = _updated(self.B, trial.p, turned)
+            self.place = _Place(x, values, slopes)
+            return True
+        self.converged = True
+        return False
+
+    def _trial(self) -> _Trial | None:
+        """Return a step that brings what it promises; None at an optimum."""
+        met = 0
+        while self.region > _SMALLEST:
+            found = self._model()
+            if found is None:
+                self.region *= _NARROWER
+                continue
+            p, multipliers, predicted, _ = found
+            if predicted <= self.tolerance * min(1.0, self.region / _FIRST):
+                break
+            taken = self._taken(p, predicted)
+            if taken is None:  # impossible there
+                wall = find_wall(self.program.possible, self.place.x, p) if met < _WALLS else None
+                met += 1
+                if wall is None:
+                    self.region *= _NARROWER
+                else:
+                    self.walls = joined(self.walls, wall)
+                continue
+            q, gain = taken
+            if gain >= _ACCEPTED * predicted:
+                return _Trial(q, multipliers, predicted, gain)
+            self.region = _NARROWER * min(self.region, float(np.max(np.abs(q))))
+        self.converged = True
+        return None
+
+    def _model(self) -> _Trial | None:
+        """Return the step of the quadratic model, and set the penalty by its multipliers."""
+        x, values, slopes = self.place
+        W = np.array([wall.normal for wall in self.walls]).reshape(-1, len(x))
+        beyond = np.array([wall.offset for wall in self.walls]) - W @ x
+        A, g = slopes[1:], slopes[0]
+        found = bounded_step(
+            self.B,
+            g,
+            np.vstack([A, W]),
+            np.append(self.low - values[1:], np.full(len(W), -np.inf)),
+            np.append(self.high - values[1:], np.maximum(beyond, 0.0)),
+            np.maximum(-self.region, -x),
+            np.minimum(self.region, 1.0 - x),
+        )
+        if found is None:
+            return None
+        p, multipliers = found.step, found.multipliers[: len(self.low)]
+        was = self._off(values[1:])
+        less = was - self._off(values[1:] + A @ p)
+        model = -float(g @ p + 0.5 * p @ self.B @ p)
+        wanted = 1.5 * float(np.max(np.abs(multipliers), initial=0.0))
+        self.penalty = max(self.penalty, wanted) if was > FEASIBLE else max(wanted, 1e-6)
+        if less > FEASIBLE:  # the step must gain in the penalty function
+            self.penalty = max(self.penalty, -2.0 * model / less)
+        return _Trial(p, multipliers, model + self.penalty * less, 0.0)
+
+    def _off(self, constraints: Array) -> float:
+        return float(violation_of(constraints, self.low, self.high).sum())
+
+    def _merit(self, found: Array) -> float:
+        return float(found[0] + self.penalty * self._off(found[1:]))
+
+    def _taken(self, p: Array, predicted: float) -> tuple[Array, float] | None:
+        """Return the step, bent along the constraints where that is better, and its gain."""
+        x, values, slopes = self.place
+        here = self._merit(values)
+        there = self.program.values((x + p)[None])[0]
+        if not _finite(there):
+            return None
+        gain = here - self._merit(there)
+        if gain >= 0.1 * predicted:
+            return p, gain
+        # second-order correction: the linear models, shifted to what the constraints are at x + p
+        over = np.maximum(there[1:] - self.high, 0.0) - np.maximum(self.low - there[1:], 0.0)
+        active = over != 0.0
+        if not active.any():
+            return p, gain
+        more = -np.linalg.pinv(slopes[1:][active], rcond=1e-8) @ over[active]
+        q = np.clip(x + p + more, 0.0, 1.0) - x
+        if float(np.max(np.abs(q))) > 1.5 * self.region:
+            return p, gain
+        bent = self.program.values((x + q)[None])[0]
+        better = here - self._merit(bent) if _finite(bent) else -np.inf
+        return (q, better) if better > gain else (p, gain)
+
+
+def _finite(*arrays: Array) -> bool:
+    return all(bool(np.all(np.isfinite(array))) for array in arrays)
 
 
 def _stalled(path: list[Iterate], tolerance: float) -> bool:
@@ -221,49 +314,9 @@ def _stalled(path: list[Iterate], tolerance: float) -> bool:
     return len(last) == _IDLE and same and all(one.violation < 10.0 * FEASIBLE for one in last)
 
 
-def _iterate(program: Program, x: Array, values: Array) -> Iterate:
-    off = violation_of(values[1:], program.low, program.high)
-    return Iterate(point=x, values=values, violation=float(off.sum()))
-
-
-def _try(
-    program: Program,
-    x: Array,
-    p: Array,
-    values: Array,
-    slopes: Array,
-    penalty: float,
-    predicted: float,
-    region: float,
-) -> tuple[Array, float] | None:
-    """Return the step, bent along the constraints where that is better, and its gain."""
-
-    def merit(found: Array) -> float:
-        return float(found[0] + penalty * violation_of(found[1:], program.low, program.high).sum())
-
-    here = merit(values)
-    there = program.values((x + p)[None])[0]
-    if not np.all(np.isfinite(there)):
-        return None
-    gain = here - merit(there)
-    if gain >= 0.1 * predicted:
-        return p, gain
-    # second-order correction: the linear models, shifted to what the constraints are at x + p
-    bent = there[1:] - slopes[1:] @ p
-    active = (bent + slopes[1:] @ p > program.high) | (bent + slopes[1:] @ p < program.low)
-    if not active.any():
-        return p, gain
-    A = slopes[1:][active]
-    off = np.maximum(there[1:] - program.high, 0.0) - np.maximum(program.low - there[1:], 0.0)
-    more = -np.linalg.pinv(A, rcond=1e-8) @ off[active]
-    q = np.clip(x + p + more, 0.0, 1.0) - x
-    if float(np.max(np.abs(q))) > 1.5 * region:
-        return p, gain
-    corrected = program.values((x + q)[None])[0]
-    if not np.all(np.isfinite(corrected)):
-        return p, gain
-    better = here - merit(corrected)
-    return (q, better) if better > gain else (p, gain)
+def _iterate(program: Program, place: _Place) -> Iterate:
+    off = violation_of(place.values[1:], program.low, program.high)
+    return Iterate(point=place.x, values=place.values, violation=float(off.sum()))
 
 
 def _updated(B: Array, p: Array, turned: Array) -> Array:

@@ -60,13 +60,14 @@ def held_by(program: StageProgram, optimum: LocalOptimum) -> tuple[tuple[Held, .
         if values[i] <= low[i] + room or low[i] == high[i]:
             sides.append(("requirement", i, "low", -slopes[1 + i]))
     unit = np.eye(len(x))
-    sides += [("bound", j, "low", -unit[j]) for j in np.flatnonzero(x <= 1e-6)]
-    sides += [("bound", j, "high", unit[j]) for j in np.flatnonzero(x >= 1.0 - 1e-6)]
-    sides += [
-        ("wall", k, "high", wall.normal)
-        for k, wall in enumerate(optimum.walls)
-        if wall.offset - wall.normal @ x < _AT_WALL
-    ]
+    for j in range(len(x)):
+        if x[j] <= 1e-6:
+            sides.append(("bound", j, "low", -unit[j]))
+        if x[j] >= 1.0 - 1e-6:
+            sides.append(("bound", j, "high", unit[j]))
+    for k, wall in enumerate(optimum.walls):
+        if wall.offset - wall.normal @ x < _AT_WALL:
+            sides.append(("wall", k, "high", wall.normal))
     normals = np.array([side[3] for side in sides]).reshape(-1, len(x))
     multipliers, left = balance(slopes[0], normals)
     share = multipliers * np.linalg.norm(normals, axis=1)
@@ -87,7 +88,7 @@ def held_by(program: StageProgram, optimum: LocalOptimum) -> tuple[tuple[Held, .
             why = program.fault(optimum.walls[i].beyond) or "the stage is at fault"
             text = f"no stage lies beyond: {why}"
             held.append(Held(kind="wall", name="", side="high", limit=0.0, rate=0.0, text=text))
-    free = len(x) - int(np.linalg.matrix_rank(normals, tol=1e-6)) if len(sides) else len(x)
+    free = len(x) - int(np.linalg.matrix_rank(normals, tol=1e-6)) if sides else len(x)
     return tuple(held), free, left if problem.goals else 0.0
 
 

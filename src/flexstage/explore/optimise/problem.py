@@ -11,6 +11,7 @@ from flexstage.errors import FlexstageError, ModelError
 from flexstage.explore.family import Family, evaluate, jacobian
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.optimise.correction import Correction
+from flexstage.explore.optimise.walls import Bools
 
 Way = Literal["maximise", "minimise"]
 
@@ -213,7 +214,7 @@ class StageProgram:
             objective = point - self.nearest_to
         return values, np.stack([objective, *rows])
 
-    def possible(self, points: Array) -> Array:
+    def possible(self, points: Array) -> Bools:
         return np.array([self._fault(p) == "" for p in self.problem.point(points)], dtype=bool)
 
     def fault(self, x: Array) -> str:

@@ -4,8 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexstage.arrays import Array
+
+Bools = NDArray[np.bool_]
 
 #: How far inside a wall a search stays, in parts of the bounds.
 MARGIN = 1e-4
@@ -28,7 +31,7 @@ class Wall:
     """A point just beyond it, shape (d,), which says why it is impossible."""
 
 
-def find_wall(possible: Callable[[Array], Array], inside: Array, step: Array) -> Wall | None:
+def find_wall(possible: Callable[[Array], Bools], inside: Array, step: Array) -> Wall | None:
     """Return the wall between a possible point and an impossible one.
 
     The distance to the wall along each variable gives its normal: exactly where the wall is plane,
