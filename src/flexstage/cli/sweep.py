@@ -62,11 +62,11 @@ def sweep(
         grid|latin-hypercube|sobol: How points are spread: on a grid, as a Latin hypercube, or as a
         Sobol' sequence (default: a grid of one or two parameters, a sequence of more).
     samples
-        N: Number of points; a grid has at most so many, a Sobol' sequence the next power of 2. With
+        NUMBER: Number of points; a grid has at most so many, a Sobol' sequence the next power of 2. With
         --indices the number of base samples, each of which takes as many points as there are
         parameters and two more.
     seed
-        N: Seed of Latin hypercube and Sobol' sequence.
+        NUMBER: Seed of Latin hypercube and Sobol' sequence.
     indices
         Estimate Sobol' indices: which parameter has which share in the variation of each figure.
     folder
@@ -100,10 +100,13 @@ def sweep(
     # until it is finished
     keep = None if folder is None else folder / "unfinished"
     with progress_bar("sweep", quiet=quiet), sharing.open() as workers:
-        found = run_sweep(family, figures, wanted, model=model, workers=workers, keep=keep)
+        try:
+            found = run_sweep(family, figures, wanted, model=model, workers=workers, keep=keep)
+        except ModelError:  # to go on would end in the same way
+            _forget(keep)
+            raise
     files, notes = _written(found, folder, figure)
-    if keep is not None:
-        shutil.rmtree(keep)
+    _forget(keep)
     if json:
         from flexstage.explore.sweep_files import sweep_results
 
@@ -117,6 +120,12 @@ def sweep(
     for shown in sweep_tables(found):
         screen.print(on_terminal(shown))
     print_notes(screen, (*sweep_notes(found), *notes), files)
+
+
+def _forget(keep: Path | None) -> None:
+    """Remove finished batches that nothing will go on from."""
+    if keep is not None and keep.exists():
+        shutil.rmtree(keep)
 
 
 def _figures(family: "Family", names: list[str] | None) -> "tuple[Figure, ...]":

@@ -27,7 +27,6 @@ from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
 from flexstage.explore.variables import Variable
 from flexstage.explore.workers import open_workers
 from flexstage.provenance import Provenance, provenance
-from flexstage.quantities import number
 from flexstage.short_repr import short_repr
 
 if TYPE_CHECKING:
@@ -181,7 +180,7 @@ class Sweep:
         if cut is None:
             return ""
         variable = self.variables[cut.variable]
-        shown = number(cut.value * variable.factor, 3)
+        shown = f"{float(f'{cut.value * variable.factor:.3g}'):.10g}"
         also = f", and {100.0 * cut.possible:.0f} % of the others" if cut.possible > 0.005 else ""
         return (
             f"{variable.name} from {shown} {variable.unit} on"
@@ -311,7 +310,10 @@ def sweep(
         batch=batch_size(len(points), _COST.get(model, 1.0)),
     )
     # first, so that a wrong model or figure is refused at once
-    described = evaluate(family, family.usual[None], figures, model).values[0]
+    usual = evaluate(family, family.usual[None], figures, model)
+    lacking = [figures[k].name for k in np.flatnonzero(np.isnan(usual.values[0]))]
+    if lacking and not usual.faults[0]:
+        raise ModelError(f"the {model} model gives no {', '.join(lacking)}: leave it out")
     with nullcontext(workers) if workers is not None else open_workers(1) as shared:
         found = shared.run(job, keep)
     faults = tuple(str(fault) for fault in found["fault"])
@@ -336,7 +338,7 @@ def sweep(
         points=points,
         values=found["values"],
         faults=faults,
-        described=described,
+        described=usual.values[0],
         indices=indices,
         notes=notes,
         provenance=provenance(
