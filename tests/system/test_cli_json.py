@@ -17,6 +17,7 @@ REFUSED = {
     "show": ["nowhere.yaml"],
     "check": ["nowhere.yaml"],
     "analyse": ["nowhere.yaml"],
+    "sweep": ["parallelogram"],
     "equations": ["nowhere.yaml"],
     "export": ["nowhere.yaml", "--to", "step"],
     "hinges": ["--profile", "round"],

@@ -165,7 +165,9 @@ def _problem(
 def _names(known: dict[tuple[str, str], float]) -> list[str]:
     from flexstage.explore.figures import usual_figures
 
-    return [f.name for f in usual_figures(known) if f.quantity == "natural_frequency_hz"] or ["mass"]
+    return [f.name for f in usual_figures(known) if f.quantity == "natural_frequency_hz"] or [
+        "mass"
+    ]
 
 
 def _goals(names: list[str] | None, way: Any, known: Any) -> "tuple[Goal, ...]":
@@ -183,7 +185,7 @@ def _targets(text: str, described: Any, known: Any) -> "tuple[Requirement, ...]"
     target = requirement_of(text, known)
     if target.low is None or target.high is None:
         raise ModelError(
-            f"--match is a figure and the value to reach, such as \"stroke.x = 60 um\", got "
+            f'--match is a figure and the value to reach, such as "stroke.x = 60 um", got '
             f"'{text[:60]}': give a limit with --keep"
         )
     return (target,)

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from flexstage.explore.optimise.ladder import SearchOptions, find_optimum
     from flexstage.explore.optimise.optimum import Optimum
     from flexstage.explore.optimise.problem import Goal, Problem
+    from flexstage.explore.sampling import saltelli_points
+    from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
+    from flexstage.explore.sweep import Sweep, SweepPlan, sweep, usual_plan
     from flexstage.explore.variables import Variable, every_variable, variables_of
     from flexstage.explore.workers import Workers, open_workers
 
@@ -26,6 +29,9 @@ __all__ = [
     "Problem",
     "Requirement",
     "SearchOptions",
+    "SobolIndices",
+    "Sweep",
+    "SweepPlan",
     "Variable",
     "Workers",
     "batch_size",
@@ -38,6 +44,10 @@ __all__ = [
     "known_figures",
     "open_workers",
     "requirement_of",
+    "saltelli_points",
+    "sobol_indices",
+    "sweep",
+    "usual_plan",
     "variables_of",
 ]
 

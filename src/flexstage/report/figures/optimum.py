@@ -38,9 +38,13 @@ def draw_history(found: Optimum) -> "Drawn":
         steps = [step for step in found.trace if step.search == search]
         at = [step.evaluations for step in steps]
         colour = CYCLE[search % len(CYCLE)]
-        above.plot(at, [factor * s.objective for s in steps], color=colour, lw=1.2, marker=".", ms=3)
+        above.plot(
+            at, [factor * s.objective for s in steps], color=colour, lw=1.2, marker=".", ms=3
+        )
         off = [max(s.violation, _NONE) for s in steps]
-        below.semilogy(at, off, color=colour, lw=1.2, marker=".", ms=3, label=f"search {search + 1}")
+        below.semilogy(
+            at, off, color=colour, lw=1.2, marker=".", ms=3, label=f"search {search + 1}"
+        )
     for k, rung in enumerate(found.rungs):
         if goals:
             above.plot(
