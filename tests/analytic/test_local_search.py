@@ -261,11 +261,24 @@ def test_quadratic_step_against_another_solver() -> None:
 
 
 def test_step_gives_way_where_limits_contradict() -> None:
-    """p = 1 and p = 2 at once: half-way."""
+    """p = 1 and p = 2 at once: about half-way, and no multipliers to believe."""
     A, limit = np.array([[1.0], [1.0]]), np.array([1.0, 2.0])
     found = bounded_step(np.eye(1), ONE, A, limit, limit, -FOUR, FOUR)
     assert found is not None
-    assert found.step == pytest.approx([1.5], abs=1e-6)
+    assert found.step == pytest.approx([1.5], abs=0.16)
+    assert found.relaxed
+
+
+def test_limit_that_no_step_moves() -> None:
+    """A row of zeros, kept or not: it changes nothing of the step."""
+    for limit, reached in ((-0.5, 0.3), (0.5, 0.27)):
+        low = np.array([0.3, limit])
+        A = np.array([[1.0, 0.5], [0.0, 0.0]])
+        high = np.full(2, INF)
+        box = np.full(2, 0.7)
+        found = bounded_step(np.eye(2), np.zeros(2), A, low, high, -box, box)
+        assert found is not None
+        assert found.step == pytest.approx(reached * A[0] / (A[0] @ A[0]), abs=1e-6)
 
 
 def test_correction_is_exact_at_its_points_and_learns_a_slope() -> None:

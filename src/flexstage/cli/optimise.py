@@ -70,9 +70,9 @@ def optimise(
         parameter of such a name by 20 % to either side; may be repeated (default: every dimension
         by 30 %).
     without
-        NAME: What is required without being asked, and shall not be here: smallest_slot,
-        smallest_neck, safety_factor (1.5 against yield), drive_force_share (blocking force) or
-        stroke_left (half of the free stroke); may be repeated.
+        NAME: What is required without being asked, and shall not be here: check (what can be made),
+        safety_factor (1.5 against yield) or input_stiffness (no stiffer than the actuator, and full
+        stroke within its blocking force); may be repeated.
     start
         described|middle: Start from the stage as it is described, or from the middle of the bounds.
     model
@@ -131,7 +131,7 @@ def _problem(
     without: list[str] | None,
 ) -> "Problem":
     from flexstage.explore import Family, Problem, known_figures, requirement_of, variables_of
-    from flexstage.explore.optimise.usual import usual_requirements, usual_variables
+    from flexstage.explore.optimise.usual import CHECK, usual_requirements, usual_variables
 
     variables = variables_of(template, over) if over else usual_variables(template)
     if not variables:
@@ -159,6 +159,7 @@ def _problem(
         goals=goals,
         requirements=requirements,
         usual=usual_requirements(described, known, requirements, without or ()),
+        checked=CHECK not in (without or ()),
     )
 
 

@@ -29,8 +29,9 @@ def optimum_notes(found: Optimum) -> tuple[str, ...]:
     notes = [_reached(found), *(held.text for held in found.held[:_HELD])]
     if len(found.held) > _HELD:
         notes.append(f"held by {len(found.held) - _HELD} more, each of which matters less")
-    if problem.usual:
-        asked = ", ".join(r.text for r in problem.usual)
+    unasked = [*(["check"] if problem.checked else []), *(r.text for r in problem.usual)]
+    if unasked:
+        asked = ", ".join(unasked)
         notes.append(f"required without being asked (--without NAME leaves one out): {asked}")
     notes += found.notes
     notes.append(f"evaluations: {_work(found)}")

@@ -30,6 +30,8 @@ Start = Literal["described", "middle"]
 
 #: Starts of the search beside the given one, turns of the ladder at most, evaluations at most.
 OTHER_STARTS, TURNS, EVALUATIONS = 3, 8, 4000
+# steps of a search at most and at least; share of the evaluations that is kept for the ladder
+_STEPS, _FEWEST, _RESERVE = 60, 4, 0.4
 # points that starts are chosen from; agreement of two models at which the ladder ends
 _SAMPLE, _AGREED = 64, 1e-3
 
@@ -164,9 +166,9 @@ class _Climb:
         sample = self._sample()
         figures = self.program.figures(np.vstack([self.start[None], sample]))
         if self.problem.goals:
-            known = figures[0, 0] if np.isfinite(figures[0, 0]) else np.nanmedian(figures[:, 0])
-            if np.isfinite(known) and known != 0.0:
-                self.program = replace(self.program, goal_reference=abs(float(known)))
+            told = figures[np.isfinite(figures[:, 0]) & (figures[:, 0] != 0.0), 0]
+            if len(told):  # that of the start, where it is a stage
+                self.program = replace(self.program, goal_reference=abs(float(told[0])))
         points = np.vstack([self.start[None], sample])
         values = self.program.scaled(points, figures)
         ok = np.all(np.isfinite(values), axis=1)
@@ -178,13 +180,15 @@ class _Climb:
             )
         order = self._order(points, values, ok)
         wanted = 1 + (self.options.starts if self.problem.goals else 0)
+        reserve = 0.0 if self.options.model == "lumped" else _RESERVE * self.options.evaluations
         found: list[LocalOptimum] = []
         for i in order:
             if len(found) >= wanted and any(f.feasible for f in found):
                 break
-            if len(found) >= 2 * wanted or (found and self._spent()):
+            if len(found) >= 2 * wanted or (found and self._left() <= reserve):
                 break
-            one = self._search(points[i])
+            share = (self._left() - reserve) / max(wanted - len(found), 1)
+            one = None if self.program.fault(points[i]) else self._search(points[i], share)
             if one is not None:
                 found.append(one)
         if not found:
@@ -211,7 +215,7 @@ class _Climb:
         rank[0] = -np.inf
         return [int(i) for i in np.argsort(rank, kind="stable") if ok[i]]
 
-    def _search(self, start: Array) -> LocalOptimum | None:
+    def _search(self, start: Array, evaluations: float) -> LocalOptimum | None:
         self.searches += 1
         number = self.searches - 1
 
@@ -227,11 +231,10 @@ class _Climb:
 
         began = time.perf_counter()
         d = len(start)
-        left = max(self.options.evaluations - self.program.counts["lumped"], 0)
         found = local_search(
             self.program,
             start,
-            steps=max(min(60, left // (2 * d + 2)), 4),
+            steps=max(min(_STEPS, int(evaluations / (2 * d + 3))), _FEWEST),
             curvature=None if self.problem.goals else np.eye(d),
             walls=self.walls,
             told=told,
@@ -246,8 +249,9 @@ class _Climb:
             return float(np.sqrt(2.0 * iterate.values[0]))
         return float(self.program.goal_figure(iterate.values[0]))
 
-    def _spent(self) -> bool:
-        return self.program.counts["lumped"] >= self.options.evaluations
+    def _left(self) -> float:
+        """Return how many evaluations of the searched model are left."""
+        return float(self.options.evaluations - self.program.counts["lumped"])
 
     # ------------------------------------------------------------------ climbing
 
@@ -286,9 +290,9 @@ class _Climb:
                 agreed = self._agree(expected, fine)
                 self.program = self.program.corrected(correction)
                 visited.append(self._visit(best, fine))
-                if (agreed and turn > 0) or (self._spent() and turn > 1):
+                if (agreed and turn > 0) or self._left() <= 0.0:
                     break
-                again = self._search(best.point)
+                again = self._search(best.point, 0.4 * self._left())
                 if again is None:
                     break
                 still = float(np.max(np.abs(again.point - best.point))) < 1e-6
@@ -341,7 +345,7 @@ class _Climb:
         confirmed = self._confirmed(chosen, fine)
         if confirmed.violation <= TOLERANCE or not np.all(np.isfinite(fine)):
             return confirmed
-        again = self._search(chosen.optimum.point)
+        again = self._search(chosen.optimum.point, max(self._left(), 0.0))
         if again is None:
             return confirmed
         progress.update(f"confirm by {model}", 0.5)

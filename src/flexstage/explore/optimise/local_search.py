@@ -20,7 +20,7 @@ _SMALLEST = 1e-6
 # steps without a change of the objective after which a search has ended
 _IDLE = 4
 # walls that are looked for in one step, before it is made shorter
-_WALLS = 6
+_WALLS = 3
 
 
 class Program(Protocol):
@@ -257,7 +257,8 @@ class _Search:
             g,
             np.vstack([A, W]),
             np.append(self.low - values[1:], np.full(len(W), -np.inf)),
-            np.append(self.high - values[1:], np.maximum(beyond, 0.0)),
+            # what is nearer to a wall than it should be goes away from it
+            np.append(self.high - values[1:], np.maximum(beyond, -0.3 * self.region)),
             np.maximum(-self.region, -x),
             np.minimum(self.region, 1.0 - x),
         )
@@ -267,7 +268,7 @@ class _Search:
         was = self._off(values[1:])
         less = was - self._off(values[1:] + A @ p)
         model = -float(g @ p + 0.5 * p @ self.B @ p)
-        wanted = 1.5 * float(np.max(np.abs(multipliers), initial=0.0))
+        wanted = 0.0 if found.relaxed else 1.5 * float(np.max(np.abs(multipliers), initial=0.0))
         self.penalty = max(self.penalty, wanted) if was > FEASIBLE else max(wanted, 1e-6)
         if less > FEASIBLE:  # the step must gain in the penalty function
             self.penalty = max(self.penalty, -2.0 * model / less)

@@ -79,6 +79,9 @@ def held_by(program: StageProgram, optimum: LocalOptimum) -> tuple[tuple[Held, .
         kind, i, side, _ = sides[n]
         if share[n] <= least and problem.goals:
             continue
+        # values to match hold it by nature
+        if kind == "requirement" and low[i] == high[i] and not problem.goals:
+            continue
         if kind == "requirement":
             asked = problem.all_requirements[i]
             held.append(_requirement(program, asked, side, per * float(multipliers[n])))

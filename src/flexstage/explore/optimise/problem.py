@@ -12,6 +12,7 @@ from flexstage.explore.family import Family, evaluate, jacobian
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.optimise.correction import Correction
 from flexstage.explore.optimise.walls import Bools
+from flexstage.stage import check
 
 Way = Literal["maximise", "minimise"]
 
@@ -51,7 +52,9 @@ class Problem:
     requirements: tuple[Requirement, ...] = ()
     """What is required."""
     usual: tuple[Requirement, ...] = ()
-    """What is required without being asked: what can be made, stressed and driven."""
+    """What is required without being asked: what can be stressed and driven."""
+    checked: bool = True
+    """Whether a stage that `flexstage.stage.check` finds at fault is no stage: what can be made."""
 
     def __post_init__(self) -> None:
         if not self.goals and not self.requirements:
@@ -175,7 +178,11 @@ class StageProgram:
         return found if self.correction is None else self.correction.at_points(points, found)
 
     def values(self, points: Array) -> Array:
-        return self.scaled(points, self.figures(points))
+        found = self.scaled(points, self.figures(points))
+        if self.problem.checked:
+            told = np.flatnonzero(np.all(np.isfinite(found), axis=1))
+            found[told[~self.possible(points[told])]] = np.nan
+        return found
 
     def scaled(self, points: Array, figures: Array) -> Array:
         """Return objective and constraints (S, 1 + m) of figures (S, F) at points (S, d)."""
@@ -198,8 +205,12 @@ class StageProgram:
 
     def slopes(self, point: Array) -> tuple[Array, Array]:
         family, width = self.problem.family, self.problem.width
-        self.counts[self.model] += 1 + len(point)
-        figures, slopes = jacobian(family, self.problem.point(point), self._figures, self.model)
+        self.counts[self.model] += 1 + 2 * len(point)
+        try:
+            figures, slopes = jacobian(family, self.problem.point(point), self._figures, self.model)
+        except ModelError:  # no stage
+            none = np.full((1 + len(self._asked), len(point)), np.nan)
+            return none[:, 0], none
         slopes = slopes * width
         if self.correction is not None:
             figures, slopes = self.correction.of_slopes(point, figures, slopes)
@@ -224,10 +235,12 @@ class StageProgram:
     def _fault(self, point: Array) -> str:
         self.counts["geometry"] += 1
         try:
-            self.problem.family.stage(point)
+            stage = self.problem.family.stage(point)
         except FlexstageError as error:
             return str(error)
-        return ""
+        if not self.problem.checked:
+            return ""
+        return next((issue.message for issue in check(stage) if issue.severity == "error"), "")
 
     def corrected(self, correction: Correction) -> "StageProgram":
         """Return the same program by a model that is corrected otherwise."""

@@ -8,8 +8,12 @@ from flexstage.arrays import Array
 
 # what an equation may be off, so that its two inequalities leave a point between them
 _APART = 1e-10
+# share of the violation that a step may leave where not all limits can be kept
+_GIVEN = 0.1
+# slopes that are none beside the largest
+_STILL = 1e-12
 # length of the last residual below which inequalities contradict each other
-_INCONSISTENT = 1e-11
+_INCONSISTENT = 1e-7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -20,6 +24,8 @@ class Step:
     """The step, shape (d,)."""
     multipliers: Array
     """Lagrange multiplier of each inequality, at least 0, shape (m,)."""
+    relaxed: bool = False
+    """Whether limits had to give way, whose multipliers say nothing then."""
 
 
 def smallest_quadratic(B: Array, g: Array, G: Array, h: Array) -> Step | None:
@@ -62,8 +68,13 @@ def smallest_quadratic(B: Array, g: Array, G: Array, h: Array) -> Step | None:
     L = np.tril(cho_factor(B, lower=True)[0])
     inner = solve_triangular(L, g, lower=True)
     rows = solve_triangular(L, G.T, lower=True).T
-    size = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
-    rows, limit = rows / size[:, None], (h + rows @ inner) / size
+    size = np.linalg.norm(rows, axis=1)
+    # what no step changes is kept or is not
+    told = size > _STILL * float(size.max(initial=0.0))
+    if np.any(h[~told] > _APART):
+        return None
+    size = size[told]
+    rows, limit = rows[told] / size[:, None], (h[told] + rows[told] @ inner) / size
     # every inequality in one unit: of the size of the step, which is about 1 then
     unit = max(float(np.max(np.abs(limit), initial=0.0)), 1e-300)
     system = np.vstack([rows.T, limit[None] / unit])
@@ -78,7 +89,9 @@ def smallest_quadratic(B: Array, g: Array, G: Array, h: Array) -> Step | None:
         return None
     z = -unit * residual[:-1] / residual[-1]
     step = solve_triangular(L.T, z - inner)
-    return Step(step=step, multipliers=-unit * dual / residual[-1] / size)
+    multipliers = np.zeros(len(h))
+    multipliers[told] = -unit * dual / residual[-1] / size
+    return Step(step=step, multipliers=multipliers)
 
 
 def bounded_step(
@@ -116,8 +129,10 @@ def bounded_step(
     d = len(g)
     for give in (False, True):
         if give:
-            left = _least_violation(A, low, high, 0.8 * least, 0.8 * most)
-            low, high = low - np.maximum(-left, 0.0), high + np.maximum(left, 0.0)
+            over, under = _least_violation(A, low, high, 0.8 * least, 0.8 * most)
+            # and by some of what it mends, so that more than one point is left
+            high = high + over + _GIVEN * np.maximum(np.maximum(-high, 0.0) - over, 0.0)
+            low = low - under - _GIVEN * np.maximum(np.maximum(low, 0.0) - under, 0.0)
         room = _APART * (1.0 + np.where(np.isfinite(high), np.abs(high), 0.0))
         rows = np.vstack([A, np.eye(d)])
         upper, lower = np.append(high + room, most), np.append(low - room, least)
@@ -130,15 +145,21 @@ def bounded_step(
         multipliers = np.zeros(len(rows))
         multipliers[some] += found.multipliers[: some.sum()]
         multipliers[more] -= found.multipliers[some.sum() :]
-        return Step(step=np.clip(found.step, least, most), multipliers=multipliers)
+        step = np.clip(found.step, least, most)
+        return Step(step=step, multipliers=multipliers, relaxed=give)
     return None
 
 
-def _least_violation(A: Array, low: Array, high: Array, least: Array, most: Array) -> Array:
-    """Return what A p is above high (positive) or below low where that is least, all together."""
+def _least_violation(
+    A: Array, low: Array, high: Array, least: Array, most: Array
+) -> tuple[Array, Array]:
+    """Return what A p is above high, and below low, where that is least, all together."""
     from scipy.optimize import lsq_linear
 
-    # slack variables within the limits: A p - s, and of equations A p - low
+    # with slacks s within the limits, as far as A p can reach: A p - s, and of equations A p - low
+    reach = 1.0 + np.abs(A) @ np.maximum(np.abs(least), np.abs(most))
+    low = np.clip(low, -reach, reach)
+    high = np.maximum(np.clip(high, -reach, reach), low)
     free = low < high
     slack = -np.eye(len(low))[:, free]
     fixed = np.where(free, 0.0, low)
@@ -147,10 +168,8 @@ def _least_violation(A: Array, low: Array, high: Array, least: Array, most: Arra
         np.hstack([A[:, open_], slack]),
         fixed,
         (np.append(least[open_], low[free]), np.append(most[open_], high[free])),
-        method="bvls"
-        if np.all(np.isfinite(low[free])) and np.all(np.isfinite(high[free]))
-        else "trf",
+        method="bvls",
         tol=1e-12,
     )
     at = A[:, open_] @ found.x[: open_.sum()]
-    return np.maximum(at - high, 0.0) - np.maximum(low - at, 0.0)
+    return np.maximum(at - high, 0.0), np.maximum(low - at, 0.0)

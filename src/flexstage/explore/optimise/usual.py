@@ -1,19 +1,18 @@
 """What is required of every stage without being asked, and figures that were published."""
 
 from collections.abc import Collection, Iterable
-from fnmatch import fnmatchcase
 
 from flexstage.choose import did_you_mean
 from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.variables import Variable, every_variable
-from flexstage.stage import Stage
+from flexstage.stage import PiezoStack, Stage
 
 #: Safety against yield that machine parts under static load usually have [1].
 SAFETY = 1.5
-#: Part of its free stroke that a drive shall keep against the stage [1]: no stage stiffer than it.
-STROKE_LEFT = 0.5
+#: What stands for the checks of `flexstage.stage.check` where they are not to be required.
+CHECK = "check"
 #: Share by which every dimension is varied to either side where nothing is said [1].
 SHARE = 0.3
 # what says as much of the stress of an axis as the safety against yield
@@ -33,12 +32,12 @@ def usual_requirements(
     asked: Iterable[Requirement],
     without: Iterable[str] = (),
 ) -> tuple[Requirement, ...]:
-    """Return what is required without being asked: what can be made, stressed and driven.
+    """Return what is required without being asked: what can be stressed and driven.
 
-    The narrowest slot is as wide as the wire and the thinnest neck as thick as can be cut; the
-    safety against yield is `SAFETY`; a stack is not pushed beyond its blocking force, and no drive
-    loses more than half of its stroke to the stage. A requirement that is asked for takes the place
-    of one of these, of stress that of the safety of its axis.
+    The safety against yield is `SAFETY`. At the input the stage is no stiffer than its actuator, so
+    that half of the free stroke is left, and its full stroke takes no more than the blocking force
+    of a stack. A requirement that is asked for takes the place of one of these, of stress that of
+    the safety of its axis.
 
     Parameters
     ----------
@@ -56,27 +55,22 @@ def usual_requirements(
     ModelError
         A name in `without` is none of them.
     """
-    limits: dict[str, tuple[float | None, float | None]] = {
-        "smallest_slot": (stage.manufacture.wire_width, None),
-        "smallest_neck": (stage.manufacture.minimum_neck, None),
-        "safety_factor": (SAFETY, None),
-        "drive_force_share": (None, 1.0),
-        "stroke_left": (STROKE_LEFT, None),
-    }
     usual = [
-        Requirement(figure=Figure(quantity=q, axis=a), low=limits[q][0], high=limits[q][1])
-        for quantity in limits
-        for q, a in known
-        if q == quantity
+        *(Requirement(figure=f, low=SAFETY) for f in _figures("safety_factor", known)),
+        *(
+            Requirement(figure=f, high=stiffest)
+            for f in _figures("input_stiffness", known)
+            if (stiffest := _stiffest(stage, f.axis)) is not None
+        ),
     ]
     dropped = list(without)
-    names = {name for r in usual for name in (r.figure.name, r.figure.quantity)}
+    names = {CHECK, *(name for r in usual for name in (r.figure.name, r.figure.quantity))}
     for name in dropped:
-        if not any(fnmatchcase(each, name) for each in names):
+        if name not in names:
             raise ModelError(
                 f"nothing called '{name[:60]}' is required without being asked"
                 f"{did_you_mean(name, sorted(names))}; that is "
-                f"{', '.join(r.figure.name for r in usual)}"
+                f"{', '.join([CHECK, *(r.figure.name for r in usual)])}"
             )
     said = {r.figure.key for r in asked}
     stressed = {axis for quantity, axis in said if quantity in _STRESS}
@@ -85,12 +79,27 @@ def usual_requirements(
         for r in usual
         if r.figure.key not in said
         and not (r.figure.quantity in _STRESS and r.figure.axis in stressed)
-        and not any(
-            fnmatchcase(each, name)
-            for each in (r.figure.name, r.figure.quantity)
-            for name in dropped
-        )
+        and not {r.figure.name, r.figure.quantity} & set(dropped)
     )
+
+
+def _figures(quantity: str, known: Collection[tuple[str, str]]) -> list[Figure]:
+    return [Figure(quantity=q, axis=a) for q, a in known if q == quantity]
+
+
+def _stiffest(stage: Stage, axis: str) -> float | None:
+    """Return the stiffness that an axis may have at its input [N/m], None where nothing says so.
+
+    An axis of several drives has no one input.
+    """
+    name = next(a.drive for a in stage.axes if a.name == axis)
+    if name is None:
+        return None
+    drive = stage.drive(name)
+    limits = [drive.spring] if drive.spring else []
+    if isinstance(drive, PiezoStack) and drive.blocking_force is not None:
+        limits.append(drive.blocking_force / drive.free_stroke)
+    return min(limits, default=None)
 
 
 def published_targets(

@@ -1,6 +1,6 @@
 """Pictures of an optimisation: its way, the stage before and after, its figures, its front."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,22 +29,20 @@ def draw_history(found: Optimum) -> "Drawn":
 
     Each search is a line; crosses are what the finer model says of the optimum of each turn.
     """
-    figure = new_figure(6.6, 4.6)
+    figure = new_figure(6.6, 5.0)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
     goals = found.problem.goals
     shown = goals[0].figure.shown if goals else None
     factor = shown.factor if shown else 1.0
+    turned = found.rungs[0].evaluations if found.rungs else np.inf
     for search in dict.fromkeys(step.search for step in found.trace):
         steps = [step for step in found.trace if step.search == search]
         at = [step.evaluations for step in steps]
-        colour = CYCLE[search % len(CYCLE)]
-        above.plot(
-            at, [factor * s.objective for s in steps], color=colour, lw=1.2, marker=".", ms=3
-        )
+        look: dict[str, Any] = {"color": CYCLE[search % len(CYCLE)], "marker": ".", "ms": 3}
+        label = f"{'corrected' if at[0] > turned else 'search'} {search + 1}"
+        above.plot(at, [factor * s.objective for s in steps], lw=1.2, **look)
         off = [max(s.violation, _NONE) for s in steps]
-        below.semilogy(
-            at, off, color=colour, lw=1.2, marker=".", ms=3, label=f"search {search + 1}"
-        )
+        below.semilogy(at, off, lw=1.2, label=label, **look)
     for k, rung in enumerate(found.rungs):
         if goals:
             above.plot(
@@ -64,7 +62,9 @@ def draw_history(found: Optimum) -> "Drawn":
     entitle(above, "Way to the optimum: lumped model, corrected after every turn")
     if goals:
         above.legend(frameon=False, fontsize=8)
-    below.legend(frameon=False, fontsize=7, ncols=4, loc="upper right")
+    handles, labels = below.get_legend_handles_labels()
+    place = "outside lower center"
+    figure.legend(handles, labels, frameon=False, fontsize=7, ncols=5, loc=place)
     return figure
 
 
@@ -179,10 +179,9 @@ def _pair(axes: "Axes", found: Front, across: Figure, up: Figure) -> None:
         return (values[..., at] * factors).T
 
     dress(axes)
-    size = {"ls": "", "marker": "o"}
-    axes.plot(*drawn(found.searched), **size, ms=2, color=MUTED, alpha=0.35, label="searched")
-    axes.plot(*drawn(found.values), **size, ms=4, color=CYCLE[0], label="front, lumped")
-    axes.plot(*drawn(found.found), **size, ms=5, color=CYCLE[1], label=f"front, {found.model}")
+    axes.plot(*drawn(found.searched), "o", ms=2, color=MUTED, alpha=0.35, label="searched")
+    axes.plot(*drawn(found.values), "o", ms=4, color=CYCLE[0], label="front, lumped")
+    axes.plot(*drawn(found.found), "o", ms=5, color=CYCLE[1], label=f"front, {found.model}")
     best = found.optimum
     own = [best.figures.index(figure) for figure in (across, up)]
     axes.plot(
