@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from flexstage.explore.batches import Job, batch_size
     from flexstage.explore.family import Evaluated, Family, evaluate, jacobian, known_figures
     from flexstage.explore.figures import Figure, Requirement, figure_of, requirement_of
+    from flexstage.explore.sensitivity import Sensitivities, sensitivities
     from flexstage.explore.variables import Variable, every_variable, variables_of
     from flexstage.explore.workers import Workers, open_workers
 
@@ -17,6 +18,7 @@ __all__ = [
     "Figure",
     "Job",
     "Requirement",
+    "Sensitivities",
     "Variable",
     "Workers",
     "batch_size",
@@ -27,6 +29,7 @@ __all__ = [
     "known_figures",
     "open_workers",
     "requirement_of",
+    "sensitivities",
     "variables_of",
 ]
 
