@@ -60,3 +60,7 @@ class ControllerError(FlexstageError, RuntimeError):
 
 class PlanError(FlexstageError, ValueError):
     """An experiment plan, or the file that holds it, cannot be carried out as it is."""
+
+
+class WorkerError(FlexstageError, RuntimeError):
+    """Processes or a cluster that share the work cannot be used, or were lost."""

@@ -38,6 +38,19 @@ def names_for_types(module: str) -> dict[str, tuple[str, str]]:
     }
 
 
+def require_extra(extra: str, module: str, what: str, error: type[Exception]) -> None:
+    """Raise an `error` that says what to install where the module of an extra is missing.
+
+    `what` says what needs it, "acquisition cards".
+    """
+    try:
+        import_module(module)
+    except ImportError as missing:
+        raise error(
+            f'{what} needs the package {missing.name or module}: pip install "flexstage[{extra}]"'
+        ) from missing
+
+
 class _Package(ModuleType):
     """A package that imports its names on first use."""
 

@@ -16,7 +16,7 @@ from flexstage.errors import StageError
 from flexstage.files.decoder import Decoder
 from flexstage.files.expression import dimension_named
 from flexstage.files.format import field_types, required
-from flexstage.files.nodes import Given, node_of, plain
+from flexstage.files.nodes import Given, node_of, plain, read_text
 from flexstage.files.settings import require_known, settings_of
 from flexstage.stage import Stage
 from flexstage.stage.drawing.endings import DRAWINGS
@@ -126,7 +126,11 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
     >>> build("nested-xy", longer).hinge("xful-u").at[1]
     0.02134
     """
-    topology, known, dimensions = _chosen(name, parameters)
+    return construct(*chosen(name, parameters))
+
+
+def construct(topology: Topology, known: ParameterSet | None, dimensions: Any) -> Stage:
+    """Build a stage of a family; `known` is the built-in design that its dimensions vary."""
     if known is None:
         return topology.construct(dimensions)
     if dimensions == known.parameters:
@@ -140,7 +144,7 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
     )
 
 
-def _chosen(
+def chosen(
     name: str, parameters: Mapping[str, object]
 ) -> tuple[Topology, ParameterSet | None, Any]:
     """Return the family, the built-in design that is varied, if any, and the dimensions."""
@@ -298,14 +302,36 @@ def parameters_of(source: str | os.PathLike[str]) -> tuple[StageParameter, ...]:
     """
     text = os.fspath(source)
     if text.casefold() in DESIGNS:
-        return _in_design(PARAMETER_SETS[text.casefold()].parameters)
+        return parameters_in(text.casefold(), None)
     path = _file(text)
     if path.suffix.lower() in DRAWINGS:
         return ()  # what a drawing says is fixed: `flexstage import` gives its necks names
+    return parameters_in(text, read_text(path, STAGE_FILE.noun, StageError))
+
+
+def parameters_in(
+    source: str,
+    file: str | None,
+    set: Mapping[str, object] | None = None,
+    designed: Callable[[tuple[Topology, ParameterSet | None, Any]], None] | None = None,
+) -> tuple[StageParameter, ...]:
+    """Return the parameters of a built-in design, or of the text of a file, some of them set.
+
+    `designed` is told family, built-in design and dimensions of the design that a file names.
+    """
+    if file is None:
+        return _in_design(chosen_design(source, set or {})[2])
     from flexstage.stage.file import file_parameters
 
     dimensions: list[Any] = []
-    own = file_parameters(path, lambda *given: dimensions.append(_chosen(*given)[2]))
+
+    def named(name: str, given: Mapping[str, object]) -> None:
+        found = chosen(name, given)
+        dimensions.append(found[2])
+        if designed is not None:
+            designed(found)
+
+    own = file_parameters(file, named, set=set, source=source)
     return (
         *(
             StageParameter(
@@ -339,14 +365,26 @@ def _file(text: str) -> Path:
 
 
 def _design_with(name: str, settings: Mapping[str, object]) -> Stage:
-    known = [entry.name for entry in entries_of(PARAMETER_SETS[name].parameters)]
+    return construct(*chosen_design(name, settings))
+
+
+def chosen_design(
+    name: str, settings: Mapping[str, object]
+) -> tuple[Topology, ParameterSet | None, Any]:
+    """Return family, built-in design and dimensions of a design with settings."""
+    known = _names_of(name)
     # another kind of what stands there has parameters of its own, which are checked as in a file
     anew = tuple(setting.removesuffix("kind") for setting in settings if setting.endswith(".kind"))
     for setting in settings:
         if not setting.startswith(anew or ("kind",)) or setting in known:
             require_known(f"the design '{name}'", setting, known, StageError)
     given: Any = plain(settings_of(settings, StageError))
-    return build(name, given)
+    return chosen(name, given)
+
+
+@cache
+def _names_of(name: str) -> tuple[str, ...]:
+    return tuple(entry.name for entry in entries_of(PARAMETER_SETS[name].parameters))
 
 
 def _files_beside(path: Path) -> list[str]:

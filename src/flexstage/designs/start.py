@@ -2,10 +2,11 @@
 
 import textwrap
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 from flexstage.designs.parameters import Group, StageParameter, entries_of
 from flexstage.designs.registry import PARAMETER_SETS, design
-from flexstage.designs.topology import ParameterSet
+from flexstage.designs.topology import ParameterSet, Topology
 from flexstage.stage import stage_to_text
 
 _WIDTH = 100
@@ -34,32 +35,39 @@ def design_text(name: str) -> str:
     # Parallelogram guide on two legs of notches or leaves.
     """
     known = PARAMETER_SETS[name]
+    return text_of_dimensions(known.topology, known, known.parameters)
+
+
+def text_of_dimensions(topology: Topology, known: ParameterSet | None, dimensions: Any) -> str:
+    """Return a stage file that names a family and gives all dimensions.
+
+    `known` is the built-in design that they vary, where it is one.
+    """
     lines = [
         *_head(
-            known, "Every dimension of the design is here, with its value: change or delete it."
+            topology, "Every dimension of the design is here, with its value: change or delete it."
         ),
         "flexstage: 1",
         "design:",
-        f"  name: {known.topology.name}",
+        f"  name: {topology.name}",
     ]
-    if known.name != known.topology.name:
+    if known is not None and known.name != topology.name:
         lines.append(f"  based_on: {known.name}")
-    return "\n".join([*lines, *_entries(entries_of(known.parameters))]) + "\n"
+    return "\n".join([*lines, *_entries(entries_of(dimensions))]) + "\n"
 
 
 def spelled_out_text(name: str) -> str:
     """Return a stage file in which the stage of a built-in design is described part by part."""
-    known = PARAMETER_SETS[name]
     said = "The whole stage is described here, without the design that it was made from."
     text = _with_comments(stage_to_text(design(name), shared=True), _OF_KEYS)
-    return "\n".join([*_head(known, said), text])
+    return "\n".join([*_head(PARAMETER_SETS[name].topology, said), text])
 
 
-def _head(known: ParameterSet, said: str) -> list[str]:
-    title = known.topology.title
+def _head(topology: Topology, said: str) -> list[str]:
+    title = topology.title
     told = [
         f"{title[:1].upper()}{title[1:]}" + ("" if title.endswith(".") else "."),
-        f"Source: {known.topology.source.removesuffix('.')}.",
+        f"Source: {topology.source.removesuffix('.')}.",
         said,
         "flexstage check FILE says what is wrong with it, flexstage show FILE draws it.",
     ]

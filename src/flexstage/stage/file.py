@@ -139,11 +139,14 @@ def stage_from_text(
 
 
 def file_parameters(
-    path: str | os.PathLike[str], designs: Callable[[str, Mapping[str, object]], object]
+    text: str,
+    designs: Callable[[str, Mapping[str, object]], object],
+    *,
+    set: Mapping[str, object] | None = None,
+    source: str = "stage file",
 ) -> dict[str, FileParameter]:
     """Return the parameters of a stage file; `designs` is given the design that it may name."""
-    text = read_text(Path(path), STAGE_FILE.noun, StageError)
-    decoder, root = read(text, os.fspath(path), STAGE_FILE)
+    decoder, root = read(text, source, STAGE_FILE, settings_of(set or {}, StageError))
     if "design" in root.items:
         _from_design(decoder, root.items["design"], designs)
     return decoder.parameters

@@ -7,6 +7,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.lazy import require_extra
 from flexstage.short_repr import short_repr
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 from flexstage.system.modes import modes
@@ -50,12 +51,9 @@ class StateSpace:
         ModelError
             python-control is not installed.
         """
-        try:
-            import control  # optional, and slow to import
-        except ImportError as error:
-            raise ModelError(
-                "python-control is not installed: pip install 'flexstage[control]'"
-            ) from error
+        require_extra("control", "control", "a state space of python-control", ModelError)
+        import control  # slow to import
+
         made: Any = control.ss(
             self.A, self.B, self.C, self.D, inputs=list(self.inputs), outputs=list(self.outputs)
         )

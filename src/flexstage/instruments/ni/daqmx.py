@@ -13,6 +13,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.ni.backend import CardInfo, InputTask, NiBackend
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
+from flexstage.lazy import require_extra
 
 #: Numbers of errors by which a card is gone, or was never there.
 GONE = {-200220, -201003, -201401, -89130}
@@ -83,12 +84,8 @@ class DaqmxBackend(NiBackend):
 
     def __init__(self, library: ModuleType | None = None) -> None:
         if library is None:
-            try:
-                import nidaqmx as library
-            except ImportError as error:
-                raise NotConnectedError(
-                    "NI cards need the package nidaqmx: install flexstage[ni]"
-                ) from error
+            require_extra("ni", "nidaqmx", "a card of National Instruments", NotConnectedError)
+            import nidaqmx as library
             import nidaqmx.constants
             import nidaqmx.errors
             import nidaqmx.stream_readers

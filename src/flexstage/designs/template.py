@@ -1,0 +1,188 @@
+"""Many stages from one source: a design, or a stage file, with other values of its parameters."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Self
+
+from flexstage.designs.parameters import StageParameter
+from flexstage.designs.registry import (
+    DESIGNS,
+    build,
+    chosen_design,
+    construct,
+    find_stage,
+    parameters_in,
+)
+from flexstage.designs.start import text_of_dimensions
+from flexstage.designs.topology import ParameterSet, Topology
+from flexstage.errors import FlexstageError, StageError
+from flexstage.files.nodes import Mapping as MappingNode
+from flexstage.files.nodes import Node, Scalar, parse_yaml, read_text
+from flexstage.files.parameters import KEY as PARAMETERS
+from flexstage.files.settings import require_known
+from flexstage.stage import Stage, stage_from_text, stage_to_text
+from flexstage.stage.drawing.endings import DRAWINGS
+from flexstage.stage.format import STAGE_FILE
+from flexstage.units import to_text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageTemplate:
+    """A design or a stage file of which parameters are changed, quickly and often.
+
+    It holds the text of a file, so that it can be sent to another machine.
+
+    Examples
+    --------
+    >>> template = StageTemplate.of("parallelogram")
+    >>> template.stage({"leg_spacing": 0.035}).hinges[0].at[0]
+    -0.0175
+    """
+
+    source: str
+    """Name of the design or path of the file."""
+    file: str | None = None
+    """Text of the file; None for a built-in design."""
+    settings: tuple[tuple[str, str], ...] = ()
+    """Parameters that are set throughout, and their values as a file has them."""
+
+    @classmethod
+    def of(cls, source: str | os.PathLike[str], settings: Mapping[str, str] | None = None) -> Self:
+        """Take a design by its name, or a stage file.
+
+        Raises
+        ------
+        StageError
+            There is neither such a design nor such a file, it is a drawing, or it has no such
+            parameter.
+        """
+        text, shown = os.fspath(source), os.fspath(source)[:200]
+        if Path(text).suffix.lower() in DRAWINGS and text.casefold() not in DESIGNS:
+            raise StageError(
+                f"'{shown}' is a drawing, whose dimensions are fixed: make a stage file with "
+                f"parameters of it first (flexstage import '{shown}')"
+            )
+        find_stage(text, settings or {})
+        given = tuple((settings or {}).items())
+        if text.casefold() in DESIGNS:
+            return cls(source=text.casefold(), settings=given)
+        file = read_text(Path(text), STAGE_FILE.noun, StageError)
+        return cls(source=text, file=file, settings=given)
+
+    @property
+    def parameters(self) -> tuple[StageParameter, ...]:
+        """All parameters, with the values that they have here."""
+        return _parameters(self)
+
+    def stage(self, values: Mapping[str, float] | None = None) -> Stage:
+        """Return the stage with other values of parameters, in SI units.
+
+        Raises
+        ------
+        FlexstageError
+            There is no such stage: dimensions that do not go together, or an unknown parameter.
+        """
+        if self.file is None:
+            return construct(*_design(self)[:2], self._dimensions(values or {}))
+        return stage_from_text(
+            self.file,
+            build,
+            set=dict(self.settings) | self._texts(values or {}),
+            source=self.source,
+        )
+
+    def text(self, values: Mapping[str, float]) -> str:
+        """Return a stage file of the stage with other values.
+
+        That of a design gives all of its dimensions. A file keeps its words and comments where each
+        value that changes stands in a line of it; else all is written anew.
+        """
+        wanted = self.stage(values)
+        if self.file is None:
+            topology, known, _ = _design(self)
+            return text_of_dimensions(topology, known, self._dimensions(values))
+        texts = dict(self.settings) | self._texts(values)
+        edited = _edited(self, texts)
+        if edited is not None:
+            try:
+                if stage_from_text(edited, build, source=self.source) == wanted:
+                    return edited
+            except FlexstageError:
+                pass  # a line that was not what it seemed: written out below
+        found: list[Any] = []
+        parameters_in(self.source, self.file, texts, found.append)
+        return text_of_dimensions(*found[0]) if found else stage_to_text(wanted, shared=True)
+
+    def _dimensions(self, values: Mapping[str, float]) -> Any:
+        dimensions = _design(self)[2]
+        for name, value in values.items():
+            dimensions = _with(dimensions, name.split("."), value, self.source)
+        return dimensions
+
+    def _texts(self, values: Mapping[str, float]) -> dict[str, str]:
+        known = {parameter.name: parameter for parameter in self.parameters}
+        texts = {}
+        for name, value in values.items():
+            require_known(self.source, name, known, StageError)
+            dimension = known[name].dimension
+            texts[name] = to_text(value, dimension) if dimension else repr(float(value))
+        return texts
+
+
+@lru_cache(maxsize=32)
+def _design(template: StageTemplate) -> tuple[Topology, ParameterSet | None, Any]:
+    """Family, built-in design and dimensions of a template of a design, read once."""
+    return chosen_design(template.source, dict(template.settings))
+
+
+@lru_cache(maxsize=32)
+def _parameters(template: StageTemplate) -> tuple[StageParameter, ...]:
+    return parameters_in(template.source, template.file, dict(template.settings))
+
+
+def _with(dimensions: Any, path: list[str], value: float, source: str) -> Any:
+    """Return dimensions with another value, some groups down."""
+    first, *rest = path
+    require_known(source, first, type(dimensions).__dataclass_fields__, StageError)
+    if rest:
+        value = _with(getattr(dimensions, first), rest, value, source)
+    return replace(dimensions, **{first: value})
+
+
+def _edited(template: StageTemplate, texts: Mapping[str, str]) -> str | None:
+    """Put values into a file, each in the line that has it; None where one has no such line."""
+    assert template.file is not None
+    lines = template.file.splitlines(keepends=True)
+    root = parse_yaml(template.file, template.source, STAGE_FILE.noun, StageError)
+    for name, text in texts.items():
+        place = _place(root, name)
+        if place is None or place.line is None:
+            return None
+        line = lines[place.line - 1]
+        before, found, behind = line.partition(place.text)
+        if not found or place.text in before + behind:
+            return None
+        # a comment behind it stays where it stood
+        spare = len(behind) - len(behind.lstrip(" "))
+        longer = len(text) - len(found)
+        behind = " " * -longer * bool(spare) + behind[min(max(longer, 0), max(spare - 1, 0)) :]
+        lines[place.line - 1] = before + text + behind
+    return "".join(lines)
+
+
+def _place(root: Node, name: str) -> Scalar | None:
+    """Return where the value of a parameter stands in a file."""
+    for key, path in ((PARAMETERS, [name]), ("design", name.split("."))):
+        node = root
+        for part in (key, *path):
+            if not isinstance(node, MappingNode) or part not in node.items:
+                break
+            node = node.items[part]
+        else:
+            if isinstance(node, MappingNode):  # a value with its description
+                node = node.items.get("value", node)
+            return node if isinstance(node, Scalar) else None
+    return None

@@ -1,0 +1,33 @@
+"""Many stages at once: what moves what, sweeps, the best, and what the workshop makes of it."""
+
+from typing import TYPE_CHECKING
+
+from flexstage.lazy import import_on_use
+
+if TYPE_CHECKING:
+    from flexstage.explore.batches import Job, batch_size
+    from flexstage.explore.family import Evaluated, Family, evaluate, jacobian, known_figures
+    from flexstage.explore.figures import Figure, Requirement, figure_of, requirement_of
+    from flexstage.explore.variables import Variable, every_variable, variables_of
+    from flexstage.explore.workers import Workers, open_workers
+
+__all__ = [
+    "Evaluated",
+    "Family",
+    "Figure",
+    "Job",
+    "Requirement",
+    "Variable",
+    "Workers",
+    "batch_size",
+    "evaluate",
+    "every_variable",
+    "figure_of",
+    "jacobian",
+    "known_figures",
+    "open_workers",
+    "requirement_of",
+    "variables_of",
+]
+
+import_on_use(__name__)

@@ -1,0 +1,180 @@
+"""Batches on Dask: worker processes of this machine, or those of a cluster by its scheduler."""
+
+import asyncio
+import logging
+import os
+import queue
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import suppress
+from typing import Any, cast
+
+import dask.config
+import numpy as np
+from dask.system import CPU_COUNT
+from distributed import Client, Future, KilledWorker, LocalCluster, WorkerPlugin, get_worker
+
+from flexstage.errors import FlexstageError, WorkerError
+from flexstage.explore.batches import Job
+from flexstage.explore.kept_batches import versions
+
+#: Batches that a worker has been given at a time: one that it computes, and the next.
+_AHEAD = 2
+
+#: Time between looks at whether scheduler and workers are still there [s].
+_LOOK = 1.0
+
+#: Time in which a scheduler must answer [s].
+_ANSWER = 15.0
+
+#: Workers are the parallelism, and threads of a library in each would only wait for one another.
+_ONE_THREAD = {
+    f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NGS", "NUMBA")
+}
+
+
+class _Held(WorkerPlugin):
+    """What every worker holds of a job, also one that joins later or in the place of a lost one."""
+
+    def __init__(self, job: Job) -> None:
+        self.job, self.versions = job, versions()
+
+    def setup(self, worker: Any) -> None:
+        os.environ.update(_ONE_THREAD)
+
+
+def _compute(held: str, number: int) -> dict[str, np.ndarray]:
+    """Return a batch of the job that this worker holds."""
+    worker = get_worker()
+    own: _Held = worker.plugins[held]  # type: ignore[assignment]
+    _require_same(f"worker {worker.address}", own.versions, versions())
+    return own.job.compute(number)
+
+
+class Cluster:
+    """A scheduler of Dask and its workers: started here, or joined by an address."""
+
+    def __init__(self, address: str | None) -> None:
+        self._address = address
+        self._local: LocalCluster | None = None
+        if address is None:
+            with dask.config.set({"distributed.nanny.pre-spawn-environ": _ONE_THREAD}):
+                self._local = LocalCluster(
+                    n_workers=0,
+                    threads_per_worker=1,
+                    memory_limit=None,
+                    dashboard_address=cast(str, None),  # none is opened
+                    silence_logs=logging.CRITICAL,
+                )
+        try:
+            self._client = Client(self._local or address, timeout=_ANSWER, set_as_default=False)
+        except (TimeoutError, OSError, ValueError) as error:
+            raise WorkerError(
+                f"no Dask scheduler answers at {address}: {_said(error)}; give the address that it "
+                "prints when it starts, such as tcp://HOST:8786"
+            ) from error
+
+    def start(self, count: int | None, batches: int) -> None:
+        """Start processes where there are fewer than a number (every core), or than batches."""
+        assert self._local is not None
+        wanted = min(count or CPU_COUNT, batches)
+        if wanted > len(self._local.workers):
+            self._local.scale(wanted)
+            self._client.wait_for_workers(wanted)
+
+    def finished(
+        self, job: Job, numbers: Sequence[int], wait: Callable[[str], None]
+    ) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+        """Yield batches of a job as they are finished; `wait` is told why nothing goes on."""
+        self._require_same_versions()
+        held = f"flexstage-{uuid.uuid4().hex}"
+        self._client.register_plugin(_Held(job), name=held)
+        ended: queue.Queue[Future] = queue.Queue()
+        running: dict[Future, int] = {}
+        left = list(reversed(numbers))
+        try:
+            while left or running:
+                room = _AHEAD * self._threads() - len(running)
+                for number in (left.pop() for _ in range(min(room, len(left)))):
+                    key = f"{held}-{number}"
+                    future = self._client.submit(_compute, held, number, key=key, pure=False)
+                    running[future] = number
+                    future.add_done_callback(ended.put)
+                try:
+                    future = ended.get(timeout=_LOOK)
+                except queue.Empty:
+                    if not self._threads():
+                        wait("no worker is connected, waiting for one")
+                    continue
+                number = running.pop(future)
+                yield number, self._result(job, number, future)
+        finally:
+            with suppress(OSError, RuntimeError, asyncio.TimeoutError, CancelledError):
+                self._client.cancel(list(running))
+                self._client.unregister_worker_plugin(held)
+
+    def close(self, *, at_once: bool = False) -> None:
+        """End the workers that were started, or leave the cluster; `at_once` amid their work."""
+        if self._local is not None and at_once:
+            for nanny in self._local.workers.values():
+                nanny.auto_restart = False
+                if nanny.pid:
+                    os.kill(nanny.pid, 9)
+        self._client.close()
+        if self._local is not None:
+            self._local.close()
+
+    def _threads(self) -> int:
+        try:
+            return sum(cast(dict, self._client.nthreads()).values())
+        except (TimeoutError, OSError, RuntimeError, CancelledError) as error:
+            raise self._lost() from error
+
+    def _result(self, job: Job, number: int, future: Future) -> dict[str, np.ndarray]:
+        try:
+            return future.result()
+        except FlexstageError:
+            raise
+        except KilledWorker as error:
+            start, stop = job.span(number)
+            raise WorkerError(
+                f"batch {number} of {job.name} (samples {start} to {stop - 1}) ended the process "
+                f"of its worker {error.allowed_failures + 1} times: it needs more memory than "
+                "there is, or a library fails on a sample; compute it with one worker to see"
+            ) from error
+        except (CancelledError, OSError) as error:
+            raise self._lost() from error
+
+    def _require_same_versions(self) -> None:
+        """Refuse a cluster whose scheduler or workers would give other numbers, or none."""
+        own = versions()
+        libraries = [name for name in own if name != "python"]
+        try:
+            found = cast(dict, self._client.get_versions(packages=libraries))
+        except (TimeoutError, OSError, RuntimeError, CancelledError) as error:
+            raise self._lost() from error
+        theirs = {f"worker {address}": said for address, said in found["workers"].items()}
+        for who, said in {"the scheduler": found["scheduler"], **theirs}.items():
+            packages: dict[str, Any] = said["packages"]
+            python = ".".join(str(packages["python"]).split(".")[:2])
+            _require_same(
+                who, own, {**{name: packages.get(name) for name in own}, "python": python}
+            )
+
+    def _lost(self) -> WorkerError:
+        return WorkerError(f"the scheduler at {self._address or 'this machine'} was lost")
+
+
+def _require_same(who: str, own: dict[str, str], found: dict[str, Any]) -> None:
+    for name, version in own.items():
+        if found.get(name) != version:
+            has = f"{name} {found[name]}" if found.get(name) else f"no {name}"
+            raise WorkerError(
+                f"{who} has {has} and this computer {name} {version}: numbers could differ; "
+                "install the same on all of them"
+            )
+
+
+def _said(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

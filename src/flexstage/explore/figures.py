@@ -1,0 +1,270 @@
+"""Figures of a stage by short names, and what is required of them."""
+
+import math
+import re
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.arrays import Array
+from flexstage.characteristic import WHOLE_STAGE
+from flexstage.choose import did_you_mean
+from flexstage.errors import ModelError, UnitError
+from flexstage.quantities import QUANTITIES, Quantity
+from flexstage.units import DIMENSIONS, parse
+
+#: Short names of quantities, beside the full ones and those without ``_hz``.
+ALIASES = {
+    "stroke": "output_displacement",
+    "ratio": "transmission_ratio",
+    "stress": "max_stress",
+    "coupling": "cross_coupling",
+    "frequency": "natural_frequency_hz",
+}
+#: What is looked at first of every axis, as far as a stage has it.
+USUAL = (
+    "transmission_ratio",
+    "output_displacement",
+    "rotation_stroke",
+    "natural_frequency_hz",
+    "max_stress",
+    "cross_coupling",
+)
+_DIMENSION = {d.si: d.name for d in DIMENSIONS.values()}
+_REQUIREMENT = re.compile(r"^\s*([\w.\- ]+?)\s*(>=|<=|==|=|>|<|≥|≤)\s*(.+?)\s*$")
+_TOLERANCE = re.compile(r"\s*(?:\+-|\+/-|±)\s*")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, order=True)
+class Figure:
+    """A quantity of one axis, or of the whole stage."""
+
+    quantity: str
+    """One of `flexstage.quantities.QUANTITIES`."""
+    axis: str
+    """Name of the axis; ``stage`` for the whole."""
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Quantity and axis."""
+        return (self.quantity, self.axis)
+
+    @property
+    def name(self) -> str:
+        """Its name as it is given: ``natural_frequency.x``, ``mass``."""
+        return self._named(self.quantity.removesuffix("_hz"))
+
+    @property
+    def shown(self) -> Quantity:
+        """Label, unit and digits in which it is shown."""
+        return QUANTITIES[self.quantity]
+
+    @property
+    def label(self) -> str:
+        """Its name in words, without unit."""
+        axis = "" if self.axis == WHOLE_STAGE else f" {self.axis}"
+        return f"{self.shown.label}{axis}"
+
+    @property
+    def heading(self) -> str:
+        """Its name in words, with the unit that it is shown in."""
+        return f"{self.label} [{self.shown.shown_unit}]" if self.shown.shown_unit else self.label
+
+    def text(self, value: float) -> str:
+        """Write a value with its unit."""
+        return f"{self.shown.text(value)} {self.shown.shown_unit}".strip()
+
+    def read(self, text: str) -> float:
+        """Read a value with its unit; a plain number may be in per cent.
+
+        Raises
+        ------
+        ModelError
+            There is no number, or the unit is not one of the quantity.
+        """
+        if text.endswith("%") and self.shown.unit == "1":
+            text, factor = text[:-1].strip(), 0.01
+        else:
+            factor = 1.0
+        try:
+            if self.shown.unit == "1":
+                return factor * float(text)
+            dimension = _DIMENSION.get(self.shown.unit)
+            if dimension is None:
+                raise UnitError(f"give it in {self.shown.unit}")
+            return parse(text, dimension)
+        except (UnitError, ValueError) as error:
+            told = str(error) if isinstance(error, UnitError) else "expected a plain number"
+            raise ModelError(f"the value of {self.name}, '{text[:40]}': {told}") from None
+
+    def _named(self, quantity: str) -> str:
+        return quantity if self.axis == WHOLE_STAGE else f"{quantity}.{self.axis}"
+
+
+def figure_of(text: str, known: Collection[tuple[str, str]]) -> Figure:
+    """Return the figure of a name, among those that a stage has.
+
+    Parameters
+    ----------
+    text : str
+        Quantity and axis, ``natural_frequency.x``; the axis may be left out where there is one.
+    known : collection of (str, str)
+        Quantities and axes that there are.
+
+    Raises
+    ------
+    ModelError
+        There is no such figure, or several axes have it.
+
+    Examples
+    --------
+    >>> figure_of("stroke.x", [("output_displacement", "x"), ("mass", "stage")]).quantity
+    'output_displacement'
+    """
+    name, _, axis = text.strip().partition(".")
+    quantity = ALIASES.get(name, name)
+    if quantity not in QUANTITIES and f"{quantity}_hz" in QUANTITIES:
+        quantity = f"{quantity}_hz"
+    axes = [a for q, a in known if q == quantity]
+    if not axes:
+        names = dict.fromkeys(Figure(quantity=q, axis=WHOLE_STAGE).name for q, _ in known)
+        raise ModelError(
+            f"there is no figure '{text[:60]}' of this stage"
+            f"{did_you_mean(name, [*names, *ALIASES])}; there is {', '.join(names)}"
+        )
+    if not axis and (len(axes) == 1 or WHOLE_STAGE in axes):
+        axis = WHOLE_STAGE if WHOLE_STAGE in axes else axes[0]
+    if axis not in axes:
+        which = f"'{text[:60]}'" if axis else f"'{text[:60]}' of which axis"
+        raise ModelError(f"there is no {which}: choose {', '.join(f'{name}.{a}' for a in axes)}")
+    return Figure(quantity=quantity, axis=axis)
+
+
+def usual_figures(known: Collection[tuple[str, str]]) -> tuple[Figure, ...]:
+    """Return what is looked at first: ratio, stroke, frequency, stress, coupling of every axis."""
+    return tuple(Figure(quantity=q, axis=a) for q in USUAL for k, a in known if k == q)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Requirement:
+    """What is required of a figure: bounds, in the unit of its quantity."""
+
+    figure: Figure
+    """The figure."""
+    low: float | None = None
+    """Least value that is allowed."""
+    high: float | None = None
+    """Greatest value that is allowed."""
+
+    def __post_init__(self) -> None:
+        if self.low is None and self.high is None:
+            raise ModelError(f"a requirement of {self.figure.name} needs a bound")
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ModelError(
+                f"{self.figure.name} cannot be from {self.figure.text(self.low)} to "
+                f"{self.figure.text(self.high)}: the lower bound is above the upper one"
+            )
+
+    @property
+    def text(self) -> str:
+        """It in words and units."""
+        name, low, high = self.figure.name, self.low, self.high
+        if low is None:
+            return f"{name} <= {self._written(high)}"
+        if high is None:
+            return f"{name} >= {self._written(low)}"
+        if low == high:
+            return f"{name} = {self._written(low)}"
+        return f"{name} = {self._written(low)} to {self._written(high)}"
+
+    def _written(self, value: float | None) -> str:
+        assert value is not None
+        shown = self.figure.shown
+        return f"{value * shown.factor:.6g} {shown.shown_unit}".rstrip()
+
+    def met(self, values: Array) -> NDArray[np.bool_]:
+        """Say which values meet it; NaN does not."""
+        values = np.asarray(values)
+        above = np.isfinite(values) if self.low is None else values >= self.low
+        return above & (np.isfinite(values) if self.high is None else values <= self.high)
+
+    def excess(self, values: Array) -> Array:
+        """Return how far values are beyond the nearer bound, in parts of it; negative within."""
+        values = np.asarray(values, dtype=np.float64)
+        beyond = np.full(values.shape, -math.inf)
+        for bound, sign in ((self.low, -1.0), (self.high, 1.0)):
+            if bound is not None:
+                beyond = np.maximum(beyond, sign * (values - bound) / (abs(bound) or 1.0))
+        return np.where(np.isnan(values), math.nan, beyond)
+
+
+def requirement_of(text: str, known: Collection[tuple[str, str]]) -> Requirement:
+    """Read a requirement.
+
+    Parameters
+    ----------
+    text : str
+        ``stroke.x >= 60 um``, ``stress.x <= 200 MPa``, ``ratio.x = 1.7``, or with a tolerance,
+        ``ratio.x = 1.7 +- 1 %``.
+    known : collection of (str, str)
+        Quantities and axes that there are.
+
+    Raises
+    ------
+    ModelError
+        It is none, or of a figure that there is not.
+
+    Examples
+    --------
+    >>> kept = requirement_of("stroke.x >= 60 um", [("output_displacement", "x")])
+    >>> kept.low, kept.text
+    (6e-05, 'output_displacement.x >= 60 µm')
+    """
+    found = _REQUIREMENT.match(text)
+    if found is None:
+        raise ModelError(
+            f"'{text[:80]}' is no requirement: expected a figure, a sign and a value with unit, "
+            'such as "natural_frequency.x >= 300 Hz", "stress.x <= 200 MPa" or '
+            '"ratio.x = 1.7 +- 1 %"'
+        )
+    figure = figure_of(found[1], known)
+    value, *tolerance = _TOLERANCE.split(found[3], maxsplit=1)
+    target = figure.read(value)
+    match found[2]:
+        case ">=" | ">" | "≥":
+            low, high = target, None
+        case "<=" | "<" | "≤":
+            low, high = None, target
+        case _:
+            low = high = target
+    if tolerance:
+        if low != high:
+            raise ModelError(f"'{text[:80]}': a tolerance belongs to '=', not to '{found[2]}'")
+        width = _tolerance(figure, tolerance[0], target)
+        low, high = target - width, target + width
+    return Requirement(figure=figure, low=low, high=high)
+
+
+def requirements_of(
+    texts: Iterable[str], known: Collection[tuple[str, str]]
+) -> tuple[Requirement, ...]:
+    """Read requirements, as `requirement_of` reads each."""
+    return tuple(requirement_of(text, known) for text in texts)
+
+
+def _tolerance(figure: Figure, text: str, target: float) -> float:
+    if text.endswith("%"):
+        try:
+            share = 0.01 * float(text[:-1])
+        except ValueError:
+            raise ModelError(
+                f"the tolerance of {figure.name}, '{text[:40]}', is no share"
+            ) from None
+        width = share * abs(target)
+    else:
+        width = figure.read(text)
+    if not 0.0 <= width < math.inf:
+        raise ModelError(f"the tolerance of {figure.name} must be 0 or more, got '{text[:40]}'")
+    return width
