@@ -1,15 +1,18 @@
 """The stages of a lot as arrays: what deviations do to masses, springs, stress, drives and places."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.explore.figures import Figure
 from flexstage.explore.notch_table import NotchTable, notch_table
 from flexstage.lumped.assemble import HingeSpring, hinge_springs
+from flexstage.lumped.batch import StageArrays, assemble_batch, stage_arrays
 from flexstage.stage import PiezoStack, Stage, mass_properties
+from flexstage.system.batch_analysis import batch_characteristics
 from flexstage.virtual.imperfections import Scatter
 
 #: How many standard deviations the tables of the notches reach; one sample in 4e11 is further off.
@@ -42,6 +45,17 @@ class Process:
     """Mass, first moments and polar moment of what is mounted on each body, shape (bodies, 4)."""
     origin: Array
     """Point of each body that its integrals are about [m], shape (bodies, 2)."""
+
+    nominal: StageArrays
+    """The stage as it was drawn, as a batch of one."""
+
+    def beyond(self, neck: Array, radius: Array) -> Array:
+        """Say which samples have a neck or radius that no table holds, shape (samples,)."""
+        out = np.zeros(len(neck), dtype=bool)
+        for values, axis in ((neck, 0), (radius, 1)):
+            ends = np.array([self.tables[i].reach[axis] for i in self.table_of]).reshape(-1, 2)
+            out |= ((values < ends[:, 0]) | (values > ends[:, 1])).any(axis=1)
+        return out
 
     @property
     def error(self) -> float:
@@ -85,6 +99,7 @@ def process_of(stage: Stage, scatter: Scatter, *, reach: float = REACH) -> Proce
         halves=_halves(stage, origin),
         mounted=_mounted(stage, origin),
         origin=origin,
+        nominal=stage_arrays([stage]),
     )
 
 
@@ -133,36 +148,12 @@ def _mounted(stage: Stage, origin: Array) -> Array:
     return out
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MadeStages:
-    """Stages as they come from the machine; what they share is that of the drawing."""
+def made_stages(
+    process: Process, numbers: Mapping[str, Array], samples: int
+) -> tuple[StageArrays, Array]:
+    r"""Return the stages of deviations, and which of them are none, as a neck is gone.
 
-    mass: Array
-    """Mass of every body [kg], shape (samples, bodies)."""
-    inertia: Array
-    """Moment of inertia about its centre of mass [kg m^2], shape (samples, bodies)."""
-    centre: Array
-    """Its centre of mass [m], shape (samples, bodies, 2)."""
-    at: Array
-    """Place of every neck [m], shape (samples, hinges, 2)."""
-    stiffness: Array
-    """Stiffness of every hinge in its own axes, shape (samples, hinges, 3, 3)."""
-    stress: tuple[Array, ...]
-    """Stress rows of every hinge, by the forces in its neck, each of shape (samples, rows, 3)."""
-    drive_at: Array
-    """Point that each drive pushes [m], shape (samples, drives, 2)."""
-    probe_at: Array
-    """Point that each probe reads [m], shape (samples, probes, 2)."""
-    stroke: Array
-    """Free displacement of each drive over that of the drawing [1], shape (samples, drives)."""
-    faulty: Array
-    """Whether a neck is gone, so that there is no such stage, shape (samples,)."""
-
-
-def made_stages(process: Process, numbers: Mapping[str, Array]) -> MadeStages:
-    r"""Return the stages of deviations.
-
-    `numbers` are standard normal, by kind, as `flexstage.explore.deviations.draw` gives them; a
+    In place of those that are none stands the one that was drawn. `numbers` are standard normal, by kind, as `flexstage.explore.deviations.draw` gives them; a
     kind that is left out is exact.
 
     Notes
@@ -177,7 +168,6 @@ def made_stages(process: Process, numbers: Mapping[str, Array]) -> MadeStages:
     no figures, nor do drives.
     """
     stage, scatter = process.stage, process.scatter
-    samples = len(next(iter(numbers.values())))
     hinges, drives = len(stage.hinges), len(stage.drives)
 
     def off(kind: str, count: int, each: int = 1) -> Array:
@@ -190,7 +180,10 @@ def made_stages(process: Process, numbers: Mapping[str, Array]) -> MadeStages:
         return 1.0 + off(kind, 1)[:, 0, 0]
 
     neck = (off("neck_common", 1) + off("neck_own", hinges))[..., 0]
-    k, rows, half = _notches(process, neck, off("radius", hinges)[..., 0])
+    radius = off("radius", hinges)[..., 0]
+    gone = process.beyond(neck, radius)
+    neck[gone], radius[gone] = 0.0, 0.0
+    k, rows, half = _notches(process, neck, radius)
     thickness = stage.thickness + off("thickness", 1)[:, 0, 0]
     modulus = stage.material.youngs_modulus * factor("modulus")
     expansion = stage.material.thermal_expansion or 0.0
@@ -202,37 +195,40 @@ def made_stages(process: Process, numbers: Mapping[str, Array]) -> MadeStages:
     mass = integrals[..., 0]
     apart = integrals[..., 1:3] / mass[..., None]
     inertia = integrals[..., 3] - mass * (apart**2).sum(axis=-1)
-    centre = process.origin + apart
 
-    # a spring of the same shape: forces as the length, moments as its square, and so on
+    # of a body of another size: forces as its length, moments as the square, and so on
     powers = np.stack((np.ones(samples), np.ones(samples), longer), axis=-1)
     k *= (modulus * thickness * longer)[:, None, None, None]
     k *= powers[:, None, :, None] * powers[:, None, None, :]
-    per_force = 1.0 / (thickness[:, None] * longer[:, None] ** 2 * powers)
-    at = np.array([hinge.at for hinge in stage.hinges]).reshape(-1, 2)
-    scale = longer[:, None, None]
-    drive_at = np.array([drive.at[0] for drive in stage.drives]).reshape(-1, 2)
-    left = np.array([(-math.sin(d.direction), math.cos(d.direction)) for d in stage.drives])
-    stacks = np.array([isinstance(drive, PiezoStack) for drive in stage.drives])
-    return MadeStages(
+    rows /= (thickness[:, None] * longer[:, None] ** 2 * powers)[:, None, :]
+    scale, nominal = longer[:, None, None], process.nominal
+    angle = nominal.drive_direction
+    left = np.stack((-np.sin(angle), np.cos(angle)), axis=-1)
+    stacks = np.array([isinstance(drive, PiezoStack) for drive in stage.drives], dtype=float)
+    size = nominal.size * longer[:, None]
+    size[:, 2] = thickness * longer
+    made = replace(
+        nominal,
         mass=mass,
         inertia=inertia * longer[:, None] ** 2,
-        centre=centre * scale,
-        at=(at + off("position", hinges, 2)) * scale,
-        stiffness=k,
-        stress=tuple(r * per_force[:, None, :] for r in rows),
-        drive_at=(drive_at + off("drive", drives) * left.reshape(-1, 2)) * scale,
-        probe_at=np.array([probe.at for probe in stage.probes]).reshape(-1, 2) * scale,
-        stroke=1.0 + off("stroke", drives)[..., 0] * stacks,
-        faulty=np.isnan(k).any(axis=(1, 2, 3)),
+        centre=(process.origin + apart) * scale,
+        hinge_at=(nominal.hinge_at + off("position", hinges, 2)) * scale,
+        hinge_stiffness=k,
+        stress_rows=rows,
+        drive_at=(nominal.drive_at + off("drive", drives) * left) * scale,
+        probe_at=nominal.probe_at * scale,
+        stroke=nominal.stroke * (1.0 + off("stroke", drives)[..., 0] * stacks),
+        size=size,
     )
+    return made, gone
 
 
-def _notches(process: Process, neck: Array, radius: Array) -> tuple[Array, list[Array], Array]:
+def _notches(process: Process, neck: Array, radius: Array) -> tuple[Array, Array, Array]:
     """Stiffness, stress rows and half areas of all hinges, each from the table that it has."""
     samples, hinges = neck.shape
+    owner = np.array(process.nominal.stress_owner, dtype=np.intp)
     k = np.empty((samples, hinges, 3, 3))
-    rows: list[Array] = [np.empty(0)] * hinges
+    rows = np.empty((samples, owner.size, 3))
     half = np.empty((samples, hinges, 4))
     of = np.array(process.table_of)
     for i, table in enumerate(process.tables):
@@ -240,7 +236,22 @@ def _notches(process: Process, neck: Array, radius: Array) -> tuple[Array, list[
         found, stress, area = table.at(neck[:, which].ravel(), radius[:, which].ravel())
         k[:, which] = found.reshape(samples, -1, 3, 3)
         half[:, which] = area.reshape(samples, -1, 4)
-        stress = stress.reshape(samples, len(which), table.rows, 3)
-        for j, hinge in enumerate(which):
-            rows[hinge] = stress[:, j]
+        rows[:, np.flatnonzero(of[owner] == i)] = stress.reshape(samples, -1, 3)
     return k, rows, half
+
+
+def lot_figures(
+    process: Process, numbers: Mapping[str, Array], samples: int, figures: Sequence[Figure]
+) -> tuple[Array, Array]:
+    """Return figures of the stages of deviations by the lumped model, and which are no stage.
+
+    Shapes (samples, figures) and (samples,). NaN where there is no such stage, or where its axes
+    are coupled otherwise than those of the drawing.
+    """
+    made, gone = made_stages(process, numbers, samples)
+    found = batch_characteristics(assemble_batch(made), {figure.key for figure in figures})
+    values = np.empty((samples, len(figures)))
+    for i, figure in enumerate(figures):
+        values[:, i] = found[figure.key]
+    values[gone] = np.nan
+    return values, gone

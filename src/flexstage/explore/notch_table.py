@@ -13,7 +13,7 @@ from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.measure.updating.parameters import with_neck_radius, with_neck_thickness
 
 #: What the polynomial may be off by, as a share of the largest value of its kind.
-TOLERANCE = 1e-8
+TOLERANCE = 1e-9
 #: Where the neck of a notch ends that a process may leave, as a share of what was drawn.
 THINNEST = 0.2
 
@@ -33,7 +33,7 @@ class NotchTable:
     profile: Profile
     """The notch as it was drawn."""
     reach: tuple[tuple[float, float], tuple[float, float]]
-    """Least and greatest deviation of the neck, and of the radius [m]."""
+    """Least and greatest deviation of the neck, and of the radius, that it holds [m]."""
     coefficients: Array
     """Of stiffness, stress rows and half the notch's area, shape (necks, radii, values)."""
     sizes: Array
@@ -44,7 +44,7 @@ class NotchTable:
     """Largest difference from the exact function that was found between the nodes [1]."""
 
     def at(self, neck: Array, radius: Array) -> tuple[Array, Array, Array]:
-        """Return stiffness, stress rows and half area of deviations, NaN beyond the table.
+        """Return stiffness, stress rows and half area of deviations within `reach`.
 
         Shapes (samples, 3, 3), (samples, rows, 3) and (samples, 4).
         """
@@ -56,16 +56,11 @@ class NotchTable:
 
     def _values(self, neck: Array, radius: Array) -> Array:
         x, y = (_scaled(v, ends) for v, ends in zip((neck, radius), self.reach, strict=True))
-        with np.errstate(invalid="ignore"):
-            outside = (np.abs(x) > 1.0) | (np.abs(y) > 1.0)
         n, m, k = self.coefficients.shape
         powers = (
-            chebyshev.chebvander(np.where(outside, 0.0, x), n - 1)[:, :, None]
-            * chebyshev.chebvander(np.where(outside, 0.0, y), m - 1)[:, None, :]
+            chebyshev.chebvander(x, n - 1)[:, :, None] * chebyshev.chebvander(y, m - 1)[:, None, :]
         )
-        values = powers.reshape(-1, n * m) @ self.coefficients.reshape(n * m, k)
-        values[outside] = np.nan
-        return values
+        return powers.reshape(-1, n * m) @ self.coefficients.reshape(n * m, k)
 
 
 def notch_table(

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -15,7 +16,7 @@ from flexstage.lumped.assemble import hinge_matrix, layout_of
 from flexstage.measure.updating.parameters import with_neck_thickness
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
-from flexstage.units import Angle, Length
+from flexstage.units import DIMENSIONS, Angle, Length
 
 #: Motions beside the one along the axis: sideways in the plane, out of it, and the rotations about
 #: the axis, about the sideways direction and about the normal of the plane.
@@ -151,7 +152,7 @@ class Scatter:
     """Standard deviation of the thickness of the plate [m]."""
     density: float = 0.003
     """Relative standard deviation of the density [1]."""
-    temperature: float = 1.0
+    temperature: Annotated[float, DIMENSIONS["temperature"]] = 1.0
     """Standard deviation of the temperature, as it expands the plate [K]."""
     stroke: float = 0.05
     """Relative standard deviation of the free displacement of each piezo stack [1]."""
