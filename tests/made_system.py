@@ -1,4 +1,4 @@
-"""One stage of a lot by the single analysis: its notches, masses and matrices built by themselves."""
+"""One stage of a lot by the single analysis: notches, masses and matrices built by themselves."""
 
 import math
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from flexstage.lumped.assemble import (
     point_matrix,
 )
 from flexstage.measure.updating.parameters import with_neck_radius, with_neck_thickness
-from flexstage.stage import Circle, Loop, PiezoStack, Stage, mass_properties
+from flexstage.stage import Circle, PiezoStack, Stage, mass_properties
 from flexstage.system import MechanicalSystem, analyse
 from flexstage.system.mechanical import BodyPort, LoadPort, StressMap
 from flexstage.virtual.imperfections import Scatter

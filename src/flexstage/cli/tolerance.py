@@ -62,8 +62,8 @@ def tolerance(
         position, thickness, modulus, density, temperature, stroke, drive. The usual scatter of wire
         erosion where not given.
     require
-        REQUIREMENT: What a good stage has, such as "natural_frequency.x >= 300 Hz" or "ratio.x = 1.7
-        +- 1 %"; may be repeated.
+        REQUIREMENT: What a good stage has, such as "natural_frequency.x >= 300 Hz" or
+        "ratio.x = 1.7 +- 1 %"; may be repeated.
     of
         FIGURE: What is looked at, such as stress.x; may be repeated (default: the usual figures of
         every axis).
@@ -92,14 +92,16 @@ def tolerance(
         raise ModelError("--every-sample writes a file: give a --folder for it")
     process = scatter_of(scatter or ())
     weights = {name: _weight(name, text) for name, text in _pairs(cost or (), "--cost")}
+    if cost and target_yield is None:
+        raise ModelError("--cost needs --target-yield: it weighs what is chosen for that")
     target = None if target_yield is None else _share(target_yield)
     if target is not None and not require:
         raise ModelError("--target-yield needs at least one --require: what a good stage has")
     described = taken.stage(stage)
     if not described.axes:
         raise ModelError(
-            f"stage '{described.name}' names no axis (a drive and the probe that reads it), so that "
-            "it has no figures"
+            f"stage '{described.name}' names no axis (a drive and the probe that reads it), so "
+            "that it has no figures"
         )
     known = known_figures(described)
     figures = [figure_of(text, known) for text in of or ()]

@@ -1,10 +1,11 @@
-"""The stages of a lot as arrays: what deviations do to masses, springs, stress, drives and places."""
+"""The stages of a lot as arrays: what deviations do to masses, springs, stress and places."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.explore.figures import Figure
@@ -49,7 +50,7 @@ class Process:
     nominal: StageArrays
     """The stage as it was drawn, as a batch of one."""
 
-    def beyond(self, neck: Array, radius: Array) -> Array:
+    def beyond(self, neck: Array, radius: Array) -> NDArray[np.bool_]:
         """Say which samples have a neck or radius that no table holds, shape (samples,)."""
         out = np.zeros(len(neck), dtype=bool)
         for values, axis in ((neck, 0), (radius, 1)):
@@ -150,11 +151,11 @@ def _mounted(stage: Stage, origin: Array) -> Array:
 
 def made_stages(
     process: Process, numbers: Mapping[str, Array], samples: int
-) -> tuple[StageArrays, Array]:
+) -> tuple[StageArrays, NDArray[np.bool_]]:
     r"""Return the stages of deviations, and which of them are none, as a neck is gone.
 
-    In place of those that are none stands the one that was drawn. `numbers` are standard normal, by kind, as `flexstage.explore.deviations.draw` gives them; a
-    kind that is left out is exact.
+    In place of those that are none stands the one that was drawn. `numbers` are standard normal,
+    by kind, as `flexstage.explore.deviations.draw` gives them; a kind that is left out is exact.
 
     Notes
     -----
@@ -242,7 +243,7 @@ def _notches(process: Process, neck: Array, radius: Array) -> tuple[Array, Array
 
 def lot_figures(
     process: Process, numbers: Mapping[str, Array], samples: int, figures: Sequence[Figure]
-) -> tuple[Array, Array]:
+) -> tuple[Array, NDArray[np.bool_]]:
     """Return figures of the stages of deviations by the lumped model, and which are no stage.
 
     Shapes (samples, figures) and (samples,). NaN where there is no such stage, or where its axes

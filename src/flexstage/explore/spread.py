@@ -1,10 +1,11 @@
-"""How the figures of many stages are spread, how many meet what is required, and what spreads them."""
+"""How the figures of many stages are spread, what spreads them, and how many are good."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
@@ -142,7 +143,7 @@ class Yield:
         return self.met / self.count
 
 
-def yield_of(met: Array, requirement: Requirement | None = None) -> Yield:
+def yield_of(met: NDArray[np.bool_], requirement: Requirement | None = None) -> Yield:
     """Return the yield of samples of which each met a requirement or did not.
 
     Its interval is the exact one of the binomial distribution (C. J. Clopper, E. S. Pearson,

@@ -3,9 +3,10 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
@@ -79,7 +80,7 @@ class Lot:
 
     def values(
         self, samples: int, workers: "Workers", keep: Path | None = None
-    ) -> tuple[Array, Array]:
+    ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the figures of samples, shape (samples, figures), and which are no stage.
 
         A figure is NaN of what is no stage.
@@ -97,7 +98,7 @@ class Lot:
 
 def _batch(
     payload: tuple[Process, tuple[str, ...], int, tuple[Figure, ...]], start: int, stop: int
-) -> dict[str, Array]:
+) -> dict[str, NDArray[Any]]:
     process, kinds, seed, figures = payload
     numbers = draw(process.stage, kinds, start, stop, seed=seed)
     values, gone = lot_figures(process, numbers, stop - start, figures)
@@ -268,9 +269,7 @@ def tolerance(
         yields=yields_of(every, requirements, values),
         model=how,
         notes=(*_notes(lot, spreads, values, gone), *lacking),
-        provenance=provenance(
-            stage, {"command": "tolerance", "samples": samples, "seed": seed, "model": model}
-        ),
+        provenance=provenance(stage, {"samples": str(samples), "seed": str(seed), "model": model}),
     )
 
 
@@ -297,7 +296,9 @@ def _shares(lot: Lot, values: Array) -> tuple[tuple[Shares, ...], tuple[str, ...
     return found, ()
 
 
-def _notes(lot: Lot, spreads: Sequence[Spread], values: Array, gone: Array) -> list[str]:
+def _notes(
+    lot: Lot, spreads: Sequence[Spread], values: Array, gone: NDArray[np.bool_]
+) -> list[str]:
     notes = []
     if gone.any():
         notes.append(

@@ -1,7 +1,7 @@
 """The cheapest tolerances that reach a yield."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,8 +9,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.explore.deviations import KINDS, flat, parts
-from flexstage.explore.figures import Requirement
+from flexstage.explore.deviations import flat, parts
 from flexstage.explore.made_stages import process_of
 from flexstage.explore.spread import Yield, shares_of, yield_of
 from flexstage.explore.tolerance import Lot, ToleranceStudy, yields_of
