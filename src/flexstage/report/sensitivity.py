@@ -48,7 +48,12 @@ def moving(found: Sensitivities, length: float | None = None) -> tuple[list[int]
     faint = shown[found.vanishing]
     largest = faint.max(axis=1, initial=0.0)[:, None]
     faint = (faint / np.where(largest == 0.0, 1.0, largest)).max(axis=0, initial=0.0)
-    order = [int(k) for k in np.lexsort((-faint, -real)) if real[k] > 0.0 or faint[k] > 0.0]
+    # what differs by rounding stays in the order of the stage
+    order = [
+        int(k)
+        for k in np.lexsort((-faint.round(4), -real.round(4)))
+        if real[k] > 0.0 or faint[k] > 0.0
+    ]
     still = [k for k in range(real.size) if k not in order]
     return order, [parameter_label(found, k) for k in still]
 
