@@ -62,8 +62,8 @@ def sweep(
         grid|latin-hypercube|sobol: How points are spread: on a grid, as a Latin hypercube, or as a
         Sobol' sequence (default: a grid of one or two parameters, a sequence of more).
     samples
-        NUMBER: Number of points; a grid has at most so many, a Sobol' sequence the next power of 2. With
-        --indices the number of base samples, each of which takes as many points as there are
+        NUMBER: Number of points; a grid has at most so many, a Sobol' sequence the next power of 2.
+        With --indices the number of base samples, each of which takes as many points as there are
         parameters and two more.
     seed
         NUMBER: Seed of Latin hypercube and Sobol' sequence.
