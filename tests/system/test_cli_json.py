@@ -18,6 +18,7 @@ REFUSED = {
     "check": ["nowhere.yaml"],
     "analyse": ["nowhere.yaml"],
     "sweep": ["parallelogram"],
+    "tolerance": ["nowhere.yaml"],
     "equations": ["nowhere.yaml"],
     "export": ["nowhere.yaml", "--to", "step"],
     "hinges": ["--profile", "round"],
