@@ -42,12 +42,12 @@ def sensitivity(
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Show which parameter of a stage moves which of its figures, and by how much.
+    """Show which parameter of a stage moves which figure.
 
     Parameters
     ----------
     of
-        NAME: A figure that is looked at, such as natural_frequency.x, stroke (of every axis) or
+        FIGURE: A figure that is looked at, such as natural_frequency.x, stroke (of every axis) or
         mass; may be repeated (default: ratio, stroke, frequency, stress and coupling of each axis).
     by
         NAME: A parameter, or a pattern of names such as "x.*"; may be repeated (default: all that
