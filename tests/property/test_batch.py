@@ -16,9 +16,8 @@ from flexstage.lumped import (
     lumped_system,
     stage_arrays,
 )
-from flexstage.quantities import QUANTITIES
 from flexstage.system import SystemBatch, analyse, batch_characteristics
-from tests.varied_stages import varied
+from tests.varied_stages import rounding, varied
 
 
 def _scattered(name: str, count: int, share: float = 0.02, seed: int = 5) -> StageArrays:
@@ -46,9 +45,6 @@ def _scattered(name: str, count: int, share: float = 0.02, seed: int = 5) -> Sta
     )
 
 
-# A ratio of what is nothing by symmetry is rounding: 1e-12 of the motion that it is a part of.
-_NOTHING = {"cross_coupling": 1e-12, "parasitic_rotation": 1e-14, "cross_rotation": 1e-14}
-
 # Stiff directions of hinges cancel in the soft modes, which leaves frequencies 1e-11 of rounding;
 # the shapes of two modes 1 % apart, as three-rrr has them, then mix by a part in 1e9 either way.
 _CLOSE = 1e-8
@@ -63,10 +59,9 @@ def test_every_figure_of_a_batch_is_that_of_the_single_analysis(name: str) -> No
         rows = analyse(stage, lumped_system(stage)).characteristics
         assert list(found) == [(row.quantity, row.axis) for row in rows]
         for row in rows:
-            nothing = _NOTHING.get(row.quantity, 0.1 * QUANTITIES[row.quantity].zero)
             value = found[row.quantity, row.axis][i]
             rel = _CLOSE if row.quantity.startswith("effective_") else 1e-9
-            assert value == pytest.approx(row.value, rel=rel, abs=nothing), row
+            assert value == pytest.approx(row.value, rel=rel, abs=rounding(row.quantity)), row
 
 
 @pytest.mark.parametrize("name", ["vgtu-piezo", "three-rrr", "parallelogram"])
