@@ -97,15 +97,15 @@ def _dense(batch: SystemBatch, i: int) -> tuple[np.ndarray, np.ndarray]:
     return k, np.diag(mass)
 
 
-@pytest.mark.parametrize(("share", "seed"), [(0.02, 1), (0.3, 2), (1.0, 3)])
+@pytest.mark.parametrize(("share", "seed"), [(0.02, 1), (0.3, 2), (1.5, 5)])
 def test_frequencies_are_right_however_far_a_sample_is_from_the_nominal_stage(
     share: float, seed: int
 ) -> None:
-    # at e^1 of scatter another mode than the nominal one may move an axis, and iteration may not do
-    batch = assemble_batch(_scattered("vgtu-piezo", 40, share, seed))
-    keys = [("natural_frequency_hz", "x"), ("natural_frequency_hz", "y"), ("effective_mass", "y")]
+    # at the last another mode than the nominal one moves an axis of some, outside of the subspace
+    batch = assemble_batch(_scattered("vgtu-piezo", 60, share, seed))
+    keys = [(name, axis) for name in ("natural_frequency_hz", "effective_mass") for axis in "xy"]
     found = batch_characteristics(batch, keys)
-    for i in range(40):
+    for i in range(60):
         k, m = _dense(batch, i)
         value, shape = eigh(k, m)
         for j, axis in enumerate("xy"):
@@ -119,17 +119,21 @@ def test_frequencies_are_right_however_far_a_sample_is_from_the_nominal_stage(
             mode = np.argmax((np.abs(p * d) / value)[:12])
             expected = np.sqrt(value[mode]) / (2.0 * np.pi)
             assert found["natural_frequency_hz", axis][i] == pytest.approx(expected, rel=1e-9)
-        assert found["effective_mass", "y"][i] == pytest.approx(1.0 / p[mode] ** 2, rel=1e-8)
+            mass = found["effective_mass", axis][i]
+            assert mass == pytest.approx(1.0 / p[mode] ** 2, rel=1e-8)
 
 
-def test_a_mechanism_is_no_number_and_disturbs_no_sample_beside_it() -> None:
-    arrays = _scattered("vgtu-piezo", 6)
+@pytest.mark.parametrize("name", ["parallelogram", "vgtu-piezo"])
+def test_a_mechanism_is_no_number_and_disturbs_no_sample_beside_it(name: str) -> None:
+    arrays = _scattered(name, 6)
     stiffness = arrays.hinge_stiffness.copy()
-    # all hinges gone, and those of one body
-    body = arrays.stage.hinges[0].bodies[1]
-    loose = [i for i, h in enumerate(arrays.stage.hinges) if body in h.bodies]
     stiffness[2] = 0.0
-    stiffness[4, loose] = 0.0
+    # all hinges of one body gone; on the guide, all that turn freely: rounding leaves tiny pivots
+    body = arrays.stage.hinges[0].bodies[1]
+    stiffness[4, [i for i, h in enumerate(arrays.stage.hinges) if body in h.bodies]] = 0.0
+    if name == "parallelogram":
+        stiffness[2] = arrays.hinge_stiffness[2]
+        stiffness[2, :, 2, :] = stiffness[2, :, :, 2] = 0.0
     broken = lumped_characteristics(replace(arrays, hinge_stiffness=stiffness))
     for key, value in lumped_characteristics(arrays).items():
         described = key[0] in ("mass", "moving_mass", "width", "height", "thickness")
