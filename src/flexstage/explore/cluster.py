@@ -7,11 +7,12 @@ import queue
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import Any, cast
 
 import dask.config
 import numpy as np
+import psutil
 from dask.system import CPU_COUNT
 from distributed import Client, Future, KilledWorker, LocalCluster, WorkerPlugin, get_worker
 
@@ -57,6 +58,10 @@ class Cluster:
 
     def __init__(self, address: str | None) -> None:
         self._address = address
+        self._quiet = ExitStack()
+        for handler in logging.getLogger("distributed").handlers:
+            self._quiet.callback(handler.setLevel, handler.level)
+            handler.setLevel(logging.CRITICAL)
         self._local: LocalCluster | None = None
         if address is None:
             with dask.config.set({"distributed.nanny.pre-spawn-environ": _ONE_THREAD}):
@@ -93,12 +98,20 @@ class Cluster:
         ended: queue.Queue[Future] = queue.Queue()
         running: dict[Future, int] = {}
         left = list(reversed(numbers))
+        # Dask blames all batches that a worker had when it died: each of them is tried alone
+        suspects: list[int] = []
+        alone = False
         try:
-            while left or running:
-                room = _AHEAD * self._threads() - len(running)
-                for number in (left.pop() for _ in range(min(room, len(left)))):
-                    key = f"{held}-{number}"
-                    future = self._client.submit(_compute, held, number, key=key, pure=False)
+            while left or suspects or running:
+                if not running:
+                    alone = bool(suspects)
+                source = suspects if alone else left
+                room = 1 if alone else _AHEAD * self._threads()
+                while source and len(running) < room and (alone or not suspects):
+                    number = source.pop()
+                    future = self._client.submit(
+                        _compute, held, number, key=f"{held}-{uuid.uuid4().hex}", pure=False
+                    )
                     running[future] = number
                     future.add_done_callback(ended.put)
                 try:
@@ -108,7 +121,12 @@ class Cluster:
                         wait("no worker is connected, waiting for one")
                     continue
                 number = running.pop(future)
-                yield number, self._result(job, number, future)
+                try:
+                    yield number, self._result(future)
+                except KilledWorker as error:
+                    if alone:
+                        raise _deadly(job, number, error) from error
+                    suspects.append(number)
         finally:
             with suppress(OSError, RuntimeError, asyncio.TimeoutError, CancelledError):
                 self._client.cancel(list(running))
@@ -118,12 +136,13 @@ class Cluster:
         """End the workers that were started, or leave the cluster; `at_once` amid their work."""
         if self._local is not None and at_once:
             for nanny in self._local.workers.values():
-                nanny.auto_restart = False
+                nanny.close_gracefully()  # and do not start another process
                 if nanny.pid:
-                    os.kill(nanny.pid, 9)
+                    psutil.Process(nanny.pid).kill()
         self._client.close()
         if self._local is not None:
             self._local.close()
+        self._quiet.close()
 
     def _threads(self) -> int:
         try:
@@ -131,18 +150,11 @@ class Cluster:
         except (TimeoutError, OSError, RuntimeError, CancelledError) as error:
             raise self._lost() from error
 
-    def _result(self, job: Job, number: int, future: Future) -> dict[str, np.ndarray]:
+    def _result(self, future: Future) -> dict[str, np.ndarray]:
         try:
             return future.result()
         except FlexstageError:
             raise
-        except KilledWorker as error:
-            start, stop = job.span(number)
-            raise WorkerError(
-                f"batch {number} of {job.name} (samples {start} to {stop - 1}) ended the process "
-                f"of its worker {error.allowed_failures + 1} times: it needs more memory than "
-                "there is, or a library fails on a sample; compute it with one worker to see"
-            ) from error
         except (CancelledError, OSError) as error:
             raise self._lost() from error
 
@@ -174,6 +186,15 @@ def _require_same(who: str, own: dict[str, str], found: dict[str, Any]) -> None:
                 f"{who} has {has} and this computer {name} {version}: numbers could differ; "
                 "install the same on all of them"
             )
+
+
+def _deadly(job: Job, number: int, error: KilledWorker) -> WorkerError:
+    start, stop = job.span(number)
+    return WorkerError(
+        f"batch {number} of {job.name} (samples {start} to {stop - 1}) ended the process of its "
+        f"worker {error.allowed_failures + 1} times: it needs more memory than there is, or a "
+        "library fails on a sample; compute it with one worker to see"
+    )
 
 
 def _said(error: BaseException) -> str:
