@@ -347,6 +347,7 @@ PAGES = {
     "centring.png": ("how-to/centre.md", "turn.png"),
     "frequency-response.png": ("how-to/frequency-response.md", "response.png"),
     "piezo-hysteresis.png": ("tutorials/piezo-hysteresis.md", "piezo-hysteresis.png"),
+    "sweep-map.png": ("how-to/sweep.md", "map.png"),
 }
 #: Pictures that commands make, the last of which writes the file.
 COMMANDS = {

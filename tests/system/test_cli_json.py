@@ -17,6 +17,8 @@ REFUSED = {
     "show": ["nowhere.yaml"],
     "check": ["nowhere.yaml"],
     "analyse": ["nowhere.yaml"],
+    "sweep": ["parallelogram"],
+    "tolerance": ["nowhere.yaml"],
     "equations": ["nowhere.yaml"],
     "export": ["nowhere.yaml", "--to", "step"],
     "hinges": ["--profile", "round"],

@@ -8,6 +8,9 @@ if TYPE_CHECKING:
     from flexstage.explore.batches import Job, batch_size
     from flexstage.explore.family import Evaluated, Family, evaluate, jacobian, known_figures
     from flexstage.explore.figures import Figure, Requirement, figure_of, requirement_of
+    from flexstage.explore.sampling import saltelli_points
+    from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
+    from flexstage.explore.sweep import Sweep, SweepPlan, sweep, usual_plan
     from flexstage.explore.variables import Variable, every_variable, variables_of
     from flexstage.explore.workers import Workers, open_workers
 
@@ -17,6 +20,9 @@ __all__ = [
     "Figure",
     "Job",
     "Requirement",
+    "SobolIndices",
+    "Sweep",
+    "SweepPlan",
     "Variable",
     "Workers",
     "batch_size",
@@ -27,6 +33,10 @@ __all__ = [
     "known_figures",
     "open_workers",
     "requirement_of",
+    "saltelli_points",
+    "sobol_indices",
+    "sweep",
+    "usual_plan",
     "variables_of",
 ]
 

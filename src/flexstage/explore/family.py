@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from flexstage.errors import FlexstageError, ModelError
 from flexstage.explore.figures import Figure
 from flexstage.explore.stage_figures import STAGE_FIGURES
 from flexstage.explore.variables import Variable
+from flexstage.lumped import lumped_characteristics, stage_arrays
 from flexstage.stage import Stage
 from flexstage.studies.models import analyse_model
 from flexstage.system import Analysis
@@ -122,12 +124,45 @@ def evaluate(
     """
     values = np.full((len(points), len(figures)), np.nan)
     faults = [""] * len(points)
+    stages: dict[int, Stage] = {}
     for i, point in enumerate(np.asarray(points, dtype=np.float64)):
         try:
-            values[i] = _figures(family.stage(point), figures, model)
+            stages[i] = family.stage(point)
         except FlexstageError as error:
             faults[i] = str(error)
+    if model == "lumped":
+        _together(family.template.stage(), stages, figures, values)
+    for i, stage in stages.items():
+        missing = np.flatnonzero(np.isnan(values[i])).tolist()
+        if not missing:
+            continue
+        try:
+            values[i, missing] = _figures(stage, [figures[k] for k in missing], model)
+        except FlexstageError as error:
+            values[i], faults[i] = np.nan, str(error)
     return Evaluated(figures=tuple(figures), values=values, faults=tuple(faults))
+
+
+def _together(
+    nominal: Stage, stages: Mapping[int, Stage], figures: Sequence[Figure], values: Array
+) -> None:
+    """Put in what the batched engine knows of all stages; the rest stays NaN."""
+    known = [k for k, figure in enumerate(figures) if figure.key in _batched(nominal)]
+    if not stages or not known:
+        return
+    try:
+        arrays = stage_arrays(list(stages.values()), nominal=nominal)
+    except FlexstageError:
+        return  # one is of another topology, or has a hinge beside its body: each by itself
+    found = lumped_characteristics(arrays, [figures[k].key for k in known])
+    for k in known:
+        values[list(stages), k] = found[figures[k].key]
+
+
+@lru_cache(maxsize=32)
+def _batched(nominal: Stage) -> frozenset[tuple[str, str]]:
+    """Figures that the batched engine knows of a stage."""
+    return frozenset(lumped_characteristics(stage_arrays([nominal])))
 
 
 def _figures(stage: Stage, figures: Collection[Figure], model: str) -> list[float]:

@@ -207,7 +207,8 @@ def requirement_of(text: str, known: Collection[tuple[str, str]]) -> Requirement
     ----------
     text : str
         ``stroke.x >= 60 um``, ``stress.x <= 200 MPa``, ``ratio.x = 1.7``, or with a tolerance,
-        ``ratio.x = 1.7 +- 1 %``.
+        ``ratio.x = 1.7 +- 1 %``. A greatest value of what may be nothing, as of a coupling, is that
+        of its magnitude.
     known : collection of (str, str)
         Quantities and axes that there are.
 
@@ -237,6 +238,9 @@ def requirement_of(text: str, known: Collection[tuple[str, str]]) -> Requirement
             low, high = target, None
         case "<=" | "<" | "≤":
             low, high = None, target
+            # what may be nothing, as a coupling, has a sign that says its way alone
+            if figure.shown.zero > 0.0 and target > 0.0:
+                low = -target
         case _:
             low = high = target
     if tolerance:

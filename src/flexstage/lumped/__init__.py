@@ -6,6 +6,12 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.lumped.assemble import hinge_springs, lumped_system
+    from flexstage.lumped.batch import (
+        StageArrays,
+        assemble_batch,
+        lumped_characteristics,
+        stage_arrays,
+    )
     from flexstage.lumped.finite_rotation import nonlinear
     from flexstage.lumped.large_displacement import equilibrium, stroke_path
     from flexstage.lumped.latex import mathml
@@ -22,18 +28,22 @@ __all__ = [
     "RigidBody",
     "Sight",
     "SpringHinge",
+    "StageArrays",
     "SymbolicModel",
     "TransferFunction",
+    "assemble_batch",
     "condense",
     "equation_sheet",
     "equilibrium",
     "hinge_springs",
+    "lumped_characteristics",
     "lumped_system",
     "mathml",
     "mechanism",
     "motion",
     "nonlinear",
     "reduce_by_symmetry",
+    "stage_arrays",
     "stroke_path",
     "symbolic_model",
     "transfer_function",

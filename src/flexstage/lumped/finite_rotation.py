@@ -227,6 +227,18 @@ class NonlinearMechanism:
         local = (spring[..., None, :] @ b)[..., 0, :]
         return local.reshape(*local.shape[:-2], -1) @ self.hinges.gather
 
+    def geometric_stiffness(self, q: Array, spring: Array) -> Array:
+        """Return what forces of the hinges (N, V, M), shape (h, 3), add to the tangent at a state.
+
+        Shape (n, n).
+        """
+        return _assembled(self.hinges, self.hinges.curvature(np.asarray(q, dtype=float), spring))
+
+    def deformation_rates(self, q: Array) -> Array:
+        """Return the derivatives of each hinge's deformation at one state, shape (h, 3, n)."""
+        _, b = self.hinges.rates(np.asarray(q, dtype=float))
+        return b @ self.hinges.gather.reshape(self.hinges.count, 6, self.order)
+
     def tangent(self, q: Array) -> Array:
         """Return the tangent stiffness d2V/dq2 at one state, shape (n, n)."""
         q = np.asarray(q, dtype=float)

@@ -28,6 +28,8 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("Refinement", ""): ("convergence.draw_convergence", "refinement"),
     ("Stage", ""): ("drawing.draw_stage", "stage"),
     ("Staircase", ""): ("noise.draw_staircase", "found"),
+    ("ToleranceStudy", "shares"): ("tolerance.draw_shares", "study"),
+    ("ToleranceStudy", "spreads"): ("tolerance.draw_spreads", "study"),
     ("VerifiedStep", ""): ("tracking.draw_following", "step"),
     ("Workspace", ""): ("motion_error.draw_workspace", "found"),
 }

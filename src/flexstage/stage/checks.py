@@ -66,8 +66,9 @@ def check(stage: Stage) -> tuple[Issue, ...]:
         frozenset(h.bodies) for h in stage.hinges if h not in rooted or h.profile.length < wire
     }
     issues += slots_between(shapes, wire, skip)
-    for shape in bodies:
-        issues += slots_within(shape, wire)
+    for body in stage.bodies:
+        if body.name in sound:
+            issues += slots_within(body, wire)
     issues += _mechanism(stage)
     by_name = {s.name: s for s in bodies}
     for drive in stage.drives:

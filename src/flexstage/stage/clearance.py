@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from flexstage.arrays import Array, Integers
 from flexstage.stage.issue import Issue, millimetres
-from flexstage.stage.shapes import CHORD, Shape
+from flexstage.stage.model import Body
+from flexstage.stage.shapes import CHORD, Shape, drawn_openings
 
 # Two polygons of arcs are off by CHORD each, so shapes that only touch overlap by at most twice
 # that. An overlap counts if a disc of this radius fits into it: twice what touching can give.
@@ -16,6 +18,8 @@ _SLACK = 2.0 * CHORD
 # faces count as the two sides of a slot if they are within this of being parallel: cos(45 deg)
 _FACING = -0.7
 _ARC_STEPS = 32
+# edges that are compared with all others at once
+_ROWS = 256
 
 
 def overlaps(shapes: list[Shape]) -> Iterator[Issue]:
@@ -102,45 +106,53 @@ def slots_between(
             )
 
 
-def slots_within(shape: Shape, wire_width: float) -> Iterator[Issue]:
+def slots_within(body: Body, wire_width: float) -> Iterator[Issue]:
     """Find slots and holes of one body that the wire does not fit into.
 
     What a disc as wide as the wire cannot reach outside of the body is either the rest of a sharp
     corner, which the wire rounds, or a narrow slot, which has two sides that face each other.
     """
+    from shapely import STRtree, buffer, get_parts, is_empty, linestrings
+
     radius = 0.5 * wire_width - _SLACK
     if radius <= 0.0:
         return
+    # round holes that are wide enough are no part of what may be narrow
+    polygon = drawn_openings(body, narrower_than=wire_width)
+    if polygon is None:
+        return
     # closing the material with a disc fills what the disc cannot reach
-    closed = shape.polygon.buffer(radius, quad_segs=_ARC_STEPS)
+    closed = polygon.buffer(radius, quad_segs=_ARC_STEPS)
     closed = closed.buffer(-radius, quad_segs=_ARC_STEPS)
-    missed = closed.difference(shape.polygon)
-    sides = None
-    for part in getattr(missed, "geoms", [missed]):
-        # polygons in place of arcs leave slivers thinner than this
-        if part.is_empty or part.buffer(-0.5 * CHORD).is_empty:
-            continue
-        sides = _sides(shape.polygon) if sides is None else sides
-        width = _facing_distance(part, *sides, wire_width)
+    missed = get_parts(closed.difference(polygon))
+    # polygons in place of arcs leave slivers thinner than this
+    missed = missed[~is_empty(buffer(missed, -0.5 * CHORD))]
+    if not missed.size:
+        return
+    start, end, normals = edges(polygon)
+    lines: Any = linestrings(np.stack([start, end], axis=1))
+    tree = STRtree(lines)
+    for part in missed:
+        width = _facing_distance(part, tree, normals, wire_width)
         if width is not None:
             where = part.representative_point()
             yield Issue(
                 severity="error",
                 code="narrow-slot",
-                what=(shape.name,),
-                message=f"a slot or hole in body '{shape.name}' about "
+                what=(body.name,),
+                message=f"a slot or hole in body '{body.name}' about "
                 f"{millimetres(where.x, where.y)} is only {millimetres(width)} wide, less than the "
                 f"wire width of {millimetres(wire_width)}: widen it",
             )
 
 
-def _sides(polygon: Any) -> tuple[Any, Any]:
-    """Return the edges of a body as lines in a tree, and their outward normals."""
-    import shapely
+def edges(polygon: Any) -> tuple[Array, Array, Array]:
+    """Return starts and ends of the edges of a body [m], and their outward normals, (n, 2) each."""
+    from shapely.geometry.polygon import orient
 
     starts, ends = [], []
     for part in getattr(polygon, "geoms", [polygon]):
-        oriented = shapely.geometry.polygon.orient(part)
+        oriented = orient(part)
         for line in (oriented.exterior, *oriented.interiors):
             xy = np.asarray(line.coords)[:, :2]
             starts.append(xy[:-1])
@@ -150,23 +162,32 @@ def _sides(polygon: Any) -> tuple[Any, Any]:
     length = np.hypot(along[:, 0], along[:, 1])
     keep = length > 0.0
     normal = np.stack([along[keep, 1], -along[keep, 0]], axis=1) / length[keep, None]
-    lines: Any = shapely.linestrings(np.stack([start[keep], end[keep]], axis=1))
-    return shapely.STRtree(lines), normal
+    return start[keep], end[keep], normal
 
 
-def _facing_distance(part: Any, edges: Any, normals: Any, wire_width: float) -> float | None:
+def opposite_edges(normals: Array, largest: float) -> tuple[Integers, Integers]:
+    """Return the pairs of edges, each once, whose normals have a scalar product of at most this."""
+    pairs = []
+    for first in range(0, len(normals), _ROWS):
+        i, j = np.nonzero(normals[first : first + _ROWS] @ normals[first:].T <= largest)
+        pairs.append(np.stack([i, j])[:, i < j] + first)
+    i, j = np.concatenate(pairs, axis=1)
+    return i, j
+
+
+def _facing_distance(part: Any, tree: Any, normals: Array, wire_width: float) -> float | None:
     """Return the distance between the two sides of a slot, or None for a corner."""
     import shapely
 
-    near = edges.query(part, predicate="dwithin", distance=CHORD)
+    near = tree.query(part, predicate="dwithin", distance=CHORD)
     # only the parts that bound this region: a long edge bounds others as well
-    faces = shapely.intersection(edges.geometries[near], part.buffer(2.0 * CHORD))
+    faces = shapely.intersection(tree.geometries[near], part.buffer(2.0 * CHORD))
     reached = ~shapely.is_empty(faces)
     faces, normals = faces[reached], normals[near[reached]]
-    tree = shapely.STRtree(faces)
+    found = shapely.STRtree(faces)
     best = wire_width
     for face, normal in zip(faces, normals, strict=True):
-        others = tree.query(face, predicate="dwithin", distance=best)
+        others = found.query(face, predicate="dwithin", distance=best)
         # the two faces of a thin wall are parallel too, but the slot is not between them
         others = others[normals[others] @ normal <= _FACING]
         if others.size:

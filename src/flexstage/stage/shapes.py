@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from flexstage.stage.contour import half_notch
@@ -34,12 +35,32 @@ class Shape:
         return f"the notch of hinge '{self.name}'" if self.is_notch else f"body '{self.name}'"
 
 
+# the checks of a stage, and of its next variation, ask for the same again and again
+@lru_cache(maxsize=1024)
 def ring(shape: Loop | Circle) -> Any:
     """Return the polygon of a closed line, to `CHORD`."""
     from shapely import Polygon
 
     loop = shape.loop() if isinstance(shape, Circle) else shape
     return Polygon(loop.polyline(CHORD))
+
+
+def drawn_openings(body: Body, narrower_than: float = 0.0) -> Any:
+    """Return a body with the openings that may have narrow places, or None where it has none.
+
+    They are what its outline has, and its holes but for round ones that are wide enough [m].
+    """
+    holes = [
+        ring(hole)
+        for hole in (*body.holes, *body.mounting_holes)
+        if not (isinstance(hole, Circle) and 2.0 * hole.radius >= narrower_than)
+    ]
+    outline = ring(body.outline)
+    if not holes and outline.convex_hull.area <= outline.area * (1.0 + 1e-9):
+        return None
+    for hole in holes:
+        outline = outline.difference(hole)
+    return outline
 
 
 def body_shapes(stage: Stage) -> tuple[list[Shape], list[Issue]]:

@@ -6,6 +6,8 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.system.analysis import Analysis, analyse
+    from flexstage.system.batch import SystemBatch
+    from flexstage.system.batch_analysis import batch_characteristics
     from flexstage.system.coupled_axes import CoupledAxes, coupled_axes
     from flexstage.system.damping import Damping, LossFactor, ModalDamping, RayleighDamping
     from flexstage.system.mechanical import (
@@ -47,9 +49,11 @@ __all__ = [
     "RayleighDamping",
     "StateSpace",
     "StaticSolution",
+    "SystemBatch",
     "TimeResponse",
     "analyse",
     "analyse_axis",
+    "batch_characteristics",
     "coupled_axes",
     "drive_stiffness",
     "frequency_response",

@@ -25,10 +25,10 @@ from flexstage.system.response import (
 )
 from flexstage.system.statics import AxisAnalysis, analyse_axis, probe_stiffness, static_loads
 
-# natural frequencies that differ by less are one [1]
-_ALIKE = 1e-3
-# an axis that moves by less than this of what another does is not moved by its drive
-_NOTHING = 0.1
+#: Natural frequencies that differ by less are one [1].
+ALIKE = 1e-3
+#: An axis that moves by less than this of what another does is not moved by its drive.
+NOTHING = 0.1
 
 
 def axis_mode(
@@ -116,7 +116,7 @@ def axis_characteristics(
         where = f"against a {load} at probe '{axis.probe}', drives in place (rigid ones locked)"
         add("rotational_stiffness" if turns else "output_stiffness", stiffness, where)
     # of modes of one frequency any mixture is one: what they do together is sure
-    alike = np.abs(removed.frequency_hz / removed.frequency_hz[mode] - 1.0) < _ALIKE
+    alike = np.abs(removed.frequency_hz / removed.frequency_hz[mode] - 1.0) < ALIKE
     shown = np.sum((system.probe(axis.probe).vector @ removed.shapes[:, alike]) ** 2)
     if shown:
         which = "mode" if alike.sum() == 1 else f"the {alike.sum()} modes like"
@@ -179,7 +179,7 @@ def _cross(
     worst = max(alike, key=abs, default=0.0)
     ways = ("cross_rotation", "cross_displacement")
     how = "after decoupling" if len(axis.drives) > 1 else "at full stroke"
-    if alike and abs(own) >= _NOTHING * abs(worst) and own != 0.0:
+    if alike and abs(own) >= NOTHING * abs(worst) and own != 0.0:
         note = "displacement of the other axis over that of this one"
         yield "cross_coupling", worst / own, note + f", {how}" * (len(axis.drives) > 1)
     elif alike:
@@ -341,6 +341,40 @@ def _coupling(stage: Stage, system: MechanicalSystem) -> CoupledAxes | None:
     return found
 
 
+def axis_states(
+    stage: Stage, system: MechanicalSystem
+) -> tuple[CoupledAxes | None, CoupledAxes | None, tuple[AxisAnalysis, ...]]:
+    """Return what all drives do to all axes, whether that moves the axes, and each at full stroke.
+
+    The second is the first where all drives together make the motion of an axis, and None where
+    each is moved by its drive alone.
+
+    Raises
+    ------
+    ModelError
+        The stage is a mechanism, or a drive has no stroke.
+    """
+    coupling = _coupling(stage, system)
+    together = coupling if coupling is not None and coupling.coupled else None
+    if (
+        together is not None
+        and not together.independent
+        and all(len(axis.drives) == 1 for axis in system.axes)
+    ):
+        # no way to move one axis alone: each drive by itself, as it is
+        together = None
+    return (
+        coupling,
+        together,
+        tuple(
+            analyse_axis(system, axis)
+            if together is None
+            else decoupled_axis(system, together, axis.name)
+            for axis in system.axes
+        ),
+    )
+
+
 def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     """Analyse a stage by one of its systems.
 
@@ -361,21 +395,7 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     ModelError
         The stage is a mechanism, or a drive has no stroke.
     """
-    coupling = _coupling(stage, system)
-    together = coupling if coupling is not None and coupling.coupled else None
-    if (
-        together is not None
-        and not together.independent
-        and all(len(axis.drives) == 1 for axis in system.axes)
-    ):
-        # no way to move one axis alone: each drive by itself, as it is
-        together = None
-    axes = tuple(
-        analyse_axis(system, axis)
-        if together is None
-        else decoupled_axis(system, together, axis.name)
-        for axis in system.axes
-    )
+    coupling, together, axes = axis_states(stage, system)
     # without drives the three conditions are one
     conditions = _CONDITIONS if system.drives else _CONDITIONS[:1]
     found: dict[DriveCondition, Modes] = {c: modes(system, drives=c, count=12) for c in conditions}

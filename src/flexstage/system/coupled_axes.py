@@ -21,10 +21,10 @@ from flexstage.system.zonotope import (
     zonotope_volume,
 )
 
-# of the largest singular value, less is none
-_SINGULAR = 1e-9
-# a drive that moves another axis by more than this of what it moves its own couples them
-_COUPLED = 0.5
+#: Of the largest singular value, less is none.
+SINGULAR = 1e-9
+#: A drive that moves another axis by more than this of what it moves its own couples them.
+COUPLED = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,7 +80,7 @@ class CoupledAxes:
     def independent(self) -> bool:
         """Whether the drives can move every axis alone: J has the rank of its rows."""
         values = self.singular_values
-        return len(values) == len(self.axes) and bool(values[-1] > _SINGULAR * values[0])
+        return len(values) == len(self.axes) and bool(values[-1] > SINGULAR * values[0])
 
     @property
     def condition_number(self) -> float:
@@ -132,7 +132,7 @@ class CoupledAxes:
         for i, axis in enumerate(self.axes):
             j = self.drives.index(axis.drives[0])
             others = [k for k, a in enumerate(self.axes) if a.drives != axis.drives]
-            if others and size[others, j].max() > _COUPLED * size[i, j]:
+            if others and size[others, j].max() > COUPLED * size[i, j]:
                 return True
         return False
 

@@ -13,8 +13,8 @@ from flexstage.stage.model import only_drive
 from flexstage.system.linalg import solve_stiffness
 from flexstage.system.mechanical import AxisPort, DriveCondition, DrivePort, MechanicalSystem
 
-# two drives whose elongations are the same to this part are one
-_DEPENDENT = 1e12
+#: Two drives whose elongations are the same to this part are one.
+DEPENDENT = 1e12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,8 +113,8 @@ def static_displacements(
     size = np.sqrt(np.abs(np.diag(moved)))
     # a unit diagonal makes the drives comparable
     if (
-        np.any(size**2 <= loose / _DEPENDENT)
-        or np.linalg.cond(moved / np.outer(size, size)) > _DEPENDENT
+        np.any(size**2 <= loose / DEPENDENT)
+        or np.linalg.cond(moved / np.outer(size, size)) > DEPENDENT
     ):
         if len(names) == 1 and not held.shape[1]:
             raise ModelError(f"drive '{names[0]}' moves nothing: both of its bodies are held")
@@ -240,7 +240,7 @@ def probe_stiffness(
     moved = float(vector[:, 0] @ q[:, 0])
     if held.shape[1]:
         free, _ = solve_stiffness(system.K + added, vector, held[:, :0])
-        if moved <= float(vector[:, 0] @ free[:, 0]) / _DEPENDENT:
+        if moved <= float(vector[:, 0] @ free[:, 0]) / DEPENDENT:
             return math.inf
     return 1.0 / moved
 

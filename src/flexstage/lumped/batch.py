@@ -1,0 +1,508 @@
+r"""The lumped model of many stages of one topology at once.
+
+`StageArrays` has what the lumped model of a stage is made of, with a leading axis of samples:
+masses, where hinges and drives are, what hinges are as springs. It comes from stages, or from
+anything that changes these numbers; `assemble_batch` makes systems of it.
+"""
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+from flexstage.hinges import stress_rows
+from flexstage.hinges.hinge_spring import PlaneState
+from flexstage.lumped.assemble import hinge_springs, lumped_system
+from flexstage.short_repr import short_repr
+from flexstage.stage import Force, Stage, mass_properties
+from flexstage.stage.mass import outer_size
+from flexstage.system.analysis import pulsating_limit
+from flexstage.system.batch import (
+    SystemBatch,
+    arrays_of,
+    namespace_of,
+    samples_first,
+    samples_last,
+)
+from flexstage.system.batch_analysis import batch_characteristics
+from flexstage.system.mechanical import STANDARD_GRAVITY, MechanicalSystem
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StageArrays:
+    """What the lumped model is made of, of many stages of one topology.
+
+    An array that is the same for all samples may have a leading axis of 1.
+    """
+
+    stage: Stage
+    """The nominal stage: names, and what is decided once for all samples."""
+    method: str
+    """How the stiffness of hinges is found, of the nominal stage."""
+    plane: PlaneState | Literal["auto"]
+    """Plane state of its hinges."""
+    mass: Array
+    """Mass of each body [kg], shape (S, b)."""
+    inertia: Array
+    """Moment of inertia of each body about its centre of mass [kg m^2], shape (S, b)."""
+    centre: Array
+    """Centre of mass of each body [m], shape (S, b, 2)."""
+    hinge_at: Array
+    """Centre of each neck [m], shape (S, h, 2)."""
+    hinge_direction: Array
+    """Direction of each hinge [rad], shape (S, h)."""
+    hinge_stiffness: Array
+    """Stiffness of each hinge about its neck in its own axes, shape (S, h, 3, 3)."""
+    stress_rows: Array
+    """Signed equivalent stress at each critical place for the forces (N, V, M) in the neck [1/m^2,
+    1/m^2, 1/m^3], shape (S, r, 3).
+    """
+    stress_owner: tuple[int, ...]
+    """The hinge of each place, as a number; r of them."""
+    drive_at: Array
+    """Pushed point of each drive [m], shape (S, d, 2)."""
+    drive_direction: Array
+    """Direction of each drive [rad], shape (S, d)."""
+    drive_stiffness: Array
+    """Stiffness of each drive [N/m]; infinite if rigid, 0 for a pure force; shape (S, d)."""
+    stroke: Array
+    """Largest free displacement of each drive [m]; not a number for a force; shape (S, d)."""
+    smallest_displacement: Array
+    """Smallest commanded change of each drive [m]; not a number where unknown; shape (S, d)."""
+    largest_force: Array
+    """Largest force of each drive that is a pure force [N]; else not a number; shape (S, d)."""
+    probe_at: Array
+    """Point of each probe [m], shape (S, p, 2)."""
+    probe_direction: Array
+    """Direction of each probe [rad]; not used of a rotation; shape (S, p)."""
+    strength: Array
+    """Yield strength, and the largest pulsating stress that fatigue allows [Pa]; not a number where
+    unknown; shape (S, 2).
+    """
+    size: Array
+    """Width, height and thickness of the plate [m], shape (S, 3)."""
+
+    __repr__ = short_repr
+
+    @property
+    def samples(self) -> int:
+        """Number of samples S."""
+        return max(x.shape[0] for x in arrays_of(self).values())
+
+    def mapped(self, change: Callable[[Array], Any]) -> "StageArrays":
+        """Return the same with every array changed, say into that of another library.
+
+        Parameters
+        ----------
+        change : callable
+            From an array to an array.
+
+        Returns
+        -------
+        StageArrays
+            The new arrays.
+        """
+        return replace(self, **{name: change(x) for name, x in arrays_of(self).items()})
+
+    def part(self, start: int, stop: int) -> "StageArrays":
+        """Return some samples, those from `start` to before `stop`.
+
+        Parameters
+        ----------
+        start : int
+            The first one.
+        stop : int
+            The one after the last.
+
+        Returns
+        -------
+        StageArrays
+            Their arrays.
+        """
+        stop = min(stop, self.samples)
+        return self.mapped(lambda x: x if x.shape[0] == 1 else x[start:stop, ...])
+
+
+def stage_arrays(
+    stages: Sequence[Stage],
+    *,
+    method: str = "wedge",
+    plane: PlaneState | Literal["auto"] = "auto",
+    nominal: Stage | None = None,
+) -> StageArrays:
+    """Return what the lumped model is made of, of stages of one topology.
+
+    Parameters
+    ----------
+    stages : Sequence of Stage
+        The stages: the same names of bodies, hinges, drives, probes and axes, joined alike.
+    method : str
+        How the hinges' stiffness is found, as in `flexstage.lumped.lumped_system`.
+    plane : str
+        ``stress``, ``strain``, or ``auto`` to choose for each hinge by width against neck.
+    nominal : Stage, optional
+        The stage by which is decided what all samples have in common; the first where not given.
+
+    Returns
+    -------
+    StageArrays
+        Arrays with a leading axis of samples.
+
+    Raises
+    ------
+    ModelError
+        There is no stage, or one has another topology than the nominal one.
+    StageError
+        A hinge does not grow from its bodies.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> stage_arrays([design("vgtu-piezo")]).hinge_stiffness.shape
+    (1, 32, 3, 3)
+    """
+    if nominal is None:
+        if not stages:
+            raise ModelError("a batch needs at least one stage, got none")
+        nominal = stages[0]
+    topology = _topology(nominal)
+    described = []
+    for stage in stages:
+        if stage is not nominal and _topology(stage) != topology:
+            raise ModelError(
+                f"stage '{stage.name}' is not of the topology of '{nominal.name}': a batch needs "
+                "the same bodies, hinges, drives, probes and axes, joined alike"
+            )
+        described.append(_described(stage, method, plane))
+    owners = {owner for owner, _ in described}
+    if len(owners) > 1:
+        raise ModelError(
+            f"a hinge of '{nominal.name}' has a flat part in some stages of a batch and none in "
+            "others, so that its stress is read at other places: analyse these one by one"
+        )
+    columns = zip(*(values for _, values in described), strict=True)
+    return StageArrays(
+        stage=nominal,
+        method=method,
+        plane=plane,
+        stress_owner=owners.pop(),
+        **dict(zip(_FIELDS, (np.stack(column) for column in columns), strict=True)),
+    )
+
+
+_FIELDS = (
+    "mass",
+    "inertia",
+    "centre",
+    "hinge_at",
+    "hinge_direction",
+    "hinge_stiffness",
+    "stress_rows",
+    "drive_at",
+    "drive_direction",
+    "drive_stiffness",
+    "stroke",
+    "smallest_displacement",
+    "largest_force",
+    "probe_at",
+    "probe_direction",
+    "strength",
+    "size",
+)
+
+
+def _topology(stage: Stage) -> tuple[object, ...]:
+    return (
+        tuple((b.name, b.fixed) for b in stage.bodies),
+        tuple((h.name, h.bodies) for h in stage.hinges),
+        tuple((d.name, type(d), d.pushes, d.reacts, d.spring is None) for d in stage.drives),
+        tuple((p.name, p.body, p.relative_to, p.unit) for p in stage.probes),
+        stage.axes,
+    )
+
+
+def _described(
+    stage: Stage, method: str, plane: PlaneState | Literal["auto"]
+) -> tuple[tuple[int, ...], tuple[Array, ...]]:
+    """Owner of each place of stress, and the arrays of `_FIELDS` of one stage."""
+    masses = list(mass_properties(stage).values())
+    springs = hinge_springs(stage, method=method, plane=plane)
+    nu = stage.material.poissons_ratio
+    rows = [stress_rows(s.hinge.profile, stage.thickness, nu, s.plane) for s in springs]
+    owner = tuple(i for i, row in enumerate(rows) for _ in row)
+
+    def numbers(values: Sequence[float | None], *shape: int) -> Array:
+        found = [math.nan if v is None else v for v in values]
+        return np.array(found, dtype=np.float64).reshape(-1, *shape)
+
+    drives = stage.drives
+    return owner, (
+        numbers([m.mass for m in masses]),
+        numbers([m.inertia for m in masses]),
+        numbers([v for m in masses for v in m.centre], 2),
+        numbers([v for h in stage.hinges for v in h.at], 2),
+        numbers([h.direction for h in stage.hinges]),
+        np.array([s.stiffness for s in springs]).reshape(-1, 3, 3),
+        np.concatenate([np.zeros((0, 3)), *rows]),
+        numbers([v for d in drives for v in d.at[0]], 2),
+        numbers([d.direction for d in drives]),
+        numbers([math.inf if d.spring is None else d.spring for d in drives]),
+        numbers([d.stroke for d in drives]),
+        numbers([d.smallest_displacement for d in drives]),
+        numbers([d.largest_force if isinstance(d, Force) else None for d in drives]),
+        numbers([v for p in stage.probes for v in p.at], 2),
+        numbers([p.direction or 0.0 for p in stage.probes]),
+        numbers([stage.material.yield_strength, pulsating_limit(stage.material)]),
+        numbers(outer_size(stage)),
+    )
+
+
+@lru_cache(maxsize=16)
+def _nominal(stage: Stage, method: str, plane: PlaneState | Literal["auto"]) -> MechanicalSystem:
+    return lumped_system(stage, method=method, plane=plane)
+
+
+def assemble_batch(arrays: StageArrays) -> SystemBatch:
+    r"""Return the lumped models of many stages.
+
+    As `flexstage.lumped.lumped_system` does of one: a hinge of stiffness k, turned into the plane,
+    adds :math:`P_a^T k P_a`, :math:`P_b^T k P_b` and :math:`-P_a^T k P_b` to the blocks of its two
+    bodies, with P the motion of the neck for that of the body's centre of mass.
+
+    Parameters
+    ----------
+    arrays : StageArrays
+        What they are made of.
+
+    Returns
+    -------
+    SystemBatch
+        The systems.
+
+    Raises
+    ------
+    ModelError
+        Every body of the nominal stage is fixed.
+    """
+    xp, stage = namespace_of(arrays), arrays.stage
+    nominal = _nominal(stage, arrays.method, arrays.plane)
+    every = {body.name: i for i, body in enumerate(stage.bodies)}
+    free = {b.name: i for i, b in enumerate(b for b in stage.bodies if not b.fixed)}
+    centre = samples_last(xp, arrays.centre)
+
+    def taken(x: Array, which: list[int]) -> Array:
+        return xp.take(x, xp.asarray(which, dtype=xp.int64), axis=0)
+
+    def arm(at: Array, bodies: list[str]) -> tuple[Array, Array]:
+        """From the centres of mass of bodies to points, x and y."""
+        from_ = taken(centre, [every[name] for name in bodies])
+        return at[:, 0, ...] - from_[:, 0, ...], at[:, 1, ...] - from_[:, 1, ...]
+
+    def pair(names: Sequence[str]) -> tuple[int, int]:
+        return free.get(names[0], -1), free.get(names[1], -1)
+
+    joined = [pair(hinge.bodies) for hinge in stage.hinges]
+    blocks, stress = {}, xp.zeros((0, 2, 3, 1))
+    if stage.hinges:
+        at, angle = samples_last(xp, arrays.hinge_at), samples_last(xp, arrays.hinge_direction)
+        c, s = xp.cos(angle), xp.sin(angle)
+        k = samples_last(xp, arrays.hinge_stiffness)
+        arms = [arm(at, [hinge.bodies[side] for hinge in stage.hinges]) for side in (0, 1)]
+        blocks = _blocks(xp, len(free), joined, _hinge_blocks(xp, k, c, s, arms))
+        if arrays.stress_owner:
+            owner = list(arrays.stress_owner)
+            rows = samples_last(xp, arrays.stress_rows)
+            local = [[taken(k[:, i, j, ...], owner) for j in range(3)] for i in range(3)]
+            stress = _stress(
+                xp,
+                rows,
+                local,
+                (taken(c, owner), taken(s, owner)),
+                [(taken(x, owner), taken(y, owner)) for x, y in arms],
+            )
+    drives = stage.drives
+    drive = xp.zeros((0, 2, 3, 1))
+    if drives:
+        at, angle = samples_last(xp, arrays.drive_at), samples_last(xp, arrays.drive_direction)
+        c, s = xp.cos(angle), xp.sin(angle)
+        # one line of action, through the pushed point
+        x, y = arm(at, [d.pushes for d in drives])
+        u, v = arm(at, [d.reacts for d in drives])
+        drive = _rows(xp, [(c, s, s * x - c * y), (-c, -s, c * v - s * u)])
+    probes = stage.probes
+    probe, along = xp.zeros((0, 2, 3, 1)), xp.zeros((0, 2, 1))
+    if probes:
+        at, angle = samples_last(xp, arrays.probe_at), samples_last(xp, arrays.probe_direction)
+        moves = xp.asarray([[float(p.unit == "m")] for p in probes], dtype=xp.float64)
+        c, s, turns = moves * xp.cos(angle), moves * xp.sin(angle), 1.0 - moves
+        held = xp.asarray([[float(p.relative_to is not None)] for p in probes], dtype=xp.float64)
+        x, y = arm(at, [p.body for p in probes])
+        u, v = arm(at, [p.relative_to or p.body for p in probes])
+        own = (c, s, s * x - c * y + turns)
+        against = (-held * c, -held * s, held * (c * v - s * u - turns))
+        probe, along = _rows(xp, [own, against]), _stacked(xp, (c, s), 1)
+    mass, inertia = (samples_last(xp, x) for x in (arrays.mass, arrays.inertia))
+    moving = [every[name] for name in free]
+    own = taken(mass, moving)
+    diagonal = _stacked(xp, (own, own, taken(inertia, moving)), 1)
+    return SystemBatch(
+        stage=stage,
+        nominal=nominal,
+        mass=samples_first(xp, xp.reshape(diagonal, (3 * len(free), -1))),
+        stiffness=samples_first(xp, _stacked(xp, list(blocks.values()), 0)),
+        blocks=tuple(blocks),
+        drive=samples_first(xp, drive),
+        drive_bodies=tuple(pair((d.pushes, d.reacts)) for d in drives),
+        probe=samples_first(xp, probe),
+        probe_bodies=tuple(pair((p.body, p.relative_to or "")) for p in probes),
+        stress=samples_first(xp, stress),
+        stress_bodies=tuple(joined[i] for i in arrays.stress_owner),
+        weight=samples_first(xp, own * STANDARD_GRAVITY),
+        weight_direction=samples_first(xp, along),
+        drive_at=arrays.drive_at,
+        probe_at=arrays.probe_at,
+        drive_stiffness=arrays.drive_stiffness,
+        stroke=arrays.stroke,
+        smallest_displacement=arrays.smallest_displacement,
+        largest_force=arrays.largest_force,
+        strength=arrays.strength,
+        body_mass=arrays.mass,
+        size=arrays.size,
+    )
+
+
+def _stacked(xp: Any, parts: Sequence[Array], axis: int) -> Array:
+    """Stack arrays of which some may have one sample for all."""
+    return xp.stack(xp.broadcast_arrays(*parts), axis=axis)
+
+
+def _rows(xp: Any, sides: Sequence[tuple[Array, Array, Array]]) -> Array:
+    """Rows for the coordinates of two bodies, shape (k, 2, 3, S)."""
+    flat = _stacked(xp, [part for side in sides for part in side], 1)
+    return xp.reshape(flat, (flat.shape[0], 2, 3, flat.shape[-1]))
+
+
+def _hinge_blocks(
+    xp: Any, k: Array, c: Array, s: Array, arms: Sequence[tuple[Array, Array]]
+) -> tuple[Array, Array, Array]:
+    """What each hinge adds to the blocks (a, a), (b, b) and (a, b), shape (3, 3, h, S)."""
+    (xa, ya), (xb, yb) = arms
+    kuu, kvv, ktt, kuv, kut, kvt = (
+        k[:, i, j, ...] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    )
+    cc, ss, cs = c * c, s * s, c * s
+    twice = 2.0 * cs * kuv
+    kxx = cc * kuu - twice + ss * kvv
+    kyy = ss * kuu + twice + cc * kvv
+    kxy = cs * (kuu - kvv) + (cc - ss) * kuv
+    kxt = c * kut - s * kvt
+    kyt = s * kut + c * kvt
+    # forces and moment at the neck for a rotation of each body about its centre
+    ax, ay, at = kxt - ya * kxx + xa * kxy, kyt - ya * kxy + xa * kyy, ktt - ya * kxt + xa * kyt
+    bx, by, bt = kxt - yb * kxx + xb * kxy, kyt - yb * kxy + xb * kyy, ktt - yb * kxt + xb * kyt
+    aa, bb = at - ya * ax + xa * ay, bt - yb * bx + xb * by
+    ab = bt - ya * bx + xa * by
+
+    def block(parts: Sequence[Array]) -> Array:
+        flat = _stacked(xp, parts, 0)
+        return xp.reshape(flat, (3, 3, *flat.shape[1:]))
+
+    return (
+        block((kxx, kxy, ax, kxy, kyy, ay, ax, ay, aa)),
+        block((kxx, kxy, bx, kxy, kyy, by, bx, by, bb)),
+        block((-kxx, -kxy, -bx, -kxy, -kyy, -by, -ax, -ay, -ab)),
+    )
+
+
+def _blocks(
+    xp: Any, count: int, joined: Sequence[tuple[int, int]], parts: tuple[Array, Array, Array]
+) -> dict[tuple[int, int], Array]:
+    """Add what the hinges do to the blocks of the stage, on and below its diagonal."""
+    nothing = xp.zeros_like(parts[0][:, :, 0, ...])
+    out: dict[tuple[int, int], Array] = {(i, i): nothing for i in range(count)}
+    for h, (a, b) in enumerate(joined):
+        found = []
+        if a >= 0:
+            found.append(((a, a), parts[0][:, :, h, ...]))
+        if b >= 0:
+            found.append(((b, b), parts[1][:, :, h, ...]))
+        if a >= 0 and b >= 0:
+            both = parts[2][:, :, h, ...]
+            found.append(((a, b), both) if a > b else ((b, a), xp.permute_dims(both, (1, 0, 2))))
+        for at, part in found:
+            out[at] = out[at] + part if at in out else part
+    return out
+
+
+def _stress(
+    xp: Any,
+    rows: Array,
+    k: Sequence[Sequence[Array]],
+    turn: tuple[Array, Array],
+    arms: Sequence[tuple[Array, Array]],
+) -> Array:
+    """Stress at each place for the coordinates of the two bodies of its hinge, (r, 2, 3, S)."""
+    n, q, m = (rows[:, i, ...] for i in range(3))
+    u, v, t = (n * k[0][j] + q * k[1][j] + m * k[2][j] for j in range(3))
+    c, s = turn
+    x, y = c * u - s * v, s * u + c * v
+    (xa, ya), (xb, yb) = arms
+    return _rows(xp, [(-x, -y, ya * x - xa * y - t), (x, y, xb * y - yb * x + t)])
+
+
+# Samples that are computed side by side: few enough for a processor's cache, enough that the time
+# is spent in arithmetic.
+_AT_ONCE = 512
+
+
+def lumped_characteristics(
+    arrays: StageArrays, wanted: Collection[tuple[str, str]] | None = None
+) -> dict[tuple[str, str], Array]:
+    """Return the characteristics of the lumped models of any number of stages.
+
+    Some hundreds at a time, so that memory stays small; a value does not depend on which.
+
+    Parameters
+    ----------
+    arrays : StageArrays
+        What the stages are made of.
+    wanted : Collection of tuple, optional
+        Figures as quantity and axis; all that are known where not given.
+
+    Returns
+    -------
+    dict
+        By quantity and axis the values, shape (S,), as `flexstage.system.batch_characteristics`
+        gives them.
+
+    Raises
+    ------
+    ModelError
+        A figure is not known of this topology.
+
+    Notes
+    -----
+    Validity: as `flexstage.lumped.lumped_system`.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from flexstage.designs import design
+    >>> arrays = stage_arrays([design("vgtu-piezo")])
+    >>> stiffer = arrays.hinge_stiffness * np.linspace(1.0, 1.2, 3)[:, None, None, None]
+    >>> arrays = replace(arrays, hinge_stiffness=stiffer)
+    >>> key = ("natural_frequency_hz", "x")
+    >>> lumped_characteristics(arrays, [key])[key].round(1)
+    array([326. , 341.9, 357.1])
+    """
+    xp, count = namespace_of(arrays), arrays.samples
+    parts = [
+        batch_characteristics(assemble_batch(arrays.part(i, i + _AT_ONCE)), wanted)
+        for i in range(0, count, _AT_ONCE)
+    ]
+    return {key: xp.concat([part[key] for part in parts]) for key in parts[0]}

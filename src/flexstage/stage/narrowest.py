@@ -1,0 +1,226 @@
+"""The narrowest cut and the thinnest part of a stage, as numbers: what the checks hold to limits.
+
+`flexstage.stage.check` says whether a stage can be cut; these say by how much, so that a search
+can follow them. They go with the geometry without a jump, but for 1 um where an arc gets one more
+chord, and for tapers: sides count as those of one slot or wall within 6 deg of being parallel.
+"""
+
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.arrays import Array
+from flexstage.errors import StageError
+from flexstage.stage.clearance import edges, opposite_edges
+from flexstage.stage.model import Body, Stage
+from flexstage.stage.outline import Circle
+from flexstage.stage.shapes import Shape, body_shapes, drawn_openings, notch_shapes
+
+# two sides of a slot or a wall: their outward normals are within 6 deg of opposite, and within 37
+# deg of the shortest line between them; a round end is then narrower than its slot by 0.1 %
+_OPPOSITE, _ACROSS = -0.995, 0.8
+# how far bodies are looked for about each other, in widths of the wire
+_REACH = 3.0
+# pairs of edges that are measured at once
+_AT_ONCE = 256
+
+
+def narrowest_slot(stage: Stage) -> float:
+    """Return the width of the narrowest cut of a stage [m].
+
+    It is the least of the distances between bodies and notches, the widths of slots and holes
+    within a body, the lengths of the notches, and twice the radii at their necks: what
+    `flexstage.stage.check` compares with the width of the wire.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+
+    Returns
+    -------
+    float
+        The width; where bodies or notches overlap, less than nothing: the depth of the deepest
+        overlap (the width of the narrowest rectangle about it), with a minus sign. Infinite where
+        nothing is cut.
+
+    Raises
+    ------
+    StageError
+        An outline is none: it crosses itself, or a hole reaches beyond it.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> round(1e3 * narrowest_slot(design("vgtu-piezo")), 3)
+    1.0
+    """
+    bodies = _bodies(stage)
+    shapes = [*bodies, *notch_shapes(list(stage.hinges))]
+    profiles = {hinge.profile for hinge in stage.hinges}
+    found = [profile.length for profile in profiles]
+    found += [2.0 * profile.neck_radius for profile in profiles if profile.neck_radius > 0.0]
+    found += [2.0 * hole.radius for body in stage.bodies for hole in _circles(body)]
+    found.append(
+        _between(shapes, _REACH * stage.manufacture.wire_width, min(found, default=np.inf))
+    )
+    narrowest = min(found)
+    for body in stage.bodies if narrowest > 0.0 else ():
+        if (drawn := drawn_openings(body)) is not None:
+            narrowest = min(narrowest, _within(drawn, narrowest, outside=True))
+    return float(narrowest)
+
+
+def thinnest_wall(stage: Stage) -> float:
+    """Return the thickness of the thinnest place of a body, between two sides that face away [m].
+
+    Necks are no part of it; sharp corners are none either.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+
+    Returns
+    -------
+    float
+        The thickness; infinite where no body has two sides that are nearly parallel.
+
+    Raises
+    ------
+    StageError
+        An outline is none: it crosses itself, or a hole reaches beyond it.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> round(1e3 * thinnest_wall(design("vgtu-piezo")), 3)
+    2.4
+    """
+    from shapely import Point
+    from shapely.geometry import Polygon
+
+    thinnest = np.inf
+    for body, shape in zip(stage.bodies, _bodies(stage), strict=True):
+        # what stands between round holes and all else is known without their chords
+        polygon, round_holes = shape.polygon, _circles(body)
+        inner = [r for r in polygon.interiors if not _is_round(r, round_holes)]
+        rest = Polygon(polygon.exterior, inner)
+        for hole in round_holes:
+            thinnest = min(thinnest, rest.boundary.distance(Point(hole.centre)) - hole.radius)
+        for one, other in combinations(round_holes, 2):
+            apart = float(np.hypot(*np.subtract(one.centre, other.centre)))
+            thinnest = min(thinnest, apart - one.radius - other.radius)
+        thinnest = min(thinnest, _within(rest, thinnest, outside=False))
+    return float(thinnest)
+
+
+def _bodies(stage: Stage) -> list[Shape]:
+    bodies, issues = body_shapes(stage)
+    if issues:
+        raise StageError(issues[0].message)
+    return bodies
+
+
+def _circles(body: Body) -> list[Circle]:
+    return [h for h in (*body.holes, *body.mounting_holes) if isinstance(h, Circle)]
+
+
+def _is_round(ring: Any, circles: Iterable[Circle]) -> bool:
+    x, y = np.asarray(ring.coords)[0, :2]
+    return any(
+        abs(np.hypot(x - c.centre[0], y - c.centre[1]) - c.radius) < 1e-3 * c.radius
+        for c in circles
+    )
+
+
+def _between(shapes: Sequence[Shape], reach: float, narrowest: float) -> float:
+    """Least distance between shapes where it is less than what is found already, or the overlap."""
+    from shapely import STRtree, distance
+
+    polygons = np.array([s.polygon for s in shapes])
+    tree = STRtree(polygons)
+    while True:
+        i, j = tree.query(polygons, predicate="dwithin", distance=min(reach, narrowest))
+        apart = [
+            a < b
+            and not (
+                shapes[a].is_notch != shapes[b].is_notch
+                and not {*shapes[a].bodies}.isdisjoint(shapes[b].bodies)
+            )
+            for a, b in zip(i.tolist(), j.tolist(), strict=True)
+        ]
+        first, second = polygons[i[apart]], polygons[j[apart]]
+        if first.size:
+            break
+        if reach >= narrowest or i.size == len(shapes) ** 2:
+            return narrowest
+        reach *= 4.0
+    gap = distance(first, second)
+    touching = gap == 0.0
+    return -_depth(first[touching], second[touching]) if touching.any() else float(gap.min())
+
+
+def _depth(first: NDArray[Any], second: NDArray[Any]) -> float:
+    """How deep the deepest of some overlaps is."""
+    from shapely import get_parts, intersection, minimum_rotated_rectangle
+
+    deepest = 0.0
+    for part in get_parts(intersection(first, second)):
+        around = minimum_rotated_rectangle(part)
+        if around.geom_type == "Polygon":
+            corners = np.asarray(around.exterior.coords)
+            deepest = max(deepest, float(np.hypot(*np.diff(corners[:3], axis=0).T).min()))
+    return deepest
+
+
+def _within(polygon: Any, reach: float, *, outside: bool) -> float:
+    """Least distance of two sides of a body, across a slot or across its material."""
+    import shapely
+
+    start, end, normals = edges(polygon)
+    middle, half = 0.5 * (start + end), 0.5 * np.hypot(*(end - start).T)
+    sign = 1.0 if outside else -1.0
+    i, j = opposite_edges(normals, _OPPOSITE)
+    between = middle[j] - middle[i]
+    apart = sign * _dot(normals[i], between)
+    # an edge leans by less than a tenth of its length against the other
+    least = np.maximum(apart - 0.1 * half[j], np.hypot(*between.T) - half[i] - half[j])
+    order = np.flatnonzero((apart >= 0.0) & (least < reach))
+    order = order[np.argsort(least[order])]
+    lines: Any = shapely.linestrings(np.stack([start, end], axis=1))
+    for first in range(0, order.size, _AT_ONCE):
+        some = order[first : first + _AT_ONCE]
+        some = some[least[some] < reach]
+        if not some.size:
+            break
+        a, b = i[some], j[some]
+        ends = shapely.get_coordinates(shapely.shortest_line(lines[a], lines[b]))
+        across = ends[1::2] - ends[::2]
+        width = np.hypot(*across.T)
+        facing = (
+            (width < reach)
+            & (sign * _dot(normals[a], across) >= _ACROSS * width)
+            & (-sign * _dot(normals[b], across) >= _ACROSS * width)
+        )
+        # in the middle of what lies side by side, as corners lie on other edges
+        along = np.stack([-normals[a][:, 1], normals[a][:, 0]], axis=1)
+        beside = [_dot(along, e[b] - middle[a]) for e in (start, end)]
+        low = np.maximum(np.minimum(*beside), -half[a])
+        high = np.minimum(np.maximum(*beside), half[a])
+        place = 0.5 * (ends[::2] + ends[1::2])
+        inner = middle[a] + 0.5 * (
+            (low + high)[:, None] * along + sign * width[:, None] * normals[a]
+        )
+        place[high > low] = inner[high > low]
+        x, y = place[facing].T
+        facing[facing] = (shapely.contains_xy(polygon, x, y) != outside) | (width[facing] == 0.0)
+        reach = min(reach, float(width[facing].min(initial=np.inf)))
+    return reach
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.einsum("ij,ij->i", a, b)

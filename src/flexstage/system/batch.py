@@ -1,0 +1,109 @@
+r"""Many stages of one topology as linear mechanical systems, all at once.
+
+A `SystemBatch` is to thousands of stages what `MechanicalSystem` is to one: the same matrices, with
+a leading axis of samples, and what they have in common once. Arrays may be NumPy's or those of any
+library that follows the Python array API standard; numbers stay in that library.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+from array_api_compat import array_namespace
+
+from flexstage.arrays import Array
+from flexstage.short_repr import short_repr
+from flexstage.stage import Stage
+from flexstage.system.mechanical import MechanicalSystem
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SystemBatch:
+    r"""Stages of one topology as systems of rigid bodies, with a leading axis of samples.
+
+    Free bodies have three coordinates each, in the order of the stage: x, y, rotation. An array
+    that is the same for all samples may have a leading axis of 1. Bodies are numbered among the
+    free ones, and -1 is the ground.
+    """
+
+    stage: Stage
+    """The nominal stage: names, and what is decided once for all samples."""
+    nominal: MechanicalSystem
+    """Its system."""
+    mass: Array
+    """Diagonal of the mass matrix [kg, kg m^2], shape (S, n)."""
+    stiffness: Array
+    """Blocks of the stiffness matrix on and below its diagonal, shape (S, c, 3, 3)."""
+    blocks: tuple[tuple[int, int], ...]
+    """Row and column of each block, as bodies, the former not smaller; c of them."""
+    drive: Array
+    """Elongation of each drive for the coordinates of the two bodies that it stands between, shape
+    (S, d, 2, 3).
+    """
+    drive_bodies: tuple[tuple[int, int], ...]
+    """These bodies."""
+    probe: Array
+    """Reading of each probe for the coordinates of the body that it reads, and of that which it is
+    read against, shape (S, p, 2, 3).
+    """
+    probe_bodies: tuple[tuple[int, int], ...]
+    """These bodies."""
+    stress: Array
+    """Signed equivalent stress at each place for the coordinates of the two bodies of its hinge
+    [Pa/m, Pa/rad], shape (S, r, 2, 3).
+    """
+    stress_bodies: tuple[tuple[int, int], ...]
+    """These bodies."""
+    weight: Array
+    """Mass of each free body in standard gravity [N], shape (S, n/3)."""
+    weight_direction: Array
+    """Direction of each probe in the plane, zero for a rotation, shape (S, p, 2)."""
+    drive_at: Array
+    """Pushed point of each drive [m], shape (S, d, 2)."""
+    probe_at: Array
+    """Point of each probe [m], shape (S, p, 2)."""
+    drive_stiffness: Array
+    """Stiffness of each drive [N/m]; infinite if rigid, 0 for a pure force; shape (S, d)."""
+    stroke: Array
+    """Largest free displacement of each drive [m]; not a number for a force; shape (S, d)."""
+    smallest_displacement: Array
+    """Smallest commanded change of each drive [m]; not a number where unknown; shape (S, d)."""
+    largest_force: Array
+    """Largest force of each drive that is a pure force [N]; shape (S, d)."""
+    strength: Array
+    """Yield strength, and the largest pulsating stress that fatigue allows [Pa]; not a number where
+    unknown; shape (S, 2).
+    """
+    body_mass: Array
+    """Mass of every body, fixed ones too [kg], shape (S, b)."""
+    size: Array
+    """Width, height and thickness of the plate [m], shape (S, 3)."""
+
+    __repr__ = short_repr
+
+    @property
+    def samples(self) -> int:
+        """Number of samples S."""
+        return max(x.shape[0] for x in arrays_of(self).values())
+
+
+def arrays_of(batch: Any) -> dict[str, Array]:
+    """Return the arrays of a batch by field, in the order of its fields."""
+    found = {f.name: getattr(batch, f.name) for f in fields(batch)}
+    return {name: value for name, value in found.items() if hasattr(value, "ndim")}
+
+
+def namespace_of(batch: Any) -> Any:
+    """Return the array namespace of a batch."""
+    return array_namespace(*arrays_of(batch).values())
+
+
+def samples_last(xp: Any, x: Array) -> Array:
+    """Return an array with its leading axis last, samples side by side in memory."""
+    turned = xp.permute_dims(x, (*range(1, x.ndim), 0))
+    # one axis for a moment: a library then has to lay them out anew
+    return xp.reshape(xp.reshape(turned, (-1,)), turned.shape)
+
+
+def samples_first(xp: Any, x: Array) -> Array:
+    """Return an array with its last axis leading, without a copy where the library can."""
+    return xp.permute_dims(x, (x.ndim - 1, *range(x.ndim - 1)))

@@ -1,0 +1,163 @@
+"""Thousands of stages at once give what one at a time gives, to the last bit whatever the batch."""
+
+from dataclasses import replace
+
+import array_api_strict
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from flexstage.designs import DESIGNS, design
+from flexstage.errors import ModelError
+from flexstage.lumped import (
+    StageArrays,
+    assemble_batch,
+    lumped_characteristics,
+    lumped_system,
+    stage_arrays,
+)
+from flexstage.quantities import QUANTITIES
+from flexstage.system import SystemBatch, analyse, batch_characteristics
+from tests.varied_stages import varied
+
+
+def _scattered(name: str, count: int, share: float = 0.02, seed: int = 5) -> StageArrays:
+    """Arrays of samples of which nothing is like in another."""
+    arrays, draw = stage_arrays([design(name)]), np.random.default_rng(seed)
+
+    def scaled(x):
+        size = (count, x.shape[1], *(1,) * (x.ndim - 2))
+        return x * np.exp(share * draw.standard_normal(size))
+
+    def moved(x, by):
+        return x + by * draw.standard_normal((count, *x.shape[1:]))
+
+    return replace(
+        arrays,
+        mass=scaled(arrays.mass),
+        inertia=scaled(arrays.inertia),
+        centre=moved(arrays.centre, 1e-5),
+        hinge_at=moved(arrays.hinge_at, 1e-5),
+        hinge_direction=moved(arrays.hinge_direction, 1e-3),
+        hinge_stiffness=scaled(arrays.hinge_stiffness),
+        drive_at=moved(arrays.drive_at, 1e-5),
+        stroke=scaled(arrays.stroke),
+        probe_direction=moved(arrays.probe_direction, 1e-3),
+    )
+
+
+# A ratio of what is nothing by symmetry is rounding: 1e-12 of the motion that it is a part of.
+_NOTHING = {"cross_coupling": 1e-12, "parasitic_rotation": 1e-14, "cross_rotation": 1e-14}
+
+# Stiff directions of hinges cancel in the soft modes, which leaves frequencies 1e-11 of rounding;
+# the shapes of two modes 1 % apart, as three-rrr has them, then mix by a part in 1e9 either way.
+_CLOSE = 1e-8
+
+
+@pytest.mark.parametrize("name", DESIGNS)
+def test_every_figure_of_a_batch_is_that_of_the_single_analysis(name: str) -> None:
+    nominal = design(name)
+    stages = [nominal, varied(nominal, 1), varied(nominal, 2)]
+    found = batch_characteristics(assemble_batch(stage_arrays(stages)))
+    for i, stage in enumerate(stages):
+        rows = analyse(stage, lumped_system(stage)).characteristics
+        assert list(found) == [(row.quantity, row.axis) for row in rows]
+        for row in rows:
+            nothing = _NOTHING.get(row.quantity, 0.1 * QUANTITIES[row.quantity].zero)
+            value = found[row.quantity, row.axis][i]
+            rel = _CLOSE if row.quantity.startswith("effective_") else 1e-9
+            assert value == pytest.approx(row.value, rel=rel, abs=nothing), row
+
+
+@pytest.mark.parametrize("name", ["vgtu-piezo", "three-rrr", "parallelogram"])
+def test_a_sample_has_the_same_bits_whatever_is_beside_it(name: str, monkeypatch) -> None:
+    arrays = _scattered(name, 90)
+    whole = lumped_characteristics(arrays)
+    for start, stop in ((0, 1), (17, 18), (3, 12), (30, 89)):
+        part = lumped_characteristics(arrays.part(start, stop))
+        for key, value in whole.items():
+            np.testing.assert_array_equal(part[key], value[start:stop])
+    monkeypatch.setattr("flexstage.lumped.batch._AT_ONCE", 7)
+    for key, value in lumped_characteristics(arrays).items():
+        np.testing.assert_array_equal(value, whole[key])
+
+
+@pytest.mark.parametrize("name", ["vgtu-mechanical", "three-rrr", "cartwheel"])
+def test_a_strict_library_of_arrays_gives_the_same_bits(name: str) -> None:
+    arrays = _scattered(name, 5)
+    ours = lumped_characteristics(arrays)
+    theirs = lumped_characteristics(arrays.mapped(array_api_strict.asarray))
+    for key, value in ours.items():
+        assert type(theirs[key]).__module__.startswith("array_api_strict")
+        np.testing.assert_array_equal(np.asarray(theirs[key]), value)
+
+
+def _dense(batch: SystemBatch, i: int) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness and mass of one sample as full matrices."""
+    mass = batch.mass[min(i, batch.mass.shape[0] - 1)]
+    k = np.zeros((mass.size, mass.size))
+    for (row, column), block in zip(batch.blocks, batch.stiffness[i], strict=True):
+        k[3 * row : 3 * row + 3, 3 * column : 3 * column + 3] = block
+        k[3 * column : 3 * column + 3, 3 * row : 3 * row + 3] = block.T
+    return k, np.diag(mass)
+
+
+@pytest.mark.parametrize(("share", "seed"), [(0.02, 1), (0.3, 2), (1.0, 3)])
+def test_frequencies_are_right_however_far_a_sample_is_from_the_nominal_stage(
+    share: float, seed: int
+) -> None:
+    # at e^1 of scatter another mode than the nominal one may move an axis, and iteration may not do
+    batch = assemble_batch(_scattered("vgtu-piezo", 40, share, seed))
+    keys = [("natural_frequency_hz", "x"), ("natural_frequency_hz", "y"), ("effective_mass", "y")]
+    found = batch_characteristics(batch, keys)
+    for i in range(40):
+        k, m = _dense(batch, i)
+        value, shape = eigh(k, m)
+        for j, axis in enumerate("xy"):
+            (body, _), row = batch.drive_bodies[j], batch.drive[i, j, 0]
+            d = row @ shape[3 * body : 3 * body + 3]
+            back, against = batch.drive_bodies[j][1], batch.drive[i, j, 1]
+            if back >= 0:
+                d = d + against @ shape[3 * back : 3 * back + 3]
+            (body, _), row = batch.probe_bodies[j], batch.probe[i, j, 0]
+            p = row @ shape[3 * body : 3 * body + 3]
+            mode = np.argmax((np.abs(p * d) / value)[:12])
+            expected = np.sqrt(value[mode]) / (2.0 * np.pi)
+            assert found["natural_frequency_hz", axis][i] == pytest.approx(expected, rel=1e-9)
+        assert found["effective_mass", "y"][i] == pytest.approx(1.0 / p[mode] ** 2, rel=1e-8)
+
+
+def test_a_mechanism_is_no_number_and_disturbs_no_sample_beside_it() -> None:
+    arrays = _scattered("vgtu-piezo", 6)
+    stiffness = arrays.hinge_stiffness.copy()
+    # all hinges gone, and those of one body
+    body = arrays.stage.hinges[0].bodies[1]
+    loose = [i for i, h in enumerate(arrays.stage.hinges) if body in h.bodies]
+    stiffness[2] = 0.0
+    stiffness[4, loose] = 0.0
+    broken = lumped_characteristics(replace(arrays, hinge_stiffness=stiffness))
+    for key, value in lumped_characteristics(arrays).items():
+        described = key[0] in ("mass", "moving_mass", "width", "height", "thickness")
+        good = [0, 1, 3, 5]
+        np.testing.assert_array_equal(broken[key][good], value[good])
+        assert np.isnan(broken[key][[2, 4]]).all() != described
+
+
+def test_a_stage_whose_axes_are_coupled_otherwise_than_the_nominal_one_is_no_number() -> None:
+    arrays = stage_arrays([design("vgtu-piezo")])
+    # a probe of x that reads along y as much as along x: each drive moves both axes
+    turned = arrays.probe_direction + np.array([[0.0, 0.0], [0.8, 0.0]])[:, :2]
+    found = lumped_characteristics(replace(arrays, probe_direction=turned))
+    value = found["transmission_ratio", "y"]
+    assert np.isfinite(value[0])
+    assert np.isnan(value[1])
+
+
+def test_what_a_batch_does_not_know_it_says() -> None:
+    batch = assemble_batch(stage_arrays([design("parallelogram")]))
+    with pytest.raises(ModelError, match=r"knows no stroke of x.*transmission_ratio of x"):
+        batch_characteristics(batch, [("stroke", "x")])
+    with pytest.raises(ModelError, match="is not of the topology of 'parallelogram'"):
+        stage_arrays([design("parallelogram"), design("bridge")])
+    with pytest.raises(ModelError, match="at least one stage"):
+        stage_arrays([])
