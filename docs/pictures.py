@@ -347,6 +347,7 @@ PAGES = {
     "centring.png": ("how-to/centre.md", "turn.png"),
     "frequency-response.png": ("how-to/frequency-response.md", "response.png"),
     "piezo-hysteresis.png": ("tutorials/piezo-hysteresis.md", "piezo-hysteresis.png"),
+    "sweep-map.png": ("how-to/sweep.md", "map.png"),
 }
 #: Pictures that commands make, the last of which writes the file.
 COMMANDS = {
@@ -359,6 +360,7 @@ COMMANDS = {
         "export parallelogram --to step --folder .",
         "part parallelogram.step --order 0 --figure",
     ],
+    "sensitivity.png": ["sensitivity vgtu-piezo --quiet --figure"],
 }
 #: Pictures of other programs, made by hand: VTK, and the contours of the DXF with a filled part.
 BY_HAND = ("mode-vgtu-piezo.png", "wire-path.png")

@@ -52,6 +52,7 @@ DIMENSIONS: dict[str, Dimension] = {
         Dimension(name="voltage", si="V", units=("V", "mV", "kV")),
         Dimension(name="capacitance", si="F", units=("uF", "nF", "F")),
         Dimension(name="frequency", si="Hz", units=("Hz", "kHz", "MHz")),
+        Dimension(name="temperature", si="K", units=("K", "mK")),
         Dimension(name="expansion", si="1/K", units=("1/K", "um/m/K")),
         Dimension(name="drift", si="m/K", units=("nm/K", "um/K", "m/K")),
         Dimension(name="conductivity", si="W/m/K", units=("W/m/K",)),

@@ -16,9 +16,8 @@ from flexstage.lumped import (
     lumped_system,
     stage_arrays,
 )
-from flexstage.quantities import QUANTITIES
 from flexstage.system import SystemBatch, analyse, batch_characteristics
-from tests.varied_stages import varied
+from tests.varied_stages import rounding, varied
 
 
 def _scattered(name: str, count: int, share: float = 0.02, seed: int = 5) -> StageArrays:
@@ -46,9 +45,6 @@ def _scattered(name: str, count: int, share: float = 0.02, seed: int = 5) -> Sta
     )
 
 
-# A ratio of what is nothing by symmetry is rounding: 1e-12 of the motion that it is a part of.
-_NOTHING = {"cross_coupling": 1e-12, "parasitic_rotation": 1e-14, "cross_rotation": 1e-14}
-
 # Stiff directions of hinges cancel in the soft modes, which leaves frequencies 1e-11 of rounding;
 # the shapes of two modes 1 % apart, as three-rrr has them, then mix by a part in 1e9 either way.
 _CLOSE = 1e-8
@@ -63,10 +59,9 @@ def test_every_figure_of_a_batch_is_that_of_the_single_analysis(name: str) -> No
         rows = analyse(stage, lumped_system(stage)).characteristics
         assert list(found) == [(row.quantity, row.axis) for row in rows]
         for row in rows:
-            nothing = _NOTHING.get(row.quantity, 0.1 * QUANTITIES[row.quantity].zero)
             value = found[row.quantity, row.axis][i]
             rel = _CLOSE if row.quantity.startswith("effective_") else 1e-9
-            assert value == pytest.approx(row.value, rel=rel, abs=nothing), row
+            assert value == pytest.approx(row.value, rel=rel, abs=rounding(row.quantity)), row
 
 
 @pytest.mark.parametrize("name", ["vgtu-piezo", "three-rrr", "parallelogram"])
@@ -102,15 +97,15 @@ def _dense(batch: SystemBatch, i: int) -> tuple[np.ndarray, np.ndarray]:
     return k, np.diag(mass)
 
 
-@pytest.mark.parametrize(("share", "seed"), [(0.02, 1), (0.3, 2), (1.0, 3)])
+@pytest.mark.parametrize(("share", "seed"), [(0.02, 1), (0.3, 2), (1.5, 5)])
 def test_frequencies_are_right_however_far_a_sample_is_from_the_nominal_stage(
     share: float, seed: int
 ) -> None:
-    # at e^1 of scatter another mode than the nominal one may move an axis, and iteration may not do
-    batch = assemble_batch(_scattered("vgtu-piezo", 40, share, seed))
-    keys = [("natural_frequency_hz", "x"), ("natural_frequency_hz", "y"), ("effective_mass", "y")]
+    # at the last another mode than the nominal one moves an axis of some, outside of the subspace
+    batch = assemble_batch(_scattered("vgtu-piezo", 60, share, seed))
+    keys = [(name, axis) for name in ("natural_frequency_hz", "effective_mass") for axis in "xy"]
     found = batch_characteristics(batch, keys)
-    for i in range(40):
+    for i in range(60):
         k, m = _dense(batch, i)
         value, shape = eigh(k, m)
         for j, axis in enumerate("xy"):
@@ -124,17 +119,21 @@ def test_frequencies_are_right_however_far_a_sample_is_from_the_nominal_stage(
             mode = np.argmax((np.abs(p * d) / value)[:12])
             expected = np.sqrt(value[mode]) / (2.0 * np.pi)
             assert found["natural_frequency_hz", axis][i] == pytest.approx(expected, rel=1e-9)
-        assert found["effective_mass", "y"][i] == pytest.approx(1.0 / p[mode] ** 2, rel=1e-8)
+            mass = found["effective_mass", axis][i]
+            assert mass == pytest.approx(1.0 / p[mode] ** 2, rel=1e-8)
 
 
-def test_a_mechanism_is_no_number_and_disturbs_no_sample_beside_it() -> None:
-    arrays = _scattered("vgtu-piezo", 6)
+@pytest.mark.parametrize("name", ["parallelogram", "vgtu-piezo"])
+def test_a_mechanism_is_no_number_and_disturbs_no_sample_beside_it(name: str) -> None:
+    arrays = _scattered(name, 6)
     stiffness = arrays.hinge_stiffness.copy()
-    # all hinges gone, and those of one body
-    body = arrays.stage.hinges[0].bodies[1]
-    loose = [i for i, h in enumerate(arrays.stage.hinges) if body in h.bodies]
     stiffness[2] = 0.0
-    stiffness[4, loose] = 0.0
+    # all hinges of one body gone; on the guide, all that turn freely: rounding leaves tiny pivots
+    body = arrays.stage.hinges[0].bodies[1]
+    stiffness[4, [i for i, h in enumerate(arrays.stage.hinges) if body in h.bodies]] = 0.0
+    if name == "parallelogram":
+        stiffness[2] = arrays.hinge_stiffness[2]
+        stiffness[2, :, 2, :] = stiffness[2, :, :, 2] = 0.0
     broken = lumped_characteristics(replace(arrays, hinge_stiffness=stiffness))
     for key, value in lumped_characteristics(arrays).items():
         described = key[0] in ("mass", "moving_mass", "width", "height", "thickness")

@@ -56,14 +56,14 @@ def sweep(
         six values; or "x.*=20 %", every parameter of such a name by 20 % to either side; may be
         repeated.
     of
-        NAME: A figure that is looked at, such as natural_frequency.x, stroke.y or mass; may be
+        FIGURE: A figure that is looked at, such as natural_frequency.x, stroke.y or mass; may be
         repeated (default: ratio, stroke, frequency, stress and coupling of each axis).
     plan
         grid|latin-hypercube|sobol: How points are spread: on a grid, as a Latin hypercube, or as a
         Sobol' sequence (default: a grid of one or two parameters, a sequence of more).
     samples
-        NUMBER: Number of points; a grid has at most so many, a Sobol' sequence the next power of 2. With
-        --indices the number of base samples, each of which takes as many points as there are
+        NUMBER: Number of points; a grid has at most so many, a Sobol' sequence the next power of 2.
+        With --indices the number of base samples, each of which takes as many points as there are
         parameters and two more.
     seed
         NUMBER: Seed of Latin hypercube and Sobol' sequence.

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from flexstage.explore.optimise.optimum import Optimum
     from flexstage.explore.optimise.problem import Goal, Problem
     from flexstage.explore.sampling import saltelli_points
+    from flexstage.explore.sensitivity import Sensitivities, sensitivities
     from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
     from flexstage.explore.sweep import Sweep, SweepPlan, sweep, usual_plan
     from flexstage.explore.variables import Variable, every_variable, variables_of
@@ -29,6 +30,7 @@ __all__ = [
     "Problem",
     "Requirement",
     "SearchOptions",
+    "Sensitivities",
     "SobolIndices",
     "Sweep",
     "SweepPlan",
@@ -45,6 +47,7 @@ __all__ = [
     "open_workers",
     "requirement_of",
     "saltelli_points",
+    "sensitivities",
     "sobol_indices",
     "sweep",
     "usual_plan",

@@ -2,7 +2,8 @@
 
 import math
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,6 +143,26 @@ def figure_of(text: str, known: Collection[tuple[str, str]]) -> Figure:
     return Figure(quantity=quantity, axis=axis)
 
 
+def figures_of(texts: Sequence[str], known: Collection[tuple[str, str]]) -> tuple[Figure, ...]:
+    """Return the figures of some names; one without an axis is that of every axis that has it.
+
+    Examples
+    --------
+    >>> known = [("max_stress", "x"), ("max_stress", "y"), ("mass", "stage")]
+    >>> [figure.name for figure in figures_of(["stress"], known)]
+    ['max_stress.x', 'max_stress.y']
+    """
+    axes = dict.fromkeys(axis for _, axis in known)
+    found: list[Figure] = []
+    for text in texts:
+        of_axes: list[Figure] = []
+        for axis in axes if "." not in text else ():
+            with suppress(ModelError):  # an axis that has none
+                of_axes.append(figure_of(text, [key for key in known if key[1] == axis]))
+        found += of_axes or [figure_of(text, known)]
+    return tuple(dict.fromkeys(found))
+
+
 def usual_figures(known: Collection[tuple[str, str]]) -> tuple[Figure, ...]:
     """Return what is looked at first: ratio, stroke, frequency, stress, coupling of every axis."""
     return tuple(Figure(quantity=q, axis=a) for q in USUAL for k, a in known if k == q)
@@ -207,7 +228,8 @@ def requirement_of(text: str, known: Collection[tuple[str, str]]) -> Requirement
     ----------
     text : str
         ``stroke.x >= 60 um``, ``stress.x <= 200 MPa``, ``ratio.x = 1.7``, or with a tolerance,
-        ``ratio.x = 1.7 +- 1 %``.
+        ``ratio.x = 1.7 +- 1 %``. A greatest value of what may be nothing, as of a coupling, is that
+        of its magnitude.
     known : collection of (str, str)
         Quantities and axes that there are.
 
@@ -237,6 +259,9 @@ def requirement_of(text: str, known: Collection[tuple[str, str]]) -> Requirement
             low, high = target, None
         case "<=" | "<" | "≤":
             low, high = None, target
+            # what may be nothing, as a coupling, has a sign that says its way alone
+            if figure.shown.zero > 0.0 and target > 0.0:
+                low = -target
         case _:
             low = high = target
     if tolerance:

@@ -114,17 +114,20 @@ class AsDrawn(Profile):
         starts = ((0.0, 0.0), *zip(self.distances, self.depths, strict=True))
         return tuple(Vertex(x, d, b) for (x, d), b in zip(starts, (*bulges, 0.0), strict=True))
 
-    def stretched(self, neck_thickness: float, depth: float) -> "AsDrawn":
-        """Return it with another neck and depth, of the same length: its depths in proportion."""
+    def stretched(
+        self, neck_thickness: float, depth: float, length: float | None = None
+    ) -> "AsDrawn":
+        """Return it with another neck, depth and length, the same where None: in proportion."""
         share = depth / self.depth
+        longer = 1.0 if length is None else length / self.length
         corners: list[Vertex] = []
         for a, b in pairwise(self.contour()):
             if not a.bulge:
-                corners.append(Vertex(b.x, share * b.depth))
+                corners.append(Vertex(longer * b.x, share * b.depth))
                 continue
             # a stretched arc is none, but a chain of short ones is near to it
             x, d, _, _ = _piece(a, b)(np.arange(2 * _PARTS + 1) / (2 * _PARTS))
-            at = np.column_stack([x, share * d])
+            at = np.column_stack([longer * x, share * d])
             for k in range(0, 2 * _PARTS, 2):
                 bulge = _through(at[k], at[k + 1], at[k + 2])
                 corners.append(Vertex(float(at[k + 2, 0]), float(at[k + 2, 1]), bulge))

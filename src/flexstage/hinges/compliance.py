@@ -26,6 +26,9 @@ METHODS: tuple[str, ...] = (*QUADRATURES, "finite-element")
 # The thinnest neck, against the length or the depth of the notch.
 SMALLEST_NECK = 1e-6
 
+# Energy of a moment on a half plane, the wedge of half angle pi/2.
+_FAN = float(densities(np.array([0.5 * np.pi]))[1][0])
+
 # How much wider than the root the part of a body that works with it can be.
 ROOT_SPREAD = 3.0
 
@@ -152,7 +155,8 @@ def _notch(profile: Profile, nu: float, method: str) -> Array:
     for side in (-1.0, 1.0):
         # forces on the section (N, V towards the thicker end, M) from those at the neck
         t = np.array([[cos, side * sin, zero], [sin, -side * cos, zero], [offset, -side * x, one]])
-        total += np.einsum("iap,ijp,jbp->ab", t, q, t, optimize=True)
+        # sum over the slices of t^T q t
+        total += (t.transpose(2, 1, 0) @ q.transpose(2, 0, 1) @ t.transpose(2, 0, 1)).sum(axis=0)
         if method == "wedge":
             total += end_of_wedge(profile, nu, side)
             if profile.step > 0.0:
@@ -171,7 +175,6 @@ def _root(profile: Profile, nu: float, root_width: float, side: float) -> Array:
     x0 = 0.5 * profile.length
     x1 = x0 + ROOT_REACH * height
     e = 0.5 * profile.depth if profile.one_sided else 0.0
-    _, mm, _, _ = densities(np.array([0.5 * np.pi]))
     c = np.zeros((3, 3))
     # strip of the body: integrals of 1, x, x^2 over its reach
     i0, i1, i2 = x1 - x0, (x1**2 - x0**2) / 2.0, (x1**3 - x0**3) / 3.0
@@ -182,7 +185,7 @@ def _root(profile: Profile, nu: float, root_width: float, side: float) -> Array:
     c[1, 2] = c[2, 1] = -side * 12.0 * i1 / width**3
     c[0, 1] = c[1, 0] = -side * 12.0 * e * i1 / width**3
     # fan: mm M^2/h^3 over dh/2 and N^2/(pi/2 h) over dh
-    fan = float(mm[0]) / 4.0 * (1.0 / height**2 - 1.0 / width**2)
+    fan = _FAN / 4.0 * (1.0 / height**2 - 1.0 / width**2)
     moment = np.array([e, -side * x0, 1.0])
     c += fan * np.outer(moment, moment)
     c[0, 0] += 2.0 / np.pi * np.log(width / height)

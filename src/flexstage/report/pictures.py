@@ -26,8 +26,11 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ReachableArea", ""): ("reachable_area.draw_reachable_area", "found"),
     ("Record", ""): ("record.draw_record", "record"),
     ("Refinement", ""): ("convergence.draw_convergence", "refinement"),
+    ("Sensitivities", ""): ("sensitivity.draw_sensitivities", "found"),
     ("Stage", ""): ("drawing.draw_stage", "stage"),
     ("Staircase", ""): ("noise.draw_staircase", "found"),
+    ("ToleranceStudy", "shares"): ("tolerance.draw_shares", "study"),
+    ("ToleranceStudy", "spreads"): ("tolerance.draw_spreads", "study"),
     ("VerifiedStep", ""): ("tracking.draw_following", "step"),
     ("Workspace", ""): ("motion_error.draw_workspace", "found"),
 }

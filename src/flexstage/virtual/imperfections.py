@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -15,6 +16,7 @@ from flexstage.lumped.assemble import hinge_matrix, layout_of
 from flexstage.measure.updating.parameters import with_neck_thickness
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
+from flexstage.units import DIMENSIONS, Angle, Length
 
 #: Motions beside the one along the axis: sideways in the plane, out of it, and the rotations about
 #: the axis, about the sideways direction and about the normal of the plane.
@@ -117,24 +119,43 @@ def random_guide(
 class Scatter:
     """How far a process misses what it was told.
 
+    `manufactured`, `displacements` and `flexstage.virtual.scattered_motion` draw necks, positions,
+    modulus, lean and drive; `flexstage.explore.tolerance` draws all but the lean, which does
+    nothing in the plane.
+
     Notes
     -----
-    Validity: the usual values are those of good wire erosion, a few micrometres; they are no
-    measurement of any machine.
+    Validity: the usual values are those of good wire erosion, a few micrometres, of a ground plate,
+    of one heat of an alloy, of a laboratory, and of stacks as their makers give them (10 % as two
+    standard deviations); they are no measurement of any machine.
     """
 
-    neck_common: float = 4e-6
-    """Standard deviation of what all necks of a stage are off by, as from the wire's width [m]."""
-    neck_own: float = 2e-6
+    neck_common: Length = 4e-6
+    """Standard deviation of what all necks of a stage are off by, as from the wire's width: twice
+    the offset of the contours [m].
+    """
+    neck_own: Length = 2e-6
     """Standard deviation of what each neck is off by beside that [m]."""
-    position: float = 3e-6
+    position: Length = 3e-6
     """Standard deviation of each coordinate of a notch [m]."""
     modulus: float = 0.01
     """Relative standard deviation of Young's modulus [1]."""
-    lean: float = 1e-4
+    lean: Angle = 1e-4
     """Standard deviation of each tilt of a notch's axis: 1 um over a plate of 10 mm [rad]."""
-    drive: float = 50e-6
+    drive: Length = 50e-6
     """Standard deviation of where a drive pushes, in the plane and along its normal [m]."""
+    radius: Length = 2e-6
+    """Standard deviation of the radius of each notch at its neck; of one that has none there, as a
+    leaf, of half its length [m].
+    """
+    thickness: Length = 10e-6
+    """Standard deviation of the thickness of the plate [m]."""
+    density: float = 0.003
+    """Relative standard deviation of the density [1]."""
+    temperature: Annotated[float, DIMENSIONS["temperature"]] = 1.0
+    """Standard deviation of the temperature, as it expands the plate [K]."""
+    stroke: float = 0.05
+    """Relative standard deviation of the free displacement of each piezo stack [1]."""
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:

@@ -60,7 +60,8 @@ def with_neck_thickness(profile: Profile, thickness: float) -> Profile:
     if isinstance(profile, CornerFilleted):
         return replace(profile, neck_thickness=thickness, fillet_radius=depth)
     if isinstance(profile, VFillet):
-        return _of_same_length(profile, thickness, depth)
+        other = replace(profile, neck_thickness=thickness, notch_depth=depth)
+        return _of_length(other, profile.length)
     if isinstance(profile, AsDrawn):
         return profile.stretched(thickness, depth)
     if isinstance(profile, Leaf) or hasattr(profile, "notch_depth"):
@@ -69,26 +70,67 @@ def with_neck_thickness(profile: Profile, thickness: float) -> Profile:
     raise HingeError(f"the neck of a {profile.kind} notch cannot be changed")
 
 
-def _of_same_length(profile: VFillet, thickness: float, depth: float) -> VFillet:
-    """A V that is deeper or shallower, its flanks turned so that they end at the same place."""
+def with_neck_radius(profile: Profile, change: float) -> Profile:
+    """Return a notch of the same neck and the same mouth, more or less curved at its neck.
+
+    The notch is drawn out along the hinge, and so its radius at the neck grows as the square of its
+    length: `change` is that of the radius [m]; of a notch that has none at its neck, as a leaf or
+    one with fillets at its ends, it is that of half the length. A circle becomes an ellipse.
+
+    Notes
+    -----
+    Validity: meant for what manufacture does to a radius, some per cent of it. A true circle of
+    another radius is longer by twice as much, and changes the rotation compliance by a tenth more.
+
+    Examples
+    --------
+    >>> notch = RightCircular(neck_thickness=0.5e-3, radius=2e-3)
+    >>> wider = with_neck_radius(notch, 20e-6)
+    >>> wider.kind, round(wider.neck_radius * 1e3, 9), round(wider.length * 1e3, 4)
+    ('elliptical', 2.02, 4.02)
+    """
+    if change == 0.0:
+        return profile
+    half, radius = 0.5 * profile.length, profile.neck_radius
+    curved = profile.flat_length == 0.0 and 0.0 < radius < math.inf
+    share = change / radius if curved else change / half
+    if not share > -1.0:
+        raise HingeError(f"a change of {change!r} m leaves nothing of a {profile.kind} notch")
+    if isinstance(profile, VFillet):
+        return _of_length(replace(profile, fillet_radius=radius + change), profile.length)
+    half *= math.sqrt(1.0 + share) if curved else 1.0 + share
+    if isinstance(profile, AsDrawn):
+        return profile.stretched(profile.neck_thickness, profile.depth, 2.0 * half)
+    if isinstance(profile, RightCircular):
+        return Elliptical(
+            neck_thickness=profile.neck_thickness,
+            one_sided=profile.one_sided,
+            half_length=half,
+            notch_depth=profile.depth,
+        )
+    changed: dict[str, Any] = {
+        "leaf": {"leaf_length": 2.0 * half},
+        "corner-filleted": {"notch_length": 2.0 * half},
+    }.get(profile.kind, {"half_length": half})
+    return replace(profile, **changed)
+
+
+def _of_length(profile: VFillet, length: float) -> VFillet:
+    """A V whose flanks are turned so that they end where it is so long."""
     from scipy.optimize import brentq
 
     def made(angle: float) -> VFillet:
-        return replace(
-            profile, neck_thickness=thickness, notch_depth=depth, half_opening_angle=angle
-        )
+        return replace(profile, half_opening_angle=angle)
 
     start = profile.half_opening_angle
     try:
         found: Any = brentq(
-            lambda a: made(a).length - profile.length,
-            0.8 * start,
-            min(1.2 * start, 1.57),
-            xtol=1e-14,
+            lambda a: made(a).length - length, 0.8 * start, min(1.2 * start, 1.57), xtol=1e-14
         )
     except ValueError as error:
         raise HingeError(
-            f"the neck of a v notch cannot become {thickness!r} m between the same roots"
+            f"a v notch with a neck of {profile.neck_thickness!r} m and a fillet of "
+            f"{profile.fillet_radius!r} m does not fit between the same roots"
         ) from error
     return made(float(found))
 

@@ -1,0 +1,307 @@
+"""`flexstage tolerance`: what the workshop makes of a stage, and which tolerance to tighten."""
+
+from dataclasses import fields, replace
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring, one_of
+from flexstage.cli.output import (
+    OutputFolder,
+    console,
+    on_terminal,
+    print_json,
+    print_notes,
+    progress_bar,
+)
+from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
+from flexstage.cli.worker_options import WorkerOptions
+from flexstage.errors import ModelError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from flexstage.explore.spread import Shares, Spread, Yield
+    from flexstage.explore.tolerance import ToleranceStudy
+    from flexstage.explore.tolerance_choice import ToleranceChoice
+    from flexstage.virtual.imperfections import Scatter
+
+_ALL_CORES = WorkerOptions()
+
+
+@from_docstring
+def tolerance(
+    stage: StageArgument,
+    taken: StageOptions = AS_DESCRIBED,
+    samples: Annotated[int, typer.Option(min=2)] = 10_000,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    scatter: list[str] | None = None,
+    require: list[str] | None = None,
+    of: list[str] | None = None,
+    target_yield: str | None = None,
+    cost: list[str] | None = None,
+    model: Annotated[str, one_of(("superelement", "lumped"))] = "superelement",
+    folder: OutputFolder = None,
+    every_sample: bool = False,
+    shared: WorkerOptions = _ALL_CORES,
+    quiet: QuietOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Compute what the workshop makes of a stage: spread, yield.
+
+    Parameters
+    ----------
+    samples
+        NUMBER: Stages that are drawn.
+    seed
+        NUMBER: Random seed; a stage of the lot is the same whatever their number.
+    scatter
+        NAME=SIZE: Standard deviation of a deviation, such as neck_own="1 um" or modulus="0.5 %"; a
+        pattern is for several ("*=0"); may be repeated. Names: neck_common, neck_own, radius,
+        position, thickness, modulus, density, temperature, stroke, drive. The usual scatter of wire
+        erosion where not given.
+    require
+        REQUIREMENT: What a good stage has, such as "natural_frequency.x >= 300 Hz" or
+        "ratio.x = 1.7 +- 1 %"; may be repeated.
+    of
+        FIGURE: What is looked at, such as stress.x; may be repeated (default: the usual figures of
+        every axis).
+    target_yield
+        SHARE: Find the cheapest scatter by which so many stages are good, such as "99 %".
+    cost
+        NAME=WEIGHT: Weight of the cost of a tolerance for --target-yield (default: 1 of each); may
+        be repeated.
+    model
+        Model whose figures of the drawing correct those of the lumped one, which follows the
+        samples; lumped for none.
+    folder
+        Folder of tolerance.html, tolerance.json and pictures; finished batches are kept there while
+        it works, and the same run goes on from them.
+    every_sample
+        Write the figures of every sample as well, samples.csv.
+    """
+    from flexstage.explore.family import known_figures
+    from flexstage.explore.figures import figure_of, requirements_of, usual_figures
+    from flexstage.explore.tolerance import tolerance as draw_lot
+    from flexstage.explore.tolerance_choice import choose_tolerances
+
+    if model not in ("superelement", "lumped"):
+        raise ModelError(f"--model is superelement or lumped, got '{model[:40]}'")
+    if every_sample and folder is None:
+        raise ModelError("--every-sample writes a file: give a --folder for it")
+    process = scatter_of(scatter or ())
+    weights = {name: _weight(name, text) for name, text in _pairs(cost or (), "--cost")}
+    if cost and target_yield is None:
+        raise ModelError("--cost needs --target-yield: it weighs what is chosen for that")
+    target = None if target_yield is None else _share(target_yield)
+    if target is not None and not require:
+        raise ModelError("--target-yield needs at least one --require: what a good stage has")
+    described = taken.stage(stage)
+    if not described.axes:
+        raise ModelError(
+            f"stage '{described.name}' names no axis (a drive and the probe that reads it), so "
+            "that it has no figures"
+        )
+    known = known_figures(described)
+    figures = [figure_of(text, known) for text in of or ()]
+    requirements = requirements_of(require or (), known)
+    if not figures:
+        figures = list(usual_figures(known))
+    keep = None if folder is None else folder / "batches"
+    with progress_bar("tolerance", quiet=quiet), shared.open() as workers:
+        study = draw_lot(
+            described,
+            process,
+            figures=figures,
+            requirements=requirements,
+            samples=samples,
+            seed=seed,
+            model=model,
+            workers=workers,
+            keep=keep,
+        )
+        choice = None
+        if target is not None:
+            choice = choose_tolerances(study, target, weights=weights, workers=workers)
+    result = _result(study, choice)
+    files = [] if folder is None else _write(folder, study, choice, result, every=every_sample)
+    if json:
+        print_json({**result, "files": [str(file) for file in files]})
+        return
+    _print(study, choice, files)
+
+
+def scatter_of(texts: "list[str] | tuple[str, ...]") -> "Scatter":
+    """Return the scatter that words say, one after the other; the usual one of what they leave."""
+    from flexstage.choose import unknown
+    from flexstage.explore.deviations import KINDS
+    from flexstage.report.tolerance import scatter_dimensions
+    from flexstage.units import parse
+    from flexstage.virtual.imperfections import Scatter
+
+    names, dimensions = [kind.name for kind in KINDS], scatter_dimensions()
+    found = Scatter()
+    for pattern, text in _pairs(texts, "--scatter"):
+        fitting = [name for name in names if fnmatchcase(name, pattern)]
+        if not fitting:
+            raise ModelError(unknown("deviation", pattern, names))
+        for name in fitting:
+            dimension = dimensions[name]
+            if text.strip() == "0":
+                value = 0.0
+            elif dimension is None:
+                value = _share(text)
+            else:
+                value = parse(text, dimension.name)
+            found = replace(found, **{name: value})
+    return found
+
+
+def _pairs(texts: "list[str] | tuple[str, ...]", option: str) -> list[tuple[str, str]]:
+    pairs = []
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not name.strip() or not equals or not value.strip():
+            raise ModelError(
+                f"{option} is a name and a value, such as neck_own=\"2 um\", got '{text[:60]}'"
+            )
+        pairs.append((name.strip(), value.strip()))
+    return pairs
+
+
+def _share(text: str) -> float:
+    words, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
+    try:
+        return float(words) * (0.01 if percent else 1.0)
+    except ValueError:
+        raise ModelError(
+            f"expected a share, such as \"0.5 %\" or 0.005, got '{text[:40]}'"
+        ) from None
+
+
+def _weight(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ModelError(f"the cost of {name} is a number, got '{text[:40]}'") from None
+
+
+def _result(study: "ToleranceStudy", choice: "ToleranceChoice | None") -> dict[str, Any]:
+    """Return plain data of all that was found, in SI units."""
+    import dataclasses
+
+    from flexstage.files.plain import plain
+
+    found: dict[str, Any] = {
+        "stage": study.stage.name,
+        "samples": study.samples,
+        "seed": study.lot.seed,
+        "model": study.model,
+        "scatter": _scatter(study.scatter),
+        "figures": [_spread(spread) for spread in study.spreads],
+        "variance": [_shares(of) for of in study.shares],
+        "yields": [_yield(y) for y in study.yields],
+        "notes": list(study.notes),
+        "provenance": plain(dataclasses.asdict(study.provenance)),
+    }
+    if choice is not None:
+        found["tighten"] = {
+            "target": choice.target,
+            "reached": choice.reached,
+            "verdict": choice.verdict,
+            "cost": choice.cost,
+            "scatter": {kind: getattr(choice.chosen, kind) for kind in choice.kinds},
+            "yields": [_yield(y) for y in choice.after],
+        }
+    return found
+
+
+def _scatter(scatter: "Scatter") -> dict[str, float]:
+    from flexstage.explore.deviations import KINDS
+
+    return {kind.name: getattr(scatter, kind.name) for kind in KINDS}
+
+
+def _spread(spread: "Spread") -> dict[str, Any]:
+    from flexstage.files.plain import picked, plain
+
+    return {
+        "name": spread.figure.name,
+        **picked(spread.figure, "quantity", "axis"),
+        "unit": spread.figure.shown.unit,
+        **picked(spread, "nominal", "mean", "standard_deviation", "count", "apart"),
+        "percentiles": [
+            {f.name: plain(getattr(p, f.name)) for f in fields(p)} for p in spread.percentiles
+        ],
+        "histogram": {"edges": spread.edges.tolist(), "counts": spread.counts.tolist()},
+    }
+
+
+def _shares(of: "Shares") -> dict[str, Any]:
+    return {
+        "figure": of.figure.name,
+        "explained": of.explained,
+        "contributions": [
+            {"kind": c.kind, "share": c.share, "slope": c.slope, "largest": dict(c.largest)}
+            for c in of.contributions
+        ],
+    }
+
+
+def _yield(found: "Yield") -> dict[str, Any]:
+    from flexstage.files.plain import picked
+
+    required = found.requirement
+    return {
+        "required": "all" if required is None else required.text,
+        **picked(found, "met", "count", "share", "low", "high"),
+    }
+
+
+def _write(
+    folder: "Path",
+    study: "ToleranceStudy",
+    choice: "ToleranceChoice | None",
+    result: dict[str, Any],
+    *,
+    every: bool,
+) -> "list[Path]":
+    import json
+    import shutil
+
+    from flexstage.files.write import write_files
+    from flexstage.report.figures.style import encode
+    from flexstage.report.figures.tolerance import draw_shares, draw_spreads
+    from flexstage.report.tolerance import tolerance_page
+
+    files = {
+        "tolerance.html": tolerance_page(study, choice).encode(),
+        "tolerance.json": (json.dumps(result, indent=2, allow_nan=False) + "\n").encode(),
+        "figures.svg": encode(draw_spreads(study), "svg"),
+    }
+    if study.shares:
+        files["shares.svg"] = encode(draw_shares(study), "svg")
+    if every:
+        names = ",".join(f"{f.name} [{f.shown.unit}]" for f in study.lot.figures)
+        rows = (",".join(map(repr, row)) for row in study.values.tolist())
+        files["samples.csv"] = "\n".join((names, *rows, "")).encode()
+    written = write_files(folder, files)
+    # what was kept for a run that is interrupted is in the results now
+    shutil.rmtree(folder / "batches", ignore_errors=True)
+    return written
+
+
+def _print(study: "ToleranceStudy", choice: "ToleranceChoice | None", files: "list[Path]") -> None:
+    from flexstage.report.tolerance import choice_table, share_table, spread_table, yield_table
+
+    screen = console()
+    screen.print(on_terminal(spread_table(study)))
+    if study.yields:
+        screen.print(on_terminal(yield_table(study.yields)))
+    if study.shares:
+        screen.print(on_terminal(share_table(study)))
+    if choice is not None:
+        screen.print(on_terminal(choice_table(choice)))
+        screen.print(choice.verdict, markup=False)
+    print_notes(screen, (study.model, *study.notes), files)

@@ -1,0 +1,190 @@
+"""Tables and page of what the workshop makes of a stage."""
+
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import get_type_hints
+
+import flexstage
+from flexstage.explore.deviations import KINDS
+from flexstage.explore.spread import Spread, Yield
+from flexstage.explore.tolerance import VALIDITY, ToleranceStudy
+from flexstage.explore.tolerance_choice import ToleranceChoice
+from flexstage.quantities import beside
+from flexstage.report.page import page_html
+from flexstage.section import Bullets, Picture, Section
+from flexstage.table import Table, table
+from flexstage.units import Dimension, readable_text
+from flexstage.virtual.imperfections import Scatter
+
+_LABELS = {kind.name: kind.label for kind in KINDS}
+_LEAST = 0.01  # share of the variance that is told [1]
+_MOST = 3  # hinges that are named
+
+
+def spread_table(study: ToleranceStudy) -> Table:
+    """Return how every figure is spread."""
+    return table(
+        f"{study.stage.name}: {study.samples} stages as they come from the machine",
+        ("figure", "as drawn", "mean", "95 % lie from", "to", "standard deviation", "in parts"),
+        [(spread.figure.heading, *_cells(spread)) for spread in study.spreads],
+    )
+
+
+def _cells(spread: Spread) -> tuple[str, ...]:
+    shown = spread.figure.shown
+    deviation = spread.standard_deviation * shown.factor
+    if spread.standard_deviation <= max(shown.zero, 1e-9 * abs(spread.nominal)):
+        same = shown.text(spread.nominal)
+        return (same, same, same, same, "≈ 0", "")
+    values = (spread.nominal, spread.mean, *spread.middle)
+    texts = [beside(value * shown.factor, deviation)[0] for value in values]
+    share = "" if shown.zero else _percent(spread.standard_deviation / abs(spread.nominal))
+    return (*texts, beside(spread.nominal * shown.factor, deviation)[1], share)
+
+
+def yield_table(yields: tuple[Yield, ...], caption: str = "yield") -> Table:
+    """Return the share of stages that meet each requirement, and all."""
+    return table(
+        caption,
+        ("required", "good", "share", "95 % interval from", "to"),
+        [
+            (
+                "all of these" if y.requirement is None else y.requirement.text,
+                f"{y.met} of {y.count}",
+                _percent(y.share, 4),
+                _percent(y.low, 4),
+                _percent(y.high, 4),
+            )
+            for y in yields
+        ],
+    )
+
+
+def share_table(study: ToleranceStudy) -> Table:
+    """Return which deviations spread each figure, the largest first."""
+    rows = []
+    for of in study.shares:
+        shown = of.figure.shown
+        for i, part in enumerate(p for p in of.contributions if p.share >= _LEAST):
+            most = ", ".join(
+                f"{name} {_percent(share, 2)}"
+                for name, share in part.largest[:_MOST]
+                if share >= _LEAST
+            )
+            rows.append(
+                (
+                    of.figure.label if i == 0 else "",
+                    _LABELS[part.kind],
+                    scatter_text(study.scatter, part.kind),
+                    _percent(part.share),
+                    f"{of.figure.text(part.slope)}" if shown.unit else f"{part.slope:.2g}",
+                    most,
+                )
+            )
+        if of.rest >= _LEAST:
+            rows.append(("", "joint or bent effects", "", _percent(of.rest), "", ""))
+    return table(
+        "what spreads them: shares of the variance",
+        ("figure", "<deviation", "scatter", "share", "one deviation changes", "<most of it by"),
+        rows,
+    )
+
+
+def choice_table(choice: ToleranceChoice) -> Table:
+    """Return the tolerances that reach a yield beside the usual ones."""
+    return table(
+        f"cheapest scatter for a yield of {_percent(choice.target)}",
+        ("deviation", "now", "allowed", "in parts of now"),
+        [
+            (
+                _LABELS[kind],
+                scatter_text(choice.usual, kind),
+                scatter_text(choice.chosen, kind),
+                f"{choice.factor(kind):.2f}",
+            )
+            for kind in sorted(choice.kinds, key=choice.factor)
+        ],
+        notes=("standard deviations; 95 % of parts are within twice as much",),
+    )
+
+
+def scatter_table(scatter: Scatter) -> Table:
+    """Return what a process scatters."""
+    return table(
+        "the process: standard deviations",
+        ("deviation", "<name", "scatter"),
+        [(kind.label, kind.name, scatter_text(scatter, kind.name)) for kind in KINDS],
+    )
+
+
+def scatter_text(scatter: Scatter, name: str) -> str:
+    """Return a field of a scatter with its unit."""
+    value, dimension = getattr(scatter, name), scatter_dimensions()[name]
+    if dimension is None:
+        return _percent(value)
+    return readable_text(float(f"{value:.3g}"), dimension.name).replace("um", "µm")
+
+
+def scatter_dimensions() -> dict[str, Dimension | None]:
+    """Return the dimension of every field of a scatter; None of a share."""
+    hints = get_type_hints(Scatter, include_extras=True)
+    return {
+        f.name: next(
+            (d for d in getattr(hints[f.name], "__metadata__", ()) if isinstance(d, Dimension)),
+            None,
+        )
+        for f in fields(Scatter)
+    }
+
+
+def _percent(share: float, digits: int = 3) -> str:
+    return f"{100.0 * share:.{digits}g} %"
+
+
+def tolerance_page(study: ToleranceStudy, choice: ToleranceChoice | None = None) -> str:
+    """Return a page of what the workshop makes of a stage, and what to tighten."""
+    return page_html(
+        heading=f"{study.stage.name}: what the workshop makes of it",
+        lead=(
+            f"{study.samples} stages drawn from a process, seed {study.lot.seed}; {study.model}; "
+            "intervals are those of 95 %"
+        ),
+        version=flexstage.__version__,
+        sections=_sections(study, choice),
+        notes=(*study.notes, *study.stage.notes),
+    )
+
+
+def _sections(study: ToleranceStudy, choice: ToleranceChoice | None) -> Iterator[Section]:
+    if study.yields:
+        yield Section(key="yield", title="Yield", content=(yield_table(study.yields),))
+    histograms = Picture(
+        result=study,
+        view="spreads",
+        title="Histograms of the figures",
+        caption="Distribution of every figure; grey is what 95 % of the stages lie between.",
+    )
+    yield Section(key="figures", title="Figures", content=(spread_table(study), histograms))
+    if study.shares:
+        bars = Picture(
+            result=study,
+            view="shares",
+            title="Shares of the variance",
+            caption="What the variance of every figure consists of.",
+        )
+        yield Section(key="shares", title="What spreads them", content=(bars, share_table(study)))
+    if choice is not None:
+        yield Section(
+            key="tighten",
+            title=f"Tolerances for {_percent(choice.target)}",
+            content=(
+                choice.verdict[0].upper() + choice.verdict[1:] + ".",
+                choice_table(choice),
+                yield_table(choice.after, "Yield with these."),
+            ),
+        )
+    yield Section(
+        key="process",
+        title="Process and model",
+        content=(scatter_table(study.scatter), Bullets(VALIDITY)),
+    )

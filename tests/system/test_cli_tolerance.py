@@ -1,0 +1,142 @@
+"""The command `flexstage tolerance`: what it prints, writes and refuses."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import pytest
+
+from flexstage.cli import main
+from flexstage.cli.tolerance import scatter_of
+from flexstage.designs import design
+from flexstage.stage import stage_to_text
+from flexstage.virtual.imperfections import Scatter
+
+QUICK = ("parallelogram", "--samples", "600", "--model", "lumped", "--quiet")
+
+
+def run(capsys, *words):
+    with pytest.raises(SystemExit) as end:
+        main(["tolerance", *words])
+    out, err = capsys.readouterr()
+    return end.value.code, out, err
+
+
+def test_it_tells_spread_yield_and_what_to_tighten(capsys, tmp_path):
+    words = ("--require", "natural_frequency.x >= 190 Hz", "--require", "stress.x <= 103 MPa")
+    code, out, _ = run(
+        capsys, *QUICK, *words, "--target-yield", "95 %", "--every-sample",
+        "--folder", str(tmp_path / "lot"),
+    )  # fmt: skip
+    assert code == 0
+    assert "parallelogram: 600 stages as they come from the machine" in out
+    assert "all necks alike (wire offset)" in out
+    assert "natural_frequency.x >= 190 Hz" in out
+    assert "stages are good" in out
+    found = json.loads((tmp_path / "lot" / "tolerance.json").read_text())
+    assert [y["required"] for y in found["yields"]][-1] == "all"
+    assert found["tighten"]["reached"]
+    assert found["tighten"]["yields"][-1]["low"] >= 0.95
+    with (tmp_path / "lot" / "samples.csv").open() as file:
+        rows = list(csv.reader(file))
+    assert len(rows) == 601
+    column = rows[0].index("natural_frequency.x [Hz]")
+    mean = sum(float(row[column]) for row in rows[1:]) / 600
+    spread = next(f for f in found["figures"] if f["name"] == "natural_frequency.x")
+    assert mean == pytest.approx(spread["mean"], rel=1e-12)
+    assert sorted(p.name for p in (tmp_path / "lot").iterdir()) == [
+        "figures.svg", "samples.csv", "shares.svg", "tolerance.html", "tolerance.json",
+    ]  # fmt: skip
+    page = (tmp_path / "lot" / "tolerance.html").read_text()
+    assert "what the workshop makes of it" in page
+    assert page.count("<svg") == 2
+
+
+def test_json_is_one_object_and_the_seed_makes_the_lot(capsys):
+    one, again, other = (
+        json.loads(run(capsys, *QUICK, "--of", "stress.x", "--seed", seed, "--json")[1])
+        for seed in ("3", "3", "4")
+    )
+    assert one["figures"] == again["figures"]
+    assert one["figures"][0]["mean"] != other["figures"][0]["mean"]
+    assert [f["name"] for f in one["figures"]] == ["max_stress.x"]
+    assert one["scatter"]["neck_common"] == Scatter().neck_common
+
+
+def test_a_scatter_is_read_in_order():
+    found = scatter_of(["*=0", "neck_*=1.5 um", "neck_own=2 um", "modulus=0.4 %", "stroke=0.02"])
+    assert found == Scatter(
+        neck_common=1.5e-6, neck_own=2e-6, radius=0.0, position=0.0, thickness=0.0, modulus=0.004,
+        density=0.0, temperature=0.0, stroke=0.02, drive=0.0,
+    )  # fmt: skip
+    assert scatter_of(["temperature=2 K"]).temperature == 2.0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--scatter", "nck_own=2 um"), "did you mean 'neck_own'"),
+        (("--scatter", "neck_own"), "is a name and a value"),
+        (("--scatter", "neck_own=2"), "no unit"),
+        (("--scatter", "modulus=much"), "expected a share"),
+        (("--scatter", "neck_own=-1 um"), "scatter of neck_own must be 0 or more"),
+        (("--scatter", "neck_own=3 mm"), "give a finer process"),
+        (("--target-yield", "99 %"), "needs at least one --require"),
+        (("--require", "stress.x <= 200 MPa", "--target-yield", "much"), "expected a share"),
+        (("--require", "stress.x <= 200 MPa", "--target-yield", "100 %"), "between 0 and 100 %"),
+        (("--require", "stress.x <= 200 MPa", "--target-yield", "99.9 %"), "take 3688 or more"),
+        (("--require", "stress.z <= 200 MPa"), "stress.x"),
+        (("--require", "stress.x"), "is no requirement"),
+        (("--of", "colour.x"), "there is no figure 'colour.x'"),
+        (("--every-sample",), "give a --folder"),
+        (("--samples", "1"), "--samples"),
+        (("--model", "plane"), "superelement or lumped"),
+        (("--cost", "modulus=2", "--require", "stress.x <= 1 GPa"), "--cost needs --target-yield"),
+    ],
+)  # fmt: skip
+def test_what_it_cannot_do_is_one_sentence(capsys, words, said):
+    code, out, err = run(capsys, *QUICK, *words)
+    assert code == 2
+    assert out == ""
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_a_stage_without_axes_has_no_figures(capsys, tmp_path):
+    file = tmp_path / "bare.yaml"
+    file.write_text(stage_to_text(replace(design("parallelogram"), axes=())))
+    code, _, err = run(capsys, str(file), *QUICK[1:])
+    assert code == 2
+    assert "names no axis" in err
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_goes_on_from_what_is_there(tmp_path):
+    words = [
+        sys.executable, "-m", "flexstage", "tolerance", "vgtu-piezo", "--samples", "60000",
+        "--model", "lumped", "--json", "--workers", "1", "--folder",
+    ]  # fmt: skip
+
+    def figures(folder):
+        done = subprocess.run([*words, folder], capture_output=True, check=True, text=True)
+        return json.loads(done.stdout)["figures"]
+
+    whole = figures(tmp_path / "whole")
+    batches = tmp_path / "broken" / "batches"
+    process = subprocess.Popen(
+        [*words, tmp_path / "broken"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    until = time.monotonic() + 120.0
+    while len(list(batches.glob("batch-*.npz"))) < 4 and time.monotonic() < until:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    kept = {p.name: p.stat().st_mtime_ns for p in batches.glob("batch-*.npz")}
+    assert 4 <= len(kept) < 24
+    assert figures(tmp_path / "broken") == whole
+    assert not batches.exists()
