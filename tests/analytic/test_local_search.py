@@ -198,6 +198,23 @@ def test_plane_walls_are_found_and_kept() -> None:
     assert normals == [(0.6, 0.8, 0.1), (0.98, -0.2, 0.0)]
 
 
+def test_wall_is_no_limit_that_gives_way() -> None:
+    """An equation that only impossible points meet: the search ends at the wall, in few steps."""
+    program = Textbook(
+        lambda x: 0.5 * float(np.sum((x - 0.8) ** 2)),
+        (lambda x: float(x[0] + 0.3 * x[1]),),
+        ([0.2], [0.2]),
+        ([0.0] * 2, [1.0] * 2),
+        lambda x: x[0] + 0.1 * x[1] >= 0.4,
+    )
+    found = local_search(program, np.array([0.8, 0.8]), curvature=np.eye(2))
+    assert found is not None
+    assert len(found.walls) == 1
+    assert len(found.iterates) < 15
+    # along the wall the equation is missed least at x[1] = 0
+    assert found.point == pytest.approx([0.4, 0.0], abs=5 * MARGIN)
+
+
 def test_curved_wall_is_followed() -> None:
     program = Textbook(
         lambda x: float(np.sum((x - 1.0) ** 2)),

@@ -67,9 +67,9 @@ def test_leaf_of_a_stated_stiffness_is_that_of_beams() -> None:
     """Two legs whose ends bend over a length l: k = 3 E' I / (a³ - (a - l)³), a half of a leg.
 
     By Castigliano from the moment F (a - x)/2 at each end; E' = E/(1 - nu²), as a leaf is wide. The
-    roots of the leaves in the bodies give way too, which thin ones hardly show.
+    roots of the leaves in the bodies give way too: a leaf is a per cent thicker for it.
     """
-    length, bar, width, thickness = 10e-3, 30e-3, 8e-3, 0.23e-3
+    length, bar, width, thickness = 10e-3, 30e-3, 8e-3, 0.33e-3
     modulus, half = 71.7e9 / (1.0 - 0.33**2), bar / 2.0 + length
     inertia = width * thickness**3 / 12.0
     stiffness = 3.0 * modulus * inertia / (half**3 - (half - length) ** 3)
@@ -88,7 +88,7 @@ def test_leaf_of_a_stated_stiffness_is_that_of_beams() -> None:
     )
     found = find_optimum(wanted, replace(LUMPED, start="middle"))
     assert found.met
-    assert found.point[0] == pytest.approx(thickness, rel=0.01)
+    assert found.point[0] == pytest.approx(1.01 * thickness, rel=0.01)
 
 
 def test_nearest_of_many_that_match() -> None:

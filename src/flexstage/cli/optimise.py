@@ -46,7 +46,7 @@ def optimise(
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Find the best dimensions of a stage, or those that give stated figures.
+    """Find the best dimensions, or those of stated figures.
 
     The lumped model is searched, finer ones correct it and confirm what is found. Printed are the
     figures before and after, which limit holds the best stage, and what it would give to relax it.
@@ -83,7 +83,7 @@ def optimise(
     evaluations
         N: Evaluations of the lumped model at most.
     seed
-        N: Seed of the starts, and of the front.
+        NUMBER: Random seed of the starts, and of the front.
     folder
         Write the best stage as best.yaml, the result as optimise.json, and pictures.
     """
@@ -208,14 +208,14 @@ def _tell(found: "Optimum", folder: Path | None, *, json: bool) -> None:
 def _tell_front(found: "Front", folder: Path | None, *, json: bool) -> None:
     from flexstage.explore.optimise.results import front_results
     from flexstage.report.figures.optimum import draw_front
-    from flexstage.report.optimise import front_notes, front_page, front_tables
+    from flexstage.report.optimise import front_html, front_notes, front_tables
 
     result = front_results(found)
     drawn: dict[str, bytes] = {}
     if folder is not None:
         drawn = {"front.svg": picture(Path("front.svg"), draw_front(found))} | _drawn(found.optimum)
         if len(found.problem.goals) > 2:
-            drawn["front.html"] = front_page(found)
+            drawn["front.html"] = front_html(found).encode()
     files = _written(folder, found.optimum.text, result, drawn)
     if json:
         print_json(result | {"files": files})

@@ -1,16 +1,23 @@
 """What an optimisation found: tables, and sentences of what holds it."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
+import flexstage
 from flexstage.arrays import Array
+from flexstage.errors import ModelError
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.optimise.front import Front
 from flexstage.explore.optimise.optimum import TOLERANCE, Optimum
-from flexstage.explore.optimise.problem import Problem
 from flexstage.explore.variables import Variable
+from flexstage.lazy import require_extra
 from flexstage.quantities import number
+from flexstage.report.figures.optimum import draw_front
+from flexstage.report.page import page_html
+from flexstage.report.sweep import parallel_coordinates
+from flexstage.section import Picture, Section
 from flexstage.table import Column, Table, table
 
 # limits that are named
@@ -52,6 +59,48 @@ def front_notes(found: Front) -> tuple[str, ...]:
         f"evaluations: {counted}; point {found.chosen + 1} was chosen, the nearest to the best of "
         "all goals, and made better at the same values of the others",
         *optimum_notes(found.optimum),
+    )
+
+
+def front_html(found: Front) -> str:
+    """Return one HTML page of a front: parallel coordinates, picture and tables.
+
+    Raises
+    ------
+    ModelError
+        Plotly is not installed.
+    """
+    require_extra("explore", "plotly", "a page of parallel coordinates", ModelError)
+    goals = [goal.figure for goal in found.problem.goals]
+    columns = [found.figures.index(figure) for figure in goals]
+    axes = [
+        (figure.heading, found.values[:, i] * figure.shown.factor)
+        for figure, i in zip(goals, columns, strict=True)
+    ]
+    axes += [
+        (variable.heading, found.points[:, j] * variable.factor)
+        for j, variable in enumerate(found.problem.family.variables)
+    ]
+    picture = Picture(
+        result=partial(draw_front, found),
+        title="Pareto front",
+        caption="What the goals cost each other, by both models; the star is the chosen design.",
+    )
+    shown = Section(
+        key="front", title="Front and chosen design", content=(picture, *front_tables(found))
+    )
+    return page_html(
+        heading=f"{found.problem.family.template.source}: Pareto front",
+        lead=" and ".join(goal.text for goal in found.problem.goals),
+        version=flexstage.__version__,
+        links=(("coordinates", "Parallel coordinates"), (shown.key, shown.title)),
+        sections=(shown,),
+        notes=front_notes(found),
+        template="sweep.html",
+        said="A line for each stage of the front: goals by the lumped model, then dimensions. Draw "
+        "along an axis to keep the lines that pass there, click beside the stretch to let go, drag "
+        "a heading to move its axis.",
+        drawing=parallel_coordinates(axes, 0),
     )
 
 
@@ -158,9 +207,3 @@ def _front(found: Front) -> Table:
 
 def _cells(figures: list[Figure], values: Array) -> list[str]:
     return [f.shown.text(float(v)) for f, v in zip(figures, values, strict=True)]
-
-
-def problem_text(problem: Problem) -> str:
-    """Return what is sought, in a line."""
-    goals = " and ".join(goal.text for goal in problem.goals)
-    return goals or "match " + ", ".join(r.text for r in problem.requirements)

@@ -11,7 +11,7 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.batches import Job
-from flexstage.explore.family import Family, evaluate
+from flexstage.explore.family import evaluate
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.optimise.ladder import SearchOptions, find_optimum
 from flexstage.explore.optimise.local_search import FEASIBLE, local_search, violation_of
@@ -140,18 +140,20 @@ def knee_of(costs: Array) -> int:
 
 def evaluate_rows(payload: Any, start: int, stop: int) -> dict[str, Array]:
     """Evaluate some points of a generation: the work of a job."""
-    family, points, figures, model = payload
-    return {"values": evaluate(family, points[start:stop], figures, model).values}
+    problem, points, model = payload
+    values = evaluate(problem.family, points[start:stop], problem.figures, model).values
+    for row, point in zip(values, points[start:stop], strict=True):
+        if np.all(np.isfinite(row)) and problem.fault(point):
+            row[:] = np.nan
+    return {"values": values}
 
 
-def evaluate_with(
-    workers: Workers, family: Family, points: Array, figures: tuple[Figure, ...], model: str
-) -> Array:
-    """Return figures (S, F) of points (S, d) in SI, shared by workers."""
+def evaluate_with(workers: Workers, problem: Problem, points: Array, model: str) -> Array:
+    """Return figures (S, F) of points (S, d) in SI, shared by workers; NaN of what is at fault."""
     job = Job(
         name="optimise",
         work=evaluate_rows,
-        payload=(family, points, figures, model),
+        payload=(problem, points, model),
         count=len(points),
         batch=_BATCH,
     )
@@ -186,9 +188,7 @@ class _FrontSearch:
         with progress.subtask(0.7, 0.8):
             progress.update(f"front by {model}")
             points = problem.point(x)
-            found = evaluate_with(
-                self.workers, problem.family, points[list(asked)], problem.figures, model
-            )
+            found = evaluate_with(self.workers, problem, points[list(asked)], model)
             self.counts[model] += len(asked)
         with progress.subtask(0.8, 1.0):
             optimum = self._choose(points[chosen], found[asked.index(chosen)])
@@ -231,9 +231,7 @@ class _FrontSearch:
     def _evaluate(self, x: Array) -> Array:
         """Evaluate points from 0 to 1, and remember them."""
         problem = self.problem
-        found = evaluate_with(
-            self.workers, problem.family, problem.point(x), problem.figures, "lumped"
-        )
+        found = evaluate_with(self.workers, problem, problem.point(x), "lumped")
         self.counts["lumped"] += len(x)
         self.points.append(x)
         self.figures.append(found)

@@ -261,6 +261,7 @@ class _Search:
             np.append(self.high - values[1:], np.maximum(beyond, -0.3 * self.region)),
             np.maximum(-self.region, -x),
             np.minimum(self.region, 1.0 - x),
+            hard=len(W),
         )
         if found is None:
             return None

@@ -11,6 +11,7 @@ from flexstage.errors import FlexstageError, ModelError
 from flexstage.explore.family import Family, evaluate, jacobian
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.optimise.correction import Correction
+from flexstage.explore.optimise.local_search import Program
 from flexstage.explore.optimise.walls import Bools
 from flexstage.stage import check
 
@@ -87,6 +88,16 @@ class Problem:
         """Return the variables in SI for variables from 0 to 1."""
         return self.low + x * self.width
 
+    def fault(self, point: Array) -> str:
+        """Return why a point in SI is no stage, in a sentence; empty where it is one."""
+        try:
+            stage = self.family.stage(point)
+        except FlexstageError as error:
+            return str(error)
+        if not self.checked:
+            return ""
+        return next((issue.message for issue in check(stage) if issue.severity == "error"), "")
+
     def position(self, point: Array) -> Array:
         """Return variables from 0 to 1 for variables in SI."""
         return (point - self.low) / self.width
@@ -123,7 +134,7 @@ class Scale:
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
-class StageProgram:
+class StageProgram(Program):
     """A problem with at most one goal as a `Program`: minimise, within limits, from 0 to 1."""
 
     problem: Problem
@@ -234,13 +245,7 @@ class StageProgram:
 
     def _fault(self, point: Array) -> str:
         self.counts["geometry"] += 1
-        try:
-            stage = self.problem.family.stage(point)
-        except FlexstageError as error:
-            return str(error)
-        if not self.problem.checked:
-            return ""
-        return next((issue.message for issue in check(stage) if issue.severity == "error"), "")
+        return self.problem.fault(point)
 
     def corrected(self, correction: Correction) -> "StageProgram":
         """Return the same program by a model that is corrected otherwise."""

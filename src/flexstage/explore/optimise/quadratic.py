@@ -10,6 +10,8 @@ from flexstage.arrays import Array
 _APART = 1e-10
 # share of the violation that a step may leave where not all limits can be kept
 _GIVEN = 0.1
+# how much more it counts to violate a hard limit
+_HARD = 1e4
 # slopes that are none beside the largest
 _STILL = 1e-12
 # length of the last residual below which inequalities contradict each other
@@ -95,7 +97,15 @@ def smallest_quadratic(B: Array, g: Array, G: Array, h: Array) -> Step | None:
 
 
 def bounded_step(
-    B: Array, g: Array, A: Array, low: Array, high: Array, least: Array, most: Array
+    B: Array,
+    g: Array,
+    A: Array,
+    low: Array,
+    high: Array,
+    least: Array,
+    most: Array,
+    *,
+    hard: int = 0,
 ) -> Step | None:
     """Return the minimum of p·B·p/2 + g·p where low <= A p <= high and least <= p <= most.
 
@@ -112,6 +122,8 @@ def bounded_step(
         Shape (m,); infinite where there is no limit, equal for an equation.
     least, most : array
         Shape (d,), finite.
+    hard : int
+        So many of the last rows do not give way before all others do.
 
     Returns
     -------
@@ -129,7 +141,12 @@ def bounded_step(
     d = len(g)
     for give in (False, True):
         if give:
-            over, under = _least_violation(A, low, high, 0.8 * least, 0.8 * most)
+            weight = np.ones(len(A))
+            weight[len(A) - hard :] = _HARD
+            over, under = _least_violation(
+                weight[:, None] * A, weight * low, weight * high, 0.8 * least, 0.8 * most
+            )
+            over, under = over / weight, under / weight
             # and by some of what it mends, so that more than one point is left
             high = high + over + _GIVEN * np.maximum(np.maximum(-high, 0.0) - over, 0.0)
             low = low - under - _GIVEN * np.maximum(np.maximum(low, 0.0) - under, 0.0)

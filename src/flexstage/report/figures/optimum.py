@@ -60,7 +60,7 @@ def draw_history(found: Optimum) -> "Drawn":
     below.set(ylabel="requirements missed by\n(sum, parts of the limits)", xlabel="evaluations")
     below.set_ylim(0.5 * _NONE, None)
     entitle(above, "Way to the optimum: lumped model, corrected after every turn")
-    if goals:
+    if goals and found.rungs:
         above.legend(frameon=False, fontsize=8)
     handles, labels = below.get_legend_handles_labels()
     place = "outside lower center"
