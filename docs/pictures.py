@@ -360,6 +360,7 @@ COMMANDS = {
         "export parallelogram --to step --folder .",
         "part parallelogram.step --order 0 --figure",
     ],
+    "sensitivity.png": ["sensitivity vgtu-piezo --quiet --figure"],
 }
 #: Pictures of other programs, made by hand: VTK, and the contours of the DXF with a filled part.
 BY_HAND = ("mode-vgtu-piezo.png", "wire-path.png")

@@ -17,6 +17,7 @@ REFUSED = {
     "show": ["nowhere.yaml"],
     "check": ["nowhere.yaml"],
     "analyse": ["nowhere.yaml"],
+    "sensitivity": ["nowhere.yaml"],
     "sweep": ["parallelogram"],
     "tolerance": ["nowhere.yaml"],
     "equations": ["nowhere.yaml"],

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from flexstage.explore.family import Evaluated, Family, evaluate, jacobian, known_figures
     from flexstage.explore.figures import Figure, Requirement, figure_of, requirement_of
     from flexstage.explore.sampling import saltelli_points
+    from flexstage.explore.sensitivity import Sensitivities, sensitivities
     from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
     from flexstage.explore.sweep import Sweep, SweepPlan, sweep, usual_plan
     from flexstage.explore.variables import Variable, every_variable, variables_of
@@ -20,6 +21,7 @@ __all__ = [
     "Figure",
     "Job",
     "Requirement",
+    "Sensitivities",
     "SobolIndices",
     "Sweep",
     "SweepPlan",
@@ -34,6 +36,7 @@ __all__ = [
     "open_workers",
     "requirement_of",
     "saltelli_points",
+    "sensitivities",
     "sobol_indices",
     "sweep",
     "usual_plan",
