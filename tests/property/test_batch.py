@@ -12,11 +12,21 @@ from flexstage.errors import ModelError
 from flexstage.lumped import (
     StageArrays,
     assemble_batch,
+    hinge_tangents,
     lumped_characteristics,
     lumped_system,
     stage_arrays,
+    system_tangents,
 )
-from flexstage.system import SystemBatch, analyse, batch_characteristics
+from flexstage.stage import Drive, Probe, Stage
+from flexstage.stage.drive import AnyActuator, ScrewActuator, VoiceCoil, placed
+from flexstage.stage.model import Axis
+from flexstage.system import (
+    SystemBatch,
+    analyse,
+    batch_characteristics,
+    characteristic_derivatives,
+)
 from tests.varied_stages import rounding, varied
 
 
@@ -62,6 +72,72 @@ def test_every_figure_of_a_batch_is_that_of_the_single_analysis(name: str) -> No
             value = found[row.quantity, row.axis][i]
             rel = _CLOSE if row.quantity.startswith("effective_") else 1e-9
             assert value == pytest.approx(row.value, rel=rel, abs=rounding(row.quantity)), row
+
+
+_COIL = VoiceCoil(largest_force=2.0)
+_SCREW = ScrewActuator(pitch=0.5e-3, smallest_step=1e-7, travel=1e-4)
+_SOFT_SCREW = ScrewActuator(pitch=0.5e-3, smallest_step=1e-7, travel=1e-4, stiffness=3e6)
+
+
+def _driven(name: str, *actuators: AnyActuator) -> Stage:
+    """A design with other drives."""
+    stage = varied(design(name), 4)
+
+    def drive(old: Drive, actuator: AnyActuator) -> Drive:
+        place = {f: getattr(old, f) for f in ("name", "pushes", "reacts", "at", "direction")}
+        return placed(actuator, **place)
+
+    return replace(stage, drives=tuple(map(drive, stage.drives, actuators)))
+
+
+def _relative() -> Stage:
+    """Probes that read against a lever, and a drive of no axis."""
+    stage = varied(design("vgtu-piezo"), 4)
+    lever = next(body.name for body in stage.bodies if not body.fixed)
+    probes = tuple(replace(probe, relative_to=lever) for probe in stage.probes)
+    return replace(stage, probes=probes, axes=stage.axes[:1])
+
+
+def _redundant() -> Stage:
+    """Three drives that move two axes: each motion is a linear programme."""
+    stage = varied(design("three-rrr"), 4)
+    return replace(stage, axes=stage.axes[:2])
+
+
+def _turning() -> Stage:
+    """Two drives that move two displacements and turn the platform."""
+    stage = varied(design("gantry"), 4)
+    x = stage.probe("x")
+    probe = Probe(name="t", body=x.body, at=x.at, reads="rotation")
+    axis = Axis(name="t", drive="x", probe="t")
+    return replace(stage, probes=(*stage.probes, probe), axes=(*stage.axes, axis))
+
+
+@pytest.mark.parametrize(
+    ("build", "left_out"),
+    [
+        (lambda: _driven("parallelogram", _COIL), 0),
+        (lambda: _driven("vgtu-piezo", _COIL, _SOFT_SCREW), 0),
+        (lambda: _driven("three-rrr", _COIL, _SCREW, _SOFT_SCREW), 0),
+        (_relative, 0),
+        # every figure of the two axes; and of the other stage the workspace
+        (_redundant, 26),
+        (_turning, 1),
+    ],
+)
+def test_other_drives_probes_and_axes_than_the_designs_have(build, left_out: int) -> None:
+    stage = build()
+    found = batch_characteristics(assemble_batch(stage_arrays([stage])))
+    rows = {
+        (r.quantity, r.axis): r.value for r in analyse(stage, lumped_system(stage)).characteristics
+    }
+    assert set(found) <= set(rows)
+    assert len(rows) - len(found) == left_out
+    for key, value in found.items():
+        rel = _CLOSE if key[0].startswith("effective_") else 1e-9
+        assert value[0] == pytest.approx(rows[key], rel=rel, abs=rounding(key[0])), key
+    slopes = characteristic_derivatives(*system_tangents(hinge_tangents(stage)))
+    assert all(np.isfinite(slope).all() for slope in slopes.values())
 
 
 @pytest.mark.parametrize("name", ["vgtu-piezo", "three-rrr", "parallelogram"])
