@@ -2,6 +2,7 @@
 
 import time
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -173,34 +174,18 @@ class _Climb:
 
     def _first(self) -> LocalOptimum:
         """Search from the start, and from others where that may find better."""
-        sample = self._sample()
-        figures = self.program.figures(np.vstack([self.start[None], sample]))
-        if self.problem.goals:
-            told = figures[np.isfinite(figures[:, 0]) & (figures[:, 0] != 0.0), 0]
-            if len(told):  # that of the start, where it is a stage
-                self.program = replace(self.program, goal_reference=abs(float(told[0])))
-        points = np.vstack([self.start[None], sample])
-        values = self.program.scaled(points, figures)
-        ok = np.all(np.isfinite(values), axis=1)
-        if not ok.any():
-            faults = [self.program.fault(p) for p in points[:1]]
-            raise ModelError(
-                f"none of {len(points)} stages between the bounds is possible; of the start: "
-                f"{faults[0] or 'its figures cannot be computed'}"
-            )
-        order = self._order(points, values, ok)
         wanted = 1 + (self.options.starts if self.problem.goals else 0)
         reserve = 0.0 if self.options.model == "lumped" else _RESERVE * self.budget
         found: list[LocalOptimum] = []
-        for i in order:
+        for start in self._starts():
+            share = (self._left() - reserve) / max(wanted - len(found), 1)
+            one = None if self.program.fault(start) else self._search(start, share)
+            if one is not None:
+                found.append(one)
             if len(found) >= wanted and any(f.feasible for f in found):
                 break
             if len(found) >= 2 * wanted or (found and self._left() <= reserve):
                 break
-            share = (self._left() - reserve) / max(wanted - len(found), 1)
-            one = None if self.program.fault(points[i]) else self._search(points[i], share)
-            if one is not None:
-                found.append(one)
         if not found:
             raise ModelError(
                 "no search could begin: around every possible start some stages are impossible; "
@@ -208,22 +193,42 @@ class _Climb:
             )
         return min(found, key=lambda f: (max(f.violation, 10.0 * FEASIBLE), f.values[0]))
 
+    def _starts(self) -> Iterator[Array]:
+        """Yield the given start, then others: the best of a sample, without a goal the nearest."""
+        first = self.program.figures(self.start[None])
+        if np.all(np.isfinite(first)):
+            self._measure_goal(first)
+            yield self.start
+        sample = self._sample()
+        figures = self.program.figures(sample)
+        ok = np.all(np.isfinite(figures), axis=1)
+        if not ok.any() and not np.all(np.isfinite(first)):
+            fault = self.program.fault(self.start) or "its figures cannot be computed"
+            raise ModelError(
+                f"none of {1 + len(sample)} stages between the bounds is possible; of the start: "
+                f"{fault}"
+            )
+        if not np.all(np.isfinite(first)):
+            self._measure_goal(figures[ok])
+        values = self.program.scaled(sample, figures)
+        if self.problem.goals:
+            off = violation_of(values[:, 1:], self.program.low, self.program.high).sum(axis=1)
+            rank = np.where(off > 0.5, 10.0 + off, values[:, 0] + off)
+        else:
+            rank = np.linalg.norm(sample - self.start, axis=1)
+        yield from (sample[i] for i in np.argsort(rank, kind="stable") if ok[i])
+
+    def _measure_goal(self, figures: Array) -> None:
+        """Measure the goal by what it is at first."""
+        if self.problem.goals and figures[0, 0] != 0.0:
+            self.program = replace(self.program, goal_reference=abs(float(figures[0, 0])))
+
     def _sample(self) -> Array:
         from scipy.stats import qmc
 
         count = min(_SAMPLE, max(self.budget // 20, 1))
         sampler = qmc.Sobol(len(self.start), rng=self.options.seed)
         return sampler.random(2 ** int(np.log2(count)))
-
-    def _order(self, points: Array, values: Array, ok: Array) -> list[int]:
-        """Return the order of starts: the given one, then the best; the nearest without a goal."""
-        off = violation_of(values[:, 1:], self.program.low, self.program.high).sum(axis=1)
-        if self.problem.goals:
-            rank = np.where(off > 0.5, 10.0 + off, values[:, 0] + off)
-        else:
-            rank = np.linalg.norm(points - self.start, axis=1)
-        rank[0] = -np.inf
-        return [int(i) for i in np.argsort(rank, kind="stable") if ok[i]]
 
     def _search(self, start: Array, evaluations: float, reach: float = 1.0) -> LocalOptimum | None:
         self.searches += 1
