@@ -242,6 +242,12 @@ class Sweep:
         out[self.still] = math.nan
         return out
 
+    def strongest(self, count: int) -> tuple[int, ...]:
+        """Return the variables that move a figure most, as many as asked for, in their order."""
+        found = np.abs(self.correlations) if self.indices is None else self.indices.total
+        strength = np.nan_to_num(found).max(axis=0)
+        return tuple(sorted(int(i) for i in np.argsort(-strength, kind="stable")[:count]))
+
     def on_grid(self, figure: int) -> Array:
         """Return the values of a figure on the grid, an axis for each variable."""
         return self.values[:, figure].reshape(self.counts)
