@@ -23,7 +23,7 @@ from flexstage.explore.sampling import (
     saltelli_points,
     sobol_points,
 )
-from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
+from flexstage.explore.sobol_indices import FEWEST, SobolIndices, sobol_indices
 from flexstage.explore.variables import Variable
 from flexstage.explore.workers import open_workers
 from flexstage.provenance import Provenance, provenance
@@ -66,6 +66,10 @@ class SweepPlan:
             raise ModelError(
                 f"Sobol' indices need points of a Sobol' sequence, got '{self.sampling}': leave "
                 "the plan out"
+            )
+        if self.indices and self.samples < FEWEST:
+            raise ModelError(
+                f"Sobol' indices need {FEWEST} base samples or more, got {self.samples}"
             )
 
     def points(self, variables: Sequence[Variable]) -> Array:
