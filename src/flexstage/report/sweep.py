@@ -167,7 +167,7 @@ def _coordinates(sweep: Sweep) -> "Markup":
     for k in sweep.moving:
         shown = _shown(sweep, k)
         axes.append((_heading(sweep.figures[k], shown), sweep.values[rows, k] * shown.factor))
-    return parallel_coordinates(axes, len(sweep.variables) if sweep.moving else 0)
+    return parallel_coordinates(axes, first)
 
 
 def parallel_coordinates(axes: Sequence[tuple[str, np.ndarray]], first: int) -> "Markup":
