@@ -21,6 +21,7 @@ from benchmarks import (
     hysteresis_plant,
     measuring,
     superelements,
+    tolerance,
     twin,
 )
 
@@ -39,6 +40,7 @@ CASES = {
     "characterise": measuring.characterise,
     "twin": twin.twin,
     "exported": exported.exported,
+    "tolerance": tolerance.tolerance,
 }
 
 
@@ -47,6 +49,7 @@ _TAKES = {
     "analysis": "1.5 minutes",
     "equations": "1 minute",
     "exported": "2 minutes",
+    "tolerance": "1 minute",
     "twin": "1.5 minutes",
 }
 _LONG = "some minutes"

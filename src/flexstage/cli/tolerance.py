@@ -42,6 +42,7 @@ def tolerance(
     target_yield: str | None = None,
     cost: list[str] | None = None,
     model: Annotated[str, one_of(("superelement", "lumped"))] = "superelement",
+    follow_necks: bool = False,
     folder: OutputFolder = None,
     every_sample: bool = False,
     shared: WorkerOptions = _ALL_CORES,
@@ -75,6 +76,9 @@ def tolerance(
     model
         Model whose figures of the drawing correct those of the lumped one, which follows the
         samples; lumped for none.
+    follow_necks
+        Have that model say as well how figures follow an offset of all necks: two more analyses,
+        each of notches that it has not met.
     folder
         Folder of tolerance.html, tolerance.json and pictures; finished batches are kept there while
         it works, and the same run goes on from them.
@@ -88,6 +92,8 @@ def tolerance(
 
     if model not in ("superelement", "lumped"):
         raise ModelError(f"--model is superelement or lumped, got '{model[:40]}'")
+    if follow_necks and model == "lumped":
+        raise ModelError("--follow-necks needs another --model than lumped, which says it then")
     if every_sample and folder is None:
         raise ModelError("--every-sample writes a file: give a --folder for it")
     process = scatter_of(scatter or ())
@@ -118,6 +124,7 @@ def tolerance(
             samples=samples,
             seed=seed,
             model=model,
+            follow_necks=follow_necks,
             workers=workers,
             keep=keep,
         )
