@@ -13,9 +13,9 @@ from pathlib import Path
 
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
+from flexstage.cache import Cache
 from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
 from flexstage.designs.vgtu_piezo import PARAMETERS
-from flexstage.fem.cache import Cache
 from flexstage.fem.plane import plane_model
 from flexstage.fem.superelement import superelement_model
 from flexstage.stage import Circle, ExtraMass, Loop, Stage

@@ -2,10 +2,14 @@
 
 import dataclasses
 import datetime
+import functools
 import hashlib
+import inspect
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+
+import numpy as np
 
 import flexstage
 
@@ -31,7 +35,9 @@ class Provenance:
 def content_hash(description: object) -> str:
     """Return a hash of a description that is equal exactly when its fields are.
 
-    It is the SHA-256 of a dataclass of numbers, texts, tuples and other such dataclasses.
+    It is the SHA-256 of a dataclass of numbers, texts, tuples, mappings, arrays and other such
+    dataclasses. Fields that are not compared (``compare=False``) do not count; a function counts by
+    its name, a partial one by its arguments as well.
     """
     words: list[str] = []
     _spell(words, description)
@@ -51,9 +57,23 @@ def _spell(words: list[str], value: object) -> None:
     elif dataclasses.is_dataclass(value):
         words.append(f"{type(value).__name__}(")
         for f in dataclasses.fields(value):
-            words.append(f"{f.name}=")
-            _spell(words, getattr(value, f.name))
+            if f.compare:
+                words.append(f"{f.name}=")
+                _spell(words, getattr(value, f.name))
         words.append(")")
+    elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        words.append(f"{value.dtype.str}{value.shape}")
+        words.append(hashlib.sha256(value.tobytes()).hexdigest())
+    elif isinstance(value, Mapping):
+        words.append("{")
+        _spell(words, tuple(value.items()))
+        words.append("}")
+    elif isinstance(value, functools.partial):
+        _spell(words, ("partial", value.func, value.args, value.keywords))
+    elif inspect.isfunction(value) and "<" not in value.__qualname__:
+        words.append(f"{value.__module__}.{value.__qualname__}")
+    elif type(value).__repr__ is object.__repr__ or callable(value):
+        raise TypeError(f"a {type(value).__name__} has no content that could be told from another")
     else:
         words.append(repr(value))
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.fem import cache as cache_module
+from flexstage.cache import Cache, open_cache
+from flexstage.cache import cache as cache_module
 from flexstage.fem import superelement
-from flexstage.fem.cache import Cache, open_cache
 from flexstage.fem.condensation import condense
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.superelement import SuperelementModel, superelement_model
@@ -301,7 +301,7 @@ def test_a_stage_is_analysed_without_a_cache(
 ) -> None:
     directory = tmp_path / "cache"
     # a tool of the tests, run in this process before, turns off all loggers that it finds
-    monkeypatch.setattr(logging.getLogger("flexstage.fem.cache"), "disabled", False)
+    monkeypatch.setattr(logging.getLogger("flexstage.cache.cache"), "disabled", False)
     if trouble == "full":
         monkeypatch.setattr(Cache, "_write", staticmethod(_full))
     else:
@@ -352,7 +352,7 @@ def test_where_the_cache_is(
 def test_the_default_is_the_users_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FLEXSTAGE_CACHE", str(tmp_path))
     superelement_model(hinged_bars(), COARSE)
-    assert len(list((tmp_path / "superelements").glob("*.arrays"))) == 3
+    assert len(list((tmp_path / "computed").glob("*.arrays"))) == 3
     assert open_cache(False) is None
     assert open_cache(None) is None
     cache = open_cache(tmp_path)

@@ -31,8 +31,10 @@ from flexstage.cli.predict import predict
 from flexstage.cli.records import records
 from flexstage.cli.run import run
 from flexstage.cli.runs import runs
+from flexstage.cli.sensitivity import sensitivity
 from flexstage.cli.show import show
 from flexstage.cli.study import study
+from flexstage.cli.sweep import sweep
 from flexstage.cli.tolerance import tolerance
 from flexstage.cli.twin import twin
 from flexstage.cli.uncertainty import uncertainty
@@ -58,7 +60,7 @@ app = typer.Typer(
 )
 _SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
     "Design": (*(new, import_, check, show, analyse, study, hinges, equations, part, export),),
-    "Explore": (tolerance,),
+    "Explore": (sensitivity, sweep, tolerance),
     "Drives": (excite, identify, predict, compensate),
     "Measurements": (records, frf, characterise, uncertainty, centre),
     "Bench": (twin, run),

@@ -44,6 +44,7 @@ def study(
     virtual: bool = True,
     traditional: bool = True,
     seed: Annotated[int, typer.Option(min=0)] = 1,
+    cache: bool = True,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -68,7 +69,11 @@ def study(
         those of traditional stages.
     seed
         NUMBER: Random seed of the simulated stage, and of stages as they are made.
+    cache
+        --cache/--no-cache: Read what was computed before of the same description, with the same
+        options and the same flexstage, and keep what is computed.
     """
+    from flexstage.cache import Memory, open_cache
     from flexstage.files.write import require_writable, write_files
     from flexstage.report.study import report_pages
     from flexstage.studies import results_json, run_study, study_results
@@ -96,11 +101,13 @@ def study(
             virtual=virtual,
             traditional=traditional,
             seed=seed,
+            cache=cache,
         )
+        pages = report_pages(result, Memory(open_cache(cache)))
     files = write_files(
         directory,
         {
-            **{name: page.encode() for name, page in report_pages(result).items()},
+            **{name: page.encode() for name, page in pages.items()},
             "results.json": results_json(study_results(result)),
         },
     )
@@ -129,6 +136,12 @@ def study(
         screen.print(f"note: the {model} model was left out: {why}", markup=False)
     for axis, why in result.experiments_left_out.items():
         screen.print(f"note: the hysteresis of axis {axis} was left out: {why}", markup=False)
+    if result.read:
+        screen.print(
+            f"note: {', '.join(result.read)}: read from the cache, as computed before of the same "
+            "description; --no-cache computes them again",
+            markup=False,
+        )
     print_notes(screen, described.notes, files)
 
 

@@ -8,6 +8,10 @@ if TYPE_CHECKING:
     from flexstage.explore.batches import Job, batch_size
     from flexstage.explore.family import Evaluated, Family, evaluate, jacobian, known_figures
     from flexstage.explore.figures import Figure, Requirement, figure_of, requirement_of
+    from flexstage.explore.sampling import saltelli_points
+    from flexstage.explore.sensitivity import Sensitivities, sensitivities
+    from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
+    from flexstage.explore.sweep import Sweep, SweepPlan, sweep, usual_plan
     from flexstage.explore.variables import Variable, every_variable, variables_of
     from flexstage.explore.workers import Workers, open_workers
 
@@ -17,6 +21,10 @@ __all__ = [
     "Figure",
     "Job",
     "Requirement",
+    "Sensitivities",
+    "SobolIndices",
+    "Sweep",
+    "SweepPlan",
     "Variable",
     "Workers",
     "batch_size",
@@ -27,6 +35,11 @@ __all__ = [
     "known_figures",
     "open_workers",
     "requirement_of",
+    "saltelli_points",
+    "sensitivities",
+    "sobol_indices",
+    "sweep",
+    "usual_plan",
     "variables_of",
 ]
 

@@ -1,8 +1,9 @@
 """A stage as a continuum, projected on the coordinates of a `MechanicalSystem`."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 
 import ngsolve as ng
 import numpy as np
@@ -67,22 +68,21 @@ class StageModel:
     """The stage."""
     system: MechanicalSystem
     """The system that it was projected on."""
-    problems: tuple[UncoupledProblem, ...]
-    """The problem in the plane and, in three dimensions, the one out of it."""
     mesh_settings: MeshSettings
     """How fine the mesh is."""
+    unknowns: int
+    """Number of unknowns of one problem, the largest system that is factorised."""
+    elements: int
+    """Number of elements of the mesh."""
+    solved: Callable[[], tuple[UncoupledProblem, ...]] = field(repr=False, compare=False)
+    """Gives `problems`; where the rest was read from a cache, by solving the stage again."""
 
     __repr__ = short_repr
 
     @property
-    def unknowns(self) -> int:
-        """Number of unknowns of one problem, the largest system that is factorised."""
-        return max(h.continuum.size for h in self.problems)
-
-    @property
-    def elements(self) -> int:
-        """Number of elements of the mesh."""
-        return int(self.problems[0].continuum.mesh.ne)
+    def problems(self) -> tuple[UncoupledProblem, ...]:
+        """The problem in the plane and, in three dimensions, the one out of it."""
+        return self.solved()
 
     def displacement(self, q: Array) -> list[tuple[UncoupledProblem, ng.GridFunction]]:
         """Return the displacement on the mesh in each problem.
@@ -248,8 +248,10 @@ def assemble(
     return StageModel(
         stage=stage,
         system=system,
-        problems=tuple(problems),
         mesh_settings=settings,
+        unknowns=max(p.continuum.size for p in problems),
+        elements=int(problems[0].continuum.mesh.ne),
+        solved=partial(tuple, problems),
     )
 
 

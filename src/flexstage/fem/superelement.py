@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from flexstage import progress
 from flexstage.arrays import Array
+from flexstage.cache.cache import Cache, open_cache
 from flexstage.elasticity import Continuum
 from flexstage.errors import ModelError
-from flexstage.fem.cache import Cache, open_cache
 from flexstage.fem.condensation import Condensed, condense, recover
 from flexstage.fem.coupling import Joint, join, lowest
 from flexstage.fem.cutting import Placed, cut_free

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import flexstage
+from flexstage.cache.memory import Memory
 from flexstage.experiments.campaign.results import TestResult
 from flexstage.quantities import beside, display, number
 from flexstage.report.page import page_html
@@ -24,7 +25,7 @@ _LABELS = ("Quantity", "<Axis")
 _SPREAD = "±\u00a0(95\u00a0%)"
 
 
-def measurement_text(result: MeasurementComparison) -> str:
+def measurement_text(result: MeasurementComparison, memory: Memory | None = None) -> str:
     """Return a page of what was measured, which needs nothing else."""
     return page_html(
         heading=result.title,
@@ -35,6 +36,7 @@ def measurement_text(result: MeasurementComparison) -> str:
         version=flexstage.__version__,
         sections=_sections(result),
         notes=result.found.notes,
+        memory=memory,
     )
 
 

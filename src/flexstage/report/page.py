@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from flexstage.cache.memory import Memory
 from flexstage.section import Picture, Section
 from flexstage.table import Table
 
@@ -94,7 +95,7 @@ class _Numbers:
 
 @cache
 def _environment() -> "Environment":
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from jinja2 import Environment, PackageLoader, StrictUndefined, pass_context
 
     made = Environment(
         loader=PackageLoader("flexstage.report"),
@@ -103,7 +104,7 @@ def _environment() -> "Environment":
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {"kind": _kind, "svg": _svg, "typeset": _typeset}
+    made.filters |= {"kind": _kind, "svg": pass_context(_svg), "typeset": _typeset}
     return made
 
 
@@ -111,14 +112,20 @@ def _kind(item: object) -> str:
     return type(item).__name__
 
 
-def _svg(picture: Picture, key: str) -> "Markup":
-    """Draw a picture; the key is unique in the page."""
+def _svg(context: Mapping[str, Any], picture: Picture, key: str) -> "Markup":
+    """Draw a picture, or read it where the page has a memory; the key is unique in the page."""
     from markupsafe import Markup
 
+    memory: Memory = context.get("memory") or Memory(None)
+    return Markup(memory.recall(picture.title, drawn_inline, picture, key))
+
+
+def drawn_inline(picture: Picture, key: str) -> str:
+    """Draw a picture as it stands in a page, in which the key is unique."""
     from flexstage.report.figures.style import inline_svg
     from flexstage.report.pictures import drawn
 
-    return Markup(inline_svg(drawn(picture), key, picture.title))
+    return inline_svg(drawn(picture), key, picture.title)
 
 
 def _typeset(text: str) -> "Markup":

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 
+from flexstage.cache.memory import Memory
 from flexstage.quantities import QUANTITIES
 from flexstage.report.coupled_axes import coupling_section, full_stroke_words
 from flexstage.report.figures.bench import draw_bench
@@ -72,10 +73,10 @@ class _WrittenChapter:
     sections: tuple[Section, ...]
 
 
-def report_html(study: Study) -> str:
+def report_html(study: Study, memory: Memory | None = None) -> str:
     """Write the report of a study as one page: what was found, then chapters that are folded.
 
-    Chapters that have nothing to show are left out.
+    Chapters that have nothing to show are left out. Pictures that a memory knows are read.
     """
     stage = study.stage
     chapters: list[_WrittenChapter] = []
@@ -100,17 +101,18 @@ def report_html(study: Study) -> str:
         front=front_page(study),
         outlines=body_outlines(stage),
         chapters=chapters,
+        memory=memory,
     )
 
 
-def report_pages(study: Study) -> dict[str, str]:
+def report_pages(study: Study, memory: Memory | None = None) -> dict[str, str]:
     """Write the report of a study, and that of its simulated measurement, by name of the file.
 
-    They stand in one folder.
+    They stand in one folder. Pictures that a memory knows are read.
     """
-    pages = {"report.html": report_html(study)}
+    pages = {"report.html": report_html(study, memory)}
     if isinstance(study.virtual, MeasurementComparison):
-        pages[_VIRTUAL_FILE] = measurement_text(study.virtual)
+        pages[_VIRTUAL_FILE] = measurement_text(study.virtual, memory)
     return pages
 
 
@@ -271,6 +273,8 @@ def _provenance(study: Study) -> Iterator[Content]:
     ):
         values = dict.fromkeys(of(analysis.provenance) for analysis in study.analyses.values())
         entries[title] = "; ".join(values)
+    if study.read:
+        entries["read from the cache"] = ", ".join(study.read)
     material = study.stage.material
     yield Definitions(entries | {"material": f"{material.name}: {material.source}"})
 

@@ -50,6 +50,8 @@ class ModelOptions:
     """``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them."""
     stroke: bool = False
     """Whether to follow the stage over its stroke with finite displacements (plane model)."""
+    cache: bool = field(default=True, compare=False)
+    """Whether condensed bodies of the superelement model are read from the user's cache."""
 
 
 def _lumped(stage: Stage, options: ModelOptions) -> ModelRun:
@@ -65,7 +67,9 @@ def _superelement(stage: Stage, options: ModelOptions) -> ModelRun:
 
     _no_accuracy("superelement", options)
     _no_stroke("superelement", options)
-    model = superelement_model(stage, plane=options.plane, supports=options.supports)
+    model = superelement_model(
+        stage, plane=options.plane, supports=options.supports, cache=options.cache
+    )
     return ModelRun(analysis=analyse(stage, model.system))
 
 

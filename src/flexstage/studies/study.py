@@ -2,11 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexstage import progress
+from flexstage.cache.cache import Cache, open_cache
+from flexstage.cache.memory import Memory
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.comparison import Comparison, compare
 from flexstage.designs.published import MOTION_ERROR_CLAIMS
@@ -77,6 +80,8 @@ class Study:
     """An encoder scale that was centred on the virtual table, or why that could not be done."""
     traditional: "TraditionalComparison | None" = None
     """Its motion errors and drift beside those of traditional stages, where any is claimed."""
+    read: tuple[str, ...] = ()
+    """What was read from the cache instead of being computed again."""
 
     __repr__ = short_repr
 
@@ -152,6 +157,7 @@ def run_study(
     virtual: bool = False,
     traditional: bool = False,
     seed: int = 1,
+    cache: "Cache | Path | str | bool" = False,
 ) -> Study:
     """Run the models of a stage.
 
@@ -174,6 +180,9 @@ def run_study(
         Whether to set a stage of the study against traditional ones, as its claims are.
     seed : int
         Seed of that stage and its measurement, and of stages as they are made.
+    cache : Cache or path or bool
+        Where models and experiments are kept, and read where nothing changed that they depend on:
+        True for the user's cache (``$FLEXSTAGE_CACHE``), a directory, or False for nowhere.
 
     Returns
     -------
@@ -198,6 +207,7 @@ def run_study(
         raise ModelError(f"no model is named: choose from {', '.join(MODELS)}")
     for model in models:  # before the first of them has taken its minutes
         known_model(model, ModelOptions(plane=plane))
+    memory = Memory(open_cache(cache))
     runs: dict[str, ModelRun] = {}
     variants: dict[str, Analysis] = {}
     left_out: dict[str, str] = {}
@@ -212,9 +222,8 @@ def run_study(
             own: Plane = "auto" if model == "solid" else plane
             try:
                 with progress.subtask(0.0, 0.5 if model in _BOUNDED else 1.0):
-                    runs[model] = run_model(
-                        stage, model, replace(_ASKED.get(model, ModelOptions()), plane=own)
-                    )
+                    options = replace(_ASKED.get(model, ModelOptions()), plane=own)
+                    runs[model] = _recalled(memory, model, stage, options)
             except (ModelError, StageError) as error:
                 if len(models) == 1:
                     raise
@@ -228,8 +237,9 @@ def run_study(
                 # other bound
                 other: Plane = "stress" if "strain" in used else "strain"
                 with progress.subtask(0.5, 1.0):
-                    variant = run_model(stage, model, ModelOptions(plane=other)).analysis
-                variants[f"{model}, plane {other}"] = variant
+                    name = f"{model}, plane {other}"
+                    options = ModelOptions(plane=other)
+                    variants[name] = _recalled(memory, model, stage, options, name).analysis
     if not runs:
         raise ModelError("; ".join(f"{model}: {why}" for model, why in left_out.items()))
     analyses = {model: run.analysis for model, run in runs.items()}
@@ -239,7 +249,7 @@ def run_study(
     compared = None
     if beside:
         with progress.subtask(done / whole, (done + _TRADITIONAL) / whole):
-            compared = _compared(stage, runs, seed)
+            compared = _compared(stage, runs, seed, memory)
     made = Study(
         stage=stage,
         analyses=analyses,
@@ -252,9 +262,9 @@ def run_study(
     )
     steps = virtual_steps(stage, measure=virtual, compensate=hysteresis)
     if not steps:
-        return made
+        return replace(made, read=memory.read)
     with progress.subtask(1.0 - _EXPERIMENT, 1.0):
-        found = carry_out(steps, stage, made.main.system, seed=seed)
+        found = carry_out(steps, stage, made.main.system, seed=seed, memory=memory)
     of_stage = {step.verb: given for step, given in found.items() if step.verb != "verify"}
     of_axes = {step.axis: given for step, given in found.items() if step.verb == "verify"}
     return replace(
@@ -263,16 +273,31 @@ def run_study(
         centring=of_stage.get("centre"),
         experiments={a: given for a, given in of_axes.items() if not isinstance(given, str)},
         experiments_left_out={a: why for a, why in of_axes.items() if isinstance(why, str)},
+        read=memory.read,
     )
 
 
-def _compared(stage: Stage, runs: Mapping[str, ModelRun], seed: int) -> "TraditionalComparison":
+def _recalled(
+    memory: Memory, model: str, stage: Stage, options: ModelOptions, name: str = ""
+) -> ModelRun:
+    """Run a model, or read what it gave; the lumped one takes no time that could be saved."""
+    if model == "lumped":
+        return run_model(stage, model, options)
+    options = replace(options, cache=memory.active)
+    return memory.recall(name or model, run_model, stage, model, options)
+
+
+def _compared(
+    stage: Stage, runs: Mapping[str, ModelRun], seed: int, memory: Memory
+) -> "TraditionalComparison":
     """Compare with traditional stages, with what the models gave of this one."""
     from flexstage.studies.traditional import compare_traditional
 
     system = runs["superelement"].analysis.system if "superelement" in runs else None
     strokes = runs["plane"].strokes if "plane" in runs else ()
-    return compare_traditional(stage, system, strokes=strokes, seed=seed)
+    return memory.recall(
+        "traditional", compare_traditional, stage, system, strokes=strokes, seed=seed
+    )
 
 
 def _over_the_stroke(

@@ -8,6 +8,7 @@ import numpy as np
 
 from flexstage import progress
 from flexstage.arrays import Array
+from flexstage.cache.memory import Memory
 from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.stage import PiezoStack, Stage
@@ -72,18 +73,31 @@ def virtual_steps(stage: Stage, *, measure: bool, compensate: bool) -> tuple[Vir
 
 
 def carry_out(
-    steps: Sequence[VirtualStep], stage: Stage, system: MechanicalSystem, *, seed: int
+    steps: Sequence[VirtualStep],
+    stage: Stage,
+    system: MechanicalSystem,
+    *,
+    seed: int,
+    memory: Memory | None = None,
 ) -> dict[VirtualStep, Any]:
     """Carry out steps on the virtual stage; a text says why one could not be.
 
     `system` is the model by which the stage moves fast; the seed is that of the virtual stage, of
-    its measurement, of noise, and of the lines of the scale.
+    its measurement, of noise, and of the lines of the scale. Steps that a memory knows are read.
     """
+    memory = memory or Memory(None)
     found: dict[VirtualStep, Any] = {}
     for i, step in enumerate(steps):
         with progress.subtask(i / len(steps), (i + 1) / len(steps)):
             try:
-                found[step] = _VERBS[step.verb](stage, system, step.axis, seed)
+                found[step] = memory.recall(
+                    f"{step.verb} {step.axis}",
+                    _VERBS[step.verb],
+                    stage,
+                    system,
+                    step.axis,
+                    seed,
+                )
             except FlexstageError as error:  # as of a stage that is not held: the rest stands
                 found[step] = str(error)
     return found

@@ -19,6 +19,8 @@ from flexstage.files.user_folder import user_folder
 from flexstage.files.write import draft_of
 
 Entry = Mapping[str, NDArray]
+#: What arrays are of, as NumPy names it: floats, integers, bytes, complex and truth values.
+TYPES = ("<f8", "<i8", "|u1", "<c16", "|b1")
 _LOG = logging.getLogger(__name__)
 
 # A file: mark, SHA-256 of all that follows, key, length of the header, header, numbers.
@@ -26,7 +28,6 @@ _MARK = b"flexstage cache 1\n"
 _DIGEST = 32
 _LENGTH = struct.Struct("<Q")
 _START = len(_MARK) + _DIGEST
-_TYPES = ("<f8", "<i8", "|u1")
 _SUFFIX = ".arrays"
 _UNFINISHED = ".part"
 
@@ -46,8 +47,7 @@ class Cache:
 
     The directory is made at the first write; `limit` is its largest size, beyond which the entries
     that were not used for longest give way, and `memory` that of what is kept in memory as well
-    [bytes]. A key has 64 hexadecimal digits; an entry holds arrays of floats, integers or bytes by
-    name.
+    [bytes]. A key has 64 hexadecimal digits; an entry holds arrays of `TYPES` by name.
     """
 
     def __init__(self, directory: Path, *, limit: int = LIMIT, memory: int = _MEMORY) -> None:
@@ -149,7 +149,7 @@ class Cache:
 def _encode(entry: Entry, key: str) -> bytes:
     parts, table = [], []
     for name, array in entry.items():
-        kind = next(t for t in _TYPES if np.dtype(t).kind == array.dtype.kind)
+        kind = next(t for t in TYPES if np.dtype(t).kind == array.dtype.kind)
         data = np.asarray(array, dtype=kind)
         table.append([name, kind, list(data.shape)])
         parts.append(data.tobytes())
@@ -190,5 +190,5 @@ def open_cache(cache: "Cache | Path | str | bool | None") -> Cache | None:
         return None
     if isinstance(cache, Cache):
         return cache
-    directory = user_folder("cache") / "superelements" if cache is True else Path(cache)
+    directory = user_folder("cache") / "computed" if cache is True else Path(cache)
     return _OPEN.setdefault(directory, Cache(directory))
