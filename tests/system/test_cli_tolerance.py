@@ -39,7 +39,7 @@ def test_it_tells_spread_yield_and_what_to_tighten(capsys, tmp_path):
         "--folder", str(tmp_path / "lot"),
     )  # fmt: skip
     assert code == 0
-    assert "parallelogram: 600 stages as they come from the machine" in out
+    assert "parallelogram: 600 stages as they come from the machine." in out
     assert "all necks alike (wire offset)" in out
     assert "natural_frequency.x >= 190 Hz" in out
     assert "stages are good" in out

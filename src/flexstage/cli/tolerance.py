@@ -8,12 +8,15 @@ import typer
 
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring, one_of
 from flexstage.cli.output import (
+    FigureFile,
     OutputFolder,
     console,
     on_terminal,
+    picture,
     print_json,
     print_notes,
     progress_bar,
+    write_file,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.cli.worker_options import WorkerOptions
@@ -43,6 +46,7 @@ def tolerance(
     cost: list[str] | None = None,
     model: Annotated[str, one_of(("superelement", "lumped"))] = "superelement",
     follow_necks: bool = False,
+    figure: FigureFile = None,
     folder: OutputFolder = None,
     every_sample: bool = False,
     shared: WorkerOptions = _ALL_CORES,
@@ -79,6 +83,8 @@ def tolerance(
     follow_necks
         Have that model say as well how figures follow an offset of all necks: two more analyses,
         each of notches that it has not met.
+    figure
+        Draw the distribution of every figure. (.svg, .png or .pdf)
     folder
         Folder of tolerance.html, tolerance.json and pictures; finished batches are kept there while
         it works, and the same run goes on from them.
@@ -133,6 +139,11 @@ def tolerance(
             choice = choose_tolerances(study, target, weights=weights, workers=workers)
     result = _result(study, choice)
     files = [] if folder is None else _write(folder, study, choice, result, every=every_sample)
+    if figure is not None:
+        from flexstage.report.figures.tolerance import draw_spreads
+
+        write_file(figure, picture(figure, draw_spreads(study)))
+        files.append(figure)
     if json:
         print_json({**result, "files": [str(file) for file in files]})
         return
