@@ -1,6 +1,7 @@
 """A lot of stages against the single analysis, closed forms of its spread, and known statistics."""
 
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -417,7 +418,7 @@ def test_another_model_says_what_necks_do(monkeypatch):
         ]
         return replace(analysis, characteristics=Characteristics(raised))
 
-    monkeypatch.setattr("flexstage.explore.tolerance.analyse_model", higher)
+    monkeypatch.setattr(sys.modules["flexstage.explore.tolerance"], "analyse_model", higher)
     given = {"figures": [FREQUENCY, STRESS], "samples": 300}
     plain = tolerance(stage, only, model="lumped", **given)
     mended = tolerance(stage, only, model="superelement", follow_necks=True, **given)
