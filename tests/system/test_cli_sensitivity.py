@@ -3,15 +3,20 @@
 import csv
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from flexstage.cli import main
 from flexstage.designs.template import StageTemplate
+from flexstage.errors import ModelError
 from flexstage.explore.family import Family, known_figures
-from flexstage.explore.figures import usual_figures
+from flexstage.explore.figures import figures_of, usual_figures
+from flexstage.explore.hinge_family import hinge_variables
 from flexstage.explore.sensitivity import sensitivities, variables_by
+from flexstage.report.figures.moving_necks import draw_moving_necks
 from flexstage.report.figures.sensitivity import draw_sensitivities
 from flexstage.report.pictures import drawn
 from flexstage.report.sensitivity import sensitivity_table
@@ -90,6 +95,24 @@ def test_hinges_alike_share_a_row(capsys: pytest.CaptureFixture[str]) -> None:
     assert sorted(named) == sorted(
         f"left-{end}.{part}" for end in ("lower", "upper") for part in ("neck", "along", "across")
     )
+
+
+def test_necks_stand_on_the_drawing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    said(capsys, "parallelogram", "--hinges", "--folder", tmp_path / "all")
+    assert "Natural frequency x" in (tmp_path / "all" / "necks.svg").read_text()
+    said(capsys, "parallelogram", "--hinges", "--by", "*.along", "--folder", tmp_path / "along")
+    assert not (tmp_path / "along" / "necks.svg").exists()
+    template = StageTemplate.of("vgtu-piezo")
+    figures = figures_of(["frequency"], known_figures(template.stage()))
+    found = sensitivities(hinge_variables(template, ["*.neck"]), figures)
+    panel = draw_moving_necks(template.stage(), found).axes[0]
+    widest = max(panel.lines, key=lambda disc: disc.get_markersize())
+    # the levers' fulcra are the necks that the first frequency hangs on
+    places = [tuple(1e3 * c for c in template.stage().hinge(f"xlko-{s}").at) for s in "ud"]
+    at = np.asarray(widest.get_xydata())[0]
+    assert any(at == pytest.approx(place) for place in places)
+    with pytest.raises(ModelError, match="nothing to draw"):
+        draw_moving_necks(template.stage(), replace(found, slopes=0.0 * found.slopes))
 
 
 @pytest.mark.slow

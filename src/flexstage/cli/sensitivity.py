@@ -25,6 +25,7 @@ from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
     from flexstage.explore.sensitivity import Sensitivities
+    from flexstage.stage import Stage
 
 
 @from_docstring
@@ -61,7 +62,8 @@ def sensitivity(
     units
         Show the changes in the units of the figures, in place of per cent of them.
     folder
-        Write sensitivity.json, sensitivity.csv and a picture, sensitivity.svg.
+        Write sensitivity.json, sensitivity.csv and a picture, sensitivity.svg; with --hinges also
+        necks.svg, the necks that move a figure most on the drawing of the stage.
     figure
         Draw the changes as a map of colours. (.svg, .png or .pdf)
     """
@@ -94,6 +96,8 @@ def sensitivity(
     with progress_bar("sensitivity", quiet=quiet):
         found = sensitivities(family, figures, model, left_out)
     files = _written(found, length, folder, figure)
+    if folder is not None and hinges:
+        files += _necks(found, template.stage(), folder)
     if json:
         from flexstage.explore.sensitivity_files import sensitivity_results
 
@@ -101,9 +105,24 @@ def sensitivity(
         return
     from flexstage.report.sensitivity import left_out_notes, sensitivity_table
 
-    screen = console()
-    screen.print(on_terminal(sensitivity_table(found, length, in_units=units)))
-    print_notes(screen, left_out_notes(found), files)
+    screen, shown = console(), sensitivity_table(found, length, in_units=units)
+    if len(shown.rows) > 1:
+        screen.print(on_terminal(shown))
+    print_notes(
+        screen, (*(shown.notes if len(shown.rows) < 2 else ()), *left_out_notes(found)), files
+    )
+
+
+def _necks(found: "Sensitivities", stage: "Stage", folder: Path) -> list[Path]:
+    """Write what each neck moves on the drawing of the stage, where one moves a figure."""
+    from flexstage.files.write import write_files
+    from flexstage.report.figures.moving_necks import draw_moving_necks
+
+    try:
+        drawn = draw_moving_necks(stage, found)
+    except ModelError:  # their places alone were asked for
+        return []
+    return write_files(folder, {"necks.svg": picture(Path("necks.svg"), drawn)})
 
 
 def _written(

@@ -113,9 +113,10 @@ def sensitivity_table(
 
 
 def short_label(figure: Figure) -> str:
-    """Return the short name of a figure's quantity, or its name in words, one word a line."""
+    """Return the short name of a figure's quantity, or its own one, one word a line."""
     short = {quantity: name for name, quantity in ALIASES.items()} | _SHORTER
-    return short.get(figure.quantity, figure.shown.label.lower().replace(" ", "\n"))
+    words = figure.quantity.removesuffix("_hz").split("_")
+    return short.get(figure.quantity, "\n".join(words))
 
 
 def change_text(value: float, *, in_units: bool = False) -> str:
@@ -147,6 +148,9 @@ def _printed(value: float, dimension: str) -> str:
 def _notes(
     found: Sensitivities, length: float | None, rest: list[str], kept: list[int]
 ) -> Iterator[str]:
+    if not kept:
+        yield "every figure that is looked at is nothing but rounding here"
+        return
     left = [f.label.lower() for i, f in enumerate(found.figures) if i not in kept]
     if left:
         yield f"nothing but rounding, and left out: {', '.join(left)}"

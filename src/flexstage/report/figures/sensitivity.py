@@ -41,6 +41,8 @@ def draw_sensitivities(found: Sensitivities, length: float | None = None) -> "Fi
     cells = np.nan_to_num(shown[np.ix_(kept, drawn)].T)
     names = [parameter_label(found, k) for k in drawn]
     wide = _LETTER * max((len(name) for name in names), default=0)
+    if not drawn:
+        return _empty(found)
     figure = new_figure(wide + _COLUMN * max(len(kept), 4) + 0.3, _ROW * max(len(drawn), 3) + 1.0)
     axes = figure.subplots()
     dress(axes, grid=False)
@@ -75,6 +77,15 @@ def draw_sensitivities(found: Sensitivities, length: float | None = None) -> "Fi
     if more := len(order) - len(drawn):
         told += f"\n{more} more parameters move a figure, and less than these"
     axes.set_xlabel(told, fontsize=7.5, color=MUTED, loc="left", parse_math=False)
+    return figure
+
+
+def _empty(found: Sensitivities) -> "Figure":
+    figure = new_figure(4.2, 1.0)
+    axes = figure.subplots()
+    axes.set_axis_off()
+    told = f"{found.stage}, {found.model}: none of these parameters moves these figures"
+    axes.text(0.5, 0.5, told, ha="center", va="center", fontsize=8, color=INK, parse_math=False)
     return figure
 
 
