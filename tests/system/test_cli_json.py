@@ -18,6 +18,7 @@ REFUSED = {
     "check": ["nowhere.yaml"],
     "analyse": ["nowhere.yaml"],
     "sensitivity": ["nowhere.yaml"],
+    "optimise": ["parallelogram"],
     "sweep": ["parallelogram"],
     "tolerance": ["nowhere.yaml"],
     "equations": ["nowhere.yaml"],

@@ -25,6 +25,7 @@ from flexstage.cli.hinges import hinges
 from flexstage.cli.identify import identify
 from flexstage.cli.import_ import import_
 from flexstage.cli.new import new
+from flexstage.cli.optimise import optimise
 from flexstage.cli.output import print_json
 from flexstage.cli.part import part
 from flexstage.cli.predict import predict
@@ -60,7 +61,7 @@ app = typer.Typer(
 )
 _SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
     "Design": (*(new, import_, check, show, analyse, study, hinges, equations, part, export),),
-    "Explore": (sensitivity, sweep, tolerance),
+    "Explore": (sensitivity, sweep, optimise, tolerance),
     "Drives": (excite, identify, predict, compensate),
     "Measurements": (records, frf, characterise, uncertainty, centre),
     "Bench": (twin, run),

@@ -8,6 +8,10 @@ if TYPE_CHECKING:
     from flexstage.explore.batches import Job, batch_size
     from flexstage.explore.family import Evaluated, Family, evaluate, jacobian, known_figures
     from flexstage.explore.figures import Figure, Requirement, figure_of, requirement_of
+    from flexstage.explore.optimise.front import Front, find_front
+    from flexstage.explore.optimise.ladder import SearchOptions, find_optimum
+    from flexstage.explore.optimise.optimum import Optimum
+    from flexstage.explore.optimise.problem import Goal, Problem
     from flexstage.explore.sampling import saltelli_points
     from flexstage.explore.sensitivity import Sensitivities, sensitivities
     from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
@@ -19,8 +23,13 @@ __all__ = [
     "Evaluated",
     "Family",
     "Figure",
+    "Front",
+    "Goal",
     "Job",
+    "Optimum",
+    "Problem",
     "Requirement",
+    "SearchOptions",
     "Sensitivities",
     "SobolIndices",
     "Sweep",
@@ -31,6 +40,8 @@ __all__ = [
     "evaluate",
     "every_variable",
     "figure_of",
+    "find_front",
+    "find_optimum",
     "jacobian",
     "known_figures",
     "open_workers",

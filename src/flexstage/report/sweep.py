@@ -1,7 +1,7 @@
 """What a sweep found: tables, and one page with parallel coordinates to brush."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -148,10 +148,7 @@ def _said_of_lines(sweep: Sweep) -> str:
 
 
 def _coordinates(sweep: Sweep) -> "Markup":
-    """Return parallel coordinates with the library that draws them, as HTML."""
-    import plotly.graph_objects as go
-    from markupsafe import Markup
-
+    """Return parallel coordinates of what was varied and what varies."""
     rows = np.flatnonzero(sweep.possible)
     if len(rows) > _LINES:
         # a sequence is even from its start; of a grid every so many would be the same values
@@ -163,8 +160,18 @@ def _coordinates(sweep: Sweep) -> "Markup":
     for k in sweep.moving:
         shown = _shown(sweep, k)
         axes.append((_heading(sweep.figures[k], shown), sweep.values[rows, k] * shown.factor))
+    return parallel_coordinates(axes, len(sweep.variables) if sweep.moving else 0)
+
+
+def parallel_coordinates(axes: Sequence[tuple[str, np.ndarray]], first: int) -> "Markup":
+    """Return parallel coordinates with the library that draws them, as HTML.
+
+    An axis is a heading and a value of each line; `first` is the axis that colours them at first.
+    """
+    import plotly.graph_objects as go
+    from markupsafe import Markup
+
     values = [_rounded(column) for _, column in axes]
-    first = len(sweep.variables) if sweep.moving else 0
 
     def colour(i: int) -> dict[str, Any]:
         return {"line.color": [values[i]], "line.colorbar.title.text": _broken(axes[i][0])}
