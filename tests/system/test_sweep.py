@@ -167,6 +167,18 @@ def test_indices_of_a_guide(with_indices):
     assert found.first[1].sum() == pytest.approx(1.0, abs=0.05)
 
 
+def test_what_is_rounding_has_no_indices():
+    # both halves of the stage are mirror images: what one axis does to the other is rounding
+    found = sweep(
+        family("vgtu-piezo", "x.lever_neck=5 %"),
+        [Figure(quantity="cross_coupling", axis="x"), FREQUENCY],
+        SweepPlan(sampling="sobol", samples=16, indices=True),
+    )
+    assert 0.0 < np.abs(found.values[:, 0]).max() < 1e-9
+    assert np.isnan(found.indices.first[0]).all()
+    assert found.indices.total[1] == pytest.approx([1.0], abs=0.01)
+
+
 def test_no_indices_where_much_is_impossible():
     found = sweep(
         family("parallelogram", "leg_spacing=6..46 mm", "leg.notch.neck_thickness=10 %"),
@@ -352,6 +364,20 @@ def test_the_page_needs_nothing_else(over_legs):
     # what a library would load from elsewhere is not asked for
     assert " src=" not in page.replace("<script", "\n<script").split("Plotly.newPlot")[1]
     assert "default-src 'none'" in page
+    # the lines are the points, in the units of their headings
+    data = page.split('"parallel-coordinates",', 1)[1].lstrip()
+    (lines,), _ = json.JSONDecoder().raw_decode(data)
+    kept = over_legs.possible
+    for axis, column in zip(
+        lines["dimensions"],
+        (*(1e3 * over_legs.points.T), over_legs.values[:, 0], 1e-6 * over_legs.values[:, 1]),
+        strict=True,
+    ):
+        assert axis["values"] == pytest.approx(column[kept].tolist(), rel=1e-5)
+    assert [axis["label"] for axis in lines["dimensions"]][1:3] == [
+        "leg.notch.neck_<br>thickness [mm]",
+        "Natural<br>frequency x [Hz]",
+    ]
     # its code stands as it is: a hyphen in it is no minus sign
     assert "−1" not in page.partition("<section")[0].partition("</nav>")[2]
 

@@ -23,7 +23,7 @@ from flexstage.explore.sampling import (
     saltelli_points,
     sobol_points,
 )
-from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
+from flexstage.explore.sobol_indices import FEWEST, SobolIndices, sobol_indices
 from flexstage.explore.variables import Variable
 from flexstage.explore.workers import open_workers
 from flexstage.provenance import Provenance, provenance
@@ -66,6 +66,10 @@ class SweepPlan:
             raise ModelError(
                 f"Sobol' indices need points of a Sobol' sequence, got '{self.sampling}': leave "
                 "the plan out"
+            )
+        if self.indices and self.samples < FEWEST:
+            raise ModelError(
+                f"Sobol' indices need {FEWEST} base samples or more, got {self.samples}"
             )
 
     def points(self, variables: Sequence[Variable]) -> Array:
@@ -241,6 +245,12 @@ class Sweep:
             out = y.T @ x / sizes
         out[self.still] = math.nan
         return out
+
+    def strongest(self, count: int) -> tuple[int, ...]:
+        """Return the variables that move a figure most, as many as asked for, in their order."""
+        found = np.abs(self.correlations) if self.indices is None else self.indices.total
+        strength = np.nan_to_num(found).max(axis=0)
+        return tuple(sorted(int(i) for i in np.argsort(-strength, kind="stable")[:count]))
 
     def on_grid(self, figure: int) -> Array:
         """Return the values of a figure on the grid, an axis for each variable."""
