@@ -16,6 +16,7 @@ from flexstage.lumped import (
     StageTangents,
     assemble_batch,
     lumped_characteristics,
+    lumped_system,
     parameter_tangents,
     stage_arrays,
     system_tangents,
@@ -23,7 +24,7 @@ from flexstage.lumped import (
 from flexstage.progress import subtask
 from flexstage.stage import Stage
 from flexstage.studies.models import analyse_model
-from flexstage.system import Analysis, characteristic_derivatives
+from flexstage.system import characteristic_derivatives
 from flexstage.system.batch_analysis import quoted
 
 # Steps of difference quotients in parts of the range of a variable: a meshed model jitters with its
@@ -176,23 +177,17 @@ def _batched(nominal: Stage) -> frozenset[tuple[str, str]]:
 
 
 def _figures(stage: Stage, figures: Collection[Figure], model: str) -> list[float]:
-    """Figures of one stage, by the single analysis."""
-    analysis = analyse_model(stage, model)
-    rows = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
-    others: dict[str, Mapping[str, float]] = {}
-    return [rows.get(f.key, _other(f, stage, analysis, others)) for f in figures]
-
-
-def _other(
-    figure: Figure, stage: Stage, analysis: Analysis, found: dict[str, Mapping[str, float]]
-) -> float:
-    """Return a figure beyond those of an analysis; NaN where this stage has none."""
-    compute = STAGE_FIGURES.get(figure.quantity)
-    if compute is None:
-        return np.nan
-    if figure.quantity not in found:
-        found[figure.quantity] = compute(stage, analysis.system)
-    return found[figure.quantity].get(figure.axis, np.nan)
+    """Figures of one stage, by the single analysis; what needs none of it, by the model alone."""
+    rows: dict[tuple[str, str], float] = {}
+    if model == "lumped" and all(figure.quantity in STAGE_FIGURES for figure in figures):
+        system = lumped_system(stage)
+    else:
+        analysis = analyse_model(stage, model)
+        system = analysis.system
+        rows = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
+    for quantity in {figure.quantity for figure in figures} & set(STAGE_FIGURES):
+        rows |= {(quantity, a): v for a, v in STAGE_FIGURES[quantity](stage, system).items()}
+    return [rows.get(figure.key, np.nan) for figure in figures]
 
 
 def jacobian(
