@@ -287,6 +287,20 @@ def piezo_stage() -> "Figure":
     return draw_stage(design("vgtu-piezo"))
 
 
+def moving_necks() -> "Figure":
+    """The necks of the piezo stage that its frequencies and stresses hang on."""
+    from flexstage.designs import StageTemplate
+    from flexstage.explore import known_figures, sensitivities
+    from flexstage.explore.figures import usual_figures
+    from flexstage.explore.hinge_family import hinge_variables
+    from flexstage.report.figures.moving_necks import draw_moving_necks
+
+    template = StageTemplate.of("vgtu-piezo")
+    stage = template.stage()
+    family = hinge_variables(template, ["*.neck"])
+    return draw_moving_necks(stage, sensitivities(family, usual_figures(known_figures(stage))))
+
+
 @cache
 def _followed() -> "dict[str, VerifiedStep]":
     """How the twin followed references in the plan of the study, by step."""
@@ -338,6 +352,7 @@ PICTURES: dict[str, Callable[[], "Figure"]] = {
     "card-cut.png": card_cut,
     "guide.png": guide,
     "vgtu-piezo.png": piezo_stage,
+    "moving-necks.png": moving_necks,
     "inverse-on-twin.png": inverse_on_twin,
     "control-on-twin.png": control_on_twin,
     **{f"design-{name}.png": partial(one_design, name) for name in DESIGNS},
@@ -347,6 +362,7 @@ PAGES = {
     "centring.png": ("how-to/centre.md", "turn.png"),
     "frequency-response.png": ("how-to/frequency-response.md", "response.png"),
     "piezo-hysteresis.png": ("tutorials/piezo-hysteresis.md", "piezo-hysteresis.png"),
+    "sweep-map.png": ("how-to/sweep.md", "map.png"),
 }
 #: Pictures that commands make, the last of which writes the file.
 COMMANDS = {
@@ -359,6 +375,7 @@ COMMANDS = {
         "export parallelogram --to step --folder .",
         "part parallelogram.step --order 0 --figure",
     ],
+    "sensitivity.png": ["sensitivity vgtu-piezo --quiet --figure"],
 }
 #: Pictures of other programs, made by hand: VTK, and the contours of the DXF with a filled part.
 BY_HAND = ("mode-vgtu-piezo.png", "wire-path.png")

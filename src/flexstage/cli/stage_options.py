@@ -9,6 +9,7 @@ from flexstage.cli.drawing_options import DrawingSettings
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
+    from flexstage.designs import StageTemplate
     from flexstage.stage import Stage
 
 
@@ -38,8 +39,8 @@ StageArgument = Annotated[
 
 
 @dataclass(frozen=True, kw_only=True)
-class StageOptions(DrawingSettings):
-    """How STAGE is taken.
+class ParameterOptions:
+    """Parameters of STAGE.
 
     Parameters
     ----------
@@ -51,20 +52,11 @@ class StageOptions(DrawingSettings):
     panel: ClassVar[str] = "Stage"
     setting: list[str] | None = None
 
-    def stage(self, source: str) -> "Stage":
-        """Return the stage that STAGE names, with what the options say of it."""
-        from flexstage.designs import find_stage
+    def template(self, source: str) -> "StageTemplate":
+        """Return the stage that STAGE names, with what is set, as one to vary."""
+        from flexstage.designs import StageTemplate
 
-        return find_stage(source, set=self._settings(), drawing=self.drawing())
-
-    def require_stage(self, source: str | None, name: str) -> None:
-        """Refuse options where no stage is named; `name` is what names one."""
-        if source is not None or self == AS_DESCRIBED:
-            return
-        if self.setting:
-            raise ModelError(f"--set needs {name}: it sets a parameter of that")
-        given = next(f.name for f in fields(DrawingSettings) if getattr(self, f.name) is not None)
-        raise ModelError(f"--{given.replace('_', '-')} needs {name}: it is about a drawing")
+        return StageTemplate.of(source, self._settings())
 
     def _settings(self) -> dict[str, str]:
         found: dict[str, str] = {}
@@ -82,5 +74,28 @@ class StageOptions(DrawingSettings):
         return found
 
 
+@dataclass(frozen=True, kw_only=True)
+class StageOptions(DrawingSettings, ParameterOptions):
+    """How STAGE is taken."""
+
+    panel: ClassVar[str] = "Stage"
+
+    def stage(self, source: str) -> "Stage":
+        """Return the stage that STAGE names, with what the options say of it."""
+        from flexstage.designs import find_stage
+
+        return find_stage(source, set=self._settings(), drawing=self.drawing())
+
+    def require_stage(self, source: str | None, name: str) -> None:
+        """Refuse options where no stage is named; `name` is what names one."""
+        if source is not None or self == AS_DESCRIBED:
+            return
+        if self.setting:
+            raise ModelError(f"--set needs {name}: it sets a parameter of that")
+        given = next(f.name for f in fields(DrawingSettings) if getattr(self, f.name) is not None)
+        raise ModelError(f"--{given.replace('_', '-')} needs {name}: it is about a drawing")
+
+
 #: None of them given.
 AS_DESCRIBED = StageOptions()
+NOTHING_SET = ParameterOptions()

@@ -48,7 +48,7 @@ def tolerance(
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Draw a lot of stages as the workshop makes them: spread, yield, what to tighten.
+    """Compute what the workshop makes of a stage: spread, yield.
 
     Parameters
     ----------

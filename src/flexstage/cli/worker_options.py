@@ -31,3 +31,7 @@ class WorkerOptions:
         from flexstage.explore import open_workers
 
         return open_workers(self.workers, self.scheduler)
+
+
+#: None of them given.
+USUAL_WORKERS = WorkerOptions()

@@ -2,5 +2,14 @@
 
 from flexstage.designs.parameters import StageParameter
 from flexstage.designs.registry import DESIGNS, build, design, find_stage, parameters_of
+from flexstage.designs.template import StageTemplate
 
-__all__ = ["DESIGNS", "StageParameter", "build", "design", "find_stage", "parameters_of"]
+__all__ = [
+    "DESIGNS",
+    "StageParameter",
+    "StageTemplate",
+    "build",
+    "design",
+    "find_stage",
+    "parameters_of",
+]

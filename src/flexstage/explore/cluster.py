@@ -4,16 +4,30 @@ import asyncio
 import logging
 import os
 import queue
+import signal
+import sys
+import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
-from contextlib import suppress
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, cast
 
 import dask.config
 import numpy as np
+import psutil
 from dask.system import CPU_COUNT
-from distributed import Client, Future, KilledWorker, LocalCluster, WorkerPlugin, get_worker
+from distributed import (
+    Client,
+    Future,
+    KilledWorker,
+    LocalCluster,
+    Security,
+    Status,
+    WorkerPlugin,
+    get_worker,
+)
+from distributed.comm.core import connect
 
 from flexstage.errors import FlexstageError, WorkerError
 from flexstage.explore.batches import Job
@@ -26,7 +40,10 @@ _AHEAD = 2
 _LOOK = 1.0
 
 #: Time in which a scheduler must answer [s].
-_ANSWER = 15.0
+_ANSWER = 10.0
+
+#: Time in which worker processes must start [s].
+_STARTS = 60.0
 
 #: Workers are the parallelism, and threads of a library in each would only wait for one another.
 _ONE_THREAD = {
@@ -56,32 +73,40 @@ class Cluster:
     """A scheduler of Dask and its workers: started here, or joined by an address."""
 
     def __init__(self, address: str | None) -> None:
+        if address is not None:
+            _require_scheduler(address)
         self._address = address
+        self._quiet = ExitStack()
+        for handler in logging.getLogger("distributed").handlers:
+            self._quiet.callback(handler.setLevel, handler.level)
+            handler.setLevel(logging.CRITICAL)
         self._local: LocalCluster | None = None
         if address is None:
-            with dask.config.set({"distributed.nanny.pre-spawn-environ": _ONE_THREAD}):
-                self._local = LocalCluster(
-                    n_workers=0,
-                    threads_per_worker=1,
-                    memory_limit=None,
-                    dashboard_address=cast(str, None),  # none is opened
-                    silence_logs=logging.CRITICAL,
-                )
+            self._local = _started()
         try:
             self._client = Client(self._local or address, timeout=_ANSWER, set_as_default=False)
-        except (TimeoutError, OSError, ValueError) as error:
-            raise WorkerError(
-                f"no Dask scheduler answers at {address}: {_said(error)}; give the address that it "
-                "prints when it starts, such as tcp://HOST:8786"
-            ) from error
+        except OSError as error:
+            self._quiet.close()
+            raise self._lost() from error
 
     def start(self, count: int | None, batches: int) -> None:
         """Start processes where there are fewer than a number (every core), or than batches."""
         assert self._local is not None
         wanted = min(count or CPU_COUNT, batches)
-        if wanted > len(self._local.workers):
-            self._local.scale(wanted)
-            self._client.wait_for_workers(wanted)
+        if wanted <= len(self._local.workers):
+            return
+        self._local.scale(wanted)
+        deadline = time.monotonic() + _STARTS
+        failed = False
+        while time.monotonic() < deadline and not failed:
+            with suppress(TimeoutError):
+                self._client.wait_for_workers(wanted, timeout=_LOOK)
+                return
+            failed = any(n.status == Status.failed for n in self._local.workers.values())
+        raise WorkerError(
+            "the worker processes do not start: compute with one worker, and put what a program "
+            'does under `if __name__ == "__main__":`, as each of them imports it'
+        )
 
     def finished(
         self, job: Job, numbers: Sequence[int], wait: Callable[[str], None]
@@ -93,12 +118,20 @@ class Cluster:
         ended: queue.Queue[Future] = queue.Queue()
         running: dict[Future, int] = {}
         left = list(reversed(numbers))
+        # Dask blames all batches that a worker had when it died: each of them is tried alone
+        suspects: list[int] = []
+        alone = False
         try:
-            while left or running:
-                room = _AHEAD * self._threads() - len(running)
-                for number in (left.pop() for _ in range(min(room, len(left)))):
-                    key = f"{held}-{number}"
-                    future = self._client.submit(_compute, held, number, key=key, pure=False)
+            while left or suspects or running:
+                if not running:
+                    alone = bool(suspects)
+                source = suspects if alone else left
+                room = 1 if alone else _AHEAD * self._threads()
+                while source and len(running) < room and (alone or not suspects):
+                    number = source.pop()
+                    future = self._client.submit(
+                        _compute, held, number, key=f"{held}-{uuid.uuid4().hex}", pure=False
+                    )
                     running[future] = number
                     future.add_done_callback(ended.put)
                 try:
@@ -108,9 +141,14 @@ class Cluster:
                         wait("no worker is connected, waiting for one")
                     continue
                 number = running.pop(future)
-                yield number, self._result(job, number, future)
+                try:
+                    yield number, self._result(future)
+                except KilledWorker as error:
+                    if alone:
+                        raise _deadly(job, number, error) from error
+                    suspects.append(number)
         finally:
-            with suppress(OSError, RuntimeError, asyncio.TimeoutError, CancelledError):
+            with suppress(OSError, RuntimeError, CancelledError):
                 self._client.cancel(list(running))
                 self._client.unregister_worker_plugin(held)
 
@@ -118,31 +156,25 @@ class Cluster:
         """End the workers that were started, or leave the cluster; `at_once` amid their work."""
         if self._local is not None and at_once:
             for nanny in self._local.workers.values():
-                nanny.auto_restart = False
+                nanny.close_gracefully()  # and do not start another process
                 if nanny.pid:
-                    os.kill(nanny.pid, 9)
+                    psutil.Process(nanny.pid).kill()
         self._client.close()
         if self._local is not None:
             self._local.close()
+        self._quiet.close()
 
     def _threads(self) -> int:
         try:
             return sum(cast(dict, self._client.nthreads()).values())
-        except (TimeoutError, OSError, RuntimeError, CancelledError) as error:
+        except (OSError, RuntimeError, CancelledError) as error:
             raise self._lost() from error
 
-    def _result(self, job: Job, number: int, future: Future) -> dict[str, np.ndarray]:
+    def _result(self, future: Future) -> dict[str, np.ndarray]:
         try:
             return future.result()
         except FlexstageError:
             raise
-        except KilledWorker as error:
-            start, stop = job.span(number)
-            raise WorkerError(
-                f"batch {number} of {job.name} (samples {start} to {stop - 1}) ended the process "
-                f"of its worker {error.allowed_failures + 1} times: it needs more memory than "
-                "there is, or a library fails on a sample; compute it with one worker to see"
-            ) from error
         except (CancelledError, OSError) as error:
             raise self._lost() from error
 
@@ -152,7 +184,7 @@ class Cluster:
         libraries = [name for name in own if name != "python"]
         try:
             found = cast(dict, self._client.get_versions(packages=libraries))
-        except (TimeoutError, OSError, RuntimeError, CancelledError) as error:
+        except (OSError, RuntimeError, CancelledError) as error:
             raise self._lost() from error
         theirs = {f"worker {address}": said for address, said in found["workers"].items()}
         for who, said in {"the scheduler": found["scheduler"], **theirs}.items():
@@ -166,6 +198,68 @@ class Cluster:
         return WorkerError(f"the scheduler at {self._address or 'this machine'} was lost")
 
 
+def _started() -> LocalCluster:
+    """Return a scheduler in this process, whose workers are processes of this machine."""
+    options: dict[str, Any] = {
+        "n_workers": 0,
+        "threads_per_worker": 1,
+        "memory_limit": None,
+        "silence_logs": logging.CRITICAL,
+        # its pages are shown nowhere, and need no port that another one may have
+        "dashboard_address": "127.0.0.1:0",
+        "scheduler_kwargs": {"dashboard": False},
+    }
+    with dask.config.set({"distributed.nanny.pre-spawn-environ": _ONE_THREAD}), _unheard():
+        return LocalCluster(**options)
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """Have the threads that are started in this block, and their processes, ignore Ctrl-C.
+
+    A terminal sends it to all processes, and only this one knows what is to be kept.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _require_scheduler(address: str) -> None:
+    """Refuse an address at which no scheduler answers: a client there could not be closed."""
+    with ThreadPoolExecutor(1) as thread:  # as there may be a loop in this one
+        fault = thread.submit(asyncio.run, _fault_at(address)).result()
+    if fault:
+        raise WorkerError(
+            f"no Dask scheduler answers at {address}: {fault}; give the address that it prints "
+            "when it starts, such as tcp://HOST:8786"
+        )
+
+
+async def _fault_at(address: str) -> str | None:
+    """Return what is wrong with the address of a scheduler, if anything."""
+    secured = Security().get_connection_args("client")
+    try:
+        async with asyncio.timeout(_ANSWER):
+            comm = await connect(address, timeout=_ANSWER, **secured)
+            try:
+                await comm.write({"op": "identity", "reply": True})
+                kind = (await comm.read()).get("type")
+            finally:
+                comm.abort()
+    except TimeoutError:
+        return f"nothing of Dask came within {_ANSWER:g} s"
+    except TypeError:  # it has no certificates
+        return "tls:// needs certificates, distributed.comm.tls in the configuration of Dask"
+    except (OSError, ValueError) as error:
+        return " ".join(str(error).split()) or type(error).__name__
+    return None if kind == "Scheduler" else f"it is a {kind}"
+
+
 def _require_same(who: str, own: dict[str, str], found: dict[str, Any]) -> None:
     for name, version in own.items():
         if found.get(name) != version:
@@ -176,5 +270,10 @@ def _require_same(who: str, own: dict[str, str], found: dict[str, Any]) -> None:
             )
 
 
-def _said(error: BaseException) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+def _deadly(job: Job, number: int, error: KilledWorker) -> WorkerError:
+    start, stop = job.span(number)
+    return WorkerError(
+        f"batch {number} of {job.name} (samples {start} to {stop - 1}) ended the process of its "
+        f"worker {error.allowed_failures + 1} times: it needs more memory than there is, or a "
+        "library fails on a sample; compute it with one worker to see"
+    )

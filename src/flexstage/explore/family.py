@@ -13,6 +13,7 @@ from flexstage.explore.figures import Figure
 from flexstage.explore.stage_figures import STAGE_FIGURES
 from flexstage.explore.variables import Variable
 from flexstage.lumped import lumped_characteristics, stage_arrays
+from flexstage.progress import subtask
 from flexstage.stage import Stage
 from flexstage.studies.models import analyse_model
 from flexstage.system import Analysis
@@ -132,12 +133,13 @@ def evaluate(
             faults[i] = str(error)
     if model == "lumped":
         _together(family.template.stage(), stages, figures, values)
-    for i, stage in stages.items():
+    for done, (i, stage) in enumerate(stages.items()):
         missing = np.flatnonzero(np.isnan(values[i])).tolist()
         if not missing:
             continue
         try:
-            values[i, missing] = _figures(stage, [figures[k] for k in missing], model)
+            with subtask(done / len(stages), (done + 1) / len(stages)):
+                values[i, missing] = _figures(stage, [figures[k] for k in missing], model)
         except FlexstageError as error:
             values[i], faults[i] = np.nan, str(error)
     return Evaluated(figures=tuple(figures), values=values, faults=tuple(faults))

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -139,6 +139,22 @@ def every_variable(template: StageTemplate, share: float = USUAL_SHARE) -> tuple
     return tuple(variables)
 
 
+def matching_names(
+    known: Mapping[str, object], patterns: Sequence[str], source: str, noun: str = "parameter"
+) -> list[str]:
+    """Return the names that fit some patterns; refuse one that none fits."""
+    found: list[str] = []
+    for pattern in patterns:
+        names = [pattern] if pattern in known else [n for n in known if fnmatchcase(n, pattern)]
+        if not names:
+            raise ModelError(
+                f"{source} has no {noun} '{pattern[:60]}'{did_you_mean(pattern, known)}; there is "
+                f"{_some(list(known))}"
+            )
+        found += names
+    return found
+
+
 def _value(parameter: StageParameter) -> float | None:
     """Value of a continuous parameter; None of a word, a whole number, or what follows others."""
     value = parameter.value
@@ -221,4 +237,4 @@ def _how(parameters: Iterable[StageParameter]) -> str:
 
 def _some(names: list[str]) -> str:
     more = f" and {len(names) - 12} more" if len(names) > 12 else ""
-    return (", ".join(names[:12]) or "none that is a continuous number") + more
+    return (", ".join(names[:12]) or "none") + more

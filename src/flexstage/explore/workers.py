@@ -1,5 +1,6 @@
 """Who computes the batches of a job: this process, or workers where the work is long enough."""
 
+import multiprocessing
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -46,6 +47,11 @@ class Workers:
                 "a cluster has the workers that joined it: give a number of workers or the "
                 "address of a scheduler, not both"
             )
+        if getattr(multiprocessing.current_process(), "_inheriting", False):
+            raise WorkerError(
+                'a program that shares work does so under `if __name__ == "__main__":`, as each '
+                "worker process imports it"
+            )
         if scheduler is not None or (count or 1) > 1:
             require_extra("explore", "distributed", "work on several processes", WorkerError)
         self._count, self._scheduler = count, scheduler
@@ -80,6 +86,8 @@ class Workers:
                 parts[number] = found
                 progress.show(len(parts))
         except WorkerError as error:
+            if not parts:
+                raise
             raise WorkerError(f"{error}; {_what_is_kept(job, kept, len(parts))}") from error
         return joined(parts.pop(number) for number in range(job.batches))
 

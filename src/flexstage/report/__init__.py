@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from flexstage.report.figures.record import draw_record
     from flexstage.report.figures.responses import draw_bode, draw_response
     from flexstage.report.figures.style import encode
+    from flexstage.report.figures.sweep import draw_indices, draw_sweep
     from flexstage.report.figures.tracking import draw_compensation, draw_drive_fit, draw_following
     from flexstage.report.study import report_html
 
@@ -42,6 +43,7 @@ __all__ = [
     "draw_following",
     "draw_hold",
     "draw_identification",
+    "draw_indices",
     "draw_modal_fit",
     "draw_motion_error",
     "draw_neck_stress",
@@ -59,6 +61,7 @@ __all__ = [
     "draw_static_shape",
     "draw_stress",
     "draw_stroke",
+    "draw_sweep",
     "draw_workspace",
     "encode",
     "report_html",

@@ -1,11 +1,15 @@
 """Mass, centre of mass and inertia of every body of a stage, exact for arcs."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
 from flexstage.hinges import Profile
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import AreaIntegrals, Circle, Loop, Point
+
+# on which side of the neck, along the hinge, the halves of bodies a and b lie
+_SIDES = (-1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,10 +57,18 @@ def mass_properties(stage: Stage) -> dict[str, MassProperties]:
     """
     halves: dict[str, list[tuple[Hinge, float]]] = {body.name: [] for body in stage.bodies}
     for hinge in stage.hinges:
-        halves[hinge.bodies[0]].append((hinge, -1.0))
-        halves[hinge.bodies[1]].append((hinge, 1.0))
+        for name, side in zip(hinge.bodies, _SIDES, strict=True):
+            halves[name].append((hinge, side))
     surface_density = stage.thickness * stage.material.density
     return {body.name: _of(body, halves[body.name], surface_density) for body in stage.bodies}
+
+
+def body_mass(stage: Stage, name: str, hinges: Iterable[Hinge]) -> MassProperties:
+    """Return mass, centre of mass and inertia of one body, with other hinges than the stage has."""
+    halves = [
+        (h, sign) for h in hinges for b, sign in zip(h.bodies, _SIDES, strict=True) if b == name
+    ]
+    return _of(stage.body(name), halves, stage.thickness * stage.material.density)
 
 
 def outer_size(stage: Stage) -> tuple[float, float, float]:

@@ -1,6 +1,6 @@
 """Characteristics of many stages at once, by the names and with the values of a single analysis."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from functools import cached_property
 from typing import Any
 
@@ -71,9 +71,7 @@ def batch_characteristics(
     figures = Figures(decided, source)
     known = figures.rows
     chosen = list(known) if wanted is None else list(wanted)
-    for key in chosen:
-        if key not in known:
-            raise ModelError(_unknown(batch, key, known))
+    require_known(batch, chosen, known)
     source.shapes = any(name in ("effective_mass", "effective_inertia") for name, _ in chosen)
     xp, out = source.xp, {}
     # a mechanism divides by nothing, and is no number in the end
@@ -88,14 +86,16 @@ def batch_characteristics(
     return out
 
 
-def _unknown(batch: SystemBatch, key: Key, known: Mapping[Key, Any]) -> str:
-    """Say which figures there are."""
+def require_known(batch: SystemBatch, wanted: Collection[Key], known: Collection[Key]) -> None:
+    """Refuse figures that are not known, and say which are."""
     texts = [f"{quantity} of {axis}" for quantity, axis in known]
-    wanted = f"{key[0]} of {key[1]}"
-    return (
-        f"a batch of stage '{batch.stage.name}' knows no {wanted}, but {', '.join(texts)}; the "
-        f"analysis of a single stage may know more{did_you_mean(wanted, texts)}"
-    )
+    for key in wanted:
+        if key not in known:
+            name = f"{key[0]} of {key[1]}"
+            raise ModelError(
+                f"a batch of stage '{batch.stage.name}' knows no {name}, but {', '.join(texts)}; "
+                f"the analysis of a single stage may know more{did_you_mean(name, texts)}"
+            )
 
 
 def _sure(figures: Figures, source: "_Values") -> Array:

@@ -1,0 +1,122 @@
+"""Where in a box of parameters stages are looked at: on a grid, or spread evenly over it."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+
+#: How points are spread.
+Sampling = Literal["grid", "latin-hypercube", "sobol"]
+SAMPLINGS: tuple[Sampling, ...] = get_args(Sampling)
+
+#: More points than this are more than anybody waits for.
+LARGEST = 10_000_000
+
+
+def grid_points(low: Array, high: Array, counts: Sequence[int]) -> Array:
+    """Return every combination of evenly spaced values, both ends among them.
+
+    The last variable changes fastest, as in nested loops.
+
+    Examples
+    --------
+    >>> grid_points(np.array([0.0, 5.0]), np.array([1.0, 7.0]), (2, 3)).tolist()
+    [[0.0, 5.0], [0.0, 6.0], [0.0, 7.0], [1.0, 5.0], [1.0, 6.0], [1.0, 7.0]]
+    """
+    _require(math.prod(counts))
+    if min(counts) < 2:
+        raise ModelError(f"a grid has 2 values of a variable or more, got {min(counts)}")
+    values = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
+    return np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, len(counts))
+
+
+def grid_counts(samples: int, given: Sequence[int | None]) -> tuple[int, ...]:
+    """Return how many values of each variable a grid of at most so many points has.
+
+    Those that are given are kept; the others have the same count, 2 at least.
+
+    Examples
+    --------
+    >>> grid_counts(400, (None, None)), grid_counts(100, (6, None))
+    ((20, 20), (6, 16))
+    """
+    free = sum(count is None for count in given)
+    share = samples / math.prod(count for count in given if count is not None)
+    each = max(2, math.floor(share ** (1.0 / free) + 1e-9)) if free else 0
+    return tuple(each if count is None else count for count in given)
+
+
+def latin_hypercube_points(low: Array, high: Array, samples: int, seed: int) -> Array:
+    """Return points of which each variable has one in each of `samples` equal slices.
+
+    McKay, Beckman and Conover 1979, by SciPy.
+    """
+    from scipy.stats.qmc import LatinHypercube
+
+    _require(samples)
+    # SciPy before 1.15 knows no other name for it
+    generator: dict[str, Any] = {"seed": np.random.default_rng(seed)}
+    unit = LatinHypercube(len(low), **generator).random(samples)
+    return low + unit * (high - low)
+
+
+def sobol_points(low: Array, high: Array, samples: int, seed: int) -> Array:
+    """Return the first points of a Sobol' sequence, scrambled by a seed (Owen 1998), by SciPy.
+
+    There are as many as the next power of 2 from `samples` on: with another count the points would
+    not be balanced. The first half of them is what half the count would have been.
+    """
+    return low + _sobol(len(low), samples, seed) * (high - low)
+
+
+def saltelli_points(low: Array, high: Array, samples: int, seed: int) -> Array:
+    """Return the points from which `flexstage.explore.sobol_indices` are estimated.
+
+    For each of N base samples, the next power of 2 from `samples` on, these d + 2 points follow one
+    another: a_j and b_j, independent of each other, then a_j with one coordinate after the other
+    taken from b_j (Saltelli et al. 2010, sec. 3). Both are halves of the points of one Sobol'
+    sequence in 2 d dimensions.
+
+    Returns
+    -------
+    Array
+        The points (N (d + 2), d).
+    """
+    d = len(low)
+    both = _sobol(2 * d, samples, seed)
+    _require(len(both) * (d + 2))
+    a, b = both[:, :d], both[:, d:]
+    points = np.repeat(a[:, None, :], d + 2, axis=1)
+    points[:, 1, :] = b
+    each = np.arange(d)
+    points[:, 2 + each, each] = b
+    return low + points.reshape(-1, d) * (high - low)
+
+
+def next_power_of_two(count: int) -> int:
+    """Return the smallest power of 2 that is not below a count.
+
+    Examples
+    --------
+    >>> next_power_of_two(100), next_power_of_two(128)
+    (128, 128)
+    """
+    return 1 << max(count - 1, 0).bit_length()
+
+
+def _sobol(dimensions: int, samples: int, seed: int) -> Array:
+    from scipy.stats.qmc import Sobol
+
+    _require(samples)
+    count = next_power_of_two(samples)
+    generator: dict[str, Any] = {"seed": np.random.default_rng(seed)}
+    return Sobol(dimensions, scramble=True, **generator).random_base2(count.bit_length() - 1)
+
+
+def _require(samples: int) -> None:
+    if not 1 <= samples <= LARGEST:
+        raise ModelError(f"the number of samples must be 1 to {LARGEST}, got {samples}")

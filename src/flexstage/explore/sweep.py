@@ -1,0 +1,381 @@
+"""A sweep: parameters of a stage varied, and figures of every stage that this makes."""
+
+import math
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+from flexstage.explore.batches import Job, batch_size
+from flexstage.explore.family import Family, evaluate
+from flexstage.explore.figures import Figure
+from flexstage.explore.impossible import Cut, Reason, best_cut, reasons
+from flexstage.explore.sampling import (
+    Sampling,
+    grid_counts,
+    grid_points,
+    latin_hypercube_points,
+    next_power_of_two,
+    saltelli_points,
+    sobol_points,
+)
+from flexstage.explore.sobol_indices import FEWEST, SobolIndices, sobol_indices
+from flexstage.explore.variables import Variable
+from flexstage.explore.workers import open_workers
+from flexstage.provenance import Provenance, provenance
+from flexstage.short_repr import short_repr
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from flexstage.explore.workers import Workers
+
+# Points that are looked at where no number is given: of one variable, of a grid of two, and of a
+# sequence, which is also the number of base samples. Models of elements take longer.
+_USUAL = {"lumped": (25, 400, 256), "superelement": (13, 49, 64)}
+_USUAL_OTHERS = (7, 16, 16)
+# what a stage usually takes by a model [s]
+_COST = {"lumped": 5e-3, "superelement": 0.5, "plane": 5.0, "solid": 30.0}
+
+# a figure that varies by less than this share of its size varies by rounding alone
+_ROUNDING = 1e-9
+# and one that varies by less than this is hardly worth a diagram
+_HARDLY = 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepPlan:
+    """Which stages a sweep looks at."""
+
+    sampling: Sampling
+    """How points are spread over the box of the variables."""
+    samples: int
+    """How many are asked for: at most so many on a grid, at least so many of a Sobol' sequence;
+    with `indices` the base samples, each of which needs two points and one for each variable."""
+    seed: int = 0
+    """Seed of what is drawn at random."""
+    indices: bool = False
+    """Whether Sobol' indices are estimated, from points of their own kind."""
+
+    def __post_init__(self) -> None:
+        if self.indices and self.sampling != "sobol":
+            raise ModelError(
+                f"Sobol' indices need points of a Sobol' sequence, got '{self.sampling}': leave "
+                "the plan out"
+            )
+        if self.indices and self.samples < FEWEST:
+            raise ModelError(
+                f"Sobol' indices need {FEWEST} base samples or more, got {self.samples}"
+            )
+
+    def points(self, variables: Sequence[Variable]) -> Array:
+        """Return the points (S, d) [SI]."""
+        low = np.array([variable.low for variable in variables])
+        high = np.array([variable.high for variable in variables])
+        if self.indices:
+            return saltelli_points(low, high, self.samples, self.seed)
+        match self.sampling:
+            case "grid":
+                return grid_points(low, high, self.counts(variables))
+            case "latin-hypercube":
+                return latin_hypercube_points(low, high, self.samples, self.seed)
+            case "sobol":
+                return sobol_points(low, high, self.samples, self.seed)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is done otherwise than it was asked for."""
+        count = next_power_of_two(self.samples)
+        if self.sampling != "sobol" or count == self.samples:
+            return ()
+        what = "base samples" if self.indices else "points"
+        return (f"{count} {what} instead of {self.samples}: a Sobol' sequence goes in powers of 2",)
+
+    def counts(self, variables: Sequence[Variable]) -> tuple[int, ...]:
+        """Return how many values of each variable there are on a grid; nothing for other points."""
+        if self.sampling != "grid":
+            return ()
+        return grid_counts(self.samples, [variable.count for variable in variables])
+
+
+def usual_plan(
+    variables: Sequence[Variable],
+    model: str,
+    *,
+    sampling: Sampling | None = None,
+    samples: int | None = None,
+    seed: int = 0,
+    indices: bool = False,
+) -> SweepPlan:
+    """Return a plan of which something is left open.
+
+    One or two variables are looked at on a grid, more by a Sobol' sequence, and as many points as
+    can be waited for.
+    """
+    few = len(variables) <= 2
+    if sampling is None:
+        counted = all(variable.count is not None for variable in variables)
+        sampling = "grid" if (few or counted) and not indices else "sobol"
+    if samples is None:
+        usual = _USUAL.get(model, _USUAL_OTHERS)
+        samples = usual[len(variables) - 1 if few and sampling == "grid" else 2]
+    return SweepPlan(sampling=sampling, samples=samples, seed=seed, indices=indices)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sweep:
+    """Figures of the stages that a sweep looked at."""
+
+    stage: str
+    """Name of the stage as it is described."""
+    model: str
+    """The model that the figures are of."""
+    plan: SweepPlan
+    """Which stages were looked at."""
+    variables: tuple[Variable, ...]
+    """What was varied."""
+    figures: tuple[Figure, ...]
+    """What was looked at."""
+    points: Array
+    """Values of the variables (S, d) [SI]."""
+    values: Array
+    """Values of the figures (S, F), in the units of their quantities; NaN where no stage is."""
+    faults: tuple[str, ...]
+    """Why a point is no stage, in a sentence; empty where it is one."""
+    described: Array
+    """Figures of the stage as it is described (F,)."""
+    indices: SobolIndices | None = None
+    """Sobol' indices, where they were asked for and could be estimated."""
+    notes: tuple[str, ...] = ()
+    """What is to be known of the result."""
+    provenance: Provenance
+    """Where it comes from."""
+
+    __repr__ = short_repr
+
+    @property
+    def possible(self) -> np.ndarray:
+        """Which points are a stage (S,)."""
+        return np.array([not fault for fault in self.faults])
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """How many values of each variable a grid has; empty for other points."""
+        return self.plan.counts(self.variables)
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """Why points are no stage, the commonest reason first."""
+        return reasons(self.faults)
+
+    @property
+    def cut(self) -> Cut | None:
+        """The one bound that best leaves out what is no stage, if one does."""
+        return best_cut(self.points, self.faults)
+
+    @property
+    def advice(self) -> str:
+        """How to leave out what is no stage, in a sentence; empty where one bound does not."""
+        cut = self.cut
+        if cut is None:
+            return ""
+        variable = self.variables[cut.variable]
+        shown = f"{float(f'{cut.value * variable.factor:.3g}'):.10g}"
+        also = f", and {100.0 * cut.possible:.0f} % of the others" if cut.possible > 0.005 else ""
+        return (
+            f"{variable.name} from {shown} {variable.unit} on"
+            if cut.bound == "low"
+            else f"{variable.name} up to {shown} {variable.unit}"
+        ) + f" leaves out {100.0 * cut.impossible:.0f} % of the impossible ones{also}"
+
+    @property
+    def still(self) -> np.ndarray:
+        """Which figures do not vary, but for rounding (F,)."""
+        found = self.values[self.possible]
+        if not len(found):
+            return np.ones(len(self.figures), dtype=bool)
+        size = np.abs(found).max(axis=0)
+        zero = np.array([figure.shown.zero for figure in self.figures])
+        return (size < zero) | (np.ptp(found, axis=0) <= _ROUNDING * size)
+
+    @property
+    def moving(self) -> tuple[int, ...]:
+        """The figures worth looking at: those that vary by more than 0.1 %, else all that vary."""
+        found = self.values[self.possible]
+        with np.errstate(invalid="ignore"):
+            much = np.ptp(found, axis=0) > _HARDLY * np.abs(found).max(axis=0)
+        much &= ~self.still
+        return tuple(int(k) for k in np.flatnonzero(much if much.any() else ~self.still))
+
+    @property
+    def least(self) -> tuple[int, ...]:
+        """The point at which each figure is least."""
+        return tuple(int(column.argmin()) for column in self._filled(math.inf).T)
+
+    @property
+    def greatest(self) -> tuple[int, ...]:
+        """The point at which each figure is greatest."""
+        return tuple(int(column.argmax()) for column in self._filled(-math.inf).T)
+
+    def _filled(self, value: float) -> Array:
+        return np.where(np.isnan(self.values), value, self.values)
+
+    @property
+    def correlations(self) -> Array:
+        """Rank correlation of each figure with each variable (F, d), after Spearman 1904.
+
+        1 where a figure rises with a variable all the way, -1 where it falls; NaN of what does not
+        vary.
+        """
+        from scipy.stats import rankdata
+
+        figures, variables = len(self.figures), len(self.variables)
+        out = np.full((figures, variables), math.nan)
+        if self.possible.sum() < 3:
+            return out
+        x = rankdata(self.points[self.possible], axis=0)
+        y = rankdata(self.values[self.possible], axis=0)
+        x, y = x - x.mean(axis=0), y - y.mean(axis=0)
+        sizes = np.linalg.norm(y, axis=0)[:, None] * np.linalg.norm(x, axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            out = y.T @ x / sizes
+        out[self.still] = math.nan
+        return out
+
+    def strongest(self, count: int) -> tuple[int, ...]:
+        """Return the variables that move a figure most, as many as asked for, in their order."""
+        found = np.abs(self.correlations) if self.indices is None else self.indices.total
+        strength = np.nan_to_num(found).max(axis=0)
+        return tuple(sorted(int(i) for i in np.argsort(-strength, kind="stable")[:count]))
+
+    def on_grid(self, figure: int) -> Array:
+        """Return the values of a figure on the grid, an axis for each variable."""
+        return self.values[:, figure].reshape(self.counts)
+
+
+def sweep(
+    family: Family,
+    figures: Sequence[Figure],
+    plan: SweepPlan,
+    *,
+    model: str = "lumped",
+    workers: "Workers | None" = None,
+    keep: "Path | None" = None,
+) -> Sweep:
+    """Vary the parameters of a stage, and compute its figures at every point.
+
+    Points that are no stage stay in the result, with the sentence that says why.
+
+    Parameters
+    ----------
+    family : Family
+        The stage and what is varied of it.
+    figures : sequence of Figure
+        What is computed.
+    plan : SweepPlan
+        Which points are looked at.
+    model : str
+        ``lumped``, ``superelement``, ``plane`` or ``solid``.
+    workers : Workers, optional
+        Who shares the work, as `flexstage.explore.open_workers` gives it; this process alone
+        where not given. The numbers do not depend on it.
+    keep : Path, optional
+        Folder of finished batches, from which an interrupted sweep goes on.
+
+    Returns
+    -------
+    Sweep
+        The figures of all points.
+
+    Raises
+    ------
+    ModelError
+        No point is a stage, or there is no such model.
+
+    Examples
+    --------
+    >>> from flexstage.designs import StageTemplate
+    >>> from flexstage.explore import Family, Figure, SweepPlan, variables_of
+    >>> guide = StageTemplate.of("parallelogram")
+    >>> necks = variables_of(guide, ["leg.notch.neck_thickness=0.3..0.5 mm"])
+    >>> found = sweep(
+    ...     Family(template=guide, variables=necks),
+    ...     [Figure(quantity="natural_frequency_hz", axis="x")],
+    ...     SweepPlan(sampling="grid", samples=3),
+    ... )
+    >>> found.values[:, 0].round(1).tolist()
+    [104.0, 147.8, 193.7]
+    """
+    points = plan.points(family.variables)
+    figures = tuple(figures)
+    job = Job(
+        name="sweep",
+        work=_evaluated,
+        payload=(family, points, figures, model),
+        count=len(points),
+        batch=batch_size(len(points), _COST.get(model, 1.0)),
+    )
+    # first, so that a wrong model or figure is refused at once
+    usual = evaluate(family, family.usual[None], figures, model)
+    lacking = [figures[k].name for k in np.flatnonzero(np.isnan(usual.values[0]))]
+    if lacking and not usual.faults[0]:
+        raise ModelError(f"the {model} model gives no {', '.join(lacking)}: leave it out")
+    with nullcontext(workers) if workers is not None else open_workers(1) as shared:
+        found = shared.run(job, keep)
+    faults = tuple(str(fault) for fault in found["fault"])
+    if all(faults):
+        why = reasons(faults)[0]
+        raise ModelError(
+            f"none of the {len(points)} points is a possible stage; {why.count} of them: "
+            f"{why.text}; choose other bounds"
+        )
+    indices, notes = None, plan.notes
+    if plan.indices:
+        try:
+            indices = sobol_indices(_by_base_sample(found["values"], figures, family), plan.seed)
+        except ModelError as error:
+            notes = (*notes, f"no Sobol' indices: {error}")
+    return Sweep(
+        stage=family.stage(family.usual).name,
+        model=model,
+        plan=plan,
+        variables=family.variables,
+        figures=figures,
+        points=points,
+        values=found["values"],
+        faults=faults,
+        described=usual.values[0],
+        indices=indices,
+        notes=notes,
+        provenance=provenance(
+            family.template,
+            {
+                "model": model,
+                "plan": plan.sampling,
+                "samples": str(plan.samples),
+                "seed": str(plan.seed),
+                "figures": ", ".join(figure.name for figure in figures),
+                **{v.name: f"{v.text(v.low)} to {v.text(v.high)}" for v in family.variables},
+            },
+        ),
+    )
+
+
+def _evaluated(
+    payload: tuple[Family, Array, tuple[Figure, ...], str], start: int, stop: int
+) -> dict[str, np.ndarray]:
+    """Evaluate some of the points: the work of a batch."""
+    family, points, figures, model = payload
+    found = evaluate(family, points[start:stop], figures, model)
+    return {"values": found.values, "fault": np.array(found.faults, dtype=np.str_)}
+
+
+def _by_base_sample(values: Array, figures: Sequence[Figure], family: Family) -> Array:
+    """Return values of points that belong together (N, d + 2, F); what is rounding as zero."""
+    zero = np.array([figure.shown.zero for figure in figures])
+    values = np.where(np.abs(values) < zero, 0.0, values)
+    return values.reshape(-1, len(family.variables) + 2, len(figures))

@@ -1,0 +1,391 @@
+"""A sweep: figures of a stage over what was varied of it, and which variable moves what."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+from flexstage.explore.figures import Figure
+from flexstage.explore.sweep import Sweep
+from flexstage.explore.variables import Variable
+from flexstage.quantities import Quantity
+from flexstage.report.figures.style import (
+    CYCLE,
+    HATCH,
+    INK,
+    MUTED,
+    PAPER,
+    dress,
+    entitle,
+    new_figure,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
+    from matplotlib.figure import Figure as Drawing
+
+#: Diagrams beside each other, and how wide they are together [inch].
+_COLUMNS = 3
+_WIDTH = 9.6
+#: Lines and words on the colours of a map, which stay light where a page is dark.
+_ON_MAP = "#14181c"
+#: Columns of a matrix of diagrams, and rows of bars, that can still be read.
+_MOST_COLUMNS = 5
+_MOST_BARS = 16
+#: Slices of a variable over which the middle of what was found is drawn.
+_SLICES = 12
+_LEVELS = 9
+#: Share of a map by which a word keeps clear of a mark, and which a line is long that has a word.
+_CLEAR = 0.12
+_DESCRIBED = "stage as described"
+_IMPOSSIBLE = "no possible stage"
+
+
+def draw_sweep(sweep: Sweep) -> "Drawing":
+    """Draw the figures that vary over what was varied.
+
+    Of one variable curves, of two on a grid maps with lines of equal value, else a diagram for each
+    figure and each variable.
+    """
+    if sweep.still.all():
+        raise ModelError("no figure of the sweep varies: there is nothing to draw")
+    if len(sweep.variables) == 1:
+        return _curves(sweep)
+    if len(sweep.variables) == 2 and sweep.counts:
+        return _maps(sweep)
+    return _matrix(sweep)
+
+
+def draw_indices(sweep: Sweep) -> "Drawing":
+    """Draw Sobol' indices: for each figure and variable a bar of either order, and its interval."""
+    from matplotlib.patches import Patch
+
+    found = sweep.indices
+    if found is None:
+        raise ModelError("the sweep has no Sobol' indices: ask for them")
+    shown = [k for k in sweep.moving if np.isfinite(found.total[k]).all()]
+    if not shown:
+        raise ModelError("no figure of the sweep varies: there is nothing to draw")
+    chosen = list(sweep.strongest(_MOST_BARS))
+    names = [sweep.variables[i].name for i in chosen]
+    rows, columns = _rows_and_columns(len(shown))
+    wide = 0.075 * max(map(len, names))
+    figure = new_figure(
+        wide + (3.9 if columns == 2 else 2.6) * columns, rows * (0.34 * len(names) + 0.75) + 0.7
+    )
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    colours = (CYCLE[0], CYCLE[5])
+    at = np.arange(len(names))
+    highest = max(np.max(part[shown]) for part in (found.first_high, found.total_high))
+    furthest = min(max(1.05, highest + 0.03), 1.6)
+    for axes, k in zip(grid.flat, shown, strict=False):
+        dress(axes)
+        axes.grid(visible=False, axis="y")
+        entitle(axes, sweep.figures[k].label, 8.5)
+        for shift, colour, value, low, high in (
+            (-0.19, colours[0], found.first, found.first_low, found.first_high),
+            (0.19, colours[1], found.total, found.total_low, found.total_high),
+        ):
+            middle = value[k, chosen]
+            axes.barh(at + shift, np.maximum(middle, 0.0), height=0.36, color=colour)
+            axes.hlines(at + shift, low[k, chosen], high[k, chosen], color=INK, linewidth=0.9)
+        axes.set(xlim=(-0.04, furthest), ylim=(len(names) - 0.45, -0.55))
+        axes.axvline(0.0, color=MUTED, linewidth=0.6)
+        axes.set_yticks(at, names, fontsize=7.5, parse_math=False)
+    _blank(grid.flat[len(shown) :])
+    for axes in grid.flat[: len(shown)][-columns:]:
+        axes.set_xlabel("share of the variance [1]", fontsize=8)
+        axes.tick_params(axis="x", labelbottom=True)
+    percent = f"{100.0 * found.confidence:g} %"
+    handles: list[Artist] = [
+        Patch(color=colours[0], label="alone (first order)"),
+        Patch(color=colours[1], label="with others (total)"),
+        _line(INK, "-", f"interval of {percent}"),
+    ]
+    _legend(figure, handles)
+    _say_of(figure, len(chosen), sweep)
+    return figure
+
+
+def _curves(sweep: Sweep) -> "Drawing":
+    """Draw every figure over the one variable."""
+    variable = sweep.variables[0]
+    order = np.argsort(sweep.points[:, 0], kind="stable")
+    x = sweep.points[order, 0] * variable.factor
+    shown = sweep.moving
+    figure, grid = _small_multiples(len(shown), 2.4)
+    gaps = _spans(x, ~sweep.possible[order])
+    for axes, k in zip(grid, shown, strict=True):
+        shape = _scaled(sweep, k)
+        y = sweep.values[order, k] * shape.factor
+        for low, high in gaps:
+            axes.axvspan(low, high, facecolor="none", edgecolor=HATCH, hatch="////", linewidth=0.0)
+        marks = {"marker": "o", "markersize": 2.6} if len(x) <= 60 else {}
+        axes.plot(x, y, color=CYCLE[0], linewidth=1.3, **marks)
+        usual = variable.usual * variable.factor
+        if _holds_usual(variable):
+            axes.axvline(usual, color=CYCLE[1], linewidth=0.9, linestyle=(0, (4, 2)))
+            axes.plot(
+                [usual], [sweep.described[k] * shape.factor], marker="D", markersize=4.5,
+                color=CYCLE[1], linestyle="none", clip_on=False,
+            )  # fmt: skip
+        axes.set_xlim(variable.low * variable.factor, variable.high * variable.factor)
+        axes.set_xlabel(variable.heading, fontsize=8, parse_math=False)
+        entitle(axes, _heading(sweep.figures[k], shape), 8.5)
+    handles = [_described_mark(dashed=True)] if _holds_usual(variable) else []
+    if gaps:
+        handles.append(_hatched())
+    _legend(figure, handles)
+    return figure
+
+
+def _maps(sweep: Sweep) -> "Drawing":
+    """Draw every figure as a map over two variables."""
+    across, up = sweep.variables
+    shape = sweep.counts
+    x = sweep.points[:, 0].reshape(shape) * across.factor
+    y = sweep.points[:, 1].reshape(shape) * up.factor
+    shown = sweep.moving
+    figure, grid = _small_multiples(len(shown), 2.9, lines=False)
+    colours = _map_colours()
+    gone = not sweep.possible.all()
+    usual = across.usual * across.factor, up.usual * up.factor
+    inside = _holds_usual(across) and _holds_usual(up)
+    for axes, k in zip(grid, shown, strict=True):
+        scaled = _scaled(sweep, k)
+        values = np.ma.masked_invalid(sweep.on_grid(k) * scaled.factor)
+        if gone:
+            axes.axvspan(
+                x.min(), x.max(), facecolor="none", edgecolor=HATCH, hatch="////", linewidth=0.0,
+                zorder=0,
+            )  # fmt: skip
+        levels = _levels(values)
+        axes.contourf(x, y, values, levels=levels, cmap=colours, extend="both")
+        lines = axes.contour(x, y, values, levels=levels, colors=_ON_MAP, linewidths=0.6)
+        places = _middles(lines.allsegs, (np.ptp(x), np.ptp(y)), usual if inside else None)
+        axes.clabel(lines, fmt="%.10g", fontsize=6.5, inline_spacing=2, manual=places)
+        if inside:
+            axes.plot(
+                *usual, marker="D", markersize=5.5, color=CYCLE[1], markeredgecolor=PAPER,
+                linestyle="none", zorder=5, clip_on=False,
+            )  # fmt: skip
+        axes.set(xlim=(x.min(), x.max()), ylim=(y.min(), y.max()))
+        axes.set_xlabel(across.heading, fontsize=8, parse_math=False)
+        axes.set_ylabel(up.heading, fontsize=8, parse_math=False)
+        entitle(axes, _heading(sweep.figures[k], scaled), 8.5)
+    handles: list[Artist] = [_described_mark()] if inside else []
+    if gone:
+        handles.append(_hatched())
+    _legend(figure, handles)
+    return figure
+
+
+def _matrix(sweep: Sweep) -> "Drawing":
+    """Draw a diagram for each figure and variable: all points, and the middle of them by slices."""
+    from matplotlib.patches import Patch
+
+    shown, possible = sweep.moving, sweep.possible
+    chosen = sweep.strongest(_MOST_COLUMNS)
+    correlations = sweep.correlations
+    figure = new_figure(_WIDTH, 1.4 * len(shown) + 0.9)
+    grid = figure.subplots(len(shown), len(chosen), sharex="col", sharey="row", squeeze=False)
+    for row, k in zip(grid, shown, strict=True):
+        scaled = _scaled(sweep, k)
+        y = sweep.values[possible, k] * scaled.factor
+        for axes, i in zip(row, chosen, strict=True):
+            variable = sweep.variables[i]
+            dress(axes)
+            x = sweep.points[:, i] * variable.factor
+            # so many dots would make a file that no page holds
+            axes.plot(
+                x[possible], y, linestyle="none", marker=".", markersize=2.0, color=CYCLE[5],
+                alpha=0.6, rasterized=True,
+            )  # fmt: skip
+            middle, low, half, high = _by_slices(x[possible], y)
+            axes.fill_between(middle, low, high, color=CYCLE[0], alpha=0.18, linewidth=0.0)
+            axes.plot(middle, half, color=CYCLE[0], linewidth=1.4)
+            if _holds_usual(variable):
+                usual = variable.usual * variable.factor
+                axes.axvline(usual, color=CYCLE[1], linewidth=0.8, linestyle=(0, (4, 2)))
+            if not possible.all():
+                bottom = {"transform": axes.get_xaxis_transform(), "clip_on": True}
+                axes.vlines(
+                    x[~possible], 0.0, 0.05, color=CYCLE[3], linewidth=0.4, rasterized=True,
+                    **bottom,
+                )  # fmt: skip
+            axes.set_title(
+                f"r = {_signed(correlations[k, i])}", loc="right", fontsize=6.5, color=MUTED, pad=2
+            )
+            axes.ticklabel_format(useOffset=False)
+            axes.set_xlim(variable.low * variable.factor, variable.high * variable.factor)
+            axes.margins(y=0.12)
+        row[0].set_ylabel(_heading(sweep.figures[k], scaled, broken=True), fontsize=7.5)
+    for axes, i in zip(grid[-1], chosen, strict=True):
+        axes.set_xlabel(sweep.variables[i].heading, fontsize=7.5, parse_math=False)
+    handles: list[Artist] = [
+        _line(CYCLE[0], "-", "median"),
+        Patch(color=CYCLE[0], alpha=0.18, label="80 % of the stages"),
+        _line(MUTED, "none", "r: rank correlation"),
+    ]
+    if any(_holds_usual(sweep.variables[i]) for i in chosen):
+        handles.insert(2, _line(CYCLE[1], (0, (4, 2)), _DESCRIBED))
+    if not possible.all():
+        handles.append(_line(CYCLE[3], "-", f"at the foot: {_IMPOSSIBLE}"))
+    _legend(figure, handles)
+    _say_of(figure, len(chosen), sweep)
+    return figure
+
+
+def _signed(value: float) -> str:
+    """Write a correlation with its sign, which nothing has none of."""
+    return "0.00" if abs(value) < 0.005 else f"{value:+.2f}".replace("-", "−")
+
+
+def _holds_usual(variable: Variable) -> bool:
+    """Say whether the stage as it is described lies between the bounds."""
+    return variable.low <= variable.usual <= variable.high
+
+
+def _scaled(sweep: Sweep, k: int) -> Quantity:
+    """Return the quantity of a figure in a unit that suits what was found."""
+    return sweep.figures[k].shown.fitting(float(np.nanmax(np.abs(sweep.values[:, k]))))
+
+
+def _heading(figure: Figure, shown: Quantity, *, broken: bool = False) -> str:
+    """Name of a figure with the unit that it is drawn in."""
+    unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
+    if not broken:
+        return f"{figure.label}{unit}"
+    words = figure.label.split()
+    half = -(-len(words) // 2)
+    return f"{' '.join(words[:half])}\n{' '.join(words[half:])}{unit}"
+
+
+def _small_multiples(
+    count: int, height: float, *, lines: bool = True
+) -> "tuple[Drawing, list[Axes]]":
+    rows, columns = _rows_and_columns(count)
+    figure = new_figure(_WIDTH if columns > 1 else 4.8, height * rows + 0.5)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    _blank(grid.flat[count:])
+    for axes in grid.flat[:count]:
+        dress(axes, grid=lines)
+        axes.ticklabel_format(useOffset=False)
+    return figure, list(grid.flat[:count])
+
+
+def _rows_and_columns(count: int) -> tuple[int, int]:
+    columns = 2 if count == 4 else min(_COLUMNS, count)
+    return -(-count // columns), columns
+
+
+def _blank(rest: "np.ndarray") -> None:
+    for axes in rest:
+        axes.set_axis_off()
+
+
+def _spans(x: Array, bad: np.ndarray) -> list[tuple[float, float]]:
+    """Return the stretches of x nearer to a point that is bad than to one that is not."""
+    edges = np.concatenate((x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]))
+    spans: list[tuple[float, float]] = []
+    for low, high in ((edges[i], edges[i + 1]) for i in np.flatnonzero(bad)):
+        if spans and spans[-1][1] == low:
+            spans[-1] = (spans[-1][0], float(high))
+        else:
+            spans.append((float(low), float(high)))
+    return spans
+
+
+def _levels(values: "np.ma.MaskedArray") -> Array:
+    """Return round values within what a map shows."""
+    from matplotlib.ticker import MaxNLocator
+
+    low, high = float(values.min()), float(values.max())
+    found = np.array(MaxNLocator(_LEVELS, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+    inside = found[(found > low) & (found < high)]
+    return inside if len(inside) else np.array([0.5 * (low + high)])
+
+
+def _middles(
+    lines: "Sequence[Sequence[Array]]", size: tuple[float, float], mark: tuple[float, float] | None
+) -> list[tuple[float, float]]:
+    """Return where the value of each line of a map is written: amid its longest stretch."""
+    places = []
+    for stretches in lines:
+        longest, length = None, _CLEAR
+        for stretch in stretches:
+            steps = np.hypot(*(np.diff(stretch, axis=0) / size).T)
+            if steps.sum() > length:
+                longest, length = stretch, float(steps.sum())
+        if longest is None:
+            continue
+        along = np.concatenate(([0.0], np.cumsum(np.hypot(*(np.diff(longest, axis=0) / size).T))))
+        for share in (0.5, 0.3, 0.7):
+            at = longest[int(np.argmin(np.abs(along - share * along[-1])))]
+            if mark is None or np.hypot(*((at - mark) / size)) > _CLEAR:
+                break
+        places.append((float(at[0]), float(at[1])))
+    return places
+
+
+def _by_slices(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
+    """Return middles of slices of x with as many points, and the quantiles of y there."""
+    values = np.unique(x)
+    if len(values) <= _SLICES:  # a grid
+        parts = [x == value for value in values]
+    else:
+        edges = np.quantile(x, np.linspace(0.0, 1.0, min(_SLICES, max(len(x) // 8, 2)) + 1))
+        at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+        parts = [at == i for i in range(len(edges) - 1)]
+    parts = [part for part in parts if part.any()]
+    middle = np.array([x[part].mean() for part in parts])
+    low, half, high = np.array([np.quantile(y[part], (0.1, 0.5, 0.9)) for part in parts]).T
+    return middle, low, half, high
+
+
+def _map_colours() -> "Colormap":
+    """Return light colours, on which lines and words in ink can be read."""
+    import matplotlib as mpl
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(mpl.colormaps["YlGnBu"](np.linspace(0.02, 0.62, 256)), name="flexstage")
+
+
+def _described_mark(*, dashed: bool = False) -> "Artist":
+    from matplotlib.lines import Line2D
+
+    return Line2D(
+        [], [], color=CYCLE[1], marker="D", markersize=4.5, label=_DESCRIBED,
+        linestyle=(0, (4, 2)) if dashed else "none", linewidth=0.9,
+    )  # fmt: skip
+
+
+def _line(colour: str, style: Any, label: str) -> "Artist":
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], color=colour, linestyle=style, linewidth=1.2, label=label)
+
+
+def _hatched() -> "Artist":
+    from matplotlib.patches import Patch
+
+    return Patch(facecolor="none", edgecolor=HATCH, hatch="////", linewidth=0.0, label=_IMPOSSIBLE)
+
+
+def _say_of(figure: "Drawing", shown: int, sweep: Sweep) -> None:
+    """Say above a figure that some of the variables are not shown."""
+    if shown < len(sweep.variables):
+        said = f"the {shown} of {len(sweep.variables)} variables that move a figure most"
+        figure.suptitle(said, x=0.01, ha="left", fontsize=8, color=MUTED)
+
+
+def _legend(figure: "Drawing", handles: "list[Artist]") -> None:
+    if handles:
+        figure.legend(
+            handles=handles, loc="outside lower right", ncols=len(handles), fontsize=7.5,
+            frameon=False, labelcolor=INK,
+        )  # fmt: skip
