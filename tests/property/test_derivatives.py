@@ -11,7 +11,8 @@ from scipy.linalg import eigh
 from flexstage.designs import DESIGNS, design
 from flexstage.designs.template import StageTemplate
 from flexstage.errors import FlexstageError, ModelError
-from flexstage.explore.family import Family
+from flexstage.explore.family import Family, jacobian
+from flexstage.explore.figures import Figure
 from flexstage.explore.variables import every_variable
 from flexstage.lumped import (
     assemble_batch,
@@ -252,3 +253,23 @@ def test_derivatives_are_those_of_one_stage_and_of_figures_that_are_known() -> N
         characteristic_derivatives(batch, slopes, [("stroke", "x")])
     with pytest.raises(ModelError, match="step of parameter 'neck' must be positive"):
         parameter_tangents(lambda _: stage, 0.0, name="neck")
+
+
+def test_a_search_is_given_the_analytic_slopes() -> None:
+    template = StageTemplate.of("three-rrr")
+    family = Family(template=template, variables=every_variable(template)[:4])
+    keys = ("natural_frequency_hz", "theta"), ("max_stress", "stage"), ("condition_number", "stage")
+    # the narrowest slot is no figure of the batch: it comes by differences
+    figures = [Figure(quantity=q, axis=a) for q, a in (*keys, ("smallest_slot", "stage"))]
+    values, slopes = jacobian(family, family.usual, figures)
+    assert np.isfinite(slopes).all()
+    for j, variable in enumerate(family.variables):
+
+        def build(x: float, j: int = j) -> Stage:
+            return family.stage(np.where(np.arange(4) == j, x, family.usual))
+
+        tangents = parameter_tangents(build, variable.usual)
+        found = characteristic_derivatives(*system_tangents(tangents), keys)
+        for k, key in enumerate(keys):
+            size = max(abs(values[k] / variable.usual), abs(found[key][0]))
+            assert slopes[k, j] == pytest.approx(found[key][0], rel=0.0, abs=1e-7 * size)

@@ -119,10 +119,22 @@ def test_without_libraries_the_other_files_are_written(run, tmp_path, monkeypatc
         "sweep.json",
         "sweep.svg",
     ]
-    assert told["files"] == ["out/sweep.json", "out/sweep.csv", "out/sweep.svg"]
+    assert told["files"] == ["out/sweep.csv", "out/sweep.json", "out/sweep.svg"]
     for name, note in zip(("sweep.parquet", "sweep.html"), told["notes"], strict=True):
         assert note.startswith(f"{name} was not written: ")
         assert note.endswith('pip install "flexstage[explore]"')
+
+
+def test_what_cannot_be_drawn_is_said_and_the_rest_is_written(run, tmp_path):
+    words = "sweep", "parallelogram", *SPACING, "--of", "ratio", "--folder", "out"
+    status, out, _ = run(*words, "--figure", "a.png")
+    assert status == 0
+    assert "note: a.png was not written: no figure of the sweep varies" in out
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == [
+        "sweep.csv",
+        "sweep.json",
+        "sweep.parquet",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -135,6 +147,7 @@ def test_without_libraries_the_other_files_are_written(run, tmp_path, monkeypatc
         (["parallelogram", *NECK, "--plan", "gridd"], "did you mean 'grid'?"),
         (["parallelogram", *NECK, "--model", "liquid"], "the model 'liquid' is not known"),
         (["parallelogram", *NECK, "--indices", "--plan", "grid"], "leave the plan out"),
+        (["parallelogram", *NECK, "--indices", "--samples", "9"], "16 base samples or more, got 9"),
         (["parallelogram", "--over", "leg_spacing=5..8 mm"], "is a possible stage"),
         (["nowhere.yaml", *NECK], "no built-in design and no file is called 'nowhere.yaml'"),
         (["part.dxf", *NECK], "is a drawing, whose dimensions are fixed"),

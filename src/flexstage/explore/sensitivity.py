@@ -21,6 +21,8 @@ from flexstage.short_repr import short_repr
 SHARE = 0.01
 #: What a length that is zero changes by where nothing else is said [m].
 LENGTH = 10e-6
+# part of the range of a variable of hinges that a difference quotient takes [1]
+_PART = 1e-5
 # hinges are alike if what they do differs by less than this of the largest, or of the figure [1]
 _ALIKE, _UNSEEN = 1e-3, 5e-5
 
@@ -101,7 +103,7 @@ def sensitivities(
     r"""Return what the variables of a family do to figures of its stage as it is described.
 
     Slopes are those of `flexstage.explore.jacobian` at the usual values, whatever the bounds; of
-    hinges, those that do the same are one.
+    hinges, the means of those to either side, and hinges that do the same are one.
 
     Parameters
     ----------
@@ -126,8 +128,9 @@ def sensitivities(
 
     Notes
     -----
-    Where several hinges have the largest stress alike, it has no slope by one of them alone: what
-    is given is the mean of that to either side. Two axes of one frequency have none either.
+    Where several hinges have the largest stress alike, as mirror images have, it has a bend by one
+    of them alone, and the mean of both sides says as much of each. Two axes of one frequency have
+    no slopes of their own.
 
     Validity: small changes. A figure that is the largest of several has a bend where another one
     becomes it.
@@ -148,7 +151,8 @@ def sensitivities(
     if not family.variables or not figures:
         raise ModelError("sensitivities need a parameter and a figure at least")
     point = family.usual
-    values, slopes = jacobian(family, point, figures, model)
+    slopes_of = _mean_of_sides if isinstance(family, HingeFamily) else jacobian
+    values, slopes = slopes_of(family, point, figures, model)
     reasons = dict(left_out or {})
     known = np.isfinite(values)
     lost = np.isnan(slopes[known]).all(axis=0) if known.any() else np.ones(len(point), dtype=bool)
@@ -225,6 +229,18 @@ def _why(parameter: StageParameter) -> str:
         case float():
             return "it is zero"
     return "it is a list"
+
+
+def _mean_of_sides(
+    family: Family, point: Array, figures: Sequence[Figure], model: str
+) -> tuple[Array, Array]:
+    """Values of figures, shape (f,), and their central difference quotients, shape (f, d)."""
+    steps = _PART * np.diag(np.ptp(family.bounds, axis=1))
+    found = evaluate(
+        family, np.concatenate((point[None], point + steps, point - steps)), figures, model
+    )
+    above, below = np.split(found.values[1:], 2)
+    return found.values[0], ((above - below) / (2.0 * np.diag(steps)[:, None])).T
 
 
 def _fault(family: Family, figures: Sequence[Figure], model: str, k: int) -> str:

@@ -6,6 +6,7 @@ central differences of fourth order; from there on everything is analytic, by th
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -31,9 +32,9 @@ from flexstage.stage.mass import body_mass
 from flexstage.system.batch import SystemBatch, arrays_of
 from flexstage.system.mechanical import STANDARD_GRAVITY
 
-# Step of differences, of the value that is changed. What fourth order leaves out is some hundred
-# times its fourth power; what rounding adds is 1e-13 of the description over the step.
-_STEP = 5e-4
+# Steps of differences by their order, of the value that is changed. What fourth order leaves out is
+# some hundred times the fourth power; what rounding adds is 1e-13 of the description over the step.
+_STEPS = {2: 2e-5, 4: 5e-4}
 # Steps of hinges in place [m] and direction [rad]: twice as far they still grow from their edges.
 _STEP_PLACE, _STEP_DIRECTION = 2e-7, 1e-4
 
@@ -81,6 +82,7 @@ def parameter_tangents(
     *,
     name: str = "parameter",
     step: float | None = None,
+    order: Literal[2, 4] = 4,
     arrays: StageArrays | None = None,
 ) -> StageTangents:
     r"""Return the derivatives of what the lumped model is made of by a parameter.
@@ -99,7 +101,9 @@ def parameter_tangents(
     name : str
         The name of the parameter.
     step : float, optional
-        The step h; 1/2000 of the value where not given.
+        The step h; 1/2000 of the value where not given, of second order 1/50 000.
+    order : int
+        Order of the difference: 4, or 2 for half of the work and still some 1e-8 of the derivative.
     arrays : StageArrays, optional
         What the stage is made of at `value`, where it is known.
 
@@ -130,7 +134,7 @@ def parameter_tangents(
     >>> bool(np.allclose(per_thickness, found.arrays.hinge_stiffness))
     True
     """
-    h = _STEP * abs(value) if step is None else step
+    h = _STEPS[order] * abs(value) if step is None else step
     if not h > 0.0:
         raise ModelError(f"the step of parameter '{name}' must be positive, got {h!r}: give one")
     if arrays is None:
@@ -154,7 +158,7 @@ def parameter_tangents(
             for field, x in zip(FIELDS, found, strict=True)
         )
 
-    found, weights = _around(values)
+    found, weights = _around(values, order)
     slopes = {
         field: _difference([part[i] for part in found], weights, h)[None]
         for i, field in enumerate(FIELDS)
@@ -162,16 +166,21 @@ def parameter_tangents(
     return StageTangents(names=(name,), arrays=arrays, slopes=replace(arrays, **slopes))
 
 
-# Weights of values so many steps away, all of them of fourth order.
-_CENTRAL = {1: 8.0, -1: -8.0, 2: -1.0, -2: 1.0}
-_AHEAD = {0: -25.0, 1: 48.0, 2: -36.0, 3: 16.0, 4: -3.0}
+# Weights of values so many steps away, by order: to both sides, and ahead of the value.
+_CENTRAL = {2: {1: 0.5, -1: -0.5}, 4: {1: 8 / 12, -1: -8 / 12, 2: -1 / 12, -2: 1 / 12}}
+_AHEAD = {
+    2: {0: -1.5, 1: 2.0, 2: -0.5},
+    4: {0: -25 / 12, 1: 48 / 12, 2: -36 / 12, 3: 16 / 12, 4: -3 / 12},
+}
 
 
-def _around(values: Callable[[int], tuple[Array, ...]]) -> tuple[list[tuple[Array, ...]], Array]:
+def _around(
+    values: Callable[[int], tuple[Array, ...]], order: int
+) -> tuple[list[tuple[Array, ...]], Array]:
     """Values some steps to both sides, or to one where there are none on the other; weights."""
-    sides = (_CENTRAL, {-k: -w for k, w in _AHEAD.items()}, _AHEAD)
+    ahead = _AHEAD[order]
     refused: list[FlexstageError] = []
-    for weights in sides:
+    for weights in (_CENTRAL[order], {-k: -w for k, w in ahead.items()}, ahead):
         try:
             return [values(k) for k in weights], np.array(list(weights.values()))
         except FlexstageError as error:
@@ -182,7 +191,7 @@ def _around(values: Callable[[int], tuple[Array, ...]]) -> tuple[list[tuple[Arra
 def _difference(values: Sequence[Array], weights: Array, h: float) -> Array:
     """Derivative from values some steps away."""
     with np.errstate(invalid="ignore"):
-        slope = sum(w * x for w, x in zip(weights, values, strict=True)) / (12.0 * h)
+        slope = sum(w * x for w, x in zip(weights, values, strict=True)) / h
     # what is infinite or unknown stays so
     return np.where(np.isfinite(slope), slope, 0.0)
 
@@ -257,7 +266,7 @@ def hinge_tangents(stage: Stage, *, method: str = "wedge") -> StageTangents:
         )
 
     names: list[str] = []
-    central = np.array(list(_CENTRAL.values()))
+    central = np.array(list(_CENTRAL[4].values()))
     count = 4 * len(stage.hinges)
     slopes = {name: np.zeros((count, *x.shape[1:])) for name, x in arrays_of(arrays).items()}
     for i, hinge in enumerate(stage.hinges):
@@ -265,7 +274,7 @@ def hinge_tangents(stage: Stage, *, method: str = "wedge") -> StageTangents:
         for parameter, step, change in _changes(hinge):
             p = len(names)
             names.append(f"{hinge.name}.{parameter}")
-            parts = [changed(i, change(k * step)) for k in _CENTRAL]
+            parts = [changed(i, change(k * step)) for k in _CENTRAL[4]]
             slope = [_difference(values, central, step) for values in zip(*parts, strict=True)]
             slopes["hinge_stiffness"][p, i] = slope[0]
             slopes["stress_rows"][p, owner == i] = slope[1]
@@ -288,7 +297,7 @@ def _changes(hinge: Hinge) -> list[tuple[str, float, Callable[[float], Hinge]]]:
     return [
         (
             "neck_thickness",
-            _STEP * neck,
+            _STEPS[4] * neck,
             lambda d: replace(hinge, profile=replace(profile, neck_thickness=neck + d)),
         ),
         ("x", _STEP_PLACE, lambda d: replace(hinge, at=(x + d, y))),

@@ -29,6 +29,8 @@ _ROWS, _COLUMNS = 13, 8
 _VARIABLES = 6
 #: Lines of parallel coordinates beyond which nobody sees more, and a page becomes slow.
 _LINES = 2000
+#: Variables that have an axis among parallel coordinates: with more a line cannot be followed.
+_AXES = 8
 #: Smallest total index of a variable that is listed.
 _SHARE = 0.01
 
@@ -140,6 +142,9 @@ def _said_of_lines(sweep: Sweep) -> str:
     of = "" if shown == possible else f"{shown} of "
     gone = len(sweep.points) - possible
     left_out = f" {gone} points that are no possible stage are left out." if gone else ""
+    count = len(sweep.variables)
+    if count > _AXES:
+        left_out += f" Of {count} variables the {_AXES} that move a figure most have an axis."
     return (
         f"A line for each of {of}{possible} stages. Draw along an axis to keep the lines that pass "
         "there, click beside the stretch to let go, drag a heading to move its axis."
@@ -155,12 +160,14 @@ def _coordinates(sweep: Sweep) -> "Markup":
         drawn = np.random.default_rng(0).permutation(rows) if sweep.counts else rows
         rows = np.sort(drawn[:_LINES])
     axes: list[tuple[str, np.ndarray]] = [
-        (v.heading, sweep.points[rows, i] * v.factor) for i, v in enumerate(sweep.variables)
+        (sweep.variables[i].heading, sweep.points[rows, i] * sweep.variables[i].factor)
+        for i in sweep.strongest(_AXES)
     ]
+    first = len(axes) if sweep.moving else 0
     for k in sweep.moving:
         shown = _shown(sweep, k)
         axes.append((_heading(sweep.figures[k], shown), sweep.values[rows, k] * shown.factor))
-    return parallel_coordinates(axes, len(sweep.variables) if sweep.moving else 0)
+    return parallel_coordinates(axes, first)
 
 
 def parallel_coordinates(axes: Sequence[tuple[str, np.ndarray]], first: int) -> "Markup":
@@ -200,7 +207,7 @@ def parallel_coordinates(axes: Sequence[tuple[str, np.ndarray]], first: int) -> 
         "active": first, "x": 0.0, "xanchor": "left", "y": 1.33, "yanchor": "top",
     }  # fmt: skip
     figure.update_layout(
-        updatemenus=[choice], height=520, width=max(1120, 118 * len(axes) + 150),
+        updatemenus=[choice], height=520, width=max(1120, 108 * len(axes) + 200),
         margin={"l": 70, "r": 40, "t": 130, "b": 30},
         paper_bgcolor=PAPER, font={"family": "DejaVu Sans, Verdana, Arial", "color": INK},
     )  # fmt: skip

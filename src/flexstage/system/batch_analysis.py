@@ -86,6 +86,12 @@ def batch_characteristics(
     return out
 
 
+def quoted(batch: SystemBatch) -> tuple[Key, ...]:
+    """Return which figures a batch knows, by quantity and axis, and compute none."""
+    decided = decisions(batch.stage, batch.nominal)
+    return tuple(Figures(decided, _Values(batch, decided)).rows)
+
+
 def require_known(batch: SystemBatch, wanted: Collection[Key], known: Collection[Key]) -> None:
     """Refuse figures that are not known, and say which are."""
     texts = [f"{quantity} of {axis}" for quantity, axis in known]

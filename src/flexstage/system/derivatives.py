@@ -22,7 +22,8 @@ eigenvalues are the derivatives; that of the mode that moves the axis is taken, 
 takes it. An effective mass is that of all modes alike: their projector :math:`\Phi\Phi^T M` is
 smooth even where they cross.
 
-What is a largest or a smallest of several has the derivative of the active one.
+What is a largest of several has the derivative of the active one; of stresses that are the largest
+alike, the mean of the derivatives to either side.
 """
 
 from collections.abc import Collection
@@ -75,9 +76,9 @@ def characteristic_derivatives(
 
     Notes
     -----
-    Validity: as the model; exact to rounding. Where a largest of several is active twice, or two
-    modes of one frequency move an axis alike, a figure has a kink, and this is the derivative to
-    one side of it.
+    Validity: as the model; exact to rounding. Where several stresses are the largest alike, a
+    figure has a kink, and this is the mean of its two sides; where two modes of one frequency move
+    an axis alike, it is that of one of them.
 
     Examples
     --------
