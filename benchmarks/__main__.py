@@ -22,6 +22,7 @@ from benchmarks import (
     hysteresis_plant,
     measuring,
     superelements,
+    tolerance,
     twin,
 )
 
@@ -41,6 +42,7 @@ CASES = {
     "characterise": measuring.characterise,
     "twin": twin.twin,
     "exported": exported.exported,
+    "tolerance": tolerance.tolerance,
 }
 
 
@@ -50,6 +52,7 @@ _TAKES = {
     "batch": "20 s",
     "equations": "1 minute",
     "exported": "2 minutes",
+    "tolerance": "1 minute",
     "twin": "1.5 minutes",
 }
 _LONG = "some minutes"

@@ -363,6 +363,7 @@ PAGES = {
     "frequency-response.png": ("how-to/frequency-response.md", "response.png"),
     "piezo-hysteresis.png": ("tutorials/piezo-hysteresis.md", "piezo-hysteresis.png"),
     "sweep-map.png": ("how-to/sweep.md", "map.png"),
+    "tolerance.png": ("how-to/tolerance.md", "lot.png"),
 }
 #: Pictures that commands make, the last of which writes the file.
 COMMANDS = {

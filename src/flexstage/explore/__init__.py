@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from flexstage.explore.sensitivity import Sensitivities, sensitivities
     from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
     from flexstage.explore.sweep import Sweep, SweepPlan, sweep, usual_plan
+    from flexstage.explore.tolerance import ToleranceStudy, tolerance
+    from flexstage.explore.tolerance_choice import ToleranceChoice, choose_tolerances
     from flexstage.explore.variables import Variable, every_variable, variables_of
     from flexstage.explore.workers import Workers, open_workers
 
@@ -34,9 +36,12 @@ __all__ = [
     "SobolIndices",
     "Sweep",
     "SweepPlan",
+    "ToleranceChoice",
+    "ToleranceStudy",
     "Variable",
     "Workers",
     "batch_size",
+    "choose_tolerances",
     "evaluate",
     "every_variable",
     "figure_of",
@@ -50,6 +55,7 @@ __all__ = [
     "sensitivities",
     "sobol_indices",
     "sweep",
+    "tolerance",
     "usual_plan",
     "variables_of",
 ]
