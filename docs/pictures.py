@@ -382,6 +382,7 @@ PICTURES: dict[str, Callable[[], "Figure"]] = {
 PAGES = {
     "centring.png": ("how-to/centre.md", "turn.png"),
     "frequency-response.png": ("how-to/frequency-response.md", "response.png"),
+    "optimised.png": ("how-to/optimise.md", "better.png"),
     "piezo-hysteresis.png": ("tutorials/piezo-hysteresis.md", "piezo-hysteresis.png"),
     "sweep-map.png": ("how-to/sweep.md", "map.png"),
     "tolerance.png": ("how-to/tolerance.md", "lot.png"),

@@ -46,6 +46,12 @@ VARIED = (
     "platform_wall*",
 )
 
+#: Some of them, which are enough.
+FEW = (
+    *("x.lever_arm_*", "x.lever_neck", "x.leg_neck", "x.leg_bar_length", "x.input_position"),
+    "platform_wall*",
+)
+
 
 def matched(stage: str, ranges: Sequence[str]) -> tuple[Optimum, float]:
     template = StageTemplate.of(stage)
@@ -77,7 +83,7 @@ def test_published_figures_are_matched_from_the_middle(stage: str, ranges: Seque
     assert not [issue for issue in check(found.stage) if issue.severity == "error"]
 
 
-def better_piezo(confirm: str | None) -> Optimum:
+def better_piezo(names: Sequence[str], confirm: str | None = None) -> Optimum:
     """Maximise the first frequency at the stroke, stress and outline that the stage has.
 
     Of the free stroke of the stack 85 % are left, so that its motion stays what it is.
@@ -90,7 +96,7 @@ def better_piezo(confirm: str | None) -> Optimum:
         *("natural_frequency.y >= 533.49 Hz", "input_stiffness.x <= 8.8 N/um"),
     )
     requirements = tuple(requirement_of(text, known) for text in kept)
-    ranges = [f"{name}=30 %" for name in VARIED]
+    ranges = [f"{name}=30 %" for name in names]
     problem = Problem(
         family=Family(template=template, variables=variables_of(template, ranges)),
         goals=(Goal(figure=figure_of("natural_frequency.x", known), way="maximise"),),
@@ -102,7 +108,7 @@ def better_piezo(confirm: str | None) -> Optimum:
 
 @pytest.mark.slow
 def test_better_piezo_stage_by_superelements() -> None:
-    found = better_piezo(None)
+    found = better_piezo(FEW)
     assert found.met
     assert found.gain is not None
     assert found.gain > 0.25
@@ -110,7 +116,7 @@ def test_better_piezo_stage_by_superelements() -> None:
 
 @pytest.mark.evidence
 def test_better_piezo_stage_is_confirmed_by_solid_elements() -> None:
-    found = better_piezo("solid")
+    found = better_piezo(VARIED, "solid")
     assert found.levels[-1].model == "solid"
     assert found.met
     assert found.gain is not None

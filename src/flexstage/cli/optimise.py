@@ -7,6 +7,7 @@ import typer
 
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
+    FigureFile,
     OutputFolder,
     console,
     on_terminal,
@@ -14,12 +15,17 @@ from flexstage.cli.output import (
     print_json,
     print_notes,
     progress_bar,
+    write_file,
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, StageArgument
 from flexstage.cli.worker_options import USUAL_WORKERS, WorkerOptions
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from matplotlib.figure import Figure
+
     from flexstage.designs import StageTemplate
     from flexstage.explore import Front, Goal, Optimum, Problem, Requirement
 
@@ -41,6 +47,7 @@ def optimise(
     evaluations: Annotated[int | None, typer.Option(min=1)] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     folder: OutputFolder = None,
+    figure: FigureFile = None,
     taken: ParameterOptions = NOTHING_SET,
     sharing: WorkerOptions = USUAL_WORKERS,
     quiet: QuietOption = False,
@@ -86,6 +93,8 @@ def optimise(
         NUMBER: Random seed of the starts, and of the front.
     folder
         Write the best stage as best.yaml, the result as optimise.json, and pictures.
+    figure
+        Draw the stage before and after, or the Pareto front. (.svg, .png or .pdf)
     """
     from flexstage.explore.optimise.ladder import SearchOptions
 
@@ -102,13 +111,13 @@ def optimise(
 
         with progress_bar("optimise", quiet=quiet), sharing.open() as workers:
             front = find_front(problem, options, workers)
-        _tell_front(front, folder, json=json)
+        _tell_front(front, folder, figure, json=json)
         return
     from flexstage.explore import find_optimum
 
     with progress_bar("optimise", quiet=quiet):
         found = find_optimum(problem, options)
-    _tell(found, folder, json=json)
+    _tell(found, folder, figure, json=json)
 
 
 def _word(option: str, given: str, words: tuple[str, ...]) -> Any:
@@ -192,20 +201,22 @@ def _targets(text: str, described: Any, known: Any) -> "tuple[Requirement, ...]"
     return (target,)
 
 
-def _tell(found: "Optimum", folder: Path | None, *, json: bool) -> None:
+def _tell(found: "Optimum", folder: Path | None, figure: Path | None, *, json: bool) -> None:
     from flexstage.explore.optimise.results import optimum_results
+    from flexstage.report.figures.optimum import draw_before_after
     from flexstage.report.optimise import optimum_notes, optimum_tables
 
     result = optimum_results(found)
     drawn = _drawn(found) if folder is not None else {}
     files = _written(folder, found.text, result, drawn)
+    files += _figure(figure, draw_before_after, found)
     if json:
         print_json(result | {"files": files})
         return
     _print(optimum_tables(found), optimum_notes(found), files)
 
 
-def _tell_front(found: "Front", folder: Path | None, *, json: bool) -> None:
+def _tell_front(found: "Front", folder: Path | None, figure: Path | None, *, json: bool) -> None:
     from flexstage.explore.optimise.results import front_results
     from flexstage.report.figures.optimum import draw_front
     from flexstage.report.optimise import front_html, front_notes, front_tables
@@ -217,6 +228,7 @@ def _tell_front(found: "Front", folder: Path | None, *, json: bool) -> None:
         if len(found.problem.goals) > 2:
             drawn["front.html"] = front_html(found).encode()
     files = _written(folder, found.optimum.text, result, drawn)
+    files += _figure(figure, draw_front, found)
     if json:
         print_json(result | {"files": files})
         return
@@ -232,6 +244,13 @@ def _drawn(found: "Optimum") -> dict[str, bytes]:
         "figures.svg": draw_figures,
     }
     return {name: picture(Path(name), draw(found)) for name, draw in pictures.items()}
+
+
+def _figure(figure: Path | None, draw: "Callable[[Any], Figure]", found: Any) -> list[str]:
+    if figure is None:
+        return []
+    write_file(figure, picture(figure, draw(found)))
+    return [str(figure)]
 
 
 def _written(
