@@ -295,7 +295,9 @@ def test_shares_are_those_of_one_deviation_at_a_time():
     # what the regression of a lot says, by central differences of the batch itself
     stage, scatter = design("vgtu-piezo"), Scatter()
     study = tolerance(stage, scatter, figures=[FREQUENCY], samples=4000, model="lumped")
-    kinds = drawn_kinds(scatter)
+    kinds = drawn_kinds(stage, scatter)
+    assert kinds == EVERY
+    assert "stroke" not in drawn_kinds(design("parallelogram"), scatter)
     sizes = {kind: draw(stage, kinds, 0, 1, seed=0)[kind].shape[1:] for kind in kinds}
     columns = sum(a * b for a, b in sizes.values())
     ends = []
