@@ -341,6 +341,26 @@ def in_new_folder() -> Iterator[Path]:
 
 
 #: Every picture that is drawn here, by the name of its file in `docs/images`.
+def card_sweep() -> "Figure":
+    """Stress of the piezo stage in colours over two dimensions of a lever, frequency in lines."""
+    import matplotlib as mpl
+
+    from flexstage.designs import StageTemplate
+    from flexstage.explore import Family, Figure, SweepPlan, sweep, variables_of
+
+    figure, axes = card()
+    template = StageTemplate.of("vgtu-piezo")
+    ranges = ["x.lever_neck=0.35..0.75 mm", "x.lever_arm_input=8.1..12 mm"]
+    family = Family(template=template, variables=variables_of(template, ranges))
+    looked_at = [Figure(quantity=q, axis="x") for q in ("max_stress", "natural_frequency_hz")]
+    found = sweep(family, looked_at, SweepPlan(sampling="grid", samples=121))
+    x, y = (found.points[:, i].reshape(found.counts) * _MM for i in range(2))
+    axes.contourf(x, y, found.on_grid(0), levels=11, cmap=mpl.colormaps["YlGnBu"], alpha=0.75)
+    axes.contour(x, y, found.on_grid(1), levels=7, colors=INK, linewidths=1.1)
+    axes.plot(*(_MM * family.usual), "D", color=CYCLE[1], markersize=9, markeredgecolor="white")
+    return figure
+
+
 PICTURES: dict[str, Callable[[], "Figure"]] = {
     "card-stage.png": card_stage,
     "card-mode.png": card_mode,
@@ -350,6 +370,7 @@ PICTURES: dict[str, Callable[[], "Figure"]] = {
     "card-twin.png": card_twin,
     "card-control.png": card_control,
     "card-cut.png": card_cut,
+    "card-sweep.png": card_sweep,
     "guide.png": guide,
     "vgtu-piezo.png": piezo_stage,
     "moving-necks.png": moving_necks,

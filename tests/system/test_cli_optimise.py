@@ -77,7 +77,7 @@ def test_match_prints_one_object_as_json(run):
             "--match seeks stated figures, and has no goal",
         ),
         (("--match", "published"), "no figures of parallelogram are published"),
-        (("--maximise", "frequency.x", "--start", "midle"), "did you mean 'middle'"),
+        (("--maximise", "frequency.x", "--start", "centre"), "--start must be described or middle"),
         (("--maximise", "frequency.x", "--confirm", "lumped"), "--confirm must be plane or solid"),
         (("--maximise", "frequency.x", "--over", "leg_neck=1..2 mm"), "no parameter 'leg_neck'"),
         (("--maximise", "frequency.x", "--without", "yield"), "nothing called 'yield' is required"),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
+from flexstage.explore import Job
 
 NECK = ("--over", "leg.notch.neck_thickness=0.31..0.52 mm/4")
 SPACING = ("--over", "leg_spacing=6..46 mm/5")
@@ -159,6 +160,28 @@ def test_bad_input_is_one_sentence(run, words, sentence):
     assert (status, out) == (2, "")
     assert err.count("\n") == 1
     assert sentence in err
+
+
+def test_an_interrupted_sweep_goes_on(run, tmp_path, monkeypatch):
+    words = "sweep", "parallelogram", *NECK, "--of", "frequency", "--folder", "out", "--json"
+    words = *words, "--workers", "1"
+    whole = json.loads(run(*words)[1])["columns"]
+    compute, numbers = Job.compute, []
+
+    def interrupted(job, number):
+        numbers.append(number)
+        if len(numbers) == 3:
+            raise KeyboardInterrupt
+        return compute(job, number)
+
+    monkeypatch.setattr(Job, "compute", interrupted)
+    assert run(*words)[0] == 130
+    assert (tmp_path / "out" / "unfinished").is_dir()
+    status, out, _ = run(*words)
+    assert status == 0
+    assert numbers == [0, 1, 2, 2, 3]
+    assert json.loads(out)["columns"] == whole
+    assert not (tmp_path / "out" / "unfinished").exists()
 
 
 def test_a_refused_sweep_leaves_nothing(run, tmp_path):

@@ -96,6 +96,17 @@ def test_what_is_found_in_short(over_neck):
     assert sweep_notes(over_neck) == ("vary by less than 0.1 %: cross_coupling.x",)
 
 
+def test_rounding_moves_nothing():
+    # the axes of the piezo stage are in series: legs of y are not in the ratio of x
+    found = sweep(
+        family("vgtu-piezo", "x.actuator.free_stroke=30..45 um/3", "y.leg_neck=10 %/3"),
+        [Figure(quantity="output_displacement", axis="x")],
+        SweepPlan(sampling="grid", samples=9),
+    )
+    assert found.correlations[0] == pytest.approx([1.0, 0.0], abs=1e-12)
+    assert found.variables[0].heading == "x.actuator.free_stroke [µm]"
+
+
 def test_a_stiffer_material_scales_as_it_must(tmp_path):
     # M q'' + K q = 0 and K ~ E: frequencies go with the square root of E, stress of an imposed
     # motion with E, and the ratio not at all (Buckingham 1914: there is no other modulus)

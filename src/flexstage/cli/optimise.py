@@ -38,7 +38,7 @@ def optimise(
     start: str = "described",
     model: str = "superelement",
     confirm: str | None = None,
-    evaluations: Annotated[int, typer.Option(min=1)] = 4000,
+    evaluations: Annotated[int | None, typer.Option(min=1)] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     folder: OutputFolder = None,
     taken: ParameterOptions = NOTHING_SET,
@@ -81,7 +81,7 @@ def optimise(
     confirm
         plane|solid: Have a finer model confirm the best stage, and correct it once.
     evaluations
-        N: Evaluations of the lumped model at most.
+        N: Evaluations of the lumped model at most (default: 250 for each parameter and two more).
     seed
         NUMBER: Random seed of the starts, and of the front.
     folder

@@ -238,7 +238,10 @@ class Sweep:
         if self.possible.sum() < 3:
             return out
         x = rankdata(self.points[self.possible], axis=0)
-        y = rankdata(self.values[self.possible], axis=0)
+        found = self.values[self.possible]
+        # what differs by rounding has the same rank
+        spread = np.where(self.still, 1.0, np.ptp(found, axis=0))
+        y = rankdata(np.round((found - found.min(axis=0)) / spread, 6), axis=0)
         x, y = x - x.mean(axis=0), y - y.mean(axis=0)
         sizes = np.linalg.norm(y, axis=0)[:, None] * np.linalg.norm(x, axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -70,7 +70,9 @@ class Variable:
     @property
     def heading(self) -> str:
         """Its name with its unit."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
+        # as figures are headed
+        unit = re.sub(r"\bu(?=m|rad)", "µ", self.unit)
+        return f"{self.name} [{unit}]" if unit else self.name
 
     def text(self, value: float) -> str:
         """Write a value with its unit, as a file has it."""
@@ -176,10 +178,11 @@ def _variable(parameter: StageParameter, told: str, text: str) -> Variable:
             f"'{parameter.name}' ({parameter.text}) {why}, and cannot be varied: leave it out, or "
             "give it a value of its own with --set"
         )
-    if (share := _SHARE.fullmatch(told)) is not None:
-        return _around(parameter, usual, 0.01 * float(share[1]))
-    count = _COUNT.search(told)
-    low, dots, high = (part.strip() for part in _COUNT.sub("", told).partition(".."))
+    found = _COUNT.search(told)
+    count, ends = int(found[1]) if found else None, _COUNT.sub("", told)
+    if (share := _SHARE.fullmatch(ends)) is not None:
+        return _around(parameter, usual, 0.01 * float(share[1]), count)
+    low, dots, high = (part.strip() for part in ends.partition(".."))
     if not dots or not low or not high:
         raise ModelError(f"'{text[:80]}' is no range of a parameter: {_how([parameter])}")
     if re.fullmatch(_NUMBER, low):  # the unit stands once, behind the second
@@ -194,12 +197,14 @@ def _variable(parameter: StageParameter, told: str, text: str) -> Variable:
         high=bounds[1],
         usual=usual,
         dimension=parameter.dimension,
-        count=int(count[1]) if count else None,
+        count=count,
         description=parameter.description,
     )
 
 
-def _around(parameter: StageParameter, value: float, share: float) -> Variable:
+def _around(
+    parameter: StageParameter, value: float, share: float, count: int | None = None
+) -> Variable:
     if not 0.0 < share < math.inf or value == 0.0:
         raise ModelError(
             f"'{parameter.name}' is {parameter.text}, and cannot be varied by {100.0 * share:g} % "

@@ -68,7 +68,7 @@ def batch_characteristics(
     """
     decided = decisions(batch.stage, batch.nominal)
     source = _Values(batch, decided)
-    figures = Figures(decided, source)
+    figures = source.figures = Figures(decided, source)
     known = figures.rows
     chosen = list(known) if wanted is None else list(wanted)
     require_known(batch, chosen, known)
@@ -125,6 +125,7 @@ def _sure(figures: Figures, source: "_Values") -> Array:
 class _Values:
     """What figures are made of, over the samples of a batch."""
 
+    figures: Figures
     shapes = False
 
     def __init__(self, batch: SystemBatch, decided: Decisions) -> None:
@@ -240,9 +241,8 @@ class _Values:
 
     @cached_property
     def _modes(self) -> tuple[list[Array], list[Array]]:
-        figures = Figures(self.decided, self)
         responses = []
-        for axis in figures.axes:
+        for axis in self.figures.axes:
             force = axis.motion[1]
             form = [(b, f * row) for j, f in force.items() for b, row in self.form("drive", j)]
             pushed = added(

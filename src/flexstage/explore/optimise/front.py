@@ -294,7 +294,7 @@ class _FrontSearch:
         algorithm = NSGA2(pop_size=len(first), sampling=sampling)
         algorithm.setup(bounds, termination=("n_gen", 10**6), seed=self.options.seed, verbose=False)
         generations = 0
-        budget = self.options.evaluations - _REFINED * 10 * (d + 1)
+        budget = self.options.budget(d) - _REFINED * 10 * (d + 1)
         while generations == 0 or self.counts["lumped"] + _POPULATION <= budget:
             progress.update(f"generation {generations + 1}", self.counts["lumped"] / max(budget, 1))
             bred: Any = algorithm.ask()

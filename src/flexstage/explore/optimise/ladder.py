@@ -2,6 +2,7 @@
 
 import time
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -28,12 +29,15 @@ from flexstage.stage import Stage, check
 
 Start = Literal["described", "middle"]
 
-#: Starts of the search beside the given one, turns of the ladder at most, evaluations at most.
-OTHER_STARTS, TURNS, EVALUATIONS = 3, 8, 4000
+#: Starts of the search beside the given one, turns of the ladder at most, and evaluations at most
+#: for each variable.
+OTHER_STARTS, TURNS, EVALUATIONS = 3, 10, 250
 # steps of a search at most and at least; share of the evaluations that is kept for the ladder
 _STEPS, _FEWEST, _RESERVE = 60, 4, 0.4
 # points that starts are chosen from; agreement of two models at which the ladder ends
 _SAMPLE, _AGREED = 64, 1e-3
+# how far the second turn may go, in parts of the bounds, and the agreement that widens it again
+_REACH, _NEAR = 0.4, 1e-2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,15 +50,17 @@ class SearchOptions:
     """The model that corrects the lumped one; ``lumped`` for none."""
     confirm: str | None = None
     """A finer model that confirms the best, ``plane`` or ``solid``; None for none."""
-    evaluations: int = EVALUATIONS
-    """Evaluations of the lumped model at most."""
+    evaluations: int | None = None
+    """Evaluations of the lumped model at most; `EVALUATIONS` for each variable, and for two more,
+    where None.
+    """
     starts: int = OTHER_STARTS
     """Starts beside the given one, for a goal."""
     seed: int = 0
     """Seed of the other starts."""
 
     def __post_init__(self) -> None:
-        if self.evaluations < 1 or self.starts < 0:
+        if (self.evaluations is not None and self.evaluations < 1) or self.starts < 0:
             raise ModelError(
                 f"a search needs at least one evaluation, and no fewer than 0 other starts, got "
                 f"{self.evaluations} and {self.starts}"
@@ -65,6 +71,10 @@ class SearchOptions:
             raise ModelError(
                 f"superelement, plane or solid can confirm the best stage, got '{self.confirm}'"
             )
+
+    def budget(self, variables: int) -> int:
+        """Return how many evaluations of the lumped model there may be."""
+        return EVALUATIONS * (variables + 2) if self.evaluations is None else self.evaluations
 
 
 def find_optimum(
@@ -140,6 +150,7 @@ class _Climb:
             )
         self.start = np.clip(self.start, 0.0, 1.0)
         self.program = StageProgram(problem=problem, nearest_to=self.start)
+        self.budget = options.budget(len(self.start))
         self.trace: list[Trace] = []
         self.rungs: list[Rung] = []
         self.seconds: defaultdict[str, float] = defaultdict(float)
@@ -163,34 +174,18 @@ class _Climb:
 
     def _first(self) -> LocalOptimum:
         """Search from the start, and from others where that may find better."""
-        sample = self._sample()
-        figures = self.program.figures(np.vstack([self.start[None], sample]))
-        if self.problem.goals:
-            told = figures[np.isfinite(figures[:, 0]) & (figures[:, 0] != 0.0), 0]
-            if len(told):  # that of the start, where it is a stage
-                self.program = replace(self.program, goal_reference=abs(float(told[0])))
-        points = np.vstack([self.start[None], sample])
-        values = self.program.scaled(points, figures)
-        ok = np.all(np.isfinite(values), axis=1)
-        if not ok.any():
-            faults = [self.program.fault(p) for p in points[:1]]
-            raise ModelError(
-                f"none of {len(points)} stages between the bounds is possible; of the start: "
-                f"{faults[0] or 'its figures cannot be computed'}"
-            )
-        order = self._order(points, values, ok)
         wanted = 1 + (self.options.starts if self.problem.goals else 0)
-        reserve = 0.0 if self.options.model == "lumped" else _RESERVE * self.options.evaluations
+        reserve = 0.0 if self.options.model == "lumped" else _RESERVE * self.budget
         found: list[LocalOptimum] = []
-        for i in order:
+        for start in self._starts():
+            share = (self._left() - reserve) / max(wanted - len(found), 1)
+            one = None if self.program.fault(start) else self._search(start, share)
+            if one is not None:
+                found.append(one)
             if len(found) >= wanted and any(f.feasible for f in found):
                 break
             if len(found) >= 2 * wanted or (found and self._left() <= reserve):
                 break
-            share = (self._left() - reserve) / max(wanted - len(found), 1)
-            one = None if self.program.fault(points[i]) else self._search(points[i], share)
-            if one is not None:
-                found.append(one)
         if not found:
             raise ModelError(
                 "no search could begin: around every possible start some stages are impossible; "
@@ -198,24 +193,44 @@ class _Climb:
             )
         return min(found, key=lambda f: (max(f.violation, 10.0 * FEASIBLE), f.values[0]))
 
+    def _starts(self) -> Iterator[Array]:
+        """Yield the given start, then others: the best of a sample, without a goal the nearest."""
+        first = self.program.figures(self.start[None])
+        if np.all(np.isfinite(first)):
+            self._measure_goal(first)
+            yield self.start
+        sample = self._sample()
+        figures = self.program.figures(sample)
+        ok = np.all(np.isfinite(figures), axis=1)
+        if not ok.any() and not np.all(np.isfinite(first)):
+            fault = self.program.fault(self.start) or "its figures cannot be computed"
+            raise ModelError(
+                f"none of {1 + len(sample)} stages between the bounds is possible; of the start: "
+                f"{fault}"
+            )
+        if not np.all(np.isfinite(first)):
+            self._measure_goal(figures[ok])
+        values = self.program.scaled(sample, figures)
+        if self.problem.goals:
+            off = violation_of(values[:, 1:], self.program.low, self.program.high).sum(axis=1)
+            rank = np.where(off > 0.5, 10.0 + off, values[:, 0] + off)
+        else:
+            rank = np.linalg.norm(sample - self.start, axis=1)
+        yield from (sample[i] for i in np.argsort(rank, kind="stable") if ok[i])
+
+    def _measure_goal(self, figures: Array) -> None:
+        """Measure the goal by what it is at first."""
+        if self.problem.goals and figures[0, 0] != 0.0:
+            self.program = replace(self.program, goal_reference=abs(float(figures[0, 0])))
+
     def _sample(self) -> Array:
         from scipy.stats import qmc
 
-        count = min(_SAMPLE, max(self.options.evaluations // 20, 1))
+        count = min(_SAMPLE, max(self.budget // 20, 1))
         sampler = qmc.Sobol(len(self.start), rng=self.options.seed)
         return sampler.random(2 ** int(np.log2(count)))
 
-    def _order(self, points: Array, values: Array, ok: Array) -> list[int]:
-        """Return the order of starts: the given one, then the best; the nearest without a goal."""
-        off = violation_of(values[:, 1:], self.program.low, self.program.high).sum(axis=1)
-        if self.problem.goals:
-            rank = np.where(off > 0.5, 10.0 + off, values[:, 0] + off)
-        else:
-            rank = np.linalg.norm(points - self.start, axis=1)
-        rank[0] = -np.inf
-        return [int(i) for i in np.argsort(rank, kind="stable") if ok[i]]
-
-    def _search(self, start: Array, evaluations: float) -> LocalOptimum | None:
+    def _search(self, start: Array, evaluations: float, reach: float = 1.0) -> LocalOptimum | None:
         self.searches += 1
         number = self.searches - 1
 
@@ -237,6 +252,7 @@ class _Climb:
             steps=max(min(_STEPS, int(evaluations / (2 * d + 3))), _FEWEST),
             curvature=None if self.problem.goals else np.eye(d),
             walls=self.walls,
+            reach=reach,
             told=told,
         )
         self.seconds["lumped"] += time.perf_counter() - began
@@ -251,7 +267,7 @@ class _Climb:
 
     def _left(self) -> float:
         """Return how many evaluations of the searched model are left."""
-        return float(self.options.evaluations - self.program.counts["lumped"])
+        return float(self.budget - self.program.counts["lumped"])
 
     # ------------------------------------------------------------------ climbing
 
@@ -271,6 +287,7 @@ class _Climb:
         visited: list[_Visited] = []
         d, m = len(best.point), len(self.problem.figures)
         correction = Correction.none(d, m)
+        reach = _REACH
         for turn in range(TURNS):
             with progress.subtask(0.3 + 0.4 * turn / TURNS, 0.3 + 0.4 * (turn + 1) / TURNS):
                 progress.update(f"ladder, turn {turn + 1}")
@@ -292,7 +309,9 @@ class _Climb:
                 visited.append(self._visit(best, fine))
                 if (agreed and turn > 0) or self._left() <= 0.0:
                     break
-                again = self._search(best.point, 0.4 * self._left())
+                # a prediction that was far off is not to be followed far
+                reach = min(1.0, 2.0 * reach) if self._agree(expected, fine, _NEAR) else 0.5 * reach
+                again = self._search(best.point, 0.4 * self._left(), reach)
                 if again is None:
                     break
                 still = float(np.max(np.abs(again.point - best.point))) < 1e-6
@@ -312,8 +331,8 @@ class _Climb:
             )
         )
 
-    def _agree(self, expected: Array, fine: Array) -> bool:
-        off = np.abs(fine - expected) <= _AGREED * np.maximum(np.abs(fine), 1e-12)
+    def _agree(self, expected: Array, fine: Array, within: float = _AGREED) -> bool:
+        off = np.abs(fine - expected) <= within * np.maximum(np.abs(fine), 1e-12)
         return bool(np.all(off))
 
     def _visit(self, best: LocalOptimum, fine: Array | None = None) -> _Visited:
@@ -390,7 +409,7 @@ class _Climb:
             "start": self.options.start,
             "model": self.options.model,
             "confirm": self.options.confirm or "",
-            "evaluations": str(self.options.evaluations),
+            "evaluations": str(self.budget),
             "seed": str(self.options.seed),
         }
         return Optimum(

@@ -96,6 +96,7 @@ def local_search(
     tolerance: float = 1e-5,
     curvature: Array | None = None,
     walls: tuple[Wall, ...] = (),
+    reach: float = 1.0,
     told: Callable[[Iterate], None] = lambda _: None,
 ) -> LocalOptimum | None:
     """Return the optimum near a start by sequential quadratic programming in a trust region.
@@ -120,6 +121,8 @@ def local_search(
         Second derivatives of the objective where they are known, shape (d, d).
     walls : tuple of Wall
         Walls that are known.
+    reach : float
+        How far a variable may go from the start, in parts of its bounds.
     told : callable
         Called with each accepted point.
 
@@ -138,6 +141,7 @@ def local_search(
     if not _finite(values, slopes):
         return None
     search = _Search(program, _Place(x, values, slopes), curvature, walls, tolerance)
+    search.least, search.most = np.maximum(x - reach, 0.0), np.minimum(x + reach, 1.0)
     path = [_iterate(program, search.place)]
     told(path[0])
     converged = False
@@ -196,6 +200,7 @@ class _Search:
         steep = max(float(np.linalg.norm(place.slopes[0])), 1e-3)
         self.B: Array = np.eye(len(place.x)) * steep if curvature is None else curvature
         self.region, self.penalty, self.converged = _FIRST, 1.0, False
+        self.least, self.most = np.zeros(len(place.x)), np.ones(len(place.x))
 
     def step(self) -> bool:
         """Take a step that lowers the penalty function; False where there is none."""
@@ -259,8 +264,8 @@ class _Search:
             np.append(self.low - values[1:], np.full(len(W), -np.inf)),
             # what is nearer to a wall than it should be goes away from it
             np.append(self.high - values[1:], np.maximum(beyond, -0.3 * self.region)),
-            np.maximum(-self.region, -x),
-            np.minimum(self.region, 1.0 - x),
+            np.maximum(-self.region, self.least - x),
+            np.minimum(self.region, self.most - x),
             hard=len(W),
         )
         if found is None:
@@ -297,7 +302,7 @@ class _Search:
         if not active.any():
             return p, gain
         more = -np.linalg.pinv(slopes[1:][active], rcond=1e-8) @ over[active]
-        q = np.clip(x + p + more, 0.0, 1.0) - x
+        q = np.clip(x + p + more, self.least, self.most) - x
         if float(np.max(np.abs(q))) > 1.5 * self.region:
             return p, gain
         bent = self.program.values((x + q)[None])[0]
