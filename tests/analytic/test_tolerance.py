@@ -291,11 +291,26 @@ def test_shares_are_those_of_a_known_function():
         shares_of([FREQUENCY], named, z[:13], y[:13, None])
 
 
+def test_what_chance_gives_to_a_share_is_taken_off():
+    # of 40 samples each of four idle deviations would seem to have 1/80 of the variance
+    named = parts(design("parallelogram"), ("neck_common", "neck_own", "modulus"))
+    rng, idle = np.random.default_rng(9), []
+    for _ in range(300):
+        z = rng.standard_normal((40, len(named)))
+        y = z[:, 0] + rng.standard_normal(40)
+        (found,) = shares_of([FREQUENCY], named, z, y[:, None])
+        idle.append(next(c.share for c in found.contributions if c.kind == "neck_own"))
+    # less than nothing is nothing, so that a little is left
+    assert np.mean(idle) < 0.035
+
+
 def test_shares_are_those_of_one_deviation_at_a_time():
     # what the regression of a lot says, by central differences of the batch itself
     stage, scatter = design("vgtu-piezo"), Scatter()
     study = tolerance(stage, scatter, figures=[FREQUENCY], samples=4000, model="lumped")
-    kinds = drawn_kinds(scatter)
+    kinds = drawn_kinds(stage, scatter)
+    assert kinds == EVERY
+    assert "stroke" not in drawn_kinds(design("parallelogram"), scatter)
     sizes = {kind: draw(stage, kinds, 0, 1, seed=0)[kind].shape[1:] for kind in kinds}
     columns = sum(a * b for a, b in sizes.values())
     ends = []

@@ -121,6 +121,11 @@ def test_superelements_say_much_the_same(capsys: pytest.CaptureFixture[str]) -> 
     both = [json.loads(said(capsys, *words, "--model", m)) for m in ("lumped", "superelement")]
     rigid, bending = ([p["elasticities"][0] for p in found["parameters"]] for found in both)
     assert rigid == pytest.approx(bending, abs=0.02)
+    ways = [found["provenance"]["settings"]["slopes"] for found in both]
+    assert ways[0].startswith("derivatives")
+    assert ways[1].startswith("difference quotients")
+    printed = said(capsys, *words[:-1], "--model", "superelement")
+    assert "note: slopes are difference quotients" in printed
 
 
 @pytest.mark.parametrize(

@@ -168,7 +168,9 @@ def sensitivities(
         values=values,
         slopes=slopes[:, kept],
         left_out=reasons,
-        provenance=provenance(family.stage(point), {"model": model}),
+        provenance=provenance(
+            family.stage(point), {"model": model, "slopes": _ways(family, model)}
+        ),
     )
     return _grouped(found, family) if isinstance(family, HingeFamily) else found
 
@@ -229,6 +231,15 @@ def _why(parameter: StageParameter) -> str:
         case float():
             return "it is zero"
     return "it is a list"
+
+
+def _ways(family: Family, model: str) -> str:
+    """Say what the slopes are."""
+    if isinstance(family, HingeFamily):
+        return "difference quotients, of each hinge by itself"
+    if model == "lumped":
+        return "derivatives, of what no analysis gives difference quotients"
+    return "difference quotients, of stages that are modelled anew"
 
 
 def _mean_of_sides(

@@ -80,7 +80,7 @@ class Lot:
     @property
     def kinds(self) -> tuple[str, ...]:
         """The kinds of deviations that there are."""
-        return drawn_kinds(self.process.scatter)
+        return drawn_kinds(self.process.stage, self.process.scatter)
 
     def numbers(self, start: int, stop: int) -> dict[str, Array]:
         """Return the deviations of samples, standard normal."""

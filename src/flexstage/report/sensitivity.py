@@ -168,7 +168,12 @@ def _notes(
 
 
 def left_out_notes(found: Sensitivities) -> Iterator[str]:
-    """Say which parameters are not among them, and why: those of one reason together."""
+    """Say what the slopes are where they are no derivatives, and what is not among them, and why.
+
+    Parameters of one reason stand together.
+    """
+    if found.model != "lumped":
+        yield f"slopes are {found.provenance.settings['slopes']}"
     reasons: dict[str, list[str]] = {}
     for name, reason in found.left_out.items():
         reasons.setdefault(reason, []).append(name)

@@ -141,7 +141,8 @@ def scatter_dimensions() -> dict[str, Dimension | None]:
 
 
 def _percent(share: float, digits: int = 3) -> str:
-    return f"{100.0 * share:.{digits}g} %"
+    text = f"{100.0 * share:.{digits}g}"
+    return f"{100.0 * share:.0f} %" if "e+" in text else f"{text} %"
 
 
 def tolerance_page(study: ToleranceStudy, choice: ToleranceChoice | None = None) -> str:
