@@ -20,6 +20,9 @@ from flexstage.explore import (
     requirement_of,
     variables_of,
 )
+from flexstage.explore.optimise.local_search import LocalOptimum
+from flexstage.explore.optimise.multipliers import held_by
+from flexstage.explore.optimise.problem import StageProgram
 from flexstage.explore.optimise.usual import (
     published_targets,
     usual_requirements,
@@ -125,6 +128,23 @@ def test_multipliers_are_what_moved_limits_give() -> None:
     assert (
         "relaxing it by 2.000 MPa would give +8.3 Hz of natural_frequency.x" in first.held[0].text
     )
+
+
+def test_limit_that_nothing_moves_holds_nothing() -> None:
+    """Slopes of a figure that are rounding balance anything, with a multiplier of nonsense."""
+    wanted = problem("stress.x <= 120 MPa", "stroke.x >= 200 um")
+    program = StageProgram(problem=wanted, nearest_to=np.full(4, 0.5), goal_reference=400.0)
+    found = LocalOptimum(
+        point=np.full(4, 0.5),
+        values=np.array([-1.0, 1.0, 1.0]),
+        violation=0.0,
+        slopes=np.array([[-0.8, 0.3, 0.0, 0.0], [0.9, -0.2, 0.0, 0.0], [1e-6, 2e-6, 0.0, 0.0]]),
+        converged=True,
+    )
+    held, free, left = held_by(program, found)
+    assert [limit.name for limit in held] == ["max_stress.x"]
+    assert free == 3
+    assert left > 0.01
 
 
 def test_ladder_ends_where_the_finer_model_keeps_the_limits() -> None:

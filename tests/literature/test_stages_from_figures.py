@@ -49,7 +49,7 @@ VARIED = (
 #: Some of them, which are enough.
 FEW = (
     *("x.lever_arm_*", "x.lever_neck", "x.leg_neck", "x.leg_bar_length", "x.input_position"),
-    "platform_wall*",
+    *("y.lever_arm_output", "platform_wall*"),
 )
 
 

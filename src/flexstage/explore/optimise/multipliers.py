@@ -11,6 +11,8 @@ from flexstage.quantities import number
 
 # how near a limit is held, in parts of it; and share of the slope of the goal that counts
 _AT, _AT_WALL, _MATTERS = 2e-3, 2e-3, 1e-3
+# slope of a scaled figure, over all bounds, below which nothing that is varied moves it
+_MOVED = 1e-3
 
 
 def balance(slope: Array, normals: Array) -> tuple[Array, float]:
@@ -59,6 +61,7 @@ def held_by(program: StageProgram, optimum: LocalOptimum) -> tuple[tuple[Held, .
             sides.append(("requirement", i, "high", slopes[1 + i]))
         if values[i] <= low[i] + room or low[i] == high[i]:
             sides.append(("requirement", i, "low", -slopes[1 + i]))
+    sides = [side for side in sides if float(np.linalg.norm(side[3])) > _MOVED]
     unit = np.eye(len(x))
     for j in range(len(x)):
         if x[j] <= 1e-6:
