@@ -50,6 +50,10 @@ _ONE_THREAD = {
     f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NGS", "NUMBA")
 }
 
+#: Dask has workers give memory back at once, and every array is then fetched anew from the system:
+#: batches of the lumped model took three times as long. Read when a process starts.
+_KEEPS_MEMORY = {"MALLOC_TRIM_THRESHOLD_": 2**28, "MALLOC_MMAP_THRESHOLD_": 2**25}
+
 
 class _Held(WorkerPlugin):
     """What every worker holds of a job, also one that joins later or in the place of a lost one."""
@@ -95,14 +99,16 @@ class Cluster:
         wanted = min(count or CPU_COUNT, batches)
         if wanted <= len(self._local.workers):
             return
-        self._local.scale(wanted)
         deadline = time.monotonic() + _STARTS
         failed = False
-        while time.monotonic() < deadline and not failed:
-            with suppress(TimeoutError):
-                self._client.wait_for_workers(wanted, timeout=_LOOK)
-                return
-            failed = any(n.status == Status.failed for n in self._local.workers.values())
+        environment = {"distributed.nanny.pre-spawn-environ": _ONE_THREAD | _KEEPS_MEMORY}
+        with dask.config.set(environment):  # read when workers are made, in another thread
+            self._local.scale(wanted)
+            while time.monotonic() < deadline and not failed:
+                with suppress(TimeoutError):
+                    self._client.wait_for_workers(wanted, timeout=_LOOK)
+                    return
+                failed = any(n.status == Status.failed for n in self._local.workers.values())
         raise WorkerError(
             "the worker processes do not start: compute with one worker, and put what a program "
             'does under `if __name__ == "__main__":`, as each of them imports it'
@@ -209,7 +215,7 @@ def _started() -> LocalCluster:
         "dashboard_address": "127.0.0.1:0",
         "scheduler_kwargs": {"dashboard": False},
     }
-    with dask.config.set({"distributed.nanny.pre-spawn-environ": _ONE_THREAD}), _unheard():
+    with _unheard():
         return LocalCluster(**options)
 
 
