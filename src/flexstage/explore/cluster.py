@@ -127,6 +127,7 @@ class Cluster:
         # Dask blames all batches that a worker had when it died: each of them is tried alone
         suspects: list[int] = []
         alone = False
+        seen = time.monotonic()  # a worker
         try:
             while left or suspects or running:
                 if not running:
@@ -143,9 +144,16 @@ class Cluster:
                 try:
                     future = ended.get(timeout=_LOOK)
                 except queue.Empty:
-                    if not self._threads():
-                        wait("no worker is connected, waiting for one")
+                    if self._threads():
+                        seen = time.monotonic()
+                        continue
+                    wait("no worker is connected, waiting for one")
+                    if self._local is not None and time.monotonic() - seen > _STARTS:
+                        raise WorkerError(
+                            "no worker process is left, and none starts again"
+                        ) from None
                     continue
+                seen = time.monotonic()
                 number = running.pop(future)
                 try:
                     yield number, self._result(future)
@@ -154,9 +162,11 @@ class Cluster:
                         raise _deadly(job, number, error) from error
                     suspects.append(number)
         finally:
-            with suppress(OSError, RuntimeError, CancelledError):
+            # a worker that is just lost does not answer, or has dropped it already
+            with suppress(OSError, RuntimeError, KeyError, CancelledError):
                 self._client.cancel(list(running))
-                self._client.unregister_worker_plugin(held)
+                if self._local is None or not (left or running or suspects):
+                    self._client.unregister_worker_plugin(held)
 
     def close(self, *, at_once: bool = False) -> None:
         """End the workers that were started, or leave the cluster; `at_once` amid their work."""
