@@ -11,6 +11,7 @@ import time
 from itertools import groupby
 
 from benchmarks import (
+    batch,
     cases,
     centring,
     exported,
@@ -21,11 +22,13 @@ from benchmarks import (
     hysteresis_plant,
     measuring,
     superelements,
+    tolerance,
     twin,
 )
 
 CASES = {
     "analysis": cases.analysis,
+    "batch": batch.batch,
     "equations": cases.equations,
     "growth": cases.growth,
     "elements": finite_elements.hinge,
@@ -39,14 +42,17 @@ CASES = {
     "characterise": measuring.characterise,
     "twin": twin.twin,
     "exported": exported.exported,
+    "tolerance": tolerance.tolerance,
 }
 
 
 #: How long cases took on two cores beside other work; the others take longer.
 _TAKES = {
     "analysis": "1.5 minutes",
+    "batch": "20 s",
     "equations": "1 minute",
     "exported": "2 minutes",
+    "tolerance": "1 minute",
     "twin": "1.5 minutes",
 }
 _LONG = "some minutes"

@@ -287,6 +287,20 @@ def piezo_stage() -> "Figure":
     return draw_stage(design("vgtu-piezo"))
 
 
+def moving_necks() -> "Figure":
+    """The necks of the piezo stage that its frequencies and stresses hang on."""
+    from flexstage.designs import StageTemplate
+    from flexstage.explore import known_figures, sensitivities
+    from flexstage.explore.figures import usual_figures
+    from flexstage.explore.hinge_family import hinge_variables
+    from flexstage.report.figures.moving_necks import draw_moving_necks
+
+    template = StageTemplate.of("vgtu-piezo")
+    stage = template.stage()
+    family = hinge_variables(template, ["*.neck"])
+    return draw_moving_necks(stage, sensitivities(family, usual_figures(known_figures(stage))))
+
+
 @cache
 def _followed() -> "dict[str, VerifiedStep]":
     """How the twin followed references in the plan of the study, by step."""
@@ -327,6 +341,26 @@ def in_new_folder() -> Iterator[Path]:
 
 
 #: Every picture that is drawn here, by the name of its file in `docs/images`.
+def card_sweep() -> "Figure":
+    """Stress of the piezo stage in colours over two dimensions of a lever, frequency in lines."""
+    import matplotlib as mpl
+
+    from flexstage.designs import StageTemplate
+    from flexstage.explore import Family, Figure, SweepPlan, sweep, variables_of
+
+    figure, axes = card()
+    template = StageTemplate.of("vgtu-piezo")
+    ranges = ["x.lever_neck=0.35..0.75 mm", "x.lever_arm_input=8.1..12 mm"]
+    family = Family(template=template, variables=variables_of(template, ranges))
+    looked_at = [Figure(quantity=q, axis="x") for q in ("max_stress", "natural_frequency_hz")]
+    found = sweep(family, looked_at, SweepPlan(sampling="grid", samples=121))
+    x, y = (found.points[:, i].reshape(found.counts) * _MM for i in range(2))
+    axes.contourf(x, y, found.on_grid(0), levels=11, cmap=mpl.colormaps["YlGnBu"], alpha=0.75)
+    axes.contour(x, y, found.on_grid(1), levels=7, colors=INK, linewidths=1.1)
+    axes.plot(*(_MM * family.usual), "D", color=CYCLE[1], markersize=9, markeredgecolor="white")
+    return figure
+
+
 PICTURES: dict[str, Callable[[], "Figure"]] = {
     "card-stage.png": card_stage,
     "card-mode.png": card_mode,
@@ -336,8 +370,10 @@ PICTURES: dict[str, Callable[[], "Figure"]] = {
     "card-twin.png": card_twin,
     "card-control.png": card_control,
     "card-cut.png": card_cut,
+    "card-sweep.png": card_sweep,
     "guide.png": guide,
     "vgtu-piezo.png": piezo_stage,
+    "moving-necks.png": moving_necks,
     "inverse-on-twin.png": inverse_on_twin,
     "control-on-twin.png": control_on_twin,
     **{f"design-{name}.png": partial(one_design, name) for name in DESIGNS},
@@ -348,6 +384,7 @@ PAGES = {
     "frequency-response.png": ("how-to/frequency-response.md", "response.png"),
     "piezo-hysteresis.png": ("tutorials/piezo-hysteresis.md", "piezo-hysteresis.png"),
     "sweep-map.png": ("how-to/sweep.md", "map.png"),
+    "tolerance.png": ("how-to/tolerance.md", "lot.png"),
 }
 #: Pictures that commands make, the last of which writes the file.
 COMMANDS = {
@@ -360,6 +397,7 @@ COMMANDS = {
         "export parallelogram --to step --folder .",
         "part parallelogram.step --order 0 --figure",
     ],
+    "sensitivity.png": ["sensitivity vgtu-piezo --quiet --figure"],
 }
 #: Pictures of other programs, made by hand: VTK, and the contours of the DXF with a filled part.
 BY_HAND = ("mode-vgtu-piezo.png", "wire-path.png")

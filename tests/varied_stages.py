@@ -4,7 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from flexstage.quantities import QUANTITIES
 from flexstage.stage import Stage
+
+# What is nothing by symmetry is rounding of the motion that it is a part of.
+_NOTHING = {"cross_coupling": 1e-12, "parasitic_rotation": 1e-14, "cross_rotation": 1e-14}
+
+
+def rounding(quantity: str) -> float:
+    """Return a magnitude below which a value is rounding."""
+    return _NOTHING.get(quantity, 0.1 * QUANTITIES[quantity].zero)
 
 
 def varied(stage: Stage, seed: int, share: float = 0.02) -> Stage:

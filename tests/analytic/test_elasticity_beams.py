@@ -432,3 +432,39 @@ def test_rigid_motion_of_a_rigid_field_is_itself_without_stress(dimension):
     assert at == centre
     np.testing.assert_allclose(rows @ u, expected, rtol=1e-9, atol=1e-13)
     assert greatest(part, part.stress(u)) < 1e-10 * E * 1e-3
+
+
+# ------------------------------------------------------------------------- the same part twice
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_part_held_otherwise_is_the_part_that_is_held_so(dimension):
+    def made(held):
+        if dimension == 2:
+            return strip(23e-3, 3e-3, order=3, held=held)
+        return bar(23e-3, 3e-3, 4e-3, held=held)
+
+    first, alone = made("left"), made("left|right")
+    other = first.held_otherwise("left|right")
+    pushed = np.random.default_rng(5).standard_normal(first.size)
+    before = first.solve(pushed)
+    expected = alone.solve(pushed)
+    np.testing.assert_allclose(
+        other.solve(pushed), expected, rtol=0, atol=1e-12 * abs(expected).max()
+    )
+    assert abs(before).max() > 2.0 * abs(expected).max()  # the first one is held as it was
+    # what one frees, the other still has
+    first.release()
+    omega = other.modes(2)[0]
+    np.testing.assert_allclose(omega, alone.modes(2)[0], rtol=1e-9)
+    other.release()
+    np.testing.assert_array_equal(first.solve(pushed), before)
+
+
+def test_a_path_goes_on_with_the_stiffness_that_it_has():
+    leaf = strip(30e-3, 0.4e-3, size=3e-3, held="left")
+    path = follow_drive(leaf, leaf.mean("right", (0, 1)), np.linspace(0, 6e-3, 5)[1:])
+    alone = follow_drive(leaf, leaf.mean("right", (0, 1)), [6e-3])
+    assert path.force[-1] == pytest.approx(alone.force[-1], rel=1e-10)
+    assert path.compliance[-1] == pytest.approx(alone.compliance[-1], rel=1e-5)
+    assert max(path.iterations[1:]) < path.iterations[0]

@@ -17,6 +17,8 @@ REFUSED = {
     "show": ["nowhere.yaml"],
     "check": ["nowhere.yaml"],
     "analyse": ["nowhere.yaml"],
+    "sensitivity": ["nowhere.yaml"],
+    "optimise": ["parallelogram"],
     "sweep": ["parallelogram"],
     "tolerance": ["nowhere.yaml"],
     "equations": ["nowhere.yaml"],

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
+from flexstage.explore import Job
 
 NECK = ("--over", "leg.notch.neck_thickness=0.31..0.52 mm/4")
 SPACING = ("--over", "leg_spacing=6..46 mm/5")
@@ -119,10 +120,22 @@ def test_without_libraries_the_other_files_are_written(run, tmp_path, monkeypatc
         "sweep.json",
         "sweep.svg",
     ]
-    assert told["files"] == ["out/sweep.json", "out/sweep.csv", "out/sweep.svg"]
+    assert told["files"] == ["out/sweep.csv", "out/sweep.json", "out/sweep.svg"]
     for name, note in zip(("sweep.parquet", "sweep.html"), told["notes"], strict=True):
         assert note.startswith(f"{name} was not written: ")
         assert note.endswith('pip install "flexstage[explore]"')
+
+
+def test_what_cannot_be_drawn_is_said_and_the_rest_is_written(run, tmp_path):
+    words = "sweep", "parallelogram", *SPACING, "--of", "ratio", "--folder", "out"
+    status, out, _ = run(*words, "--figure", "a.png")
+    assert status == 0
+    assert "note: a.png was not written: no figure of the sweep varies" in out
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == [
+        "sweep.csv",
+        "sweep.json",
+        "sweep.parquet",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -135,6 +148,7 @@ def test_without_libraries_the_other_files_are_written(run, tmp_path, monkeypatc
         (["parallelogram", *NECK, "--plan", "gridd"], "did you mean 'grid'?"),
         (["parallelogram", *NECK, "--model", "liquid"], "the model 'liquid' is not known"),
         (["parallelogram", *NECK, "--indices", "--plan", "grid"], "leave the plan out"),
+        (["parallelogram", *NECK, "--indices", "--samples", "9"], "16 base samples or more, got 9"),
         (["parallelogram", "--over", "leg_spacing=5..8 mm"], "is a possible stage"),
         (["nowhere.yaml", *NECK], "no built-in design and no file is called 'nowhere.yaml'"),
         (["part.dxf", *NECK], "is a drawing, whose dimensions are fixed"),
@@ -146,6 +160,28 @@ def test_bad_input_is_one_sentence(run, words, sentence):
     assert (status, out) == (2, "")
     assert err.count("\n") == 1
     assert sentence in err
+
+
+def test_an_interrupted_sweep_goes_on(run, tmp_path, monkeypatch):
+    words = "sweep", "parallelogram", *NECK, "--of", "frequency", "--folder", "out", "--json"
+    words = *words, "--workers", "1"
+    whole = json.loads(run(*words)[1])["columns"]
+    compute, numbers = Job.compute, []
+
+    def interrupted(job, number):
+        numbers.append(number)
+        if len(numbers) == 3:
+            raise KeyboardInterrupt
+        return compute(job, number)
+
+    monkeypatch.setattr(Job, "compute", interrupted)
+    assert run(*words)[0] == 130
+    assert (tmp_path / "out" / "unfinished").is_dir()
+    status, out, _ = run(*words)
+    assert status == 0
+    assert numbers == [0, 1, 2, 2, 3]
+    assert json.loads(out)["columns"] == whole
+    assert not (tmp_path / "out" / "unfinished").exists()
 
 
 def test_a_refused_sweep_leaves_nothing(run, tmp_path):

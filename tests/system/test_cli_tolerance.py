@@ -9,11 +9,16 @@ import sys
 import time
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from flexstage.cli import main
 from flexstage.cli.tolerance import scatter_of
 from flexstage.designs import design
+from flexstage.explore import open_workers
+from flexstage.explore.family import known_figures
+from flexstage.explore.figures import usual_figures
+from flexstage.explore.tolerance import tolerance
 from flexstage.stage import stage_to_text
 from flexstage.virtual.imperfections import Scatter
 
@@ -34,7 +39,7 @@ def test_it_tells_spread_yield_and_what_to_tighten(capsys, tmp_path):
         "--folder", str(tmp_path / "lot"),
     )  # fmt: skip
     assert code == 0
-    assert "parallelogram: 600 stages as they come from the machine" in out
+    assert "parallelogram: 600 stages as they come from the machine." in out
     assert "all necks alike (wire offset)" in out
     assert "natural_frequency.x >= 190 Hz" in out
     assert "stages are good" in out
@@ -113,6 +118,27 @@ def test_a_stage_without_axes_has_no_figures(capsys, tmp_path):
     code, _, err = run(capsys, str(file), *QUICK[1:])
     assert code == 2
     assert "names no axis" in err
+
+
+@pytest.mark.slow
+def test_one_two_and_four_workers_give_the_same_bits(monkeypatch):
+    monkeypatch.setattr("flexstage.explore.workers._TRIED", 0.0)
+    monkeypatch.setattr("flexstage.explore.workers._WORTH_SHARING", 0.0)
+    stage = design("vgtu-piezo")
+    figures = usual_figures(known_figures(stage))
+    lots = []
+    for count in (1, 2, 4):
+        with open_workers(count) as workers:
+            lots.append(
+                tolerance(
+                    stage, figures=figures, samples=20_100, seed=7, model="lumped", workers=workers
+                )
+            )
+    assert np.array_equal(lots[0].values, lots[1].values)
+    assert np.array_equal(lots[0].values, lots[2].values)
+    # and the first of them are those of a small lot, in another batch
+    few = tolerance(stage, figures=figures, samples=123, seed=7, model="lumped")
+    assert few.values == pytest.approx(lots[0].values[:123], rel=1e-10, abs=1e-12)
 
 
 @pytest.mark.slow

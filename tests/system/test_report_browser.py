@@ -21,6 +21,8 @@ FLAGS = (
     "--headless",
     "--no-sandbox",
     "--disable-gpu",
+    # what a graphics card draws is drawn without one
+    "--enable-unsafe-swiftshader",
     "--no-first-run",
     "--disable-background-networking",
     "--disable-component-update",
@@ -186,3 +188,53 @@ def test_the_report_opens_and_its_modes_move(browser: Browser, tmp_path: Path) -
     assert not browser.named(
         "Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded"
     )
+
+
+@pytest.mark.slow
+def test_lines_of_a_sweep_are_brushed_and_saved(browser: Browser, tmp_path: Path) -> None:
+    from flexstage.designs import StageTemplate
+    from flexstage.explore import Family, Figure, SweepPlan, sweep, variables_of
+    from flexstage.report.sweep import sweep_html
+
+    template = StageTemplate.of("parallelogram")
+    necks = variables_of(template, ["leg.notch.neck_thickness=0.3..0.5 mm", "leg_spacing=20 %"])
+    found = sweep(
+        Family(template=template, variables=necks),
+        [Figure(quantity=q, axis="x") for q in ("natural_frequency_hz", "max_stress")],
+        SweepPlan(sampling="grid", samples=16),
+    )
+    file = tmp_path / "sweep.html"
+    file.write_text(sweep_html(found), encoding="utf-8")
+    browser.events.clear()
+    browser.call("Page.navigate", url=file.as_uri())
+    browser.run(LOADED)
+    browser.run(
+        'var lines = document.getElementById("parallel-coordinates");'
+        'var spread = range => Plotly.restyle(lines, "dimensions[0].constraintrange", [range]);'
+        'var picture = () => Plotly.toImage(lines, {format: "png"});'
+    )
+    browser.run(WAIT.format(500))
+    assert browser.run("lines.data[0].dimensions.length") == 4
+    # with a stretch of an axis other lines are drawn: so the lines are drawn at all
+    whole = browser.run("picture()")
+    browser.run("spread([0.3, 0.35]).then(() => true)")
+    browser.run(WAIT.format(500))
+    part = browser.run("picture()")
+    assert whole.startswith("data:image/png")
+    assert part != whole
+    # what the menu does: another figure colours the lines
+    browser.run(
+        "Plotly.restyle(lines, lines.layout.updatemenus[0].buttons[3].args[0]).then(() => true)"
+    )
+    browser.run(WAIT.format(300))
+    assert browser.run("picture()") != part
+    stress = "lines.data[0].dimensions[3].values"
+    assert browser.run("lines.data[0].line.color[1]") == browser.run(f"{stress}[1]")
+
+    asked = {e["params"]["request"]["url"] for e in browser.named("Network.requestWillBeSent")}
+    loaded = {url for url in asked if not url.startswith(("data:", "blob:"))}
+    assert loaded == {file.as_uri()}
+    assert not browser.named("Runtime.exceptionThrown", "Runtime.consoleAPICalled")
+    # a reader of pixels without a graphics card is told that it is slow
+    entries = [event["params"]["entry"] for event in browser.named("Log.entryAdded")]
+    assert [e for e in entries if e["level"] == "error" or e["source"] != "rendering"] == []

@@ -96,6 +96,17 @@ def test_what_is_found_in_short(over_neck):
     assert sweep_notes(over_neck) == ("vary by less than 0.1 %: cross_coupling.x",)
 
 
+def test_rounding_moves_nothing():
+    # the axes of the piezo stage are in series: legs of y are not in the ratio of x
+    found = sweep(
+        family("vgtu-piezo", "x.actuator.free_stroke=30..45 um/3", "y.leg_neck=10 %/3"),
+        [Figure(quantity="output_displacement", axis="x")],
+        SweepPlan(sampling="grid", samples=9),
+    )
+    assert found.correlations[0] == pytest.approx([1.0, 0.0], abs=1e-12)
+    assert found.variables[0].heading == "x.actuator.free_stroke [µm]"
+
+
 def test_a_stiffer_material_scales_as_it_must(tmp_path):
     # M q'' + K q = 0 and K ~ E: frequencies go with the square root of E, stress of an imposed
     # motion with E, and the ratio not at all (Buckingham 1914: there is no other modulus)
@@ -165,6 +176,18 @@ def test_indices_of_a_guide(with_indices):
     assert found.total[1, 1] > 0.8
     # nothing but rounding separates one variable at a time from all
     assert found.first[1].sum() == pytest.approx(1.0, abs=0.05)
+
+
+def test_what_is_rounding_has_no_indices():
+    # both halves of the stage are mirror images: what one axis does to the other is rounding
+    found = sweep(
+        family("vgtu-piezo", "x.lever_neck=5 %"),
+        [Figure(quantity="cross_coupling", axis="x"), FREQUENCY],
+        SweepPlan(sampling="sobol", samples=16, indices=True),
+    )
+    assert 0.0 < np.abs(found.values[:, 0]).max() < 1e-9
+    assert np.isnan(found.indices.first[0]).all()
+    assert found.indices.total[1] == pytest.approx([1.0], abs=0.01)
 
 
 def test_no_indices_where_much_is_impossible():
@@ -352,6 +375,20 @@ def test_the_page_needs_nothing_else(over_legs):
     # what a library would load from elsewhere is not asked for
     assert " src=" not in page.replace("<script", "\n<script").split("Plotly.newPlot")[1]
     assert "default-src 'none'" in page
+    # the lines are the points, in the units of their headings
+    data = page.split('"parallel-coordinates",', 1)[1].lstrip()
+    (lines,), _ = json.JSONDecoder().raw_decode(data)
+    kept = over_legs.possible
+    for axis, column in zip(
+        lines["dimensions"],
+        (*(1e3 * over_legs.points.T), over_legs.values[:, 0], 1e-6 * over_legs.values[:, 1]),
+        strict=True,
+    ):
+        assert axis["values"] == pytest.approx(column[kept].tolist(), rel=1e-5)
+    assert [axis["label"] for axis in lines["dimensions"]][1:3] == [
+        "leg.notch.neck_<br>thickness [mm]",
+        "Natural<br>frequency x [Hz]",
+    ]
     # its code stands as it is: a hyphen in it is no minus sign
     assert "−1" not in page.partition("<section")[0].partition("</nav>")[2]
 

@@ -22,6 +22,10 @@ from flexstage.cli.worker_options import USUAL_WORKERS, WorkerOptions
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from matplotlib.figure import Figure as Drawing
+
     from flexstage.designs import StageTemplate
     from flexstage.explore import Family, Figure, Sweep
 
@@ -171,23 +175,31 @@ def _written(
 
     files: list[Path] = []
     notes: list[str] = []
+
+    def made(path: Path, make: "Callable[[], Drawing | bytes | str]") -> dict[str, bytes]:
+        """Content of a file by its name; a note where it cannot be made."""
+        try:
+            content = make()
+        except ModelError as error:
+            notes.append(f"{path.name} was not written: {error}")
+            return {}
+        if isinstance(content, str):
+            return {path.name: content.encode()}
+        return {path.name: content if isinstance(content, bytes) else picture(path, content)}
+
     if figure is not None:
-        files += write_files(figure.parent, {figure.name: picture(figure, draw_sweep(found))})
+        files += write_files(figure.parent, made(figure, lambda: draw_sweep(found)))
     if folder is None:
         return files, notes
     contents = {
-        "sweep.json": json_text(sweep_results(found)).encode(),
-        "sweep.csv": sweep_csv(found),
+        "sweep.csv": lambda: sweep_csv(found),
+        "sweep.parquet": lambda: sweep_parquet(found),
+        "sweep.json": lambda: json_text(sweep_results(found)),
+        "sweep.svg": lambda: draw_sweep(found),
+        **({} if found.indices is None else {"indices.svg": lambda: draw_indices(found)}),
+        "sweep.html": lambda: sweep_html(found),
     }
-    if found.moving:
-        contents["sweep.svg"] = picture(Path("sweep.svg"), draw_sweep(found))
-        if found.indices is not None:
-            contents["indices.svg"] = picture(Path("indices.svg"), draw_indices(found))
-    for name, make in (("sweep.parquet", sweep_parquet), ("sweep.html", sweep_html)):
-        try:
-            made = make(found)
-        except ModelError as error:
-            notes.append(f"{name} was not written: {error}")
-            continue
-        contents[name] = made if isinstance(made, bytes) else made.encode()
-    return files + write_files(folder, contents), notes
+    whole: dict[str, bytes] = {}
+    for name, make in contents.items():
+        whole |= made(Path(name), make)
+    return files + write_files(folder, whole), notes

@@ -8,12 +8,15 @@ import typer
 
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring, one_of
 from flexstage.cli.output import (
+    FigureFile,
     OutputFolder,
     console,
     on_terminal,
+    picture,
     print_json,
     print_notes,
     progress_bar,
+    write_file,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.cli.worker_options import WorkerOptions
@@ -42,13 +45,15 @@ def tolerance(
     target_yield: str | None = None,
     cost: list[str] | None = None,
     model: Annotated[str, one_of(("superelement", "lumped"))] = "superelement",
+    follow_necks: bool = False,
+    figure: FigureFile = None,
     folder: OutputFolder = None,
     every_sample: bool = False,
     shared: WorkerOptions = _ALL_CORES,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Draw a lot of stages as the workshop makes them: spread, yield, what to tighten.
+    """Compute what the workshop makes of a stage: spread, yield.
 
     Parameters
     ----------
@@ -75,6 +80,11 @@ def tolerance(
     model
         Model whose figures of the drawing correct those of the lumped one, which follows the
         samples; lumped for none.
+    follow_necks
+        Have that model say as well how figures follow an offset of all necks: two more analyses,
+        each of notches that it has not met.
+    figure
+        Draw the distribution of every figure. (.svg, .png or .pdf)
     folder
         Folder of tolerance.html, tolerance.json and pictures; finished batches are kept there while
         it works, and the same run goes on from them.
@@ -88,6 +98,8 @@ def tolerance(
 
     if model not in ("superelement", "lumped"):
         raise ModelError(f"--model is superelement or lumped, got '{model[:40]}'")
+    if follow_necks and model == "lumped":
+        raise ModelError("--follow-necks needs another --model than lumped, which says it then")
     if every_sample and folder is None:
         raise ModelError("--every-sample writes a file: give a --folder for it")
     process = scatter_of(scatter or ())
@@ -118,6 +130,7 @@ def tolerance(
             samples=samples,
             seed=seed,
             model=model,
+            follow_necks=follow_necks,
             workers=workers,
             keep=keep,
         )
@@ -126,6 +139,11 @@ def tolerance(
             choice = choose_tolerances(study, target, weights=weights, workers=workers)
     result = _result(study, choice)
     files = [] if folder is None else _write(folder, study, choice, result, every=every_sample)
+    if figure is not None:
+        from flexstage.report.figures.tolerance import draw_spreads
+
+        write_file(figure, picture(figure, draw_spreads(study)))
+        files.append(figure)
     if json:
         print_json({**result, "files": [str(file) for file in files]})
         return

@@ -117,10 +117,7 @@ class StageTemplate:
         return text_of_dimensions(*found[0]) if found else stage_to_text(wanted, shared=True)
 
     def _dimensions(self, values: Mapping[str, float]) -> Any:
-        dimensions = _design(self)[2]
-        for name, value in values.items():
-            dimensions = _with(dimensions, name.split("."), value, self.source)
-        return dimensions
+        return _with(_design(self)[2], values, self.source)
 
     def _texts(self, values: Mapping[str, float]) -> dict[str, str]:
         known = {parameter.name: parameter for parameter in self.parameters}
@@ -143,13 +140,19 @@ def _parameters(template: StageTemplate) -> tuple[StageParameter, ...]:
     return parameters_in(template.source, template.file, dict(template.settings))
 
 
-def _with(dimensions: Any, path: list[str], value: float, source: str) -> Any:
-    """Return dimensions with another value, some groups down."""
-    first, *rest = path
-    require_known(source, first, type(dimensions).__dataclass_fields__, StageError)
-    if rest:
-        value = _with(getattr(dimensions, first), rest, value, source)
-    return replace(dimensions, **{first: value})
+def _with(dimensions: Any, values: Mapping[str, float], source: str) -> Any:
+    """Return dimensions with other values, some of them some groups down, all at once."""
+    changes: dict[str, Any] = {}
+    groups: dict[str, dict[str, float]] = {}
+    for name, value in values.items():
+        first, _, rest = name.partition(".")
+        require_known(source, first, type(dimensions).__dataclass_fields__, StageError)
+        if rest:
+            groups.setdefault(first, {})[rest] = value
+        else:
+            changes[first] = value
+    changes |= {n: _with(getattr(dimensions, n), inner, source) for n, inner in groups.items()}
+    return replace(dimensions, **changes)
 
 
 def _edited(template: StageTemplate, texts: Mapping[str, str]) -> str | None:

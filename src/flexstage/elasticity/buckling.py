@@ -189,9 +189,13 @@ def _extremes(
         if not done and i < 2 * count + 8:
             continue
         values, turns = np.linalg.eigh(projected[: i + 1, : i + 1])
-        # what is left of K^-1 A v - value v lies in the vectors that were not multiplied yet
-        rest = vectors[i + 1 : kept] @ (matrix @ (turns.T @ vectors[: i + 1]).T)
-        wrong = np.zeros_like(values) if done else np.linalg.norm(rest, axis=0)
+        wrong = np.zeros_like(values)
+        if not done:
+            # what is left of K^-1 A v - value v lies in the vectors that were not multiplied yet;
+            # of the others than the outermost nothing is asked
+            outer = np.unique(np.r_[:count, -count:0] % values.size)
+            rest = vectors[i + 1 : kept] @ (matrix @ (turns[:, outer].T @ vectors[: i + 1]).T)
+            wrong[outer] = np.linalg.norm(rest, axis=0)
         chosen = _chosen(values, wrong, count, reach, tolerance)
         if chosen is not None:
             return values[chosen], vectors[: i + 1].T @ turns[:, chosen]

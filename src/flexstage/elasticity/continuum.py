@@ -1,8 +1,8 @@
 """Linear elasticity of a meshed part: matrices, loads, readings, statics, modes, stress."""
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import ngsolve as ng
@@ -96,9 +96,8 @@ class Continuum:
         self.dimension = int(mesh.dim)
         self.thickness = thickness
         self.shift = shift
-        parts = {f"dirichlet{c}": names for c, names in (held_components or {}).items()}
-        self.space = ng.VectorH1(mesh, order=order, dirichlet=held, **parts)
-        self.size: int = self.space.ndof
+        self._matrices: dict[str, Any] = {}  # stiffness and mass, whatever holds the part
+        self._hold(held, held_components or {})
         modulus, poisson = material.youngs_modulus, material.poissons_ratio
         self.shear_modulus = modulus / (2.0 * (1.0 + poisson))
         first = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
@@ -119,19 +118,41 @@ class Continuum:
         self._measure = copies * (thickness if thickness is not None else 1.0 / METRE)
         self._volume = self._measure / METRE**2
         self._density: Any = self._volume * material.density
+
+    def _hold(self, held: str, held_components: Mapping[str, str]) -> None:
+        parts = {f"dirichlet{c}": names for c, names in held_components.items()}
+        self.space = ng.VectorH1(self.mesh, order=self.order, dirichlet=held, **parts)
+        self.size: int = self.space.ndof
         self.free = np.array(self.space.FreeDofs(), dtype=bool)
         self._solver: ng.BaseMatrix | None = None
+
+    def held_otherwise(
+        self, held: str = "", held_components: Mapping[str, str] | None = None
+    ) -> "Continuum":
+        """Return the same part, held in another way, as the initialiser says.
+
+        What does not depend on that is assembled once for both, while either is in use.
+        """
+        other = copy(self)
+        other._hold(held, held_components or {})
+        return other
 
     # ------------------------------------------------------------------ matrices
 
     def _form(self) -> ng.BilinearForm:
-        u, v = self.space.TnT()
-        form = ng.BilinearForm(self.space, symmetric=True, condense=True)
-        strain_u, strain_v = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
-        stress = 2.0 * self.shear_modulus * ng.InnerProduct(strain_u, strain_v)
-        form += self._measure * (self.lame * ng.div(u) * ng.div(v) + stress) * ng.dx
+        # a field for each component, in the order of the space: the integrals of a vector field
+        # would go through the components that a function does not have, at several times the cost
+        space = ng.FESpace([ng.H1(self.mesh, order=self.order) for _ in range(self.dimension)])
+        fields = tuple(zip(*space.TnT(), strict=True))
+        slopes = [(ng.Grad(u), ng.Grad(v)) for u, v in fields]
+        density: Any = sum(self.shear_modulus * ng.InnerProduct(a, b) for a, b in slopes)
+        for i, (a, _) in enumerate(slopes):
+            for j, (_, b) in enumerate(slopes):
+                density += self.lame * a[i] * b[j] + self.shear_modulus * a[j] * b[i]
+        form = ng.BilinearForm(space, symmetric=True, condense=True)
+        form += self._measure * density * ng.dx
         if self.shift:
-            form += self.shift * self._density * ng.InnerProduct(u, v) * ng.dx
+            form += self.shift * self._density * sum(u * v for u, v in fields) * ng.dx
         return form
 
     def factorise(self) -> None:
@@ -151,8 +172,12 @@ class Continuum:
             )
         with parallel():
             progress.update("assembly")
-            form = self._form()
-            form.Assemble()
+            if "stiffness" not in self._matrices:
+                form = self._form()
+                form.Assemble()
+                self._matrices["stiffness"] = form
+            # kept, as the operators refer to it
+            form = self._matrices["stiffness"]
             kept = self.space.FreeDofs(True)
             progress.update("factorisation", 0.5)
             inverse = form.mat.Inverse(kept, "sparsecholesky")
@@ -162,19 +187,22 @@ class Continuum:
                 one + form.harmonic_extension_trans,
             )
             self._solver = outwards @ inverse @ inwards + form.inner_solve
-            self._form_kept = form  # the operators refer to it
             self._right = form.mat.CreateColVector()
             self._left = form.mat.CreateColVector()
 
     def release(self) -> None:
-        """Free the factorisation and the mass matrix, the bulk of the memory; fields stay."""
+        """Free factorisation and matrices, the bulk of the memory; fields stay."""
         self._solver = None
-        self.__dict__.pop("_mass", None)
-        self.__dict__.pop("_form_kept", None)
+        self._matrices = {}  # another part, held otherwise, may still use those of before
 
-    @cached_property
+    @property
     def _mass(self) -> sp.csr_matrix:
         """Mass matrix of one component of the displacement [kg]; all components share it."""
+        if "mass" not in self._matrices:
+            self._matrices["mass"] = self._assembled_mass()
+        return self._matrices["mass"]
+
+    def _assembled_mass(self) -> sp.csr_matrix:
         scalar = ng.H1(self.mesh, order=self.order)
         if scalar.ndof * self.dimension != self.size:
             raise ModelError("the components of the displacement do not share one scalar space")
@@ -466,13 +494,15 @@ class Continuum:
         # two coordinates and the determinant of a curved element are polynomials of this order
         exact = (d + 2) * self.order
 
-        def over(field: ng.CoefficientFunction) -> float:
-            return float(ng.Integrate(field, self.mesh, definedon=where, order=exact))
+        def over(fields: Sequence[ng.CoefficientFunction | float]) -> Array:
+            # together, as going over the elements takes longer than the fields
+            given = ng.CoefficientFunction(tuple(fields))
+            return np.array(ng.Integrate(given, self.mesh, definedon=where, order=exact))
 
-        volume = over(ng.CoefficientFunction(1.0))
+        volume, *firsts = over([1.0, *x])
         if volume <= 0.0:
             raise ModelError(f"the mesh has no region called '{region}'")
-        middle = [over(c) / volume for c in x]
+        middle = [float(first / volume) for first in firsts]
         units = np.eye(d)
         fields = [ng.CoefficientFunction(tuple(units[i])) for i in range(d)]
         arm = [c - m for c, m in zip(x, middle, strict=True)]
@@ -481,7 +511,8 @@ class Continuum:
             parts: list[object] = [ng.CoefficientFunction(0.0)] * d
             parts[a], parts[b] = -arm[b], arm[a]
             fields.append(ng.CoefficientFunction(tuple(parts)))
-        gram = np.array([[over(ng.InnerProduct(p, q)) for q in fields] for p in fields])
+        count = len(fields)
+        gram = over([ng.InnerProduct(p, q) for p in fields for q in fields]).reshape(count, count)
         v = self.space.TestFunction()
         rows = np.array(
             [self._linear(ng.InnerProduct(p, v) * ng.dx(region, bonus_intorder=1)) for p in fields]

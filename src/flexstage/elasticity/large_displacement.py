@@ -72,6 +72,7 @@ class _Path:
         self.form = ng.BilinearForm(space, symmetric=True, condense=True)
         self.form += ng.Variation(volume_unit(continuum) * energy.Compile() * ng.dx)
         self.state, self.right, self.left = (ng.GridFunction(space).vec for _ in range(3))
+        self.last: ng.BaseMatrix | None = None  # of the last equilibrium, for the way on from it
 
     def _checked(self, name: str, vector: Array) -> Array:
         if vector.shape != self.free.shape or not np.isfinite(vector).all():
@@ -110,9 +111,13 @@ class _Path:
         self.share.Set(share)
         if not self.driven:
             force = value
+        # where the last step ended its last correction was tiny, so that its tangent is still good;
+        # a form that is assembled again takes it away
+        tangent, self.last, made = self.last, None, 0
         for count in range(1, self.most_iterations + 1):
             self.state.FV().NumPy()[:] = u
-            tangent = self._tangent()
+            if count > 1 or tangent is None:
+                tangent, made = self._tangent(), made + 1
             self.form.Apply(self.state, self.right)
             inner = self.right.FV().NumPy()
             rest = np.where(self.free, share * self.load + force * d - inner, 0.0)
@@ -124,16 +129,17 @@ class _Path:
             u = u + du
             work = abs(float(du @ rest))
             if not np.isfinite(work):
-                return u, force, compliance, count, False
+                return u, force, compliance, made, False
             # Slender parts first stretch as they turn, by much more than they end up stretched;
             # beyond that the iterates have left for good.
             first = max(first, work) if count <= 2 else first
             if work > 1e6 * first:
-                return u, force, compliance, count, False
+                return u, force, compliance, made, False
             self.state.FV().NumPy()[:] = u
             if work <= self.tolerance**2 * abs(float(self.form.Energy(self.state))):
-                return u, force, compliance, count, True
-        return u, force, compliance, self.most_iterations, False
+                self.last = tangent
+                return u, force, compliance, made, True
+        return u, force, compliance, made, False
 
     def follow(self, values: Sequence[float] | Array, most_halvings: int) -> Equilibria:
         """Go from rest to each value in turn, in smaller steps where a whole one fails."""

@@ -97,6 +97,7 @@ class _Loaded(Continuum):
     def __init__(self, base: Continuum, u0: Array, change: Field, locked: Array | None) -> None:
         self.__dict__.update(base.__dict__)  # the same mesh, space, mass and readings
         self._solver = None
+        self._matrices = {"mass": base._mass}
         self._state = base.field(u0)
         self._change = change
         self._locked = None if locked is None else np.atleast_2d(locked)

@@ -12,7 +12,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.stage import Stage
+from flexstage.stage import PiezoStack, Stage
 from flexstage.virtual.imperfections import Scatter
 
 _WORDS = 4  # that one step of the counter gives
@@ -75,9 +75,22 @@ def parts(stage: Stage, kinds: tuple[str, ...]) -> tuple[Part, ...]:
     )
 
 
-def drawn_kinds(scatter: Scatter) -> tuple[str, ...]:
-    """Return the kinds whose scatter is not zero."""
-    return tuple(kind.name for kind in KINDS if getattr(scatter, kind.name) > 0.0)
+def drawn_kinds(stage: Stage, scatter: Scatter) -> tuple[str, ...]:
+    """Return the kinds that a stage can have, and whose scatter is not zero."""
+    nothing = {
+        "neck_common": not stage.hinges,
+        "neck_own": not stage.hinges,
+        "radius": not stage.hinges,
+        "position": not stage.hinges,
+        "temperature": stage.material.thermal_expansion is None,
+        "stroke": not any(isinstance(drive, PiezoStack) for drive in stage.drives),
+        "drive": not stage.drives,
+    }
+    return tuple(
+        kind.name
+        for kind in KINDS
+        if getattr(scatter, kind.name) > 0.0 and not nothing.get(kind.name, False)
+    )
 
 
 def draw(

@@ -12,10 +12,20 @@ from flexstage.errors import FlexstageError, ModelError
 from flexstage.explore.figures import Figure
 from flexstage.explore.stage_figures import STAGE_FIGURES
 from flexstage.explore.variables import Variable
-from flexstage.lumped import lumped_characteristics, stage_arrays
+from flexstage.lumped import (
+    StageTangents,
+    assemble_batch,
+    lumped_characteristics,
+    lumped_system,
+    parameter_tangents,
+    stage_arrays,
+    system_tangents,
+)
+from flexstage.progress import subtask
 from flexstage.stage import Stage
 from flexstage.studies.models import analyse_model
-from flexstage.system import Analysis
+from flexstage.system import characteristic_derivatives
+from flexstage.system.batch_analysis import quoted
 
 # Steps of difference quotients in parts of the range of a variable: a meshed model jitters with its
 # mesh, and needs wider ones.
@@ -132,12 +142,13 @@ def evaluate(
             faults[i] = str(error)
     if model == "lumped":
         _together(family.template.stage(), stages, figures, values)
-    for i, stage in stages.items():
+    for done, (i, stage) in enumerate(stages.items()):
         missing = np.flatnonzero(np.isnan(values[i])).tolist()
         if not missing:
             continue
         try:
-            values[i, missing] = _figures(stage, [figures[k] for k in missing], model)
+            with subtask(done / len(stages), (done + 1) / len(stages)):
+                values[i, missing] = _figures(stage, [figures[k] for k in missing], model)
         except FlexstageError as error:
             values[i], faults[i] = np.nan, str(error)
     return Evaluated(figures=tuple(figures), values=values, faults=tuple(faults))
@@ -162,27 +173,21 @@ def _together(
 @lru_cache(maxsize=32)
 def _batched(nominal: Stage) -> frozenset[tuple[str, str]]:
     """Figures that the batched engine knows of a stage."""
-    return frozenset(lumped_characteristics(stage_arrays([nominal])))
+    return frozenset(quoted(assemble_batch(stage_arrays([nominal]))))
 
 
 def _figures(stage: Stage, figures: Collection[Figure], model: str) -> list[float]:
-    """Figures of one stage, by the single analysis."""
-    analysis = analyse_model(stage, model)
-    rows = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
-    others: dict[str, Mapping[str, float]] = {}
-    return [rows.get(f.key, _other(f, stage, analysis, others)) for f in figures]
-
-
-def _other(
-    figure: Figure, stage: Stage, analysis: Analysis, found: dict[str, Mapping[str, float]]
-) -> float:
-    """Return a figure beyond those of an analysis; NaN where this stage has none."""
-    compute = STAGE_FIGURES.get(figure.quantity)
-    if compute is None:
-        return np.nan
-    if figure.quantity not in found:
-        found[figure.quantity] = compute(stage, analysis.system)
-    return found[figure.quantity].get(figure.axis, np.nan)
+    """Figures of one stage, by the single analysis; what needs none of it, by the model alone."""
+    rows: dict[tuple[str, str], float] = {}
+    if model == "lumped" and all(figure.quantity in STAGE_FIGURES for figure in figures):
+        system = lumped_system(stage)
+    else:
+        analysis = analyse_model(stage, model)
+        system = analysis.system
+        rows = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
+    for quantity in {figure.quantity for figure in figures} & set(STAGE_FIGURES):
+        rows |= {(quantity, a): v for a, v in STAGE_FIGURES[quantity](stage, system).items()}
+    return [rows.get(figure.key, np.nan) for figure in figures]
 
 
 def jacobian(
@@ -190,7 +195,9 @@ def jacobian(
 ) -> tuple[Array, Array]:
     """Return figures of a point and their slopes by the variables.
 
-    Central difference quotients; to one side where the other is no stage.
+    By the lumped model the derivatives of `flexstage.system.characteristic_derivatives`, which
+    need no step; what that does not know, and other models, by central difference quotients, to
+    one side where the other is no stage.
 
     Parameters
     ----------
@@ -215,12 +222,62 @@ def jacobian(
         The point itself is no stage.
     """
     steps = _STEP[model] * np.ptp(family.bounds, axis=1)
-    d = len(steps)
-    around = np.concatenate((point[None], point + np.diag(steps), point - np.diag(steps)))
-    found = evaluate(family, around, figures, model)
+    found = evaluate(family, point[None], figures, model)
     if found.faults[0]:
         raise ModelError(f"there is no stage to start from: {found.faults[0]}")
-    here, above, below = found.values[0], found.values[1 : d + 1], found.values[d + 1 :]
-    up, down = (above - here) / steps[:, None], (here - below) / steps[:, None]
+    slopes = np.full((len(figures), len(steps)), np.nan)
+    if model == "lumped":
+        slopes = _derivatives(family, point, figures, steps)
+    left = np.flatnonzero(np.isnan(slopes).any(axis=1))
+    if left.size:
+        open_ = [figures[k] for k in left.tolist()]
+        by_steps = _quotients(family, point, open_, model, steps, found.values[0, left])
+        slopes[left] = np.where(np.isnan(slopes[left]), by_steps, slopes[left])
+    return found.values[0], slopes
+
+
+def _derivatives(family: Family, point: Array, figures: Sequence[Figure], steps: Array) -> Array:
+    """Analytic derivatives by the lumped model, shape (f, d); NaN where they are not known."""
+    slopes = np.full((len(figures), len(steps)), np.nan)
+    arrays = stage_arrays([family.stage(point)])
+    batched = quoted(assemble_batch(arrays))
+    known = [k for k, figure in enumerate(figures) if figure.key in batched]
+    if not known:
+        return slopes
+    tangents: dict[int, StageTangents] = {}
+    for j, step in enumerate(steps):
+
+        def build(value: float, j: int = j) -> Stage:
+            return family.stage(np.concatenate((point[:j], [value], point[j + 1 :])))
+
+        try:
+            tangents[j] = parameter_tangents(
+                build, float(point[j]), step=float(step), order=2, arrays=arrays
+            )
+        except FlexstageError:
+            continue  # no stage to either side, or a hinge that becomes another
+    if tangents:
+        first, *others = tangents.values()
+        joined = first.joined(*others)
+        keys = [figures[k].key for k in known]
+        found = characteristic_derivatives(*system_tangents(joined), keys)
+        for k, key in zip(known, keys, strict=True):
+            slopes[k, list(tangents)] = found[key]
+    return slopes
+
+
+def _quotients(
+    family: Family,
+    point: Array,
+    figures: Sequence[Figure],
+    model: str,
+    steps: Array,
+    here: Array,
+) -> Array:
+    """Difference quotients, shape (f, d)."""
+    d = len(steps)
+    around = np.concatenate((point + np.diag(steps), point - np.diag(steps)))
+    found = evaluate(family, around, figures, model).values
+    up, down = (found[:d] - here) / steps[:, None], (here - found[d:]) / steps[:, None]
     slopes = np.where(np.isnan(up), down, np.where(np.isnan(down), up, 0.5 * (up + down)))
-    return here, slopes.T
+    return slopes.T

@@ -2,7 +2,8 @@
 
 import math
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,6 +141,26 @@ def figure_of(text: str, known: Collection[tuple[str, str]]) -> Figure:
         which = f"'{text[:60]}'" if axis else f"'{text[:60]}' of which axis"
         raise ModelError(f"there is no {which}: choose {', '.join(f'{name}.{a}' for a in axes)}")
     return Figure(quantity=quantity, axis=axis)
+
+
+def figures_of(texts: Sequence[str], known: Collection[tuple[str, str]]) -> tuple[Figure, ...]:
+    """Return the figures of some names; one without an axis is that of every axis that has it.
+
+    Examples
+    --------
+    >>> known = [("max_stress", "x"), ("max_stress", "y"), ("mass", "stage")]
+    >>> [figure.name for figure in figures_of(["stress"], known)]
+    ['max_stress.x', 'max_stress.y']
+    """
+    axes = dict.fromkeys(axis for _, axis in known)
+    found: list[Figure] = []
+    for text in texts:
+        of_axes: list[Figure] = []
+        for axis in axes if "." not in text else ():
+            with suppress(ModelError):  # an axis that has none
+                of_axes.append(figure_of(text, [key for key in known if key[1] == axis]))
+        found += of_axes or [figure_of(text, known)]
+    return tuple(dict.fromkeys(found))
 
 
 def usual_figures(known: Collection[tuple[str, str]]) -> tuple[Figure, ...]:

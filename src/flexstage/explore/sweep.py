@@ -13,7 +13,7 @@ from flexstage.errors import ModelError
 from flexstage.explore.batches import Job, batch_size
 from flexstage.explore.family import Family, evaluate
 from flexstage.explore.figures import Figure
-from flexstage.explore.impossible import Cut, Reason, best_cut, reasons
+from flexstage.explore.impossible import NarrowerBound, Reason, best_cut, reasons
 from flexstage.explore.sampling import (
     Sampling,
     grid_counts,
@@ -23,7 +23,7 @@ from flexstage.explore.sampling import (
     saltelli_points,
     sobol_points,
 )
-from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
+from flexstage.explore.sobol_indices import FEWEST, SobolIndices, sobol_indices
 from flexstage.explore.variables import Variable
 from flexstage.explore.workers import open_workers
 from flexstage.provenance import Provenance, provenance
@@ -66,6 +66,10 @@ class SweepPlan:
             raise ModelError(
                 f"Sobol' indices need points of a Sobol' sequence, got '{self.sampling}': leave "
                 "the plan out"
+            )
+        if self.indices and self.samples < FEWEST:
+            raise ModelError(
+                f"Sobol' indices need {FEWEST} base samples or more, got {self.samples}"
             )
 
     def points(self, variables: Sequence[Variable]) -> Array:
@@ -169,7 +173,7 @@ class Sweep:
         return reasons(self.faults)
 
     @property
-    def cut(self) -> Cut | None:
+    def cut(self) -> NarrowerBound | None:
         """The one bound that best leaves out what is no stage, if one does."""
         return best_cut(self.points, self.faults)
 
@@ -234,13 +238,22 @@ class Sweep:
         if self.possible.sum() < 3:
             return out
         x = rankdata(self.points[self.possible], axis=0)
-        y = rankdata(self.values[self.possible], axis=0)
+        found = self.values[self.possible]
+        # what differs by rounding has the same rank
+        spread = np.where(self.still, 1.0, np.ptp(found, axis=0))
+        y = rankdata(np.round((found - found.min(axis=0)) / spread, 6), axis=0)
         x, y = x - x.mean(axis=0), y - y.mean(axis=0)
         sizes = np.linalg.norm(y, axis=0)[:, None] * np.linalg.norm(x, axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
             out = y.T @ x / sizes
         out[self.still] = math.nan
         return out
+
+    def strongest(self, count: int) -> tuple[int, ...]:
+        """Return the variables that move a figure most, as many as asked for, in their order."""
+        found = np.abs(self.correlations) if self.indices is None else self.indices.total
+        strength = np.nan_to_num(found).max(axis=0)
+        return tuple(sorted(int(i) for i in np.argsort(-strength, kind="stable")[:count]))
 
     def on_grid(self, figure: int) -> Array:
         """Return the values of a figure on the grid, an axis for each variable."""

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -70,7 +70,9 @@ class Variable:
     @property
     def heading(self) -> str:
         """Its name with its unit."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
+        # as figures are headed
+        unit = re.sub(r"\bu(?=m|rad)", "µ", self.unit)
+        return f"{self.name} [{unit}]" if unit else self.name
 
     def text(self, value: float) -> str:
         """Write a value with its unit, as a file has it."""
@@ -139,6 +141,22 @@ def every_variable(template: StageTemplate, share: float = USUAL_SHARE) -> tuple
     return tuple(variables)
 
 
+def matching_names(
+    known: Mapping[str, object], patterns: Sequence[str], source: str, noun: str = "parameter"
+) -> list[str]:
+    """Return the names that fit some patterns; refuse one that none fits."""
+    found: list[str] = []
+    for pattern in patterns:
+        names = [pattern] if pattern in known else [n for n in known if fnmatchcase(n, pattern)]
+        if not names:
+            raise ModelError(
+                f"{source} has no {noun} '{pattern[:60]}'{did_you_mean(pattern, known)}; there is "
+                f"{_some(list(known))}"
+            )
+        found += names
+    return found
+
+
 def _value(parameter: StageParameter) -> float | None:
     """Value of a continuous parameter; None of a word, a whole number, or what follows others."""
     value = parameter.value
@@ -160,10 +178,11 @@ def _variable(parameter: StageParameter, told: str, text: str) -> Variable:
             f"'{parameter.name}' ({parameter.text}) {why}, and cannot be varied: leave it out, or "
             "give it a value of its own with --set"
         )
-    if (share := _SHARE.fullmatch(told)) is not None:
-        return _around(parameter, usual, 0.01 * float(share[1]))
-    count = _COUNT.search(told)
-    low, dots, high = (part.strip() for part in _COUNT.sub("", told).partition(".."))
+    found = _COUNT.search(told)
+    count, ends = int(found[1]) if found else None, _COUNT.sub("", told)
+    if (share := _SHARE.fullmatch(ends)) is not None:
+        return _around(parameter, usual, 0.01 * float(share[1]), count)
+    low, dots, high = (part.strip() for part in ends.partition(".."))
     if not dots or not low or not high:
         raise ModelError(f"'{text[:80]}' is no range of a parameter: {_how([parameter])}")
     if re.fullmatch(_NUMBER, low):  # the unit stands once, behind the second
@@ -178,12 +197,14 @@ def _variable(parameter: StageParameter, told: str, text: str) -> Variable:
         high=bounds[1],
         usual=usual,
         dimension=parameter.dimension,
-        count=int(count[1]) if count else None,
+        count=count,
         description=parameter.description,
     )
 
 
-def _around(parameter: StageParameter, value: float, share: float) -> Variable:
+def _around(
+    parameter: StageParameter, value: float, share: float, count: int | None = None
+) -> Variable:
     if not 0.0 < share < math.inf or value == 0.0:
         raise ModelError(
             f"'{parameter.name}' is {parameter.text}, and cannot be varied by {100.0 * share:g} % "
@@ -221,4 +242,4 @@ def _how(parameters: Iterable[StageParameter]) -> str:
 
 def _some(names: list[str]) -> str:
     more = f" and {len(names) - 12} more" if len(names) > 12 else ""
-    return (", ".join(names[:12]) or "none that is a continuous number") + more
+    return (", ".join(names[:12]) or "none") + more

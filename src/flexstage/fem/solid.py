@@ -61,17 +61,15 @@ def solid_model(
     progress.update("mesh")
     faces = stage_faces(stage)
     mesh = prism_mesh(stage, faces, settings)
-    inside, outside = (
-        Continuum(
-            mesh,
-            stage.material,
-            order=settings.order,
-            held=MOUNTING,
-            held_components=dict.fromkeys(components, MIDDLE),
-            copies=2,
-        )
-        for components in ("z", "xy")
+    inside = Continuum(
+        mesh,
+        stage.material,
+        order=settings.order,
+        held=MOUNTING,
+        held_components={"z": MIDDLE},
+        copies=2,
     )
+    outside = inside.held_otherwise(MOUNTING, dict.fromkeys("xy", MIDDLE))
     low, high = mesh.ngmesh.bounding_box
     require_memory(
         inside.size,

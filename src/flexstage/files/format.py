@@ -93,6 +93,7 @@ def union_parts(kind: Any) -> tuple[Any, ...]:
     return typing.get_args(kind) if is_union else ()
 
 
+@lru_cache(maxsize=1024)
 def optional_part(kind: Any) -> Any | None:
     """Return X of ``X | None``, X itself a union or not, and None for any other type."""
     parts = union_parts(kind)

@@ -3,6 +3,7 @@
 import math
 import typing
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 from flexstage.errors import FlexstageError
@@ -67,6 +68,7 @@ Whole = Annotated[int, Range(low=0, high=1e6)]
 Seed = Annotated[int, Range(low=0)]
 
 
+@lru_cache(maxsize=1024)
 def range_of(kind: Any) -> tuple[Range, bool] | None:
     """Return the range of a type, with whether its numbers are whole; None where it has none."""
     if typing.get_origin(kind) is not Annotated:

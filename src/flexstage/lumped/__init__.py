@@ -12,6 +12,12 @@ if TYPE_CHECKING:
         lumped_characteristics,
         stage_arrays,
     )
+    from flexstage.lumped.batch_tangents import (
+        StageTangents,
+        hinge_tangents,
+        parameter_tangents,
+        system_tangents,
+    )
     from flexstage.lumped.finite_rotation import nonlinear
     from flexstage.lumped.large_displacement import equilibrium, stroke_path
     from flexstage.lumped.latex import mathml
@@ -29,6 +35,7 @@ __all__ = [
     "Sight",
     "SpringHinge",
     "StageArrays",
+    "StageTangents",
     "SymbolicModel",
     "TransferFunction",
     "assemble_batch",
@@ -36,16 +43,19 @@ __all__ = [
     "equation_sheet",
     "equilibrium",
     "hinge_springs",
+    "hinge_tangents",
     "lumped_characteristics",
     "lumped_system",
     "mathml",
     "mechanism",
     "motion",
     "nonlinear",
+    "parameter_tangents",
     "reduce_by_symmetry",
     "stage_arrays",
     "stroke_path",
     "symbolic_model",
+    "system_tangents",
     "transfer_function",
 ]
 

@@ -114,7 +114,7 @@ def _masses(stage: Stage) -> dict[str, MassProperties]:
 
 
 @lru_cache(maxsize=4096)
-def _compliance(
+def cached_compliance(
     profile: Profile,
     elastic: tuple[float, float],
     width: float,
@@ -122,11 +122,13 @@ def _compliance(
     plane: PlaneState | Literal["auto"],
     roots: tuple[float, float] | None,
 ) -> HingeCompliance:
+    """Return the compliance of a notch, of which a stage has dozens alike."""
     return compliance(profile, *elastic, width, method=method, plane=plane, root_widths=roots)
 
 
 @lru_cache(maxsize=4096)
-def _stress_rows(profile: Profile, width: float, poisson: float, plane: PlaneState) -> Array:
+def cached_stress_rows(profile: Profile, width: float, poisson: float, plane: PlaneState) -> Array:
+    """Return the rows of stress of a notch, of which a stage has dozens alike."""
     return stress_rows(profile, width, poisson, plane)
 
 
@@ -172,7 +174,7 @@ def _springs(
     springs = []
     for hinge in stage.hinges:
         roots = root_widths(stage, hinge) if method in WITH_ROOTS else None
-        found = _compliance(hinge.profile, elastic, stage.thickness, method, plane, roots)
+        found = cached_compliance(hinge.profile, elastic, stage.thickness, method, plane, roots)
         springs.append(
             HingeSpring(
                 hinge=hinge,
@@ -257,8 +259,8 @@ def lumped_system(
         part = b[:, at]
         force = spring.stiffness @ part
         stiffness[np.ix_(at, at)] += part.T @ force
-        profile = spring.hinge.profile
-        stress = _stress_rows(profile, stage.thickness, stage.material.poissons_ratio, spring.plane)
+        profile, nu = spring.hinge.profile, stage.material.poissons_ratio
+        stress = cached_stress_rows(profile, stage.thickness, nu, spring.plane)
         row = np.zeros((stress.shape[0], layout.order))
         row[:, at] = stress @ force
         rows.append(row)

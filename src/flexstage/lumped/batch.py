@@ -15,9 +15,8 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hinges import stress_rows
 from flexstage.hinges.hinge_spring import PlaneState
-from flexstage.lumped.assemble import hinge_springs, lumped_system
+from flexstage.lumped.assemble import cached_stress_rows, hinge_springs, lumped_system
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, Stage, mass_properties
 from flexstage.stage.mass import outer_size
@@ -166,36 +165,31 @@ def stage_arrays(
     >>> stage_arrays([design("vgtu-piezo")]).hinge_stiffness.shape
     (1, 32, 3, 3)
     """
-    if nominal is None:
-        if not stages:
-            raise ModelError("a batch needs at least one stage, got none")
-        nominal = stages[0]
-    topology = _topology(nominal)
-    described = []
+    if not stages:
+        raise ModelError("a batch needs at least one stage, got none")
+    nominal = stages[0] if nominal is None else nominal
+    found = []
     for stage in stages:
-        if stage is not nominal and _topology(stage) != topology:
-            raise ModelError(
-                f"stage '{stage.name}' is not of the topology of '{nominal.name}': a batch needs "
-                "the same bodies, hinges, drives, probes and axes, joined alike"
-            )
-        described.append(_described(stage, method, plane))
-    owners = {owner for owner, _ in described}
+        require_topology(nominal, stage)
+        found.append(described(stage, method, plane))
+    owners = {owner for owner, _ in found}
     if len(owners) > 1:
         raise ModelError(
             f"a hinge of '{nominal.name}' has a flat part in some stages of a batch and none in "
             "others, so that its stress is read at other places: analyse these one by one"
         )
-    columns = zip(*(values for _, values in described), strict=True)
+    columns = zip(*(values for _, values in found), strict=True)
     return StageArrays(
         stage=nominal,
         method=method,
         plane=plane,
         stress_owner=owners.pop(),
-        **dict(zip(_FIELDS, (np.stack(column) for column in columns), strict=True)),
+        **dict(zip(FIELDS, (np.stack(column) for column in columns), strict=True)),
     )
 
 
-_FIELDS = (
+#: The arrays of `StageArrays`, in the order of `described`.
+FIELDS = (
     "mass",
     "inertia",
     "centre",
@@ -216,6 +210,15 @@ _FIELDS = (
 )
 
 
+def require_topology(nominal: Stage, stage: Stage) -> None:
+    """Refuse a stage that is not joined as the nominal one is."""
+    if stage is not nominal and _topology(stage) != _topology(nominal):
+        raise ModelError(
+            f"stage '{stage.name}' is not of the topology of '{nominal.name}': a batch needs the "
+            "same bodies, hinges, drives, probes and axes, joined alike"
+        )
+
+
 def _topology(stage: Stage) -> tuple[object, ...]:
     return (
         tuple((b.name, b.fixed) for b in stage.bodies),
@@ -226,14 +229,23 @@ def _topology(stage: Stage) -> tuple[object, ...]:
     )
 
 
-def _described(
-    stage: Stage, method: str, plane: PlaneState | Literal["auto"]
+def described(
+    stage: Stage,
+    method: str,
+    plane: PlaneState | Literal["auto"],
+    planes: Sequence[PlaneState] | None = None,
 ) -> tuple[tuple[int, ...], tuple[Array, ...]]:
-    """Owner of each place of stress, and the arrays of `_FIELDS` of one stage."""
+    """Owner of each place of stress, and the arrays of `FIELDS` of one stage.
+
+    With `planes` the hinges are in these plane states, whatever `plane` would choose.
+    """
     masses = list(mass_properties(stage).values())
     springs = hinge_springs(stage, method=method, plane=plane)
+    if planes is not None and [s.plane for s in springs] != list(planes):
+        in_state = {p: hinge_springs(stage, method=method, plane=p) for p in set(planes)}
+        springs = tuple(in_state[p][i] for i, p in enumerate(planes))
     nu = stage.material.poissons_ratio
-    rows = [stress_rows(s.hinge.profile, stage.thickness, nu, s.plane) for s in springs]
+    rows = [cached_stress_rows(s.hinge.profile, stage.thickness, nu, s.plane) for s in springs]
     owner = tuple(i for i, row in enumerate(rows) for _ in row)
 
     def numbers(values: Sequence[float | None], *shape: int) -> Array:

@@ -18,7 +18,7 @@ from flexstage.errors import ModelError
 from flexstage.hinges import Profile
 from flexstage.hinges.hinge_spring import PlaneState, plane_moduli
 from flexstage.lumped.assemble import hinge_springs
-from flexstage.lumped.finite_rotation import nonlinear
+from flexstage.lumped.finite_rotation import NonlinearMechanism, nonlinear
 from flexstage.lumped.rigid_bodies import mechanism
 from flexstage.stage.model import Stage
 
@@ -76,8 +76,10 @@ def lumped_buckling(
     -----
     Validity: bifurcation from a straight path, in the plane; bodies are rigid. Leaves are within
     0.1 % of Euler's columns, bars between two notches within 3 % of plane finite elements. Of whole
-    stages the factor is larger than that of the plane model: by 23 % (gantry, 39 there) to 45 %
-    (linked parallelogram, 12), two to four times as large above, where the necks yield long before.
+    stages the factor is larger than that of the plane model, as bodies bend where drives are held:
+    by 23 % (gantry, 39 there) to 45 % (linked parallelogram, 12, whose lowest mode with the drive
+    held is stiffer by 59 % without that), two to four times as large above, where necks yield long
+    before.
 
     Examples
     --------
@@ -85,7 +87,7 @@ def lumped_buckling(
     >>> round(lumped_buckling(design("linked-parallelogram"), {"x": 5.0}), 1)
     17.9
     """
-    model = nonlinear(mechanism(stage, method=method, plane=plane))
+    model = _model(stage, method, plane)
     n, rest = model.order, np.zeros(model.order)
     stiffness, load, turning = model.tangent(rest), np.zeros(n), np.zeros((n, n))
     held = np.zeros((len(forces), n))
@@ -122,8 +124,14 @@ def lumped_buckling(
         geometric[np.ix_(taken, taken)] += axial * part.T @ slopes @ part
         elastic[at, at], elastic[at + 1, at + 1] = modulus * stage.thickness * bending
     free = np.asarray(block_diag(null_space(held), np.eye(2 * count)), dtype=np.float64)
-    inverse = eigh(-free.T @ geometric @ free, free.T @ elastic @ free, eigvals_only=True)
-    return 1.0 / float(inverse[-1]) if inverse[-1] > 0.0 else math.inf
+    inverse = eigh(-free.T @ geometric @ free, free.T @ elastic @ free, eigvals_only=True)[-1]
+    return 1.0 / float(inverse) if inverse > 0.0 else math.inf
+
+
+# of one stage for all of its axes
+@lru_cache(maxsize=8)
+def _model(stage: Stage, method: str, plane: PlaneState | Literal["auto"]) -> NonlinearMechanism:
+    return nonlinear(mechanism(stage, method=method, plane=plane))
 
 
 # a stage has dozens of hinges but a handful of profiles

@@ -26,6 +26,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ReachableArea", ""): ("reachable_area.draw_reachable_area", "found"),
     ("Record", ""): ("record.draw_record", "record"),
     ("Refinement", ""): ("convergence.draw_convergence", "refinement"),
+    ("Sensitivities", ""): ("sensitivity.draw_sensitivities", "found"),
     ("Stage", ""): ("drawing.draw_stage", "stage"),
     ("Staircase", ""): ("noise.draw_staircase", "found"),
     ("ToleranceStudy", "shares"): ("tolerance.draw_shares", "study"),

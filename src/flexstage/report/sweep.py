@@ -1,7 +1,7 @@
 """What a sweep found: tables, and one page with parallel coordinates to brush."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -29,6 +29,8 @@ _ROWS, _COLUMNS = 13, 8
 _VARIABLES = 6
 #: Lines of parallel coordinates beyond which nobody sees more, and a page becomes slow.
 _LINES = 2000
+#: Variables that have an axis among parallel coordinates: with more a line cannot be followed.
+_AXES = 8
 #: Smallest total index of a variable that is listed.
 _SHARE = 0.01
 
@@ -140,6 +142,9 @@ def _said_of_lines(sweep: Sweep) -> str:
     of = "" if shown == possible else f"{shown} of "
     gone = len(sweep.points) - possible
     left_out = f" {gone} points that are no possible stage are left out." if gone else ""
+    count = len(sweep.variables)
+    if count > _AXES:
+        left_out += f" Of {count} variables the {_AXES} that move a figure most have an axis."
     return (
         f"A line for each of {of}{possible} stages. Draw along an axis to keep the lines that pass "
         "there, click beside the stretch to let go, drag a heading to move its axis."
@@ -148,23 +153,32 @@ def _said_of_lines(sweep: Sweep) -> str:
 
 
 def _coordinates(sweep: Sweep) -> "Markup":
-    """Return parallel coordinates with the library that draws them, as HTML."""
-    import plotly.graph_objects as go
-    from markupsafe import Markup
-
+    """Return parallel coordinates of what was varied and what varies."""
     rows = np.flatnonzero(sweep.possible)
     if len(rows) > _LINES:
         # a sequence is even from its start; of a grid every so many would be the same values
         drawn = np.random.default_rng(0).permutation(rows) if sweep.counts else rows
         rows = np.sort(drawn[:_LINES])
     axes: list[tuple[str, np.ndarray]] = [
-        (v.heading, sweep.points[rows, i] * v.factor) for i, v in enumerate(sweep.variables)
+        (sweep.variables[i].heading, sweep.points[rows, i] * sweep.variables[i].factor)
+        for i in sweep.strongest(_AXES)
     ]
+    first = len(axes) if sweep.moving else 0
     for k in sweep.moving:
         shown = _shown(sweep, k)
         axes.append((_heading(sweep.figures[k], shown), sweep.values[rows, k] * shown.factor))
+    return parallel_coordinates(axes, first)
+
+
+def parallel_coordinates(axes: Sequence[tuple[str, np.ndarray]], first: int) -> "Markup":
+    """Return parallel coordinates with the library that draws them, as HTML.
+
+    An axis is a heading and a value of each line; `first` is the axis that colours them at first.
+    """
+    import plotly.graph_objects as go
+    from markupsafe import Markup
+
     values = [_rounded(column) for _, column in axes]
-    first = len(sweep.variables) if sweep.moving else 0
 
     def colour(i: int) -> dict[str, Any]:
         return {"line.color": [values[i]], "line.colorbar.title.text": _broken(axes[i][0])}
@@ -193,7 +207,7 @@ def _coordinates(sweep: Sweep) -> "Markup":
         "active": first, "x": 0.0, "xanchor": "left", "y": 1.33, "yanchor": "top",
     }  # fmt: skip
     figure.update_layout(
-        updatemenus=[choice], height=520, width=max(1120, 118 * len(axes) + 150),
+        updatemenus=[choice], height=520, width=max(1120, 108 * len(axes) + 200),
         margin={"l": 70, "r": 40, "t": 130, "b": 30},
         paper_bgcolor=PAPER, font={"family": "DejaVu Sans, Verdana, Arial", "color": INK},
     )  # fmt: skip

@@ -8,7 +8,7 @@ import flexstage
 from flexstage.explore.deviations import KINDS
 from flexstage.explore.spread import Spread, Yield
 from flexstage.explore.tolerance import VALIDITY, ToleranceStudy
-from flexstage.explore.tolerance_choice import ToleranceChoice
+from flexstage.explore.tolerance_choice import COARSEST, FINEST, ToleranceChoice
 from flexstage.quantities import beside
 from flexstage.report.page import page_html
 from flexstage.section import Bullets, Picture, Section
@@ -24,7 +24,7 @@ _MOST = 3  # hinges that are named
 def spread_table(study: ToleranceStudy) -> Table:
     """Return how every figure is spread."""
     return table(
-        f"{study.stage.name}: {study.samples} stages as they come from the machine",
+        f"{study.stage.name}: {study.samples} stages as they come from the machine.",
         ("figure", "as drawn", "mean", "95 % lie from", "to", "standard deviation", "in parts"),
         [(spread.figure.heading, *_cells(spread)) for spread in study.spreads],
     )
@@ -42,7 +42,7 @@ def _cells(spread: Spread) -> tuple[str, ...]:
     return (*texts, beside(spread.nominal * shown.factor, deviation)[1], share)
 
 
-def yield_table(yields: tuple[Yield, ...], caption: str = "yield") -> Table:
+def yield_table(yields: tuple[Yield, ...], caption: str = "Yield.") -> Table:
     """Return the share of stages that meet each requirement, and all."""
     return table(
         caption,
@@ -84,7 +84,7 @@ def share_table(study: ToleranceStudy) -> Table:
         if of.rest >= _LEAST:
             rows.append(("", "joint or bent effects", "", _percent(of.rest), "", ""))
     return table(
-        "what spreads them: shares of the variance",
+        "What spreads them: shares of the variance.",
         ("figure", "<deviation", "scatter", "share", "one deviation changes", "<most of it by"),
         rows,
     )
@@ -93,7 +93,7 @@ def share_table(study: ToleranceStudy) -> Table:
 def choice_table(choice: ToleranceChoice) -> Table:
     """Return the tolerances that reach a yield beside the usual ones."""
     return table(
-        f"cheapest scatter for a yield of {_percent(choice.target)}",
+        f"Cheapest scatter for a yield of {_percent(choice.target)}.",
         ("deviation", "now", "allowed", "in parts of now"),
         [
             (
@@ -104,14 +104,17 @@ def choice_table(choice: ToleranceChoice) -> Table:
             )
             for kind in sorted(choice.kinds, key=choice.factor)
         ],
-        notes=("standard deviations; 95 % of parts are within twice as much",),
+        notes=(
+            "standard deviations; 95 % of parts are within twice as much",
+            f"{FINEST:g} to {COARSEST:g} times what is now is looked at",
+        ),
     )
 
 
 def scatter_table(scatter: Scatter) -> Table:
     """Return what a process scatters."""
     return table(
-        "the process: standard deviations",
+        "The process: standard deviations.",
         ("deviation", "<name", "scatter"),
         [(kind.label, kind.name, scatter_text(scatter, kind.name)) for kind in KINDS],
     )
@@ -138,7 +141,8 @@ def scatter_dimensions() -> dict[str, Dimension | None]:
 
 
 def _percent(share: float, digits: int = 3) -> str:
-    return f"{100.0 * share:.{digits}g} %"
+    text = f"{100.0 * share:.{digits}g}"
+    return f"{100.0 * share:.0f} %" if "e+" in text else f"{text} %"
 
 
 def tolerance_page(study: ToleranceStudy, choice: ToleranceChoice | None = None) -> str:

@@ -1,6 +1,7 @@
 """Where a hinge meets its two bodies: the edge it grows from, and how wide the body is there."""
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 from flexstage.errors import StageError
@@ -87,6 +88,8 @@ def root_widths(stage: Stage, hinge: Hinge) -> tuple[float, float]:
     return hinge_root(stage, hinge, 0).width, hinge_root(stage, hinge, 1).width
 
 
+# several hinges grow from a body
+@lru_cache(maxsize=1024)
 def _straight_edges(body: Body) -> list[tuple[_Pair, _Pair]]:
     """Return the straight edges of the outline and the holes, collinear neighbours joined."""
     loops = [body.outline, *(hole for hole in body.holes if isinstance(hole, Loop))]

@@ -1,11 +1,15 @@
 """Mass, centre of mass and inertia of every body of a stage, exact for arcs."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
 from flexstage.hinges import Profile
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import AreaIntegrals, Circle, Loop, Point
+
+# on which side of the neck, along the hinge, the halves of bodies a and b lie
+_SIDES = (-1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,10 +57,21 @@ def mass_properties(stage: Stage) -> dict[str, MassProperties]:
     """
     halves: dict[str, list[tuple[Hinge, float]]] = {body.name: [] for body in stage.bodies}
     for hinge in stage.hinges:
-        halves[hinge.bodies[0]].append((hinge, -1.0))
-        halves[hinge.bodies[1]].append((hinge, 1.0))
+        for name, side in zip(hinge.bodies, _SIDES, strict=True):
+            halves[name].append((hinge, side))
     surface_density = stage.thickness * stage.material.density
-    return {body.name: _of(body, halves[body.name], surface_density) for body in stage.bodies}
+    return {b.name: _of(b, tuple(halves[b.name]), surface_density) for b in stage.bodies}
+
+
+def body_mass(stage: Stage, name: str, hinges: Iterable[Hinge]) -> MassProperties:
+    """Return mass, centre of mass and inertia of one body, with other hinges than the stage has."""
+    halves = tuple(
+        (hinge, side)
+        for hinge in hinges
+        for body, side in zip(hinge.bodies, _SIDES, strict=True)
+        if body == name
+    )
+    return _of(stage.body(name), halves, stage.thickness * stage.material.density)
 
 
 def outer_size(stage: Stage) -> tuple[float, float, float]:
@@ -93,7 +108,11 @@ def _half_notch(profile: Profile) -> tuple[float, float, float, float]:
     return profile.half_area_integrals()
 
 
-def _of(body: Body, halves: list[tuple[Hinge, float]], surface_density: float) -> MassProperties:
+# where stages follow one another of which a parameter changes, most bodies stay as they are
+@lru_cache(maxsize=4096)
+def _of(
+    body: Body, halves: tuple[tuple[Hinge, float], ...], surface_density: float
+) -> MassProperties:
     # about a point of the body, so that a small body far from the origin loses no digits
     ox, oy = body.outline.points[0]
 

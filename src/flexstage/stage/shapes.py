@@ -1,10 +1,14 @@
 """Bodies and notches of a stage as polygons, for the checks that compare them."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
+from flexstage.hinges import Profile
 from flexstage.stage.contour import half_notch
 from flexstage.stage.issue import Issue, millimetres
 from flexstage.stage.model import Body, Hinge, Stage
@@ -80,12 +84,25 @@ def body_shapes(stage: Stage) -> tuple[list[Shape], list[Issue]]:
 
 def notch_shapes(hinges: list[Hinge]) -> list[Shape]:
     """Return the polygons of notches, both halves in one."""
+    from shapely import transform
+
     shapes = []
     for hinge in hinges:
-        # a step at the root leaves a line without width, which a buffer of nothing takes away
-        halves = [ring(half_notch(hinge, which)).buffer(0.0) for which in (0, 1)]
-        shapes.append(Shape(hinge.name, halves[0].union(halves[1]), hinge.bodies, True))
+        c, s = math.cos(hinge.direction), math.sin(hinge.direction)
+        turn, at = np.array([[c, s], [-s, c]]), np.array(hinge.at)
+        polygon = transform(_notch(hinge.profile), lambda xy, t=turn, a=at: xy @ t + a)
+        shapes.append(Shape(hinge.name, polygon, hinge.bodies, True))
     return shapes
+
+
+# a stage has dozens of hinges but a handful of profiles
+@lru_cache(maxsize=256)
+def _notch(profile: Profile) -> Any:
+    """Return the polygon of a notch about its neck, along x."""
+    hinge = Hinge(name="", bodies=("", ""), at=(0.0, 0.0), direction=0.0, profile=profile)
+    # a step at the root leaves a line without width, which a buffer of nothing takes away
+    halves = [ring(half_notch(hinge, which)).buffer(0.0) for which in (0, 1)]
+    return halves[0].union(halves[1])
 
 
 def _outline_faults(body: Body) -> Iterator[Issue]:

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from flexstage.system.batch_analysis import batch_characteristics
     from flexstage.system.coupled_axes import CoupledAxes, coupled_axes
     from flexstage.system.damping import Damping, LossFactor, ModalDamping, RayleighDamping
+    from flexstage.system.derivatives import characteristic_derivatives
     from flexstage.system.mechanical import (
         DriveCondition,
         MechanicalSystem,
@@ -54,6 +55,7 @@ __all__ = [
     "analyse",
     "analyse_axis",
     "batch_characteristics",
+    "characteristic_derivatives",
     "coupled_axes",
     "drive_stiffness",
     "frequency_response",

@@ -1,6 +1,6 @@
 """Characteristics of many stages at once, by the names and with the values of a single analysis."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from functools import cached_property
 from typing import Any
 
@@ -10,8 +10,8 @@ from flexstage.arrays import Array
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
 from flexstage.system.batch import SystemBatch, namespace_of, samples_last
-from flexstage.system.batch_figures import Decisions, Figures, Key, added, decisions
-from flexstage.system.batch_modes import Form, Response, applied, axis_modes, total
+from flexstage.system.batch_figures import Decisions, Key, StageFigures, added, decisions
+from flexstage.system.batch_modes import DrivenReading, Form, applied, axis_modes, total
 from flexstage.system.block_cholesky import factorise
 from flexstage.system.coupled_axes import COUPLED
 from flexstage.system.forward_mode import root
@@ -68,12 +68,10 @@ def batch_characteristics(
     """
     decided = decisions(batch.stage, batch.nominal)
     source = _Values(batch, decided)
-    figures = Figures(decided, source)
+    figures = source.figures = StageFigures(decided, source)
     known = figures.rows
     chosen = list(known) if wanted is None else list(wanted)
-    for key in chosen:
-        if key not in known:
-            raise ModelError(_unknown(batch, key, known))
+    require_known(batch, chosen, known)
     source.shapes = any(name in ("effective_mass", "effective_inertia") for name, _ in chosen)
     xp, out = source.xp, {}
     # a mechanism divides by nothing, and is no number in the end
@@ -88,17 +86,25 @@ def batch_characteristics(
     return out
 
 
-def _unknown(batch: SystemBatch, key: Key, known: Mapping[Key, Any]) -> str:
-    """Say which figures there are."""
+def quoted(batch: SystemBatch) -> tuple[Key, ...]:
+    """Return which figures a batch knows, by quantity and axis, and compute none."""
+    decided = decisions(batch.stage, batch.nominal)
+    return tuple(StageFigures(decided, _Values(batch, decided)).rows)
+
+
+def require_known(batch: SystemBatch, wanted: Collection[Key], known: Collection[Key]) -> None:
+    """Refuse figures that are not known, and say which are."""
     texts = [f"{quantity} of {axis}" for quantity, axis in known]
-    wanted = f"{key[0]} of {key[1]}"
-    return (
-        f"a batch of stage '{batch.stage.name}' knows no {wanted}, but {', '.join(texts)}; the "
-        f"analysis of a single stage may know more{did_you_mean(wanted, texts)}"
-    )
+    for key in wanted:
+        if key not in known:
+            name = f"{key[0]} of {key[1]}"
+            raise ModelError(
+                f"a batch of stage '{batch.stage.name}' knows no {name}, but {', '.join(texts)}; "
+                f"the analysis of a single stage may know more{did_you_mean(name, texts)}"
+            )
 
 
-def _sure(figures: Figures, source: "_Values") -> Array:
+def _sure(figures: StageFigures, source: "_Values") -> Array:
     """Samples that are no mechanisms, and are coupled where the nominal stage is."""
     xp, fine = source.xp, source.fine()
     coupling = figures.coupling
@@ -119,6 +125,7 @@ def _sure(figures: Figures, source: "_Values") -> Array:
 class _Values:
     """What figures are made of, over the samples of a batch."""
 
+    figures: StageFigures
     shapes = False
 
     def __init__(self, batch: SystemBatch, decided: Decisions) -> None:
@@ -234,9 +241,8 @@ class _Values:
 
     @cached_property
     def _modes(self) -> tuple[list[Array], list[Array]]:
-        figures = Figures(self.decided, self)
         responses = []
-        for axis in figures.axes:
+        for axis in self.figures.axes:
             force = axis.motion[1]
             form = [(b, f * row) for j, f in force.items() for b, row in self.form("drive", j)]
             pushed = added(
@@ -244,7 +250,7 @@ class _Values:
             )
             reading = self.form("probe", axis.probe)
             responses.append(
-                Response(force=form, reading=reading, pushed=pushed, read=self.own(axis.probe))
+                DrivenReading(force=form, reading=reading, pushed=pushed, read=self.own(axis.probe))
             )
         return axis_modes(
             self.factor,

@@ -18,6 +18,8 @@ from flexstage.arrays import Array
 
 # a pivot smaller than this of its diagonal is none: the same limit as for a single stage
 _PIVOT = 1e-13
+# and so is one that the rounding of those before it, 1e-16 over the smallest of them, may have left
+_ROUNDING = 1e-15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,13 +153,20 @@ def factorise(xp: Any, count: int, blocks: Mapping[tuple[int, int], Array]) -> B
     k: dict[tuple[int, int], Array] = dict(blocks)
     diagonal = {i: k[i, i] for i in range(count)}
     regular: Any = None
+    least: Any = None
     pivots: list[tuple[Array, ...]] = [()] * count
     panels: list[Array | None] = [None] * count
 
     def root(value: Array, full: Array) -> Array:
-        nonlocal regular
-        fine = value > _PIVOT * full
+        nonlocal regular, least
+        share = value / xp.where(full > 0.0, full, xp.ones_like(full))
+        fine = share > _PIVOT
+        if least is not None:
+            # small pivots before this one have left so much rounding in it
+            fine = xp.logical_and(fine, share * least > _ROUNDING)
         regular = fine if regular is None else xp.logical_and(regular, fine)
+        share = xp.where(fine, share, xp.ones_like(share))
+        least = share if least is None else xp.minimum(least, share)
         one = xp.ones_like(value)
         return 1.0 / xp.sqrt(xp.where(fine, value, xp.where(full > 0.0, full, one)))
 

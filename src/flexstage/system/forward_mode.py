@@ -13,6 +13,9 @@ from array_api_compat import array_namespace
 
 from flexstage.arrays import Array
 
+# values that differ by less than this of them are one, but for rounding
+_ALIKE = 1e-9
+
 
 class Dual:
     """A value, shape (..., 1), and its derivative in P directions, shape (..., P)."""
@@ -82,14 +85,18 @@ def magnitude(x: Any) -> Any:
 
 
 def largest_row(x: Any) -> Any:
-    """Return the largest value along the first axis; its derivative is that of the active row."""
-    if isinstance(x, Dual):
-        active = np.argmax(x.value, axis=0)[None]
-        return Dual(
-            np.take_along_axis(x.value, active, axis=0)[0],
-            np.take_along_axis(x.tangent, np.broadcast_to(active, x.tangent[:1].shape), axis=0)[0],
-        )
-    return array_namespace(x).max(x, axis=0)
+    """Return the largest value along the first axis; its derivative is that of the active row.
+
+    Of rows that are alike to rounding it is the mean of the derivatives to either side, as central
+    differences have it.
+    """
+    if not isinstance(x, Dual):
+        return array_namespace(x).max(x, axis=0)
+    value = np.max(x.value, axis=0)
+    active = x.value >= value - _ALIKE * np.abs(value)
+    least = np.min(np.where(active, x.tangent, np.inf), axis=0)
+    most = np.max(np.where(active, x.tangent, -np.inf), axis=0)
+    return Dual(value, 0.5 * (least + most))
 
 
 def largest(values: Sequence[Any], *, by_magnitude: bool = False) -> Any:

@@ -11,6 +11,7 @@ from flexstage.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.virtual.as_built import AsBuilt, as_built
     from flexstage.virtual.build import virtual_stage
+    from flexstage.virtual.imperfections import Scatter
     from flexstage.virtual.positioner import VirtualPositioner
     from flexstage.virtual.stack import VirtualStack, virtual_stack
     from flexstage.virtual.stage import VirtualStage
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AsBuilt",
+    "Scatter",
     "VirtualBench",
     "VirtualPositioner",
     "VirtualStack",

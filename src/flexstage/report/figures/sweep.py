@@ -9,6 +9,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.figures import Figure
 from flexstage.explore.sweep import Sweep
+from flexstage.explore.variables import Variable
 from flexstage.quantities import Quantity
 from flexstage.report.figures.style import (
     CYCLE,
@@ -27,8 +28,11 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure as Drawing
 
-#: Diagrams beside each other.
+#: Diagrams beside each other, and how wide they are together [inch].
 _COLUMNS = 3
+_WIDTH = 9.6
+#: Lines and words on the colours of a map, which stay light where a page is dark.
+_ON_MAP = "#14181c"
 #: Columns of a matrix of diagrams, and rows of bars, that can still be read.
 _MOST_COLUMNS = 5
 _MOST_BARS = 16
@@ -66,8 +70,7 @@ def draw_indices(sweep: Sweep) -> "Drawing":
     shown = [k for k in sweep.moving if np.isfinite(found.total[k]).all()]
     if not shown:
         raise ModelError("no figure of the sweep varies: there is nothing to draw")
-    order = np.argsort(-np.max(found.total[shown], axis=0), kind="stable")[:_MOST_BARS]
-    chosen = np.sort(order)
+    chosen = list(sweep.strongest(_MOST_BARS))
     names = [sweep.variables[i].name for i in chosen]
     rows, columns = _rows_and_columns(len(shown))
     wide = 0.075 * max(map(len, names))
@@ -104,9 +107,7 @@ def draw_indices(sweep: Sweep) -> "Drawing":
         _line(INK, "-", f"interval of {percent}"),
     ]
     _legend(figure, handles)
-    left = len(sweep.variables) - len(names)
-    if left:
-        figure.supxlabel(f"{left} variables with smaller shares are not shown", fontsize=7.5)
+    _say_of(figure, len(chosen), sweep)
     return figure
 
 
@@ -116,7 +117,7 @@ def _curves(sweep: Sweep) -> "Drawing":
     order = np.argsort(sweep.points[:, 0], kind="stable")
     x = sweep.points[order, 0] * variable.factor
     shown = sweep.moving
-    figure, grid = _small_multiples(len(shown), 2.9, 2.3)
+    figure, grid = _small_multiples(len(shown), 2.4)
     gaps = _spans(x, ~sweep.possible[order])
     for axes, k in zip(grid, shown, strict=True):
         shape = _scaled(sweep, k)
@@ -126,16 +127,16 @@ def _curves(sweep: Sweep) -> "Drawing":
         marks = {"marker": "o", "markersize": 2.6} if len(x) <= 60 else {}
         axes.plot(x, y, color=CYCLE[0], linewidth=1.3, **marks)
         usual = variable.usual * variable.factor
-        if x[0] <= usual <= x[-1]:
+        if _holds_usual(variable):
             axes.axvline(usual, color=CYCLE[1], linewidth=0.9, linestyle=(0, (4, 2)))
             axes.plot(
                 [usual], [sweep.described[k] * shape.factor], marker="D", markersize=4.5,
-                color=CYCLE[1], linestyle="none",
+                color=CYCLE[1], linestyle="none", clip_on=False,
             )  # fmt: skip
-        axes.set_xlim(x[0], x[-1])
+        axes.set_xlim(variable.low * variable.factor, variable.high * variable.factor)
         axes.set_xlabel(variable.heading, fontsize=8, parse_math=False)
         entitle(axes, _heading(sweep.figures[k], shape), 8.5)
-    handles = [_described_mark(dashed=True)]
+    handles = [_described_mark(dashed=True)] if _holds_usual(variable) else []
     if gaps:
         handles.append(_hatched())
     _legend(figure, handles)
@@ -149,11 +150,11 @@ def _maps(sweep: Sweep) -> "Drawing":
     x = sweep.points[:, 0].reshape(shape) * across.factor
     y = sweep.points[:, 1].reshape(shape) * up.factor
     shown = sweep.moving
-    figure, grid = _small_multiples(len(shown), 3.2, 2.8, lines=False)
+    figure, grid = _small_multiples(len(shown), 2.9, lines=False)
     colours = _map_colours()
     gone = not sweep.possible.all()
     usual = across.usual * across.factor, up.usual * up.factor
-    inside = x.min() <= usual[0] <= x.max() and y.min() <= usual[1] <= y.max()
+    inside = _holds_usual(across) and _holds_usual(up)
     for axes, k in zip(grid, shown, strict=True):
         scaled = _scaled(sweep, k)
         values = np.ma.masked_invalid(sweep.on_grid(k) * scaled.factor)
@@ -164,13 +165,13 @@ def _maps(sweep: Sweep) -> "Drawing":
             )  # fmt: skip
         levels = _levels(values)
         axes.contourf(x, y, values, levels=levels, cmap=colours, extend="both")
-        lines = axes.contour(x, y, values, levels=levels, colors=INK, linewidths=0.6)
+        lines = axes.contour(x, y, values, levels=levels, colors=_ON_MAP, linewidths=0.6)
         places = _middles(lines.allsegs, (np.ptp(x), np.ptp(y)), usual if inside else None)
         axes.clabel(lines, fmt="%.10g", fontsize=6.5, inline_spacing=2, manual=places)
         if inside:
             axes.plot(
                 *usual, marker="D", markersize=5.5, color=CYCLE[1], markeredgecolor=PAPER,
-                linestyle="none", zorder=5,
+                linestyle="none", zorder=5, clip_on=False,
             )  # fmt: skip
         axes.set(xlim=(x.min(), x.max()), ylim=(y.min(), y.max()))
         axes.set_xlabel(across.heading, fontsize=8, parse_math=False)
@@ -188,9 +189,9 @@ def _matrix(sweep: Sweep) -> "Drawing":
     from matplotlib.patches import Patch
 
     shown, possible = sweep.moving, sweep.possible
-    chosen = _strongest(sweep)
+    chosen = sweep.strongest(_MOST_COLUMNS)
     correlations = sweep.correlations
-    figure = new_figure(1.9 * len(chosen) + 0.9, 1.35 * len(shown) + 0.9)
+    figure = new_figure(_WIDTH, 1.4 * len(shown) + 0.9)
     grid = figure.subplots(len(shown), len(chosen), sharex="col", sharey="row", squeeze=False)
     for row, k in zip(grid, shown, strict=True):
         scaled = _scaled(sweep, k)
@@ -207,8 +208,8 @@ def _matrix(sweep: Sweep) -> "Drawing":
             middle, low, half, high = _by_slices(x[possible], y)
             axes.fill_between(middle, low, high, color=CYCLE[0], alpha=0.18, linewidth=0.0)
             axes.plot(middle, half, color=CYCLE[0], linewidth=1.4)
-            usual = variable.usual * variable.factor
-            if x.min() <= usual <= x.max():
+            if _holds_usual(variable):
+                usual = variable.usual * variable.factor
                 axes.axvline(usual, color=CYCLE[1], linewidth=0.8, linestyle=(0, (4, 2)))
             if not possible.all():
                 bottom = {"transform": axes.get_xaxis_transform(), "clip_on": True}
@@ -220,7 +221,7 @@ def _matrix(sweep: Sweep) -> "Drawing":
                 f"r = {_signed(correlations[k, i])}", loc="right", fontsize=6.5, color=MUTED, pad=2
             )
             axes.ticklabel_format(useOffset=False)
-            axes.set_xlim(x.min(), x.max())
+            axes.set_xlim(variable.low * variable.factor, variable.high * variable.factor)
             axes.margins(y=0.12)
         row[0].set_ylabel(_heading(sweep.figures[k], scaled, broken=True), fontsize=7.5)
     for axes, i in zip(grid[-1], chosen, strict=True):
@@ -228,33 +229,25 @@ def _matrix(sweep: Sweep) -> "Drawing":
     handles: list[Artist] = [
         _line(CYCLE[0], "-", "median"),
         Patch(color=CYCLE[0], alpha=0.18, label="80 % of the stages"),
-        _line(CYCLE[1], (0, (4, 2)), _DESCRIBED),
         _line(MUTED, "none", "r: rank correlation"),
     ]
+    if any(_holds_usual(sweep.variables[i]) for i in chosen):
+        handles.insert(2, _line(CYCLE[1], (0, (4, 2)), _DESCRIBED))
     if not possible.all():
         handles.append(_line(CYCLE[3], "-", f"at the foot: {_IMPOSSIBLE}"))
     _legend(figure, handles)
-    if len(chosen) < len(sweep.variables):
-        figure.supxlabel(
-            f"the {len(chosen)} of {len(sweep.variables)} variables that move a figure most",
-            fontsize=7.5,
-        )
+    _say_of(figure, len(chosen), sweep)
     return figure
-
-
-def _strongest(sweep: Sweep) -> list[int]:
-    """Return the variables that move a figure most, in their order."""
-    if sweep.indices is not None:
-        strength = np.nan_to_num(sweep.indices.total).max(axis=0)
-    else:
-        strength = np.nan_to_num(np.abs(sweep.correlations)).max(axis=0)
-    best = np.argsort(-strength, kind="stable")[:_MOST_COLUMNS]
-    return sorted(int(i) for i in best)
 
 
 def _signed(value: float) -> str:
     """Write a correlation with its sign, which nothing has none of."""
     return "0.00" if abs(value) < 0.005 else f"{value:+.2f}".replace("-", "−")
+
+
+def _holds_usual(variable: Variable) -> bool:
+    """Say whether the stage as it is described lies between the bounds."""
+    return variable.low <= variable.usual <= variable.high
 
 
 def _scaled(sweep: Sweep, k: int) -> Quantity:
@@ -273,11 +266,10 @@ def _heading(figure: Figure, shown: Quantity, *, broken: bool = False) -> str:
 
 
 def _small_multiples(
-    count: int, width: float, height: float, *, lines: bool = True
+    count: int, height: float, *, lines: bool = True
 ) -> "tuple[Drawing, list[Axes]]":
     rows, columns = _rows_and_columns(count)
-    # two beside each other take the room of three
-    figure = new_figure(width * (3 if columns == 2 else columns) + 0.2, height * rows + 0.5)
+    figure = new_figure(_WIDTH if columns > 1 else 4.8, height * rows + 0.5)
     grid = figure.subplots(rows, columns, squeeze=False)
     _blank(grid.flat[count:])
     for axes in grid.flat[:count]:
@@ -382,6 +374,13 @@ def _hatched() -> "Artist":
     from matplotlib.patches import Patch
 
     return Patch(facecolor="none", edgecolor=HATCH, hatch="////", linewidth=0.0, label=_IMPOSSIBLE)
+
+
+def _say_of(figure: "Drawing", shown: int, sweep: Sweep) -> None:
+    """Say above a figure that some of the variables are not shown."""
+    if shown < len(sweep.variables):
+        said = f"the {shown} of {len(sweep.variables)} variables that move a figure most"
+        figure.suptitle(said, x=0.01, ha="left", fontsize=8, color=MUTED)
 
 
 def _legend(figure: "Drawing", handles: "list[Artist]") -> None:

@@ -31,6 +31,8 @@ def draw_spreads(study: ToleranceStudy) -> "Figure":
     required = {r.figure: r for r in study.requirements}
     for axes, spread in zip(cells.flat, spreads, strict=False):
         _histogram(axes, spread, required.get(spread.figure))
+        # labels of a narrow spread are long
+        axes.locator_params(axis="x", nbins=4 if columns < 4 else 3)
     for axes in cells.flat[len(spreads) :]:
         axes.set_axis_off()
     for axes in cells[:, 0]:
@@ -81,7 +83,6 @@ def _histogram(axes: "Axes", spread: Spread, requirement: Requirement | None) ->
             )  # fmt: skip
     axes.set_xlim(*ends)
     axes.set_ylim(0.0, 1.12 * float(share.max() or 1.0))
-    axes.locator_params(axis="x", nbins=4)
     axes.locator_params(axis="y", nbins=4)
     axes.ticklabel_format(axis="x", useOffset=False, style="plain")
     unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""

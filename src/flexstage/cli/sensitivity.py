@@ -1,0 +1,151 @@
+"""`flexstage sensitivity`: which parameter of a stage moves which figure."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flexstage.cli.options import (
+    JsonOption,
+    ModelOption,
+    QuietOption,
+    from_docstring,
+    positive_length,
+)
+from flexstage.cli.output import (
+    FigureFile,
+    OutputFolder,
+    console,
+    on_terminal,
+    picture,
+    print_json,
+    print_notes,
+    progress_bar,
+)
+from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, StageArgument
+from flexstage.errors import ModelError
+
+if TYPE_CHECKING:
+    from flexstage.explore.sensitivity import Sensitivities
+    from flexstage.stage import Stage
+
+
+@from_docstring
+def sensitivity(
+    stage: StageArgument,
+    of: list[str] | None = None,
+    by: list[str] | None = None,
+    hinges: bool = False,
+    step: str | None = None,
+    units: bool = False,
+    model: ModelOption = "lumped",
+    folder: OutputFolder = None,
+    figure: FigureFile = None,
+    taken: ParameterOptions = NOTHING_SET,
+    quiet: QuietOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Show which parameter of a stage moves which figure.
+
+    Parameters
+    ----------
+    of
+        FIGURE: A figure that is looked at, such as natural_frequency.x, stroke (of every axis) or
+        mass; may be repeated (default: ratio, stroke, frequency, stress and coupling of each axis).
+    by
+        NAME: A parameter, or a pattern of names such as "x.*"; may be repeated (default: all that
+        change continuously).
+    hinges
+        Take neck and place of each hinge by itself in place of the parameters; those that do the
+        same share a row.
+    step
+        --per LENGTH: Have lengths change by so much, such as "10 um", in place of 1 % of each; that
+        is usual with --hinges.
+    units
+        Show the changes in the units of the figures, in place of per cent of them.
+    folder
+        Write sensitivity.json, sensitivity.csv and a picture, sensitivity.svg; with --hinges also
+        necks.svg, the necks that move a figure most on the drawing of the stage.
+    figure
+        Draw the changes as a map of colours. (.svg, .png or .pdf)
+    """
+    from flexstage.explore import Family, known_figures
+    from flexstage.explore.figures import figures_of, usual_figures
+    from flexstage.explore.hinge_family import hinge_variables
+    from flexstage.explore.sensitivity import LENGTH, sensitivities, variables_by
+    from flexstage.studies.models import known_model
+
+    known_model(model)
+    if hinges and model != "lumped":
+        raise ModelError(
+            "--hinges goes with --model lumped: a notch that is moved by itself leaves the edges "
+            "that finite elements cut it from"
+        )
+    length = positive_length(step, "--per") if step is not None else LENGTH if hinges else None
+    template = taken.template(stage)
+    known = known_figures(template.stage())
+    figures = figures_of(of, known) if of else usual_figures(known)
+    if hinges:
+        family, left_out = hinge_variables(template, by or ()), {}
+    else:
+        variables, left_out = variables_by(template, by or ())
+        family = Family(template=template, variables=variables)
+        if not variables:
+            raise ModelError(
+                f"{template.source} has no parameter that changes continuously: give its "
+                "dimensions names under 'parameters' in the stage file, or look at its --hinges"
+            )
+    with progress_bar("sensitivity", quiet=quiet):
+        found = sensitivities(family, figures, model, left_out)
+    files = _written(found, length, folder, figure)
+    if folder is not None and hinges:
+        files += _necks(found, template.stage(), folder)
+    if json:
+        from flexstage.explore.sensitivity_files import sensitivity_results
+
+        print_json(sensitivity_results(found, length) | {"files": [str(file) for file in files]})
+        return
+    from flexstage.report.sensitivity import left_out_notes, sensitivity_table
+
+    screen, shown = console(), sensitivity_table(found, length, in_units=units)
+    if len(shown.rows) > 1:
+        screen.print(on_terminal(shown))
+    print_notes(
+        screen, (*(shown.notes if len(shown.rows) < 2 else ()), *left_out_notes(found)), files
+    )
+
+
+def _necks(found: "Sensitivities", stage: "Stage", folder: Path) -> list[Path]:
+    """Write what each neck moves on the drawing of the stage, where one moves a figure."""
+    from flexstage.files.write import write_files
+    from flexstage.report.figures.moving_necks import draw_moving_necks
+
+    try:
+        drawn = draw_moving_necks(stage, found)
+    except ModelError:  # their places alone were asked for
+        return []
+    return write_files(folder, {"necks.svg": picture(Path("necks.svg"), drawn)})
+
+
+def _written(
+    found: "Sensitivities", length: float | None, folder: Path | None, figure: Path | None
+) -> list[Path]:
+    from flexstage.files.plain import json_text
+    from flexstage.files.write import write_files
+    from flexstage.report.figures.sensitivity import draw_sensitivities
+
+    files: list[Path] = []
+    if folder is not None:
+        from flexstage.explore.sensitivity_files import sensitivity_csv, sensitivity_results
+
+        drawn = draw_sensitivities(found, length)
+        files += write_files(
+            folder,
+            {
+                "sensitivity.json": json_text(sensitivity_results(found, length)).encode(),
+                "sensitivity.csv": sensitivity_csv(found).encode(),
+                "sensitivity.svg": picture(Path("sensitivity.svg"), drawn),
+            },
+        )
+    if figure is not None:
+        drawn = draw_sensitivities(found, length)
+        files += write_files(figure.parent, {figure.name: picture(figure, drawn)})
+    return files

@@ -1,0 +1,1 @@
+"""The best stage of a family: local search by slopes, a ladder of models, Pareto fronts."""

@@ -1,0 +1,435 @@
+"""The ladder: a quick model is searched, finer ones correct it and confirm what is found."""
+
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from flexstage import progress
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+from flexstage.explore.family import evaluate
+from flexstage.explore.optimise.correction import Correction
+from flexstage.explore.optimise.local_search import (
+    FEASIBLE,
+    Iterate,
+    LocalOptimum,
+    local_search,
+    violation_of,
+)
+from flexstage.explore.optimise.multipliers import held_by
+from flexstage.explore.optimise.optimum import TOLERANCE, Level, Optimum, Rung, Trace
+from flexstage.explore.optimise.problem import Problem, StageProgram
+from flexstage.explore.optimise.walls import Wall
+from flexstage.provenance import provenance
+from flexstage.stage import Stage, check
+
+Start = Literal["described", "middle"]
+
+#: Starts of the search beside the given one, turns of the ladder at most, and evaluations at most
+#: for each variable.
+OTHER_STARTS, TURNS, EVALUATIONS = 3, 10, 250
+# steps of a search at most and at least; share of the evaluations that is kept for the ladder
+_STEPS, _FEWEST, _RESERVE = 60, 4, 0.4
+# points that starts are chosen from; agreement of two models at which the ladder ends
+_SAMPLE, _AGREED = 64, 1e-3
+# how far the second turn may go, in parts of the bounds, and the agreement that widens it again
+_REACH, _NEAR = 0.4, 1e-2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchOptions:
+    """How it is searched."""
+
+    start: Start = "described"
+    """``described``: the stage as it is; ``middle`` of all bounds."""
+    model: str = "superelement"
+    """The model that corrects the lumped one; ``lumped`` for none."""
+    confirm: str | None = None
+    """A finer model that confirms the best, ``plane`` or ``solid``; None for none."""
+    evaluations: int | None = None
+    """Evaluations of the lumped model at most; `EVALUATIONS` for each variable, and for two more,
+    where None.
+    """
+    starts: int = OTHER_STARTS
+    """Starts beside the given one, for a goal."""
+    seed: int = 0
+    """Seed of the other starts."""
+
+    def __post_init__(self) -> None:
+        if (self.evaluations is not None and self.evaluations < 1) or self.starts < 0:
+            raise ModelError(
+                f"a search needs at least one evaluation, and no fewer than 0 other starts, got "
+                f"{self.evaluations} and {self.starts}"
+            )
+        if self.model not in ("lumped", "superelement"):
+            raise ModelError(f"the ladder goes to lumped or superelement, got '{self.model}'")
+        if self.confirm not in (None, "superelement", "plane", "solid"):
+            raise ModelError(
+                f"superelement, plane or solid can confirm the best stage, got '{self.confirm}'"
+            )
+
+    def budget(self, variables: int) -> int:
+        """Return how many evaluations of the lumped model there may be."""
+        return EVALUATIONS * (variables + 2) if self.evaluations is None else self.evaluations
+
+
+def find_optimum(
+    problem: Problem, options: SearchOptions | None = None, start: Array | None = None
+) -> Optimum:
+    """Return the best stage of a family by one goal, or the nearest that meets what is required.
+
+    The lumped model is searched from the start and from the best of a Sobol' sample
+    (`local_search`). The finer model is asked at the optimum only; the ratio of both, to first
+    order about there, corrects the lumped figures, which are searched again, until the finer model
+    says what was expected (Bandler et al. 1994, IEEE Trans. MTT 42, 2536: space mapping;
+    Echeverria, Hemker 2005: manifold mapping).
+
+    Parameters
+    ----------
+    problem : Problem
+        What is sought; with one goal or none.
+    options : SearchOptions, optional
+        How it is searched.
+    start : array, optional
+        Where to start, in SI, shape (d,), instead of what the options say.
+
+    Returns
+    -------
+    Optimum
+        The best stage that was found. Where not all requirements can be met it is the one that
+        misses them least, and says so.
+
+    Raises
+    ------
+    ModelError
+        No stage is possible between the bounds, as far as was looked.
+
+    Notes
+    -----
+    Validity: a local optimum, the best of several starts. Multipliers are those of the corrected
+    model, for small changes.
+    """
+    if len(problem.goals) > 1:
+        raise ModelError("several goals have no single best: ask for their Pareto front")
+    return _Climb(problem, options or SearchOptions(), start).run()
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Visited:
+    """A point that the finest model was asked about."""
+
+    optimum: LocalOptimum
+    correction: Correction | None
+    fine: Array
+    violation: float
+    objective: float
+
+
+class _Climb:
+    """One way up the ladder."""
+
+    def __init__(self, problem: Problem, options: SearchOptions, start: Array | None) -> None:
+        self.problem, self.options = problem, options
+        if start is None:
+            family = problem.family
+            start = family.usual if options.start == "described" else family.middle
+        self.start = problem.position(start)
+        if not np.all((self.start >= -1e-9) & (self.start <= 1.0 + 1e-9)):
+            outside = [
+                v.name
+                for v, x in zip(problem.family.variables, self.start, strict=True)
+                if not -1e-9 <= x <= 1.0 + 1e-9
+            ]
+            raise ModelError(
+                f"the stage as described lies outside the bounds of {', '.join(outside[:3])}: "
+                "widen them, or start from their middle with --start middle"
+            )
+        self.start = np.clip(self.start, 0.0, 1.0)
+        self.program = StageProgram(problem=problem, nearest_to=self.start)
+        self.budget = options.budget(len(self.start))
+        self.trace: list[Trace] = []
+        self.rungs: list[Rung] = []
+        self.seconds: defaultdict[str, float] = defaultdict(float)
+        self.searches = 0
+        self.known: dict[tuple[str, bytes], Array] = {}
+        self.walls: tuple[Wall, ...] = ()
+        self.notes: list[str] = []
+
+    def run(self) -> Optimum:
+        with progress.subtask(0.0, 0.3):
+            progress.update("search")
+            best = self._first()
+        visited = [self._visit(best)] if self.options.model == "lumped" else self._climb(best)
+        chosen = min(visited, key=self._rank)
+        if self.options.confirm is not None:
+            with progress.subtask(0.7, 1.0):
+                chosen = self._confirm(chosen)
+        return self._optimum(chosen)
+
+    # ------------------------------------------------------------------ searching the quick model
+
+    def _first(self) -> LocalOptimum:
+        """Search from the start, and from others where that may find better."""
+        wanted = 1 + (self.options.starts if self.problem.goals else 0)
+        reserve = 0.0 if self.options.model == "lumped" else _RESERVE * self.budget
+        found: list[LocalOptimum] = []
+        for start in self._starts():
+            share = (self._left() - reserve) / max(wanted - len(found), 1)
+            one = None if self.program.fault(start) else self._search(start, share)
+            if one is not None:
+                found.append(one)
+            if len(found) >= wanted and any(f.feasible for f in found):
+                break
+            if len(found) >= 2 * wanted or (found and self._left() <= reserve):
+                break
+        if not found:
+            raise ModelError(
+                "no search could begin: around every possible start some stages are impossible; "
+                "widen the bounds or start elsewhere"
+            )
+        return min(found, key=lambda f: (max(f.violation, 10.0 * FEASIBLE), f.values[0]))
+
+    def _starts(self) -> Iterator[Array]:
+        """Yield the given start, then others: the best of a sample, without a goal the nearest."""
+        first = self.program.figures(self.start[None])
+        if np.all(np.isfinite(first)):
+            self._measure_goal(first)
+            yield self.start
+        sample = self._sample()
+        figures = self.program.figures(sample)
+        ok = np.all(np.isfinite(figures), axis=1)
+        if not ok.any() and not np.all(np.isfinite(first)):
+            fault = self.program.fault(self.start) or "its figures cannot be computed"
+            raise ModelError(
+                f"none of {1 + len(sample)} stages between the bounds is possible; of the start: "
+                f"{fault}"
+            )
+        if not np.all(np.isfinite(first)):
+            self._measure_goal(figures[ok])
+        values = self.program.scaled(sample, figures)
+        if self.problem.goals:
+            off = violation_of(values[:, 1:], self.program.low, self.program.high).sum(axis=1)
+            rank = np.where(off > 0.5, 10.0 + off, values[:, 0] + off)
+        else:
+            rank = np.linalg.norm(sample - self.start, axis=1)
+        yield from (sample[i] for i in np.argsort(rank, kind="stable") if ok[i])
+
+    def _measure_goal(self, figures: Array) -> None:
+        """Measure the goal by what it is at first."""
+        if self.problem.goals and figures[0, 0] != 0.0:
+            self.program = replace(self.program, goal_reference=abs(float(figures[0, 0])))
+
+    def _sample(self) -> Array:
+        from scipy.stats import qmc
+
+        count = min(_SAMPLE, max(self.budget // 20, 1))
+        sampler = qmc.Sobol(len(self.start), rng=self.options.seed)
+        return sampler.random(2 ** int(np.log2(count)))
+
+    def _search(self, start: Array, evaluations: float, reach: float = 1.0) -> LocalOptimum | None:
+        self.searches += 1
+        number = self.searches - 1
+
+        def told(iterate: Iterate) -> None:
+            self.trace.append(
+                Trace(
+                    search=number,
+                    evaluations=self.program.counts["lumped"],
+                    objective=self._shown(iterate),
+                    violation=iterate.violation,
+                )
+            )
+
+        began = time.perf_counter()
+        d = len(start)
+        found = local_search(
+            self.program,
+            start,
+            steps=max(min(_STEPS, int(evaluations / (2 * d + 3))), _FEWEST),
+            curvature=None if self.problem.goals else np.eye(d),
+            walls=self.walls,
+            reach=reach,
+            told=told,
+        )
+        self.seconds["lumped"] += time.perf_counter() - began
+        if found is not None:
+            self.walls = found.walls
+        return found
+
+    def _shown(self, iterate: Iterate) -> float:
+        if not self.problem.goals:
+            return float(np.sqrt(2.0 * iterate.values[0]))
+        return float(self.program.goal_figure(iterate.values[0]))
+
+    def _left(self) -> float:
+        """Return how many evaluations of the searched model are left."""
+        return float(self.budget - self.program.counts["lumped"])
+
+    # ------------------------------------------------------------------ climbing
+
+    def _fine(self, model: str, x: Array) -> Array:
+        """Return the figures of a point by a model, which is asked once."""
+        key = (model, x.tobytes())
+        if key not in self.known:
+            began = time.perf_counter()
+            point, figures = self.problem.point(x)[None], self.problem.figures
+            self.known[key] = evaluate(self.problem.family, point, figures, model).values[0]
+            self.seconds[model] += time.perf_counter() - began
+            self.program.counts[model] += 1
+        return self.known[key]
+
+    def _climb(self, best: LocalOptimum) -> list[_Visited]:
+        model = self.options.model
+        visited: list[_Visited] = []
+        d, m = len(best.point), len(self.problem.figures)
+        correction = Correction.none(d, m)
+        reach = _REACH
+        for turn in range(TURNS):
+            with progress.subtask(0.3 + 0.4 * turn / TURNS, 0.3 + 0.4 * (turn + 1) / TURNS):
+                progress.update(f"ladder, turn {turn + 1}")
+                fine, expected = (
+                    self._fine(model, best.point),
+                    self.program.figures(best.point[None])[0],
+                )
+                self._rung(model, best, expected, fine)
+                if not np.all(np.isfinite(fine)):
+                    if not visited:
+                        raise ModelError(
+                            f"the {model} model has no figures of the best stage of the lumped one"
+                        )
+                    break
+                coarse = self.program.coarse(best.point[None])[0]
+                correction = correction.updated(best.point, coarse, fine)
+                agreed = self._agree(expected, fine)
+                self.program = self.program.corrected(correction)
+                visited.append(self._visit(best, fine))
+                if (agreed and turn > 0) or self._left() <= 0.0:
+                    break
+                # a prediction that was far off is not to be followed far
+                reach = min(1.0, 2.0 * reach) if self._agree(expected, fine, _NEAR) else 0.5 * reach
+                again = self._search(best.point, 0.4 * self._left(), reach)
+                if again is None:
+                    break
+                still = float(np.max(np.abs(again.point - best.point))) < 1e-6
+                best = again
+                if still:
+                    break
+        return visited
+
+    def _rung(self, model: str, best: LocalOptimum, expected: Array, fine: Array) -> None:
+        self.rungs.append(
+            Rung(
+                model=model,
+                point=self.problem.point(best.point),
+                expected=expected,
+                found=fine,
+                evaluations=self.program.counts["lumped"],
+            )
+        )
+
+    def _agree(self, expected: Array, fine: Array, within: float = _AGREED) -> bool:
+        off = np.abs(fine - expected) <= within * np.maximum(np.abs(fine), 1e-12)
+        return bool(np.all(off))
+
+    def _visit(self, best: LocalOptimum, fine: Array | None = None) -> _Visited:
+        """Say how good a point is by the finest model that was asked."""
+        figures = self.program.figures(best.point[None])[0] if fine is None else fine
+        values = self.program.scaled(best.point[None], figures[None])[0]
+        # constraints as found, slopes by the corrected model
+        off = violation_of(values[1:], self.program.low, self.program.high)
+        return _Visited(
+            optimum=best,
+            correction=self.program.correction,
+            fine=figures,
+            violation=float(np.max(off, initial=0.0)),
+            objective=float(values[0]),
+        )
+
+    def _rank(self, visited: _Visited) -> tuple[float, float]:
+        if not self.problem.goals:
+            return (visited.violation, visited.objective)
+        return (max(visited.violation, TOLERANCE / 2.0), visited.objective)
+
+    def _confirm(self, chosen: _Visited) -> _Visited:
+        """Ask the finest model; where it finds a requirement missed, feed that back once."""
+        model = self.options.confirm
+        assert model is not None
+        progress.update(f"confirm by {model}")
+        fine = self._fine(model, chosen.optimum.point)
+        self._rung(model, chosen.optimum, chosen.fine, fine)
+        confirmed = self._confirmed(chosen, fine)
+        if confirmed.violation <= TOLERANCE or not np.all(np.isfinite(fine)):
+            return confirmed
+        again = self._search(chosen.optimum.point, max(self._left(), 0.0))
+        if again is None:
+            return confirmed
+        progress.update(f"confirm by {model}", 0.5)
+        expected = self.program.figures(again.point[None])[0]
+        fine = self._fine(model, again.point)
+        self._rung(model, again, expected, fine)
+        better = self._confirmed(replace(chosen, optimum=again), fine)
+        return min(confirmed, better, key=self._rank)
+
+    def _confirmed(self, chosen: _Visited, fine: Array) -> _Visited:
+        x = chosen.optimum.point
+        coarse = self.program.coarse(x[None])[0]
+        known = chosen.correction or Correction.none(len(x), len(fine))
+        if np.all(np.isfinite(fine)):
+            # the finer model changes as the corrected one does
+            anew = Correction.none(len(x), len(fine)).updated(x, coarse, fine)
+            self.program = self.program.corrected(replace(anew, slope=known.slope))
+        return self._visit(chosen.optimum, fine)
+
+    # ------------------------------------------------------------------ the result
+
+    def _optimum(self, chosen: _Visited) -> Optimum:
+        problem = self.problem
+        if chosen.correction is not None:
+            self.program = self.program.corrected(chosen.correction)
+        x = chosen.optimum.point
+        values, slopes = self.program.slopes(x)
+        at = replace(chosen.optimum, values=values, slopes=slopes)
+        held, free, left = held_by(self.program, at)
+        point = problem.point(x)
+        stage = problem.family.stage(point)
+        self._faults(stage)
+        models = [m for m in ("lumped", self.options.model, self.options.confirm) if m is not None]
+        levels = []
+        for model in dict.fromkeys(models):
+            start = self._fine(model, self.start)
+            best = self._fine(model, x)
+            levels.append(Level(model=model, start=start, best=best))
+        settings = {
+            "goals": "; ".join(g.text for g in problem.goals),
+            "requirements": "; ".join(r.text for r in problem.all_requirements),
+            "start": self.options.start,
+            "model": self.options.model,
+            "confirm": self.options.confirm or "",
+            "evaluations": str(self.budget),
+            "seed": str(self.options.seed),
+        }
+        return Optimum(
+            problem=problem,
+            stage=stage,
+            text=problem.family.text(point),
+            start=problem.point(self.start),
+            point=point,
+            levels=tuple(levels),
+            held=held,
+            free=free,
+            unexplained=left,
+            rungs=tuple(self.rungs),
+            trace=tuple(self.trace),
+            evaluations=dict(self.program.counts),
+            seconds=dict(self.seconds),
+            seed=self.options.seed,
+            notes=tuple(self.notes),
+            provenance=provenance(stage, settings),
+        )
+
+    def _faults(self, stage: Stage) -> None:
+        self.notes += [issue.message for issue in check(stage) if issue.severity == "error"]

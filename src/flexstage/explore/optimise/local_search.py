@@ -1,0 +1,340 @@
+"""Search from a start for the best point nearby, by slopes, where some points are impossible."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.explore.optimise.quadratic import bounded_step
+from flexstage.explore.optimise.walls import Bools, Wall, find_wall, joined
+
+# trust region: its first half width, what a good step widens it by, what a bad one leaves of it
+_FIRST, _LARGEST, _WIDER, _NARROWER = 0.15, 0.5, 2.0, 0.4
+# share of the predicted gain that a step must bring, and beyond which the region grows
+_ACCEPTED, _GOOD = 1e-4, 0.7
+#: Violation that counts as none.
+FEASIBLE = 1e-6
+_SMALLEST = 1e-6
+# steps without a change of the objective after which a search has ended
+_IDLE = 4
+# walls that are looked for in one step, before it is made shorter
+_WALLS = 3
+
+
+class Program(Protocol):
+    """Minimise the first value where the others keep their limits, over variables from 0 to 1."""
+
+    @property
+    def low(self) -> Array:
+        """Least allowed value of each constraint, shape (m,); minus infinity for none."""
+        ...
+
+    @property
+    def high(self) -> Array:
+        """Largest allowed value of each constraint, shape (m,)."""
+        ...
+
+    def values(self, points: Array) -> Array:
+        """Return objective and constraints at points (S, d), shape (S, 1 + m).
+
+        NaN where a point is impossible.
+        """
+        ...
+
+    def slopes(self, point: Array) -> tuple[Array, Array]:
+        """Return the values at a point (d,), shape (1 + m,), and their slopes (1 + m, d)."""
+        ...
+
+    def possible(self, points: Array) -> Bools:
+        """Return which points (S, d) are possible at all."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Iterate:
+    """One accepted point of a search."""
+
+    point: Array
+    """The variables, from 0 to 1, shape (d,)."""
+    values: Array
+    """Objective and constraints there, shape (1 + m,)."""
+    violation: float
+    """Sum of what the constraints are off their limits."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LocalOptimum(Iterate):
+    """Where a local search ended."""
+
+    slopes: Array
+    """Slopes of objective and constraints, shape (1 + m, d)."""
+    walls: tuple[Wall, ...] = ()
+    """Walls met on the way, beyond which points are impossible."""
+    converged: bool
+    """Whether no better point is near; else the number of steps was used up."""
+    iterates: tuple[Iterate, ...] = field(default=(), repr=False)
+    """The points on the way, from the start."""
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every constraint is kept."""
+        return self.violation <= FEASIBLE * 10.0
+
+
+def violation_of(values: Array, low: Array, high: Array) -> Array:
+    """Return what each constraint is off its limits; values without the objective."""
+    return np.maximum(values - high, 0.0) + np.maximum(low - values, 0.0)
+
+
+def local_search(
+    program: Program,
+    start: Array,
+    *,
+    steps: int = 60,
+    tolerance: float = 1e-5,
+    curvature: Array | None = None,
+    walls: tuple[Wall, ...] = (),
+    reach: float = 1.0,
+    told: Callable[[Iterate], None] = lambda _: None,
+) -> LocalOptimum | None:
+    """Return the optimum near a start by sequential quadratic programming in a trust region.
+
+    Each step minimises a quadratic model of the Lagrangian under linear models of the constraints
+    (`bounded_step`); it is taken where it lowers objective + mu x violation (an exact penalty
+    function: Han 1977; Nocedal, Wright 2006, Numerical Optimization, algorithm 18.3), else the
+    region shrinks. Curvature is gathered from the slopes (BFGS, damped as by Powell 1978). A step
+    to an impossible point finds the wall that it met (`find_wall`) and is taken again before it.
+
+    Parameters
+    ----------
+    program : Program
+        What is minimised.
+    start : array
+        Where to start, from 0 to 1, shape (d,).
+    steps : int
+        Largest number of slopes asked for.
+    tolerance : float
+        Gain in objective and violations at which it ends.
+    curvature : array, optional
+        Second derivatives of the objective where they are known, shape (d, d).
+    walls : tuple of Wall
+        Walls that are known.
+    reach : float
+        How far a variable may go from the start, in parts of its bounds.
+    told : callable
+        Called with each accepted point.
+
+    Returns
+    -------
+    LocalOptimum or None
+        None where the start is impossible.
+
+    Notes
+    -----
+    Validity: smooth functions; a local optimum, not the best of all. Where the constraints
+    contradict each other it ends where they are violated least.
+    """
+    x = np.clip(np.asarray(start, dtype=float), 0.0, 1.0)
+    values, slopes = program.slopes(x)
+    if not _finite(values, slopes):
+        return None
+    search = _Search(program, _Place(x, values, slopes), curvature, walls, tolerance)
+    search.least, search.most = np.maximum(x - reach, 0.0), np.minimum(x + reach, 1.0)
+    path = [_iterate(program, search.place)]
+    told(path[0])
+    converged = False
+    for _ in range(steps):
+        if not search.step():
+            converged = search.converged
+            break
+        path.append(_iterate(program, search.place))
+        told(path[-1])
+        if _stalled(path, tolerance):
+            converged = True
+            break
+    last = path[-1]
+    return LocalOptimum(
+        point=last.point,
+        values=last.values,
+        violation=last.violation,
+        slopes=search.place.slopes,
+        walls=search.walls,
+        converged=converged,
+        iterates=tuple(path),
+    )
+
+
+class _Place(NamedTuple):
+    """A point with its values and slopes."""
+
+    x: Array
+    values: Array
+    slopes: Array
+
+
+class _Trial(NamedTuple):
+    """A step that a model proposes, what it promises and what it brought."""
+
+    p: Array
+    multipliers: Array
+    predicted: float
+    gain: float
+
+
+class _Search:
+    """The state of a local search between two steps."""
+
+    def __init__(
+        self,
+        program: Program,
+        place: _Place,
+        curvature: Array | None,
+        walls: tuple[Wall, ...],
+        tolerance: float,
+    ) -> None:
+        self.program, self.place, self.walls, self.tolerance = program, place, walls, tolerance
+        self.low, self.high = program.low, program.high
+        self.known = curvature is not None
+        steep = max(float(np.linalg.norm(place.slopes[0])), 1e-3)
+        self.B: Array = np.eye(len(place.x)) * steep if curvature is None else curvature
+        self.region, self.penalty, self.converged = _FIRST, 1.0, False
+        self.least, self.most = np.zeros(len(place.x)), np.ones(len(place.x))
+
+    def step(self) -> bool:
+        """Take a step that lowers the penalty function; False where there is none."""
+        while self.region > _SMALLEST:
+            trial = self._trial()
+            if trial is None:
+                return False
+            x = self.place.x + trial.p
+            values, slopes = self.program.slopes(x)
+            if not _finite(values, slopes):
+                self.region *= _NARROWER  # possible by itself, yet not around it
+                continue
+            longest = float(np.max(np.abs(trial.p)))
+            if trial.gain > _GOOD * trial.predicted and longest > 0.7 * self.region:
+                self.region = min(_WIDER * self.region, _LARGEST)
+            if not self.known:
+                turned = (slopes - self.place.slopes).T @ np.append(1.0, trial.multipliers)
+                self.B = _updated(self.B, trial.p, turned)
+            self.place = _Place(x, values, slopes)
+            return True
+        self.converged = True
+        return False
+
+    def _trial(self) -> _Trial | None:
+        """Return a step that brings what it promises; None at an optimum."""
+        met = 0
+        while self.region > _SMALLEST:
+            found = self._model()
+            if found is None:
+                self.region *= _NARROWER
+                continue
+            p, multipliers, predicted, _ = found
+            if predicted <= self.tolerance * min(1.0, self.region / _FIRST):
+                break
+            taken = self._taken(p, predicted)
+            if taken is None:  # impossible there
+                wall = find_wall(self.program.possible, self.place.x, p) if met < _WALLS else None
+                met += 1
+                if wall is None:
+                    self.region *= _NARROWER
+                else:
+                    self.walls = joined(self.walls, wall)
+                continue
+            q, gain = taken
+            if gain >= _ACCEPTED * predicted:
+                return _Trial(q, multipliers, predicted, gain)
+            self.region = _NARROWER * min(self.region, float(np.max(np.abs(q))))
+        self.converged = True
+        return None
+
+    def _model(self) -> _Trial | None:
+        """Return the step of the quadratic model, and set the penalty by its multipliers."""
+        x, values, slopes = self.place
+        W = np.array([wall.normal for wall in self.walls]).reshape(-1, len(x))
+        beyond = np.array([wall.offset for wall in self.walls]) - W @ x
+        A, g = slopes[1:], slopes[0]
+        found = bounded_step(
+            self.B,
+            g,
+            np.vstack([A, W]),
+            np.append(self.low - values[1:], np.full(len(W), -np.inf)),
+            # what is nearer to a wall than it should be goes away from it
+            np.append(self.high - values[1:], np.maximum(beyond, -0.3 * self.region)),
+            np.maximum(-self.region, self.least - x),
+            np.minimum(self.region, self.most - x),
+            hard=len(W),
+        )
+        if found is None:
+            return None
+        p, multipliers = found.step, found.multipliers[: len(self.low)]
+        was = self._off(values[1:])
+        less = was - self._off(values[1:] + A @ p)
+        model = -float(g @ p + 0.5 * p @ self.B @ p)
+        wanted = 0.0 if found.relaxed else 1.5 * float(np.max(np.abs(multipliers), initial=0.0))
+        self.penalty = max(self.penalty, wanted) if was > FEASIBLE else max(wanted, 1e-6)
+        if less > FEASIBLE:  # the step must gain in the penalty function
+            self.penalty = max(self.penalty, -2.0 * model / less)
+        return _Trial(p, multipliers, model + self.penalty * less, 0.0)
+
+    def _off(self, constraints: Array) -> float:
+        return float(violation_of(constraints, self.low, self.high).sum())
+
+    def _merit(self, found: Array) -> float:
+        return float(found[0] + self.penalty * self._off(found[1:]))
+
+    def _taken(self, p: Array, predicted: float) -> tuple[Array, float] | None:
+        """Return the step, bent along the constraints where that is better, and its gain."""
+        x, values, slopes = self.place
+        here = self._merit(values)
+        there = self.program.values((x + p)[None])[0]
+        if not _finite(there):
+            return None
+        gain = here - self._merit(there)
+        if gain >= 0.1 * predicted:
+            return p, gain
+        # second-order correction: the linear models, shifted to what the constraints are at x + p
+        over = np.maximum(there[1:] - self.high, 0.0) - np.maximum(self.low - there[1:], 0.0)
+        active = over != 0.0
+        if not active.any():
+            return p, gain
+        more = -np.linalg.pinv(slopes[1:][active], rcond=1e-8) @ over[active]
+        q = np.clip(x + p + more, self.least, self.most) - x
+        if float(np.max(np.abs(q))) > 1.5 * self.region:
+            return p, gain
+        bent = self.program.values((x + q)[None])[0]
+        better = here - self._merit(bent) if _finite(bent) else -np.inf
+        return (q, better) if better > gain else (p, gain)
+
+
+def _finite(*arrays: Array) -> bool:
+    return all(bool(np.all(np.isfinite(array))) for array in arrays)
+
+
+def _stalled(path: list[Iterate], tolerance: float) -> bool:
+    """Whether the last steps, all of which keep the limits, changed the objective by nothing."""
+    last = path[-_IDLE:]
+    same = float(np.ptp([one.values[0] for one in last])) < tolerance
+    return len(last) == _IDLE and same and all(one.violation < 10.0 * FEASIBLE for one in last)
+
+
+def _iterate(program: Program, place: _Place) -> Iterate:
+    off = violation_of(place.values[1:], program.low, program.high)
+    return Iterate(point=place.x, values=place.values, violation=float(off.sum()))
+
+
+def _updated(B: Array, p: Array, turned: Array) -> Array:
+    """Return the curvature with what a step showed of it, kept positive definite."""
+    Bp = B @ p
+    curved, seen = float(p @ Bp), float(p @ turned)
+    if curved <= 1e-14:
+        return B
+    share = 1.0 if seen >= 0.2 * curved else 0.8 * curved / (curved - seen)
+    r = share * turned + (1.0 - share) * Bp
+    updated = B - np.outer(Bp, Bp) / curved + np.outer(r, r) / float(p @ r)
+    # rounding must not make it indefinite, nor a kink make it stiff beyond all measure
+    spectrum, basis = np.linalg.eigh(updated)
+    return (basis * np.clip(spectrum, 1e-6, 1e6)) @ basis.T

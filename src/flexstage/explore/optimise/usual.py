@@ -1,0 +1,153 @@
+"""What is required of every stage without being asked, and figures that were published."""
+
+from collections.abc import Collection, Iterable
+
+from flexstage.choose import did_you_mean
+from flexstage.designs.template import StageTemplate
+from flexstage.errors import ModelError
+from flexstage.explore.figures import Figure, Requirement
+from flexstage.explore.variables import Variable, every_variable
+from flexstage.stage import PiezoStack, Stage
+
+#: Safety against yield that machine parts under static load usually have [1].
+SAFETY = 1.5
+#: What stands for the checks of `flexstage.stage.check` where they are not to be required.
+CHECK = "check"
+#: Share by which every dimension is varied to either side where nothing is said [1].
+SHARE = 0.3
+# what says as much of the stress of an axis as the safety against yield
+_STRESS = ("max_stress", "safety_factor", "fatigue_safety")
+# figures that a published one follows from, where that was published too
+_FOLLOWS = {
+    "transmission_ratio": ("output_displacement",),
+    "resolution": ("output_displacement", "transmission_ratio"),
+}
+# what is bought, and not made: its figures are no dimensions of the stage
+_BOUGHT = ("actuator", "material")
+
+
+def usual_requirements(
+    stage: Stage,
+    known: Collection[tuple[str, str]],
+    asked: Iterable[Requirement],
+    without: Iterable[str] = (),
+) -> tuple[Requirement, ...]:
+    """Return what is required without being asked: what can be stressed and driven.
+
+    The safety against yield is `SAFETY`. At the input the stage is no stiffer than its actuator, so
+    that half of the free stroke is left, and its full stroke takes no more than the blocking force
+    of a stack. A requirement that is asked for takes the place of one of these, of stress that of
+    the safety of its axis.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage as it is described.
+    known : collection of (str, str)
+        Quantities and axes that there are.
+    asked : iterable of Requirement
+        What is asked for.
+    without : iterable of str
+        Names of what is not required, such as ``safety_factor`` or ``safety_factor.x``.
+
+    Raises
+    ------
+    ModelError
+        A name in `without` is none of them.
+    """
+    usual = [
+        *(Requirement(figure=f, low=SAFETY) for f in _figures("safety_factor", known)),
+        *(
+            Requirement(figure=f, high=stiffest)
+            for f in _figures("input_stiffness", known)
+            if (stiffest := _stiffest(stage, f.axis)) is not None
+        ),
+    ]
+    dropped = list(without)
+    names = {CHECK, *(name for r in usual for name in (r.figure.name, r.figure.quantity))}
+    for name in dropped:
+        if name not in names:
+            raise ModelError(
+                f"nothing called '{name[:60]}' is required without being asked"
+                f"{did_you_mean(name, sorted(names))}; that is "
+                f"{', '.join([CHECK, *(r.figure.name for r in usual)])}"
+            )
+    said = {r.figure.key for r in asked}
+    stressed = {axis for quantity, axis in said if quantity in _STRESS}
+    return tuple(
+        r
+        for r in usual
+        if r.figure.key not in said
+        and not (r.figure.quantity in _STRESS and r.figure.axis in stressed)
+        and not {r.figure.name, r.figure.quantity} & set(dropped)
+    )
+
+
+def _figures(quantity: str, known: Collection[tuple[str, str]]) -> list[Figure]:
+    return [Figure(quantity=q, axis=a) for q, a in known if q == quantity]
+
+
+def _stiffest(stage: Stage, axis: str) -> float | None:
+    """Return the stiffness that an axis may have at its input [N/m], None where nothing says so.
+
+    An axis of several drives has no one input.
+    """
+    name = next(a.drive for a in stage.axes if a.name == axis)
+    if name is None:
+        return None
+    drive = stage.drive(name)
+    limits = [drive.spring] if drive.spring else []
+    if isinstance(drive, PiezoStack) and drive.blocking_force is not None:
+        limits.append(drive.blocking_force / drive.free_stroke)
+    return min(limits, default=None)
+
+
+def published_targets(
+    stage: Stage, known: Collection[tuple[str, str]], origin: str = "published-fem"
+) -> tuple[Requirement, ...]:
+    """Return the figures that were published of a stage, as values to match.
+
+    Without what a drive is given, and without what follows from others that were published: the
+    ratio and the resolution beside the displacement.
+
+    Raises
+    ------
+    ModelError
+        Nothing was published of it from this origin.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> stage = design("vgtu-piezo")
+    >>> known = {(row.quantity, row.axis) for row in stage.published}
+    >>> [target.text for target in published_targets(stage, known)][:2]
+    ['output_displacement.x = 64.6 um', 'output_displacement.y = 62.71 um']
+    """
+    rows = [row for row in stage.published if row.origin == origin]
+    published = {(row.quantity, row.axis) for row in rows}
+    targets = tuple(
+        Requirement(
+            figure=Figure(quantity=row.quantity, axis=row.axis), low=row.value, high=row.value
+        )
+        for row in rows
+        if (row.quantity, row.axis) in known
+        and row.quantity != "input_displacement"
+        and not any((q, row.axis) in published for q in _FOLLOWS.get(row.quantity, ()))
+    )
+    if not targets:
+        origins = sorted({row.origin for row in stage.published})
+        there = f"; there is {', '.join(origins)}" if origins else ""
+        raise ModelError(
+            f"no figures of {stage.name} are published from '{origin}'{there}: name values to "
+            'match, such as --match "natural_frequency.x = 320 Hz"'
+        )
+    return targets
+
+
+def usual_variables(template: StageTemplate) -> tuple[Variable, ...]:
+    """Return the dimensions that are varied where none is named: all that are no bought part's."""
+    return tuple(
+        variable
+        for variable in every_variable(template, SHARE)
+        if not set(_BOUGHT) & set(variable.name.split("."))
+    )

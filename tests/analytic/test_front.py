@@ -1,0 +1,100 @@
+"""Pareto fronts: none better in every goal, ends the best by one goal alone, the same numbers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flexstage.designs import StageTemplate
+from flexstage.errors import ModelError
+from flexstage.explore import (
+    Family,
+    Front,
+    Goal,
+    Problem,
+    SearchOptions,
+    Workers,
+    figure_of,
+    find_front,
+    find_optimum,
+    known_figures,
+    requirement_of,
+    variables_of,
+)
+from flexstage.explore.optimise.front import non_dominated
+from flexstage.explore.optimise.optimum import TOLERANCE
+
+OPTIONS = SearchOptions(model="lumped", evaluations=500, seed=3)
+
+
+def problem() -> Problem:
+    template = StageTemplate.of("parallelogram")
+    known = known_figures(template.stage())
+    ranges = ("leg.notch.neck_thickness=0.35..0.9 mm", "leg.bar_length=15..38 mm")
+    return Problem(
+        family=Family(template=template, variables=variables_of(template, ranges)),
+        goals=(
+            Goal(figure=figure_of("natural_frequency.x", known), way="maximise"),
+            Goal(figure=figure_of("stress.x", known), way="minimise"),
+        ),
+        requirements=(requirement_of("height <= 68 mm", known),),
+    )
+
+
+@pytest.fixture(scope="module")
+def front() -> Front:
+    return find_front(problem(), OPTIONS)
+
+
+def test_none_is_better_in_every_goal(front: Front) -> None:
+    costs = front.values[:, :2] * np.array([-1.0, 1.0])
+    assert len(costs) > 20
+    assert non_dominated(costs).all()
+    # in order along the front, and within what is required
+    assert np.all(np.diff(costs[:, 0]) > 0.0)
+    assert np.all(front.values[:, 2] <= 68e-3 * (1.0 + 1e-5))
+    # nothing that was searched and keeps the requirement beats it
+    both = np.vstack([costs, front.searched[:, :2] * np.array([-1.0, 1.0])])
+    assert non_dominated(both)[len(costs) :].sum() == 0
+
+
+def test_ends_are_the_best_by_one_goal(front: Front) -> None:
+    for number, end in ((0, front.values[0]), (1, front.values[-1])):
+        alone = replace(problem(), goals=(problem().goals[number],))
+        best = find_optimum(alone, OPTIONS).levels[-1].best[0]
+        assert end[number] == pytest.approx(best, rel=2e-3)
+
+
+def test_chosen_design_loses_nothing_and_says_the_rate_of_exchange(front: Front) -> None:
+    optimum = front.optimum
+    before, after = front.values[front.chosen], optimum.levels[-1].best
+    assert after[0] >= before[0] * (1.0 - TOLERANCE)
+    stress = optimum.figures.index(problem().goals[1].figure)
+    assert after[stress] <= before[1] * (1.0 + TOLERANCE)
+    rate = next(held.rate for held in optimum.held if held.name == "max_stress.x")
+    # by the slope of the front there, whose points lie in the order of falling frequency
+    near = front.values[max(front.chosen - 8, 0) : front.chosen + 9]
+    slope = np.polyfit(near[:, 1], near[:, 0], 1)[0]
+    assert rate == pytest.approx(slope, rel=0.1)
+
+
+@pytest.mark.slow
+def test_numbers_are_the_same_whatever_the_workers(front: Front) -> None:
+    with_two = Workers(2)
+    try:
+        again = find_front(problem(), OPTIONS, with_two)
+    finally:
+        with_two.close()
+    assert np.array_equal(front.points, again.points)
+    assert np.array_equal(front.values, again.values)
+    assert np.array_equal(front.optimum.point, again.optimum.point)
+
+
+def test_refusals() -> None:
+    one = replace(problem(), goals=problem().goals[:1])
+    with pytest.raises(ModelError, match="a Pareto front needs two goals"):
+        find_front(one, OPTIONS)
+    known = known_figures(one.family.template.stage())
+    never = replace(problem(), requirements=(requirement_of("height <= 10 mm", known),))
+    with pytest.raises(ModelError, match=r"none of \d+ stages keeps all requirements"):
+        find_front(never, replace(OPTIONS, evaluations=100))

@@ -1,0 +1,213 @@
+"""The best stage: closed forms, multipliers against searches again, the ladder, what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flexstage.designs import StageTemplate
+from flexstage.errors import ModelError
+from flexstage.explore import (
+    Family,
+    Goal,
+    Optimum,
+    Problem,
+    SearchOptions,
+    evaluate,
+    figure_of,
+    find_optimum,
+    known_figures,
+    requirement_of,
+    variables_of,
+)
+from flexstage.explore.optimise.usual import (
+    published_targets,
+    usual_requirements,
+    usual_variables,
+)
+from flexstage.stage import check, stage_from_text
+
+RANGES = (
+    "leg.notch.neck_thickness=0.3..0.9 mm",
+    "leg.bar_length=15..40 mm",
+    "platform_height=8..20 mm",
+    "leg_spacing=30..60 mm",
+)
+LUMPED = SearchOptions(model="lumped", evaluations=1500, starts=1)
+
+
+def problem(
+    *kept: str,
+    goal: str | None = "natural_frequency.x",
+    ranges: tuple[str, ...] = RANGES,
+    settings: dict[str, str] | None = None,
+    way: str = "maximise",
+) -> Problem:
+    template = StageTemplate.of("parallelogram", settings)
+    known = known_figures(template.stage())
+    requirements = tuple(requirement_of(text, known) for text in kept)
+    goals = () if goal is None else (Goal(figure=figure_of(goal, known), way=way),)  # type: ignore[arg-type]
+    return Problem(
+        family=Family(template=template, variables=variables_of(template, ranges)),
+        goals=goals,
+        requirements=requirements,
+        usual=usual_requirements(template.stage(), known, requirements),
+    )
+
+
+def rate(found: Optimum, name: str) -> float:
+    return next(held.rate for held in found.held if held.name == name)
+
+
+def best(found: Optimum) -> float:
+    return float(found.levels[-1].best[0])
+
+
+def test_leaf_of_a_stated_stiffness_is_that_of_beams() -> None:
+    """Two legs whose ends bend over a length l: k = 3 E' I / (a³ - (a - l)³), a half of a leg.
+
+    By Castigliano from the moment F (a - x)/2 at each end; E' = E/(1 - nu²), as a leaf is wide. The
+    roots of the leaves in the bodies give way too: a leaf is a per cent thicker for it.
+    """
+    length, bar, width, thickness = 10e-3, 30e-3, 8e-3, 0.33e-3
+    modulus, half = 71.7e9 / (1.0 - 0.33**2), bar / 2.0 + length
+    inertia = width * thickness**3 / 12.0
+    stiffness = 3.0 * modulus * inertia / (half**3 - (half - length) ** 3)
+    leaf = {
+        "leg.notch.kind": "leaf",
+        "leg.notch.neck_thickness": "0.4 mm",
+        "leg.notch.leaf_length": "10 mm",
+        "leg.notch.notch_depth": "2 mm",
+        "leg.bar_length": "30 mm",
+    }
+    wanted = problem(
+        f"input_stiffness.x = {stiffness!r} N/m",
+        goal=None,
+        ranges=("leg.notch.neck_thickness=0.15..0.6 mm",),
+        settings=leaf,
+    )
+    found = find_optimum(wanted, replace(LUMPED, start="middle"))
+    assert found.met
+    assert found.point[0] == pytest.approx(1.01 * thickness, rel=0.01)
+
+
+def test_nearest_of_many_that_match() -> None:
+    """One target, four variables: the way from the start is along the slope of the figure."""
+    wanted = problem("natural_frequency.x = 240 Hz", goal=None)
+    found = find_optimum(wanted, LUMPED)
+    assert found.met
+    assert found.free == 3
+    from flexstage.explore import jacobian
+
+    at = (found.point + found.start) / 2.0
+    slope = jacobian(wanted.family, at, wanted.figures)[1][0] * wanted.width
+    way = wanted.position(found.point) - wanted.position(found.start)
+    cosine = slope @ way / np.linalg.norm(slope) / np.linalg.norm(way)
+    assert cosine == pytest.approx(1.0, abs=2e-3)
+
+
+def test_multipliers_are_what_moved_limits_give() -> None:
+    """Of a requirement and of a bound, against searches with the limit moved by a per cent."""
+    first = find_optimum(problem("stress.x <= 120 MPa", "height <= 70 mm"), LUMPED)
+    assert first.met
+    assert first.unexplained < 1e-3
+    stressed = find_optimum(problem("stress.x <= 121.2 MPa", "height <= 70 mm"), LUMPED)
+    assert (best(stressed) - best(first)) / 1.2e6 == pytest.approx(
+        rate(first, "max_stress.x"), rel=0.02
+    )
+    ranges = ("leg.notch.neck_thickness=0.3..0.91 mm", *RANGES[1:])
+    thicker = find_optimum(problem("stress.x <= 120 MPa", "height <= 70 mm", ranges=ranges), LUMPED)
+    assert (best(thicker) - best(first)) / 0.01e-3 == pytest.approx(
+        rate(first, "leg.notch.neck_thickness"), rel=0.03
+    )
+    # the limit of the height is not reached, and holds nothing
+    assert "height" not in {held.name for held in first.held}
+    assert (
+        "relaxing it by 2.000 MPa would give +8.3 Hz of natural_frequency.x" in first.held[0].text
+    )
+
+
+def test_ladder_ends_where_the_finer_model_keeps_the_limits() -> None:
+    wanted = problem("stress.x <= 120 MPa", "height <= 70 mm")
+    found = find_optimum(wanted, replace(LUMPED, model="superelement"))
+    assert found.met
+    fine = evaluate(wanted.family, found.point[None], wanted.figures, "superelement").values[0]
+    assert found.levels[-1].best == pytest.approx(fine)
+    # the lumped model alone would have missed it: it is some per cent off
+    assert found.rungs[0].found != pytest.approx(found.rungs[0].expected, rel=2e-3)
+    assert found.rungs[-1].found == pytest.approx(found.rungs[-1].expected, rel=2e-3)
+    assert found.evaluations["superelement"] <= 6
+
+
+def test_best_is_a_sound_stage_and_its_file_loses_nothing() -> None:
+    found = find_optimum(problem("stress.x <= 90 MPa"), LUMPED)
+    from flexstage.designs.registry import build
+
+    again = stage_from_text(found.text, build, source="best.yaml")
+    assert again == found.stage
+    assert not [issue for issue in check(found.stage) if issue.severity == "error"]
+
+
+def test_same_seed_same_optimum() -> None:
+    found = [find_optimum(problem("stress.x <= 90 MPa"), LUMPED) for _ in range(2)]
+    assert np.array_equal(found[0].point, found[1].point)
+
+
+def test_what_cannot_be_reached_is_missed_by_the_least() -> None:
+    wanted = problem("stress.x <= 20 MPa", "natural_frequency.x >= 400 Hz", goal=None)
+    found = find_optimum(wanted, LUMPED)
+    assert not found.met
+    assert found.excess.max() > 0.1
+
+
+def test_usual_requirements_give_way_to_those_that_are_asked() -> None:
+    stage = StageTemplate.of("vgtu-piezo").stage()
+    known = known_figures(stage)
+    usual = usual_requirements(stage, known, ())
+    assert [r.text for r in usual] == [
+        "safety_factor.x >= 1.5",
+        "safety_factor.y >= 1.5",
+        # 1850 N over 38 um: less than the 50 N/um of the stack itself
+        "input_stiffness.x <= 48.6842 N/µm",
+        "input_stiffness.y <= 48.6842 N/µm",
+    ]
+    asked = (requirement_of("stress.x <= 200 MPa", known),)
+    left = usual_requirements(stage, known, asked, ["input_stiffness"])
+    assert [r.text for r in left] == ["safety_factor.y >= 1.5"]
+    with pytest.raises(ModelError, match="did you mean 'safety_factor"):
+        usual_requirements(stage, known, (), ["safety_facto"])
+
+
+def test_published_targets_leave_out_what_follows() -> None:
+    stage = StageTemplate.of("vgtu-mechanical").stage()
+    targets = published_targets(stage, known_figures(stage))
+    assert [(t.figure.name, t.low) for t in targets] == [
+        ("output_displacement.x", 111.53e-6),
+        ("output_displacement.y", 113.05e-6),
+        ("max_stress.x", 467.5e6),
+        ("max_stress.y", 384.4e6),
+        ("natural_frequency.x", 516.75),
+        ("natural_frequency.y", 728.42),
+    ]
+    with pytest.raises(ModelError, match="no figures of parallelogram are published"):
+        published_targets(StageTemplate.of("parallelogram").stage(), {("mass", "stage")})
+
+
+def test_bought_parts_are_not_varied_unasked() -> None:
+    names = {variable.name for variable in usual_variables(StageTemplate.of("parallelogram"))}
+    assert "leg.notch.neck_thickness" in names
+    assert not any(name.startswith("actuator.") for name in names)
+
+
+def test_refusals() -> None:
+    with pytest.raises(ModelError, match="nothing is sought"):
+        replace(problem(), goals=())
+    with pytest.raises(ModelError, match="lies outside the bounds of leg_spacing"):
+        find_optimum(problem(ranges=("leg_spacing=50..60 mm",)), LUMPED)
+    with pytest.raises(ModelError, match=r"none of \d+ stages between the bounds is possible"):
+        find_optimum(
+            problem(ranges=("platform_overhang=-9..-8 mm",)), replace(LUMPED, start="middle")
+        )
+    wanted = problem()
+    with pytest.raises(ModelError, match="Pareto front"):
+        find_optimum(replace(wanted, goals=wanted.goals * 2), LUMPED)

@@ -1,0 +1,92 @@
+"""`flexstage optimise`: tables, JSON, files, and what it says about bad input."""
+
+import json
+
+import pytest
+
+from flexstage.cli import main
+
+OVER = (
+    *("--over", "leg.notch.neck_thickness=0.3..0.9 mm"),
+    *("--over", "leg.bar_length=15..40 mm"),
+)
+LUMPED = ("--model", "lumped", "--evaluations", "600", "--quiet")
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def run(capsys):
+    """Run a command; return its exit status, and what it printed on both outputs."""
+
+    def call(*words):
+        with pytest.raises(SystemExit) as end:
+            main(words)
+        return (int(end.value.code or 0), *capsys.readouterr())
+
+    return call
+
+
+def test_best_stage_is_analysed_as_it_was_promised(run, tmp_path):
+    goal = ("--maximise", "natural_frequency.x", "--keep", "stress.x <= 110 MPa")
+    status, out, _ = run("optimise", "parallelogram", *goal, *OVER, *LUMPED, "--folder", "out")
+    assert status == 0
+    assert "every requirement is kept" in out
+    assert "note: held by max_stress.x <= 110.0 MPa; relaxing it by" in out
+    assert "required without being asked (--without NAME leaves one out): check" in out
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {
+        *("best.yaml", "optimise.json"),
+        *("history.svg", "before-after.svg", "figures.svg"),
+    }
+    result = json.loads((tmp_path / "out" / "optimise.json").read_text())
+    words = "analyse", "out/best.yaml", "--model", "lumped", "--json", "--quiet"
+    rows = json.loads(run(*words)[1])["characteristics"]
+    single = {row["quantity"]: row["value"] for row in rows}
+    promised = result["figures"][-1]["best"]
+    assert single["natural_frequency_hz"] == pytest.approx(
+        promised["natural_frequency.x"], rel=1e-9
+    )
+    assert single["max_stress"] == pytest.approx(110e6, rel=2e-3)
+    assert run("check", "out/best.yaml")[0] == 0
+
+
+def test_match_prints_one_object_as_json(run):
+    words = ("--match", "natural_frequency.x = 240 Hz", "--start", "middle", "--json")
+    status, out, _ = run("optimise", "parallelogram", *words, *OVER, *LUMPED)
+    assert status == 0
+    found = json.loads(out)
+    assert found["met"]
+    assert found["goals"] == []
+    assert found["figures"][0]["best"]["natural_frequency.x"] == pytest.approx(240.0, rel=2e-3)
+    assert [v["start"] for v in found["variables"]] == pytest.approx([0.6e-3, 27.5e-3])
+    assert found["files"] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "say what is sought: --maximise or --minimise a figure, or --match values"),
+        (("--maximise", "frequenzy.x"), "there is no figure 'frequenzy.x'"),
+        (("--match", "stroke.x >= 2 um"), "--match is a figure and the value to reach"),
+        (
+            ("--maximise", "frequency.x", "--match", "stroke.x = 200 um"),
+            "--match seeks stated figures, and has no goal",
+        ),
+        (("--match", "published"), "no figures of parallelogram are published"),
+        (("--maximise", "frequency.x", "--start", "centre"), "--start must be described or middle"),
+        (("--maximise", "frequency.x", "--confirm", "lumped"), "--confirm must be plane or solid"),
+        (("--maximise", "frequency.x", "--over", "leg_neck=1..2 mm"), "no parameter 'leg_neck'"),
+        (("--maximise", "frequency.x", "--without", "yield"), "nothing called 'yield' is required"),
+        (("--maximise", "frequency.x", "--keep", "stress 5"), "is no requirement"),
+    ],
+)
+def test_bad_input_is_one_sentence(run, words, said):
+    status, out, err = run("optimise", "parallelogram", *words)
+    assert status == 2
+    assert out == ""
+    assert said in err
+    assert err.count("\n") == 1
