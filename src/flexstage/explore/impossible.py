@@ -28,7 +28,7 @@ class Reason:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cut:
+class NarrowerBound:
     """A narrower bound of one variable, which leaves impossible points out."""
 
     variable: int
@@ -59,7 +59,7 @@ def reasons(faults: Sequence[str]) -> tuple[Reason, ...]:
     return tuple(Reason(count=n, text=first[kind]) for kind, n in kinds.most_common())
 
 
-def best_cut(points: Array, faults: Sequence[str]) -> Cut | None:
+def best_cut(points: Array, faults: Sequence[str]) -> NarrowerBound | None:
     """Return the one bound that best tells impossible points from the others.
 
     That for which the share of impossible points that it leaves out, less that of the others, is
@@ -75,7 +75,7 @@ def best_cut(points: Array, faults: Sequence[str]) -> Cut | None:
     n, m = int(bad.sum()), int((~bad).sum())
     if n < _FEW or m == 0:
         return None
-    best: tuple[float, Cut] | None = None
+    best: tuple[float, NarrowerBound] | None = None
     for i, column in enumerate(points.T):
         values, at = np.unique(column, return_inverse=True)
         # shares below each value but the first, which a bound at that value leaves out
@@ -90,7 +90,7 @@ def best_cut(points: Array, faults: Sequence[str]) -> Cut | None:
             k = int(np.argmax(a - b))
             worth = float(a[k] - b[k])
             if worth >= _WORTH and (best is None or worth > best[0]):
-                cut = Cut(
+                cut = NarrowerBound(
                     variable=i,
                     bound=bound,
                     value=float(ends[k]),

@@ -13,7 +13,7 @@ from flexstage.errors import ModelError
 from flexstage.explore.batches import Job, batch_size
 from flexstage.explore.family import Family, evaluate
 from flexstage.explore.figures import Figure
-from flexstage.explore.impossible import Cut, Reason, best_cut, reasons
+from flexstage.explore.impossible import NarrowerBound, Reason, best_cut, reasons
 from flexstage.explore.sampling import (
     Sampling,
     grid_counts,
@@ -173,7 +173,7 @@ class Sweep:
         return reasons(self.faults)
 
     @property
-    def cut(self) -> Cut | None:
+    def cut(self) -> NarrowerBound | None:
         """The one bound that best leaves out what is no stage, if one does."""
         return best_cut(self.points, self.faults)
 

@@ -10,8 +10,8 @@ from flexstage.arrays import Array
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
 from flexstage.system.batch import SystemBatch, namespace_of, samples_last
-from flexstage.system.batch_figures import Decisions, Figures, Key, added, decisions
-from flexstage.system.batch_modes import Form, Response, applied, axis_modes, total
+from flexstage.system.batch_figures import Decisions, Key, StageFigures, added, decisions
+from flexstage.system.batch_modes import DrivenReading, Form, applied, axis_modes, total
 from flexstage.system.block_cholesky import factorise
 from flexstage.system.coupled_axes import COUPLED
 from flexstage.system.forward_mode import root
@@ -68,7 +68,7 @@ def batch_characteristics(
     """
     decided = decisions(batch.stage, batch.nominal)
     source = _Values(batch, decided)
-    figures = source.figures = Figures(decided, source)
+    figures = source.figures = StageFigures(decided, source)
     known = figures.rows
     chosen = list(known) if wanted is None else list(wanted)
     require_known(batch, chosen, known)
@@ -89,7 +89,7 @@ def batch_characteristics(
 def quoted(batch: SystemBatch) -> tuple[Key, ...]:
     """Return which figures a batch knows, by quantity and axis, and compute none."""
     decided = decisions(batch.stage, batch.nominal)
-    return tuple(Figures(decided, _Values(batch, decided)).rows)
+    return tuple(StageFigures(decided, _Values(batch, decided)).rows)
 
 
 def require_known(batch: SystemBatch, wanted: Collection[Key], known: Collection[Key]) -> None:
@@ -104,7 +104,7 @@ def require_known(batch: SystemBatch, wanted: Collection[Key], known: Collection
             )
 
 
-def _sure(figures: Figures, source: "_Values") -> Array:
+def _sure(figures: StageFigures, source: "_Values") -> Array:
     """Samples that are no mechanisms, and are coupled where the nominal stage is."""
     xp, fine = source.xp, source.fine()
     coupling = figures.coupling
@@ -125,7 +125,7 @@ def _sure(figures: Figures, source: "_Values") -> Array:
 class _Values:
     """What figures are made of, over the samples of a batch."""
 
-    figures: Figures
+    figures: StageFigures
     shapes = False
 
     def __init__(self, batch: SystemBatch, decided: Decisions) -> None:
@@ -250,7 +250,7 @@ class _Values:
             )
             reading = self.form("probe", axis.probe)
             responses.append(
-                Response(force=form, reading=reading, pushed=pushed, read=self.own(axis.probe))
+                DrivenReading(force=form, reading=reading, pushed=pushed, read=self.own(axis.probe))
             )
         return axis_modes(
             self.factor,

@@ -129,7 +129,7 @@ def _force(system: MechanicalSystem, forces: Mapping[str, float]) -> Array:
     return np.sum(parts, axis=0)
 
 
-class Figures:
+class StageFigures:
     """All figures that are known of a topology, each computed when it is called for."""
 
     def __init__(self, decided: Decisions, source: Source) -> None:
@@ -184,7 +184,7 @@ class Figures:
 class AxisFigures:
     """Figures of one axis."""
 
-    def __init__(self, all_: Figures, index: int, nominal: AxisAnalysis) -> None:
+    def __init__(self, all_: StageFigures, index: int, nominal: AxisAnalysis) -> None:
         self.all, self.source, self.index, self.nominal = all_, all_.source, index, nominal
         self.name = nominal.axis
         self.probe = all_.probe[nominal.probe]
@@ -330,7 +330,7 @@ class AxisFigures:
 class CouplingFigures:
     """What all drives do to all axes."""
 
-    def __init__(self, all_: Figures, nominal: CoupledAxes) -> None:
+    def __init__(self, all_: StageFigures, nominal: CoupledAxes) -> None:
         self.all, self.source, self.nominal = all_, all_.source, nominal
         self.drives = [all_.drive[name] for name in nominal.drives]
         self.probes = [all_.probe[axis.probe] for axis in nominal.axes]

@@ -74,7 +74,7 @@ Form = Sequence[tuple[int, Array]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Response:
+class DrivenReading:
     """A force and a reading: sought is the mode that gives most of the one for the other."""
 
     force: Form
@@ -92,7 +92,7 @@ def axis_modes(
     blocks: Mapping[tuple[int, int], Array],
     mass: Array,
     start: Array | None,
-    responses: Sequence[Response],
+    responses: Sequence[DrivenReading],
     *,
     count: int,
     shapes: bool,
@@ -139,7 +139,7 @@ class _Work:
     """Samples that are not done yet."""
 
     def __init__(
-        self, factor: BlockFactor, mass: Array, responses: Sequence[Response], shapes: bool
+        self, factor: BlockFactor, mass: Array, responses: Sequence[DrivenReading], shapes: bool
     ) -> None:
         self.factor, self.mass, self.responses, self.shapes = factor, mass, responses, shapes
 
@@ -319,11 +319,11 @@ def taken_samples(xp: Any, x: Array, chosen: Array) -> Array:
     return x if x.shape[-1] == 1 else xp.take(x, chosen, axis=-1)
 
 
-def _taken_response(xp: Any, response: Response, chosen: Array) -> Response:
+def _taken_response(xp: Any, response: DrivenReading, chosen: Array) -> DrivenReading:
     def form(of: Form) -> Form:
         return [(body, taken_samples(xp, row, chosen)) for body, row in of]
 
-    return Response(
+    return DrivenReading(
         force=form(response.force),
         reading=form(response.reading),
         pushed=taken_samples(xp, response.pushed, chosen),

@@ -38,7 +38,7 @@ from flexstage.errors import ModelError
 from flexstage.system.analysis import ALIKE
 from flexstage.system.batch import SystemBatch
 from flexstage.system.batch_analysis import require_known
-from flexstage.system.batch_figures import Figures, Key, added, decisions
+from flexstage.system.batch_figures import Key, StageFigures, added, decisions
 from flexstage.system.batch_modes import MODES_SEARCHED
 from flexstage.system.forward_mode import Dual, root
 from flexstage.system.linalg import solve_stiffness
@@ -96,7 +96,7 @@ def characteristic_derivatives(
     if batch.samples != 1:
         raise ModelError(f"derivatives are those of one stage, got {batch.samples} samples")
     source = _Slopes(batch, slopes)
-    figures = Figures(decisions(batch.stage, batch.nominal), source)
+    figures = StageFigures(decisions(batch.stage, batch.nominal), source)
     source.figures = figures
     chosen = list(figures.rows) if wanted is None else list(wanted)
     require_known(batch, chosen, figures.rows)
@@ -107,7 +107,7 @@ def characteristic_derivatives(
 class _Slopes:
     """What figures are made of, with derivatives."""
 
-    figures: Figures
+    figures: StageFigures
 
     def __init__(self, batch: SystemBatch, slopes: SystemBatch) -> None:
         self.batch, self.slopes = batch, slopes
