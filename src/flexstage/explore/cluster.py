@@ -50,6 +50,10 @@ _ONE_THREAD = {
     f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NGS", "NUMBA")
 }
 
+#: Dask has workers give memory back at once, and every array is then fetched anew from the system:
+#: batches of the lumped model took three times as long. Read when a process starts.
+_KEEPS_MEMORY = {"MALLOC_TRIM_THRESHOLD_": 2**28, "MALLOC_MMAP_THRESHOLD_": 2**25}
+
 
 class _Held(WorkerPlugin):
     """What every worker holds of a job, also one that joins later or in the place of a lost one."""
@@ -95,14 +99,16 @@ class Cluster:
         wanted = min(count or CPU_COUNT, batches)
         if wanted <= len(self._local.workers):
             return
-        self._local.scale(wanted)
         deadline = time.monotonic() + _STARTS
         failed = False
-        while time.monotonic() < deadline and not failed:
-            with suppress(TimeoutError):
-                self._client.wait_for_workers(wanted, timeout=_LOOK)
-                return
-            failed = any(n.status == Status.failed for n in self._local.workers.values())
+        environment = {"distributed.nanny.pre-spawn-environ": _ONE_THREAD | _KEEPS_MEMORY}
+        with dask.config.set(environment):  # read when workers are made, in another thread
+            self._local.scale(wanted)
+            while time.monotonic() < deadline and not failed:
+                with suppress(TimeoutError):
+                    self._client.wait_for_workers(wanted, timeout=_LOOK)
+                    return
+                failed = any(n.status == Status.failed for n in self._local.workers.values())
         raise WorkerError(
             "the worker processes do not start: compute with one worker, and put what a program "
             'does under `if __name__ == "__main__":`, as each of them imports it'
@@ -121,6 +127,7 @@ class Cluster:
         # Dask blames all batches that a worker had when it died: each of them is tried alone
         suspects: list[int] = []
         alone = False
+        seen = time.monotonic()  # a worker
         try:
             while left or suspects or running:
                 if not running:
@@ -137,9 +144,16 @@ class Cluster:
                 try:
                     future = ended.get(timeout=_LOOK)
                 except queue.Empty:
-                    if not self._threads():
-                        wait("no worker is connected, waiting for one")
+                    if self._threads():
+                        seen = time.monotonic()
+                        continue
+                    wait("no worker is connected, waiting for one")
+                    if self._local is not None and time.monotonic() - seen > _STARTS:
+                        raise WorkerError(
+                            "no worker process is left, and none starts again"
+                        ) from None
                     continue
+                seen = time.monotonic()
                 number = running.pop(future)
                 try:
                     yield number, self._result(future)
@@ -148,9 +162,11 @@ class Cluster:
                         raise _deadly(job, number, error) from error
                     suspects.append(number)
         finally:
-            with suppress(OSError, RuntimeError, CancelledError):
+            # a worker that is just lost does not answer, or has dropped it already
+            with suppress(OSError, RuntimeError, KeyError, CancelledError):
                 self._client.cancel(list(running))
-                self._client.unregister_worker_plugin(held)
+                if self._local is None or not (left or running or suspects):
+                    self._client.unregister_worker_plugin(held)
 
     def close(self, *, at_once: bool = False) -> None:
         """End the workers that were started, or leave the cluster; `at_once` amid their work."""
@@ -209,7 +225,7 @@ def _started() -> LocalCluster:
         "dashboard_address": "127.0.0.1:0",
         "scheduler_kwargs": {"dashboard": False},
     }
-    with dask.config.set({"distributed.nanny.pre-spawn-environ": _ONE_THREAD}), _unheard():
+    with _unheard():
         return LocalCluster(**options)
 
 

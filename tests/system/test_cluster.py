@@ -1,0 +1,257 @@
+"""A Dask cluster on the loopback address, started by the commands that the manual prints."""
+
+import contextlib
+import json
+import os
+import shlex
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from flexstage.errors import WorkerError
+from flexstage.explore import Job, open_workers
+from flexstage.explore import cluster as cluster_module
+from flexstage.progress import listen
+from tests import spread_work
+from tests.meta.test_docs_snippets import ROOT, blocks
+from tests.printed_commands import commands
+
+pytestmark = pytest.mark.slow
+
+PAGE = ROOT / "docs" / "how-to" / "several-machines.md"
+PRINTED = [
+    command.line
+    for block in blocks(PAGE.read_text("utf-8"))
+    if block.language == "shell"
+    for command in commands(block.code)
+    if not command.line.startswith("export ")
+]
+
+
+class Loopback:
+    """The scheduler and the two workers of the manual, at a port that is free."""
+
+    def __init__(self, folder: Path) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        self.folder = folder
+        scheduler, worker, self.command = (
+            shlex.split(line.replace("8786", str(port))) for line in PRINTED
+        )
+        self.address = worker[2]
+        scripts = str(Path(sys.executable).parent)
+        self.environment = {
+            **os.environ,
+            "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}",
+            # workers import the work of these tests by its name
+            "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(ROOT)]),
+        }
+        self.scheduler = self.start(scheduler)
+        self.workers = self.start(worker)
+
+    def start(self, words: list[str]) -> psutil.Popen:
+        """Start a command that stays."""
+        with (self.folder / "log.txt").open("a") as log:
+            return psutil.Popen(
+                words, cwd=self.folder, env=self.environment, stdout=log, stderr=log
+            )
+
+    def run(self, *words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            words, cwd=self.folder, env=self.environment, text=True, capture_output=True,
+            timeout=120.0, check=False,
+        )  # fmt: skip
+
+    def processes(self) -> list[psutil.Process]:
+        """The two processes that do the work."""
+        return [p for p in self.workers.children() if "spawn_main" in " ".join(p.cmdline())]
+
+    def end_workers(self) -> list[str]:
+        """End them all; return the command that starts them."""
+        return killed(self.workers)
+
+    def end(self) -> None:
+        killed(self.workers)
+        killed(self.scheduler)
+
+
+def killed(process: psutil.Popen) -> list[str]:
+    """Kill a command with what it started, and return its words."""
+    with contextlib.suppress(psutil.NoSuchProcess):
+        for one in process.children(recursive=True):
+            with contextlib.suppress(psutil.NoSuchProcess):
+                one.kill()
+        process.kill()
+    process.wait()
+    return process.args
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Loopback]:
+    folder = tmp_path / "cluster"
+    folder.mkdir()
+    started = Loopback(folder)
+    yield started
+    started.end()
+
+
+def job(lasts: float = 0.02, count: int = 211) -> Job:
+    payload = {"seed": 8, "lasts": lasts}
+    return Job(name="trial", work=spread_work.solutions, payload=payload, count=count, batch=6)
+
+
+def test_the_manual_prints_a_scheduler_workers_and_a_command():
+    assert [line.split()[:2] for line in PRINTED] == [
+        ["dask", "scheduler"], ["dask", "worker"], ["flexstage", "tolerance"],
+    ]  # fmt: skip
+
+
+def test_the_commands_of_the_manual_give_what_one_process_gives(cluster):
+    shared = cluster.run(*cluster.command, "--json", "--quiet")
+    assert shared.returncode == 0, shared.stderr
+    assert shared.stderr == ""
+    scheduler = cluster.command.index("--scheduler")
+    words = cluster.command[:scheduler] + cluster.command[scheduler + 2 :]
+    alone = cluster.run(*words, "--workers", "1", "--json", "--quiet")
+    assert alone.returncode == 0, alone.stderr
+    one, other = json.loads(alone.stdout), json.loads(shared.stdout)
+    for result in (one, other):
+        result["provenance"].pop("created")
+    assert one == other
+
+
+def test_a_killed_worker_changes_nothing(cluster):
+    gone = []
+
+    def kill_one(what, done):
+        if done > 0.3 and not gone:
+            gone.append(cluster.processes()[0])
+            gone[0].kill()
+
+    with open_workers(scheduler=cluster.address) as workers, listen(kill_one):
+        found = workers.run(job())
+    assert gone
+    expected = spread_work.solutions({"seed": 8}, 0, 211)
+    assert all(found[name].tobytes() == values.tobytes() for name, values in expected.items())
+
+
+def test_a_lost_scheduler_is_a_sentence_and_the_run_goes_on_later(cluster, tmp_path):
+    keep = tmp_path / "kept"
+
+    def end_it(what, done):
+        if done > 0.3:
+            cluster.scheduler.kill()
+
+    lost = rf"the scheduler at {cluster.address} was lost; \d+ of 36 batches are kept in {keep}"
+    with (
+        pytest.raises(WorkerError, match=lost),
+        open_workers(scheduler=cluster.address) as workers,
+        listen(end_it),
+    ):
+        workers.run(job(0.1), keep)
+    done = len(list(keep.glob("batch-*.npz")))
+    assert 10 < done < 36
+    found = {}
+    with open_workers(1) as workers, listen(found.setdefault):
+        workers.run(job(0.1), keep)
+    assert next(iter(found)) == f"trial, {done} of 36 batches"
+
+
+def test_without_workers_it_waits_and_says_so(cluster):
+    words = cluster.end_workers()
+    said = []
+
+    def heard(what, done):
+        if "no worker is connected" in what and said.count(what) == 0:
+            cluster.workers = cluster.start(words)
+        said.append(what)
+
+    time.sleep(0.5)
+    with open_workers(scheduler=cluster.address) as workers, listen(heard):
+        assert len(workers.run(job(0.0, 12))["energy"]) == 12
+    assert any("no worker is connected, waiting for one" in what for what in said)
+
+
+def test_other_versions_are_refused(cluster, monkeypatch):
+    own = cluster_module.versions()
+    monkeypatch.setattr(cluster_module, "versions", lambda: {**own, "numpy": "1.9.9"})
+    has = f"the scheduler has numpy {own['numpy']} and this computer numpy 1.9.9: .* install the"
+    with (
+        pytest.raises(WorkerError, match=has),
+        open_workers(scheduler=cluster.address) as workers,
+    ):
+        workers.run(job())
+
+
+def test_a_worker_of_another_version_that_joins_later_is_refused(cluster):
+    (cluster.folder / "older.py").write_text("import flexstage\nflexstage.__version__ = '0.0.9'\n")
+    cluster.workers = cluster.start([*cluster.end_workers(), "--preload", "older.py"])
+    with (
+        pytest.raises(WorkerError, match=r"worker tcp\S+ has flexstage 0\.0\.9 and this computer"),
+        open_workers(scheduler=cluster.address) as workers,
+    ):
+        workers.run(job())
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("tcp://127.0.0.1", "missing port number"),
+        ("http://127.0.0.1:80", "unknown address scheme 'http'"),
+        ("tls://127.0.0.1:8786", "needs certificates"),
+        ("tcp://127.0.0.1:1", "Timed out|nothing of Dask came"),
+    ],
+)
+def test_an_address_without_a_scheduler_is_a_sentence(address, said, monkeypatch):
+    monkeypatch.setattr(cluster_module, "_ANSWER", 0.5)
+    with (
+        pytest.raises(WorkerError, match=f"no Dask scheduler answers at {address}: .*({said})"),
+        open_workers(scheduler=address) as workers,
+    ):
+        workers.run(job())
+
+
+def test_what_is_no_scheduler_is_a_sentence(cluster, monkeypatch):
+    """A server of another kind, which says nothing, and a worker."""
+    monkeypatch.setattr(cluster_module, "_ANSWER", 0.5)
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with (
+            pytest.raises(WorkerError, match="nothing of Dask came"),
+            open_workers(scheduler=address) as workers,
+        ):
+            workers.run(job())
+
+
+def test_ctrl_c_is_left_to_the_cluster(cluster, tmp_path):
+    """A command that is interrupted leaves the workers to others."""
+    words = [
+        "flexstage", "tolerance", "vgtu-piezo", "--samples", "2000000", "--scheduler",
+        cluster.address, "--folder", str(tmp_path / "made"), "--model", "lumped",
+    ]  # fmt: skip
+    process = subprocess.Popen(
+        words, env=cluster.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        cwd=tmp_path, start_new_session=True,
+    )  # fmt: skip
+    batches = tmp_path / "made" / "batches"
+    deadline = time.monotonic() + 60.0
+    while len(list(batches.glob("batch-*.npz"))) < 3 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=20.0)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert said.splitlines()[-1] == "flexstage: interrupted"
+    assert len(list(batches.glob("batch-*.npz"))) >= 3
+    with open_workers(scheduler=cluster.address) as workers:
+        assert len(workers.run(job(0.0, 30))["energy"]) == 30
