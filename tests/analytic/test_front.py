@@ -13,13 +13,14 @@ from flexstage.explore import (
     Goal,
     Problem,
     SearchOptions,
-    Workers,
     figure_of,
     find_front,
     find_optimum,
     known_figures,
+    open_workers,
     requirement_of,
     variables_of,
+    workers,
 )
 from flexstage.explore.optimise.front import non_dominated
 from flexstage.explore.optimise.optimum import TOLERANCE
@@ -79,12 +80,14 @@ def test_chosen_design_loses_nothing_and_says_the_rate_of_exchange(front: Front)
 
 
 @pytest.mark.slow
-def test_numbers_are_the_same_whatever_the_workers(front: Front) -> None:
-    with_two = Workers(2)
-    try:
-        again = find_front(problem(), OPTIONS, with_two)
-    finally:
-        with_two.close()
+def test_numbers_are_the_same_whatever_the_workers(
+    front: Front, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workers, "_WORTH_SHARING", 0.0)
+    monkeypatch.setattr(workers, "_TRIED", 0.0)
+    with open_workers(2) as two:
+        again = find_front(problem(), OPTIONS, two)
+        assert two._cluster is not None, "the work was not shared"
     assert np.array_equal(front.points, again.points)
     assert np.array_equal(front.values, again.values)
     assert np.array_equal(front.optimum.point, again.optimum.point)

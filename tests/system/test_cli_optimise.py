@@ -66,6 +66,24 @@ def test_match_prints_one_object_as_json(run):
     assert found["files"] == []
 
 
+def test_front_of_three_goals_has_a_page(run, tmp_path):
+    goals = ("--maximise", "natural_frequency.x", "--minimise", "stress.x", "--minimise", "mass")
+    small = ("--model", "lumped", "--evaluations", "150", "--workers", "1", "--quiet")
+    words = (*goals, *OVER, *small, "--folder", "out", "--figure", "front.png")
+    status, out, _ = run("optimise", "parallelogram", *words)
+    assert status == 0
+    assert "(chosen)" in out
+    assert (tmp_path / "front.png").read_bytes().startswith(b"\x89PNG")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"best.yaml", "front.svg", "front.html"} <= names
+    page = (tmp_path / "out" / "front.html").read_text("utf-8")
+    assert "parallel-coordinates" in page
+    assert "maximise natural_frequency.x and minimise max_stress.x and minimise mass" in page
+    result = json.loads((tmp_path / "out" / "optimise.json").read_text())
+    assert len(result["front"]) == len({tuple(p["variables"].values()) for p in result["front"]})
+    assert result["optimum"]["met"]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
