@@ -112,7 +112,7 @@ def equilibrium(
     wanted = np.array([displacements[name] for name in names], dtype=float)
     pushes = dict(forces or {})
     n, m = model.order, len(names)
-    q = np.zeros(n) if start is None else np.array(start, dtype=float)
+    q = q_start = np.zeros(n) if start is None else np.array(start, dtype=float)
     multiplier = np.zeros(m)
     previous = np.inf
     for iteration in range(1, _ITERATIONS + 1):
@@ -150,7 +150,8 @@ def equilibrium(
         size = float(np.linalg.norm(solution[:n]) ** 2)
         if not np.isfinite(size):
             break
-        whole_size = float(np.linalg.norm(q / scale) ** 2)
+        # where nothing is left in the end, what is rounding goes by where it began
+        whole_size = max(float(np.linalg.norm(x / scale) ** 2) for x in (q, q_start))
         # converged, or down to what rounding leaves
         if size <= _TOLERANCE * whole_size or previous / 4.0 <= size <= _ROUNDING * whole_size:
             return Equilibrium(

@@ -175,16 +175,16 @@ def _least_violation(
 
     # with slacks s within the limits, as far as A p can reach: A p - s, and of equations A p - low
     reach = 1.0 + np.abs(A) @ np.maximum(np.abs(least), np.abs(most))
-    low = np.clip(low, -reach, reach)
-    high = np.maximum(np.clip(high, -reach, reach), low)
-    free = low < high
+    bottom = np.clip(low, -reach, reach)
+    top = np.maximum(np.clip(high, -reach, reach), bottom)
+    free = bottom < top
     slack = -np.eye(len(low))[:, free]
-    fixed = np.where(free, 0.0, low)
+    fixed = np.where(free, 0.0, bottom)
     open_ = most > least
     found = lsq_linear(
         np.hstack([A[:, open_], slack]),
         fixed,
-        (np.append(least[open_], low[free]), np.append(most[open_], high[free])),
+        (np.append(least[open_], bottom[free]), np.append(most[open_], top[free])),
         method="bvls",
         tol=1e-12,
     )

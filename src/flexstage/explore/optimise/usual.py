@@ -121,7 +121,7 @@ def published_targets(
     >>> stage = design("vgtu-piezo")
     >>> known = {(row.quantity, row.axis) for row in stage.published}
     >>> [target.text for target in published_targets(stage, known)][:2]
-    ['output_displacement.x = 64.6 um', 'output_displacement.y = 62.71 um']
+    ['output_displacement.x = 64.6 µm', 'output_displacement.y = 62.71 µm']
     """
     rows = [row for row in stage.published if row.origin == origin]
     published = {(row.quantity, row.axis) for row in rows}
