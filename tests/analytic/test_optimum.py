@@ -24,6 +24,7 @@ from flexstage.explore.optimise.local_search import LocalOptimum
 from flexstage.explore.optimise.multipliers import held_by
 from flexstage.explore.optimise.problem import StageProgram
 from flexstage.explore.optimise.usual import (
+    held_dimensions,
     published_targets,
     usual_requirements,
     usual_variables,
@@ -216,7 +217,20 @@ def test_published_targets_leave_out_what_follows() -> None:
 def test_bought_parts_are_not_varied_unasked() -> None:
     names = {variable.name for variable in usual_variables(StageTemplate.of("parallelogram"))}
     assert "leg.notch.neck_thickness" in names
-    assert not any(name.startswith("actuator.") for name in names)
+    assert not [n for n in names if "actuator" in n or "mounting" in n or "patch" in n]
+    assert "thickness" not in names
+    held = held_dimensions(StageTemplate.of("vgtu-piezo"))
+    assert "x.actuator_pocket_length" in held
+    assert "x.actuator.stiffness" not in held
+
+
+def test_a_pattern_leaves_the_data_sheet_of_an_actuator() -> None:
+    template = StageTemplate.of("vgtu-piezo")
+    names = [v.name for v in variables_of(template, ["x.*=5 %"])]
+    assert "x.leg_neck" in names
+    assert not any(name.startswith("x.actuator.") for name in names)
+    sheet = [v.name for v in variables_of(template, ["x.actuator.*=5 %"])]
+    assert "x.actuator.stiffness" in sheet
 
 
 def test_refusals() -> None:

@@ -108,3 +108,11 @@ def test_bad_input_is_one_sentence(run, words, said):
     assert out == ""
     assert said in err
     assert err.count("\n") == 1
+
+
+def test_what_belongs_to_bought_parts_is_held_and_said(run):
+    words = ("--match", "natural_frequency.x = 262 Hz", "--without", "safety_factor", *LUMPED)
+    _, out, _ = run("optimise", "parallelogram", *words)
+    out = " ".join(out.split())
+    assert "note: held, as they belong to bought parts, bolts or the plate" in out
+    assert "thickness, mounting_hole_diameter, force_patch_half_width, actuator_length" in out

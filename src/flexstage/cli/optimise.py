@@ -75,7 +75,7 @@ def optimise(
     over
         NAME=RANGE: A parameter and its bounds, such as leg_neck="0.3..0.8 mm"; or "x.*=20 %", every
         parameter of such a name by 20 % to either side; may be repeated (default: every dimension
-        by 30 %).
+        by 30 %, but nothing of bought parts and bolts, and not the thickness of the plate).
     without
         NAME: What is required without being asked, and shall not be here: check (what can be made),
         safety_factor (1.5 against yield) or input_stiffness (no stiffer than the actuator, and full
@@ -140,7 +140,12 @@ def _problem(
     without: list[str] | None,
 ) -> "Problem":
     from flexstage.explore import Family, Problem, known_figures, requirement_of, variables_of
-    from flexstage.explore.optimise.usual import CHECK, usual_requirements, usual_variables
+    from flexstage.explore.optimise.usual import (
+        CHECK,
+        held_dimensions,
+        usual_requirements,
+        usual_variables,
+    )
 
     variables = variables_of(template, over) if over else usual_variables(template)
     if not variables:
@@ -169,6 +174,7 @@ def _problem(
         requirements=requirements,
         usual=usual_requirements(described, known, requirements, without or ()),
         checked=CHECK not in (without or ()),
+        notes=() if over or not (held := held_dimensions(template)) else (held,),
     )
 
 

@@ -20,6 +20,8 @@ _HOW = (
     'expected NAME=LOW..HIGH, such as {0}="{1}", with /6 behind it for six values, or {0}="20 %" '
     "for the value that it has and 20 % to either side"
 )
+# the part of a name behind which the data sheet of an actuator stands
+_ACTUATOR = "actuator"
 #: Share of its value by which a parameter is varied to either side where nothing is said.
 USUAL_SHARE = 0.2
 
@@ -90,7 +92,8 @@ def variables_of(template: StageTemplate, texts: Sequence[str]) -> tuple[Variabl
         The stage.
     texts : sequence of str
         One or more of ``leg_neck=0.3..0.8 mm``; with ``/6`` behind it for six values on a grid; or
-        ``x.*=20 %``: all parameters whose names fit the pattern, 20 % to either side.
+        ``x.*=20 %``: all parameters whose names fit the pattern, 20 % to either side; the data
+        sheet of an actuator only where the pattern names it, as ``x.actuator.*``.
 
     Returns
     -------
@@ -118,6 +121,8 @@ def variables_of(template: StageTemplate, texts: Sequence[str]) -> tuple[Variabl
             names = [name]
         else:
             names = [n for n in known if fnmatchcase(n, name) and _value(known[n]) is not None]
+            if _ACTUATOR not in name:
+                names = [n for n in names if not is_data_sheet(n)]
         if not names:
             raise ModelError(
                 f"{template.source} has no parameter '{name[:60]}' that can be varied"
@@ -129,6 +134,11 @@ def variables_of(template: StageTemplate, texts: Sequence[str]) -> tuple[Variabl
                 raise ModelError(f"the range of '{each}' is given twice: leave one out")
             found[each] = _variable(known[each], told, text)
     return tuple(found.values())
+
+
+def is_data_sheet(name: str) -> bool:
+    """Say whether a parameter is a figure of a bought actuator, such as its stiffness."""
+    return _ACTUATOR in name.split(".")
 
 
 def every_variable(template: StageTemplate, share: float = USUAL_SHARE) -> tuple[Variable, ...]:

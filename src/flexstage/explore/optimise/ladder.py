@@ -157,7 +157,7 @@ class _Climb:
         self.searches = 0
         self.known: dict[tuple[str, bytes], Array] = {}
         self.walls: tuple[Wall, ...] = ()
-        self.notes: list[str] = []
+        self.notes: list[str] = list(problem.notes)
 
     def run(self) -> Optimum:
         with progress.subtask(0.0, 0.3):

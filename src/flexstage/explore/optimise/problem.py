@@ -56,6 +56,8 @@ class Problem:
     """What is required without being asked: what can be stressed and driven."""
     checked: bool = True
     """Whether a stage that `flexstage.stage.check` finds at fault is no stage: what can be made."""
+    notes: tuple[str, ...] = ()
+    """What is to be known of how it is put."""
 
     def __post_init__(self) -> None:
         if not self.goals and not self.requirements:

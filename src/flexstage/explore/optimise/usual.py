@@ -6,7 +6,7 @@ from flexstage.choose import did_you_mean
 from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.explore.figures import Figure, Requirement
-from flexstage.explore.variables import Variable, every_variable
+from flexstage.explore.variables import Variable, every_variable, is_data_sheet
 from flexstage.stage import PiezoStack, Stage
 
 #: Safety against yield that machine parts under static load usually have [1].
@@ -22,8 +22,10 @@ _FOLLOWS = {
     "transmission_ratio": ("output_displacement",),
     "resolution": ("output_displacement", "transmission_ratio"),
 }
-# what is bought, and not made: its figures are no dimensions of the stage
-_BOUGHT = ("actuator", "material")
+# what belongs to bought parts, bolts and the material is not varied unless it is named; nor is
+# the thickness of the plate
+_BOUGHT = ("actuator", "mounting_hole", "force_patch", "material")
+_PLATE = "thickness"
 
 
 def usual_requirements(
@@ -145,9 +147,32 @@ def published_targets(
 
 
 def usual_variables(template: StageTemplate) -> tuple[Variable, ...]:
-    """Return the dimensions that are varied where none is named: all that are no bought part's."""
-    return tuple(
-        variable
-        for variable in every_variable(template, SHARE)
-        if not set(_BOUGHT) & set(variable.name.split("."))
+    """Return the dimensions that are varied where none is named: those of the flexure alone.
+
+    What belongs to bought parts and bolts stays, and so does the thickness of the plate.
+
+    Examples
+    --------
+    >>> [variable.name for variable in usual_variables(StageTemplate.of("parallelogram"))][:2]
+    ['leg_spacing', 'leg.notch.neck_thickness']
+    """
+    return tuple(v for v in every_variable(template, SHARE) if not _stays(v.name))
+
+
+def held_dimensions(template: StageTemplate) -> str:
+    """Return in a sentence which dimensions `usual_variables` leaves as they are; empty: none."""
+    names = [
+        v.name
+        for v in every_variable(template, SHARE)
+        if _stays(v.name) and not is_data_sheet(v.name)
+    ]
+    if not names:
+        return ""
+    return (
+        "held, as they belong to bought parts, bolts or the plate (--over NAME=RANGE varies one): "
+        f"{', '.join(names)}"
     )
+
+
+def _stays(name: str) -> bool:
+    return name == _PLATE or any(word in name for word in _BOUGHT)
