@@ -326,7 +326,7 @@ def test_a_body_on_no_hinge_is_refused() -> None:
 
 def test_what_hangs_by_nothing_is_one_sentence() -> None:
     held = [[2.7, -1.1, 0.0], [-1.1, 3.9, 0.0], [0.0, 0.0, 0.0]]
-    with pytest.raises(ModelError, match="stiffness of a body is singular, .* thin walls"):
+    with pytest.raises(ModelError, match=r"stiffness of a body is singular, .* thin walls"):
         factorised(scipy.sparse.csc_matrix(held))
 
 
