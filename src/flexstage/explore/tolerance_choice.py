@@ -9,9 +9,8 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.explore.deviations import flat, parts
 from flexstage.explore.made_stages import process_of
-from flexstage.explore.spread import Yield, shares_of, yield_of
+from flexstage.explore.spread import Yield, yield_of
 from flexstage.explore.tolerance import Lot, ToleranceStudy, yields_of
 from flexstage.progress import update
 from flexstage.virtual.imperfections import Scatter
@@ -25,7 +24,9 @@ FINEST, COARSEST = 0.02, 3.0
 _ROUNDS = 10
 # a change of the cost that is not worth another round [1]
 _WORTH = 0.01
-_FEWEST = 2000  # samples of a round at least
+_FITTED = 2000  # samples of each kind alone, at most
+# halvings of a step between a scatter that is good and one that is not
+_HALVINGS = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,10 +71,12 @@ def choose_tolerances(
     and W. H. Greenwood, Manufacturing Review 1 (1988) 50: the cost is
     :math:`\sum_k w_k\,\sigma_{k,usual}/\sigma_k`, the kinds of deviations alike where no weights
     are given. It is minimised subject to the yield of
-    a normal model, :math:`\mathrm{var}\,y = \sum_k s_k V_k` with shares from the samples and
-    :math:`s_k = (\sigma_k/\sigma_{k,usual})^2`. What comes out is drawn with the same random
-    numbers; its yield corrects the model, and so on, until the lower end of its interval reaches
-    the target and the cost no longer falls.
+    a normal model, :math:`\mathrm{var}\,y = \sum_k s_k V_k` with
+    :math:`s_k = (\sigma_k/\sigma_{k,usual})^2` and :math:`V_k` from lots in which the kind
+    scatters alone, which holds for the largest of several necks too. What comes out is drawn with
+    the same random numbers; its yield corrects the model, and so on, until the lower end of its
+    interval reaches the target and the cost no longer falls. Where that finds nothing, the last
+    scatter is made finer in proportion until it is good.
 
     Parameters
     ----------
@@ -142,6 +145,8 @@ class _Drawn:
     yields: tuple[Yield, ...]
     mean: Array
     """Means of the required figures, shape (requirements,)."""
+    shifts: Array
+    """What each kind by itself takes them off by, shape (requirements, kinds)."""
     parts: Array
     """What each kind gives to their variances, shape (requirements, kinds)."""
 
@@ -184,6 +189,7 @@ class _Search:
             )
         best: _Drawn | None = usual if self._good(usual) else None
         last, aim = usual, _probit(self.needed)
+        settled = False
         for round_ in range(_ROUNDS):
             update("tolerances that reach the yield", round_ / _ROUNDS)
             factors = self._cheapest(last, aim)
@@ -192,9 +198,11 @@ class _Search:
             if self._good(drawn):
                 gain = 1.0 if best is None else 1.0 - self._cost(drawn) / self._cost(best)
                 best = drawn if gain > 0.0 else best
-                if gain < _WORTH:
+                if settled := gain < _WORTH:
                     break
             last = drawn
+        if best is None:
+            best = self._nearest(last)
         if best is None:
             finest = self._draw(np.full(len(self.kinds), FINEST))
             if not self._good(finest):
@@ -214,8 +222,21 @@ class _Search:
             usual,
             best,
             f"{_percent(whole.share)} of {whole.count} drawn stages are good, and so at least "
-            f"{_percent(whole.low)} of all (97.5 % sure), at {self._cost(best):.2g} times the cost",
+            f"{_percent(whole.low)} of all (97.5 % sure), at {self._cost(best):.3g} times the cost"
+            + ("" if settled else "; the search did not settle, so that cheaper ones may exist"),
         )
+
+    def _nearest(self, missed: _Drawn) -> _Drawn | None:
+        """Return the widest scatter in proportion to one that misses the target, or None."""
+        found, low, high = None, math.log(FINEST / float(missed.factors.max())), 0.0
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            drawn = self._draw(np.maximum(missed.factors * math.exp(middle), FINEST))
+            if self._good(drawn):
+                found, low = drawn, middle
+            else:
+                high = middle
+        return found
 
     def _good(self, drawn: _Drawn) -> bool:
         return drawn.yields[-1].low >= self.target
@@ -233,25 +254,29 @@ class _Search:
         return scaled(self.study.scatter, named)
 
     def _modelled(self, factors: Array, lot: Lot, values: Array) -> _Drawn:
-        figures = [lot.figures[i] for i in self.column]
         taken = values[:, self.column]
-        named = parts(lot.process.stage, self.kinds)
-        count = min(len(values), max(_FEWEST, 4 * len(named)))
-        fitted = shares_of(figures, named, flat(lot.numbers(0, count)), taken[:count])
-        variance = np.nanvar(taken, axis=0)
-        share = np.array(
-            [
-                [{c.kind: c.share for c in s.contributions}[kind] for kind in self.kinds]
-                for s in fitted
-            ]
-        )
-        share /= np.maximum(share.sum(axis=1, keepdims=True), 1e-300)
+        count = min(len(values), _FITTED)
+        shift, variance = [], []
+        for kind in self.kinds:
+            # by itself, as a straight line does not see what is the largest of several necks
+            rest = dict.fromkeys(set(self.kinds) - {kind}, 0.0)
+            alone = replace(
+                lot, process=replace(lot.process, scatter=scaled(lot.process.scatter, rest))
+            )
+            found = alone.values(count, self.workers)[0][:, self.column]
+            shift.append(np.nanmean(found, axis=0) - self.nominal)
+            variance.append(np.nanvar(found, axis=0))
+        total = np.nanvar(taken, axis=0)
+        part = np.array(variance).T
+        # what kinds do jointly goes with each of them
+        part *= (total / np.maximum(part.sum(axis=1), 1e-300))[:, None]
         return _Drawn(
             factors=factors,
             scatter=lot.process.scatter,
             yields=yields_of(lot.figures, self.required, values),
             mean=np.nanmean(taken, axis=0),
-            parts=variance[:, None] * share,
+            shifts=np.array(shift).T,
+            parts=part,
         )
 
     def _cheapest(self, at: _Drawn, aim: float) -> Array:
@@ -293,11 +318,10 @@ class _Search:
         """Probit of the yield of the normal model, requirements taken as independent."""
         from scipy.special import log_ndtr, ndtr
 
-        before = at.parts.sum(axis=1)
         after = at.parts @ np.exp(2.0 * x)
-        ratio = np.sqrt(after / np.where(before > 0.0, before, 1.0))
-        # what the mean is off by comes from the scatter as well
-        mean = self.nominal + (at.mean - self.nominal) * ratio
+        # what the mean is off by comes from the scatter as well: of the largest of several necks
+        # it goes with the scatter, and what the kinds do jointly is left as it is
+        mean = at.mean + at.shifts @ np.expm1(x)
         deviation = np.sqrt(np.maximum(after, 1e-300))
         total = 0.0
         for r, m, s in zip(self.required, mean, deviation, strict=True):
