@@ -87,6 +87,31 @@ def slotted(width: float, angle: float = 0.0) -> Body:
     return body("block", outline.mapped(lambda p: (c * p[0] - s * p[1], s * p[0] + c * p[1])))
 
 
+@pytest.mark.parametrize(
+    ("wall", "severity"),
+    [(0.301, None), (0.299, "warning"), (0.031, "warning"), (0.029, "error"), (0.0003, "error")],
+)
+@pytest.mark.parametrize("which", ["outline", "hole", "mounting hole", "window"])
+def test_a_wall_is_held_to_the_thinnest_neck(wall: float, severity: str | None, which: str) -> None:
+    hole = Circle((7.3e-3, (2.1 + wall) * 1e-3), 2.1e-3)
+    if which == "outline":
+        block = body("block", box(0, 0, 13, 9), mounting_holes=(hole,))
+    elif which == "window":
+        block = body("block", box(0, -4, 13, 9), holes=(box(3, -3, 11, 0),), mounting_holes=(hole,))
+    else:
+        other = Circle((7.3e-3, -1.7e-3), 1.7e-3)
+        kind = "holes" if which == "hole" else "mounting_holes"
+        both = (hole, other) if which == "mounting hole" else (hole,)
+        holes = {"mounting_holes": both} | ({"holes": (other,)} if kind == "holes" else {})
+        block = body("block", box(0, -9, 13, 9), **holes)
+    found = check(stage_of(block))
+    assert [(f.code, f.severity) for f in found] == (
+        [] if severity is None else [("thin-wall", severity)]
+    )
+    if found:
+        assert f"{wall:g} mm" in found[0].message
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.9])
 def test_a_slot_within_a_body(angle: float) -> None:
     assert codes(stage_of(slotted(0.352, angle))) == []
@@ -99,7 +124,7 @@ def test_a_slot_within_a_body(angle: float) -> None:
 def test_sharp_corners_and_thin_walls_are_no_slots() -> None:
     # the wire rounds each corner of the window; the wall beside it is thinner than the wire
     window = (box(1, 1, 4, 4), box(4.1, 1, 7, 4))
-    assert codes(stage_of(body("a", box(0, 0, 8, 5), holes=window))) == []
+    assert codes(stage_of(body("a", box(0, 0, 8, 5), holes=window))) == ["thin-wall"]
     wedge = loop((1, 1), (4, 1), (2.5, 3.5981))  # 60 degrees
     assert codes(stage_of(body("a", box(0, 0, 8, 5), holes=(wedge,)))) == []
 

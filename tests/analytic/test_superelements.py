@@ -6,6 +6,7 @@ import ngsolve as ng
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse
 from netgen.meshing import Element1D, Element2D, FaceDescriptor, Mesh, MeshPoint, Pnt
 
 from flexstage.designs import design
@@ -13,7 +14,7 @@ from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import mesh as plane_meshes
 from flexstage.fem.condensation import Condensed, condense, recover, surface_stress
-from flexstage.fem.constrained import Constrained
+from flexstage.fem.constrained import Constrained, factorised
 from flexstage.fem.cutting import Placed, cut_free
 from flexstage.fem.geometry import exactly, neck_edge, patch_edge, stage_faces
 from flexstage.fem.mesh import MeshSettings, worst_shape
@@ -321,6 +322,12 @@ def test_a_body_on_no_hinge_is_refused() -> None:
     loose = Body(name="loose", outline=Loop(((0.03, 0.0), (0.04, 0.0), (0.04, 0.01))))
     with pytest.raises(ModelError, match="'loose' has no hinge and is not fixed"):
         superelement_model(replace(stage, bodies=(*stage.bodies, loose)), cache=False)
+
+
+def test_what_hangs_by_nothing_is_one_sentence() -> None:
+    held = [[2.7, -1.1, 0.0], [-1.1, 3.9, 0.0], [0.0, 0.0, 0.0]]
+    with pytest.raises(ModelError, match=r"stiffness of a body is singular, .* thin walls"):
+        factorised(scipy.sparse.csc_matrix(held))
 
 
 def test_two_drives_at_one_place() -> None:

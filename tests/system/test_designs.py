@@ -24,7 +24,8 @@ def test_every_design_is_built_once_under_its_own_name(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(DESIGNS))
 def test_every_design_passes_its_check(name: str) -> None:
-    assert [f.message for f in check(design(name)) if f.severity == "error"] == []
+    found = check(design(name))
+    assert [f.message for f in found if f.severity == "error" or f.code == "thin-wall"] == []
 
 
 def test_every_design_can_be_the_base_of_another() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.polynomial import Legendre, Polynomial
 from numpy.typing import NDArray
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
@@ -173,12 +173,7 @@ class Constrained:
                 np.linalg.solve(factor, self.weighted.T).T,
             )
         self._free = np.flatnonzero(free)
-        self._factor = splu(
-            _stiffness(continuum)[self._free][:, self._free],
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        self._factor = factorised(_stiffness(continuum)[self._free][:, self._free])
         self.P, self.X = P, X = shaped(P, self.loose(P.T), blocks)
         G = P @ X
         G = 0.5 * (G + G.T)
@@ -290,6 +285,24 @@ def _pins(continuum: Continuum, rigid: Array) -> NDArray[np.intp]:
     far = int(np.argmax(np.hypot(x - x[0], y - y[0])))
     sideways = far if abs(y[far] - y[0]) > abs(x[far] - x[0]) else half + far
     return np.array([0, half, sideways])
+
+
+def factorised(stiffness: sp.csc_matrix) -> SuperLU:
+    """Factorise the stiffness of a part; what next to nothing holds has none that can be."""
+    try:
+        return splu(
+            stiffness,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError as error:
+        if "singular" not in str(error):
+            raise
+        raise ModelError(
+            "the stiffness of a body is singular, as a part of it hangs by next to nothing or can "
+            "move freely: look at `flexstage check`, and for thin walls about holes"
+        ) from None
 
 
 def _stiffness(continuum: Continuum) -> sp.csc_matrix:

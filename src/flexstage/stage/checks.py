@@ -11,13 +11,16 @@ from flexstage.stage.drive import Drive, Force
 from flexstage.stage.hinge_attachment import hinge_root
 from flexstage.stage.issue import Issue, millimetres
 from flexstage.stage.mobility import free_motion, reachable_bodies
-from flexstage.stage.model import Hinge, Stage
+from flexstage.stage.model import Body, Hinge, Stage
+from flexstage.stage.narrowest import wall_of
 from flexstage.stage.shapes import Shape, body_shapes, notch_shapes, ring
 
 #: How far a drive or probe may be off its body [m].
 ON_BODY = 10e-6
 # how deep under the surface the material is looked for that a drive pushes on [m]
 _INTO_BODY = 50e-6
+# a wall thinner than this part of the thinnest neck that can be cut breaks when it is cut
+_BREAKS = 0.1
 
 
 def check(stage: Stage) -> tuple[Issue, ...]:
@@ -69,6 +72,8 @@ def check(stage: Stage) -> tuple[Issue, ...]:
     for body in stage.bodies:
         if body.name in sound:
             issues += slots_within(body, wire)
+    for body, shape in zip((b for b in stage.bodies if b.name in sound), bodies, strict=True):
+        issues += _wall(stage, body, shape)
     issues += _mechanism(stage)
     by_name = {s.name: s for s in bodies}
     for drive in stage.drives:
@@ -143,6 +148,29 @@ def _roots(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
         )
     else:
         yield from found
+
+
+def _wall(stage: Stage, body: Body, shape: Shape) -> Iterator[Issue]:
+    limit = stage.manufacture.minimum_neck
+    # a hole that touches the outline may cut the body into two
+    whole = shape.polygon.geom_type == "Polygon"
+    wall = wall_of(body, shape.polygon, limit) if whole else 0.0
+    if wall >= limit * (1.0 - 1e-9):
+        return
+    breaks = wall < _BREAKS * limit
+    yield (_error if breaks else _warning)(
+        "thin-wall",
+        (body.name,),
+        f"the thinnest wall of body '{body.name}', between its holes, mounting holes and outline, "
+        f"is {millimetres(max(wall, 0.0))}, "
+        + (
+            f"less than a tenth of the thinnest neck that can be cut, {millimetres(limit)}, and "
+            "will break: make the wall thicker, or leave it out"
+            if breaks
+            else f"thinner than the thinnest neck that can be cut, {millimetres(limit)}: make it "
+            "thicker"
+        ),
+    )
 
 
 def _mechanism(stage: Stage) -> Iterator[Issue]:

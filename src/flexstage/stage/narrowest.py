@@ -100,22 +100,37 @@ def thinnest_wall(stage: Stage) -> float:
     >>> round(1e3 * thinnest_wall(design("vgtu-piezo")), 3)
     2.4
     """
+    return float(
+        min(
+            (
+                wall_of(body, shape.polygon)
+                for body, shape in zip(stage.bodies, _bodies(stage), strict=True)
+            ),
+            default=np.inf,
+        )
+    )
+
+
+def wall_of(body: Body, polygon: Any, reach: float = np.inf) -> float:
+    """Return the thickness of the thinnest place of one body [m]; the polygon has its holes.
+
+    Mounting holes count as the others do. Walls that are not thinner than `reach` [m] are not
+    looked for, which saves time; then `reach` is returned, or what was found on the way.
+    """
     from shapely import Point
     from shapely.geometry import Polygon
 
-    thinnest = np.inf
-    for body, shape in zip(stage.bodies, _bodies(stage), strict=True):
-        # what stands between round holes and all else is known without their chords
-        polygon, round_holes = shape.polygon, _circles(body)
-        inner = [r for r in polygon.interiors if not _is_round(r, round_holes)]
-        rest = Polygon(polygon.exterior, inner)
-        for hole in round_holes:
-            thinnest = min(thinnest, rest.boundary.distance(Point(hole.centre)) - hole.radius)
-        for one, other in combinations(round_holes, 2):
-            apart = float(np.hypot(*np.subtract(one.centre, other.centre)))
-            thinnest = min(thinnest, apart - one.radius - other.radius)
-        thinnest = min(thinnest, _within(rest, thinnest, outside=False))
-    return float(thinnest)
+    thinnest = reach
+    # what stands between round holes and all else is known without their chords
+    round_holes = _circles(body)
+    inner = [r for r in polygon.interiors if not _is_round(r, round_holes)]
+    rest = Polygon(polygon.exterior, inner)
+    for hole in round_holes:
+        thinnest = min(thinnest, rest.boundary.distance(Point(hole.centre)) - hole.radius)
+    for one, other in combinations(round_holes, 2):
+        apart = float(np.hypot(*np.subtract(one.centre, other.centre)))
+        thinnest = min(thinnest, apart - one.radius - other.radius)
+    return float(min(thinnest, _within(rest, thinnest, outside=False)))
 
 
 def _bodies(stage: Stage) -> list[Shape]:
