@@ -1,5 +1,6 @@
 """The best stage: closed forms, multipliers against searches again, the ladder, what is refused."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,8 @@ from flexstage.explore import (
     requirement_of,
     variables_of,
 )
+from flexstage.explore.family import Evaluated
+from flexstage.explore.optimise import ladder
 from flexstage.explore.optimise.local_search import LocalOptimum
 from flexstage.explore.optimise.multipliers import held_by
 from flexstage.explore.optimise.problem import StageProgram
@@ -179,6 +182,70 @@ def test_what_cannot_be_reached_is_missed_by_the_least() -> None:
     found = find_optimum(wanted, LUMPED)
     assert not found.met
     assert found.excess.max() > 0.1
+
+
+def finer(monkeypatch: pytest.MonkeyPatch, change: Callable[[np.ndarray, np.ndarray], str]) -> None:
+    """Have the ladder ask a finer model: the lumped one, changed by how far necks go."""
+
+    def asked(family: Family, points: np.ndarray, figures: object, model: str) -> Evaluated:
+        found = evaluate(family, points, figures)  # type: ignore[arg-type]
+        faults = found.faults
+        if model != "lumped":
+            values = found.values.copy()
+            faults = tuple(change(x, row) for x, row in zip(points, values, strict=True))
+            return replace(found, values=values, faults=faults)
+        return found
+
+    monkeypatch.setattr(ladder, "evaluate", asked)
+
+
+def test_stages_without_figures_by_the_finer_model_are_gone_back_from(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The lumped search goes to the upper bound of the neck; the finer model ends at 0.72 mm."""
+
+    def change(x: np.ndarray, row: np.ndarray) -> str:
+        if x[0] <= 0.72e-3:
+            return ""
+        row[:] = np.nan
+        return "the equations of the stage cannot be solved"
+
+    ranges = ("leg.notch.neck_thickness=0.3..0.9 mm",)
+    finer(monkeypatch, change)
+    found = find_optimum(problem("stress.x <= 500 MPa", ranges=ranges), SearchOptions(starts=0))
+    assert found.met
+    assert 0.5e-3 < found.point[0] <= 0.72e-3
+    assert not np.all(np.isfinite(found.rungs[0].found))
+
+
+def test_start_is_kept_where_the_finer_model_refuses_all_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Another stage than the start misses the frequency by a half, whatever is corrected."""
+
+    ranges = ("leg.notch.neck_thickness=0.45..0.55 mm", "leg.bar_length=24..28 mm")
+    wanted = problem("natural_frequency.x >= 140 Hz", goal="mass", way="minimise", ranges=ranges)
+    at = wanted.figures.index(wanted.requirements[0].figure)
+
+    def off(x: np.ndarray, row: np.ndarray) -> str:
+        row[at] *= 1.0 if abs(x[0] - 0.5e-3) < 1e-12 and abs(x[1] - 26e-3) < 1e-12 else 0.5
+        return ""
+
+    finer(monkeypatch, off)
+    found = find_optimum(wanted, SearchOptions(starts=0, evaluations=600))
+    assert found.met
+    np.testing.assert_allclose(found.point, [0.5e-3, 26e-3], rtol=1e-12)
+    assert "no better stage was found than the one that it began with" in found.notes
+
+
+def test_no_figures_at_all_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def change(x: np.ndarray, row: np.ndarray) -> str:
+        row[:] = np.nan
+        return "the equations of the stage cannot be solved"
+
+    finer(monkeypatch, change)
+    with pytest.raises(ModelError, match=r"nor of the start: the equations of the stage cannot"):
+        find_optimum(problem(), SearchOptions(starts=0, evaluations=300))
 
 
 def test_usual_requirements_give_way_to_those_that_are_asked() -> None:

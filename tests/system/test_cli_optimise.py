@@ -66,6 +66,19 @@ def test_match_prints_one_object_as_json(run):
     assert found["files"] == []
 
 
+def test_what_is_missed_is_said_first_and_fails(run, tmp_path):
+    words = ("--maximise", "natural_frequency.x", "--keep", "natural_frequency.x >= 900 Hz")
+    status, out, _ = run("optimise", "parallelogram", *words, *OVER, *LUMPED, "--folder", "out")
+    assert status == 1
+    first = next(line for line in out.splitlines() if line.startswith("note: "))
+    assert first.startswith("note: natural_frequency.x >= 900 Hz is missed by")
+    assert "≥ 900.0 missed" in out
+    assert (tmp_path / "out" / "best.yaml").exists()
+    status, out, _ = run("optimise", "parallelogram", *words, *OVER, *LUMPED, "--json")
+    assert status == 1
+    assert not json.loads(out)["met"]
+
+
 def test_front_of_three_goals_has_a_page(run, tmp_path):
     goals = ("--maximise", "natural_frequency.x", "--minimise", "stress.x", "--minimise", "mass")
     small = ("--model", "lumped", "--evaluations", "150", "--workers", "1", "--quiet")

@@ -112,12 +112,20 @@ def optimise(
         with progress_bar("optimise", quiet=quiet), sharing.open() as workers:
             front = find_front(problem, options, workers)
         _tell_front(front, folder, figure, json=json)
+        _end(front.optimum)
         return
     from flexstage.explore import find_optimum
 
     with progress_bar("optimise", quiet=quiet):
         found = find_optimum(problem, options)
     _tell(found, folder, figure, json=json)
+    _end(found)
+
+
+def _end(found: "Optimum") -> None:
+    """Fail where a requirement is missed."""
+    if not found.met:
+        raise typer.Exit(1)
 
 
 def _word(option: str, given: str, words: tuple[str, ...]) -> Any:

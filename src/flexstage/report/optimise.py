@@ -119,8 +119,8 @@ def _reached(found: Optimum) -> str:
         return f"{text}; every requirement is kept within {100.0 * TOLERANCE:g} %"
     missed = found.problem.all_requirements[worst]
     return (
-        f"{text}; {missed.text} is missed by {100.0 * found.excess[worst]:.2g} %: no stage between "
-        "the bounds was found that keeps all requirements"
+        f"{missed.text} is missed by {100.0 * found.excess[worst]:.2g} %: no stage between the "
+        f"bounds was found that keeps all requirements, and this one misses them least; {text}"
     )
 
 
@@ -143,7 +143,12 @@ def _figures(found: Optimum) -> Table:
     ]
     rows = []
     for i, figure in enumerate(found.figures):
-        wanted = [_limit(r) for r in problem.all_requirements if r.figure == figure]
+        asked = zip(problem.all_requirements, found.excess, strict=True)
+        wanted = [
+            _limit(r) + ("" if excess <= TOLERANCE else " missed")
+            for r, excess in asked
+            if r.figure == figure
+        ]
         if figure in goals:
             wanted.insert(0, goals[figure])
         values = (last.start[i], *(level.best[i] for level in found.levels))

@@ -31,7 +31,7 @@ Start = Literal["described", "middle"]
 
 #: Starts of the search beside the given one, turns of the ladder at most, and evaluations at most
 #: for each variable.
-OTHER_STARTS, TURNS, EVALUATIONS = 3, 10, 250
+OTHER_STARTS, TURNS, EVALUATIONS = 3, 12, 250
 # steps of a search at most and at least; share of the evaluations that is kept for the ladder
 _STEPS, _FEWEST, _RESERVE = 60, 4, 0.4
 # points that starts are chosen from; agreement of two models at which the ladder ends
@@ -127,6 +127,11 @@ class _Visited:
     fine: Array
     violation: float
     objective: float
+    confirmed: bool = False
+
+
+def _same(one: Array, other: Array) -> bool:
+    return float(np.max(np.abs(one - other))) < 1e-6
 
 
 class _Climb:
@@ -156,6 +161,7 @@ class _Climb:
         self.seconds: defaultdict[str, float] = defaultdict(float)
         self.searches = 0
         self.known: dict[tuple[str, bytes], Array] = {}
+        self.why: dict[str, str] = {}
         self.walls: tuple[Wall, ...] = ()
         self.notes: list[str] = list(problem.notes)
 
@@ -164,10 +170,10 @@ class _Climb:
             progress.update("search")
             best = self._first()
         visited = [self._visit(best)] if self.options.model == "lumped" else self._climb(best)
-        chosen = min(visited, key=self._rank)
+        chosen = self._or_start(min(visited, key=self._rank) if visited else None)
         if self.options.confirm is not None:
             with progress.subtask(0.7, 1.0):
-                chosen = self._confirm(chosen)
+                chosen = self._or_start(self._confirm(chosen))
         return self._optimum(chosen)
 
     # ------------------------------------------------------------------ searching the quick model
@@ -277,48 +283,130 @@ class _Climb:
         if key not in self.known:
             began = time.perf_counter()
             point, figures = self.problem.point(x)[None], self.problem.figures
-            self.known[key] = evaluate(self.problem.family, point, figures, model).values[0]
+            found = evaluate(self.problem.family, point, figures, model)
+            self.known[key] = found.values[0]
+            if not np.all(np.isfinite(found.values)):
+                self.why[model] = found.faults[0] or "it has not all figures"
             self.seconds[model] += time.perf_counter() - began
             self.program.counts[model] += 1
         return self.known[key]
 
     def _climb(self, best: LocalOptimum) -> list[_Visited]:
+        """Correct and search again until the models agree.
+
+        What the finer one has no figures of is no stage, and is gone back from.
+        """
         model = self.options.model
         visited: list[_Visited] = []
-        d, m = len(best.point), len(self.problem.figures)
-        correction = Correction.none(d, m)
+        seen = [best.point]
+        correction = Correction.none(len(best.point), len(self.problem.figures))
         reach = _REACH
         for turn in range(TURNS):
             with progress.subtask(0.3 + 0.4 * turn / TURNS, 0.3 + 0.4 * (turn + 1) / TURNS):
                 progress.update(f"ladder, turn {turn + 1}")
-                fine, expected = (
-                    self._fine(model, best.point),
-                    self.program.figures(best.point[None])[0],
-                )
+                fine = self._fine(model, best.point)
+                expected, coarse = self._expected(best.point)
                 self._rung(model, best, expected, fine)
-                if not np.all(np.isfinite(fine)):
-                    if not visited:
-                        raise ModelError(
-                            f"the {model} model has no figures of the best stage of the lumped one"
-                        )
-                    break
-                coarse = self.program.coarse(best.point[None])[0]
-                correction = correction.updated(best.point, coarse, fine)
-                agreed = self._agree(expected, fine)
-                self.program = self.program.corrected(correction)
-                visited.append(self._visit(best, fine))
-                if (agreed and turn > 0) or self._left() <= 0.0:
+                possible = bool(np.all(np.isfinite(fine)))
+                kept = agreed = False
+                if possible:
+                    correction = correction.updated(best.point, coarse, fine)
+                    agreed = self._agree(expected, fine)
+                    self.program = self.program.corrected(correction)
+                    visited.append(self._visit(best, fine))
+                    kept = visited[-1].violation <= TOLERANCE
+                if (agreed and kept and turn > 0) or self._left() <= 0.0:
                     break
                 # a prediction that was far off is not to be followed far
-                reach = min(1.0, 2.0 * reach) if self._agree(expected, fine, _NEAR) else 0.5 * reach
-                again = self._search(best.point, 0.4 * self._left(), reach)
+                near = possible and self._agree(expected, fine, _NEAR)
+                reach = min(1.0, 2.0 * reach) if near else 0.5 * reach
+                again = self._again(best if possible else None, visited, kept, seen, reach)
                 if again is None:
                     break
-                still = float(np.max(np.abs(again.point - best.point))) < 1e-6
                 best = again
-                if still:
-                    break
+                seen.append(best.point)
         return visited
+
+    def _again(
+        self,
+        best: LocalOptimum | None,
+        visited: list[_Visited],
+        kept: bool,
+        seen: list[Array],
+        reach: float,
+    ) -> LocalOptimum | None:
+        """Search on from the last stage; from the best before it, or the start, where that fails.
+
+        None where it leads to stages that were asked about, all of them.
+        """
+        ways = [] if best is None else [(best.point, reach)]
+        if not kept:
+            # where nothing near the last keeps the limits, others lie elsewhere
+            before = [min(visited, key=self._rank).optimum.point] if visited else []
+            ways += [(x, 0.5 * reach) for x in before if best is None or x is not best.point]
+            ways.append((self.start, reach if best is None else 1.0))
+        for x, far in ways:
+            found = self._search(x, 0.4 * self._left(), far)
+            if found is not None and not any(_same(found.point, other) for other in seen):
+                return found
+        return None
+
+    def _expected(self, x: Array) -> tuple[Array, Array]:
+        """Return the figures of a point by the searched model, corrected and not."""
+        coarse = self.program.coarse(x[None])
+        known = self.program.correction
+        return (coarse if known is None else known.at_points(x[None], coarse))[0], coarse[0]
+
+    def _or_start(self, chosen: _Visited | None) -> _Visited:
+        """Return a point that was asked about, or the start where that is better.
+
+        Without a goal the start is better only where the other misses what is required by more.
+
+        Raises
+        ------
+        ModelError
+            There is neither.
+        """
+        model = self.options.model
+        if chosen is not None and chosen.confirmed and self.options.confirm is not None:
+            model = self.options.confirm
+        start = None if self.program.fault(self.start) else self._began(model)
+        if chosen is None and start is None:
+            raise ModelError(
+                f"the {model} model has no figures of the stages that the lumped one finds best, "
+                f"nor of the start: {self.why.get(model, 'the start is impossible')}"
+            )
+        if chosen is None or start is None:
+            return chosen or start  # type: ignore[return-value]
+        off, was = (one.violation if one.violation > TOLERANCE else 0.0 for one in (chosen, start))
+        better = was < off or (
+            bool(self.problem.goals) and was == off and start.objective < chosen.objective
+        )
+        return start if better else chosen
+
+    def _began(self, model: str) -> _Visited | None:
+        """Return the start as a point that a model was asked about; None without figures."""
+        fine = self._fine(model, self.start)
+        if not np.all(np.isfinite(fine)):
+            return None
+        coarse = self.program.coarse(self.start[None])[0]
+        known, d = self.program.correction, len(self.start)
+        at = Correction.none(d, len(fine)).updated(self.start, coarse, fine)
+        values = self.program.scaled(self.start[None], fine[None])[0]
+        off = violation_of(values[1:], self.program.low, self.program.high)
+        here = LocalOptimum(
+            point=self.start,
+            values=values,
+            violation=float(off.sum()),
+            slopes=np.zeros((len(values), d)),
+            walls=self.walls,
+            converged=False,
+        )
+        return replace(
+            self._visit(here, fine),
+            correction=at if known is None else replace(at, slope=known.slope),
+            confirmed=model == self.options.confirm,
+        )
 
     def _rung(self, model: str, best: LocalOptimum, expected: Array, fine: Array) -> None:
         self.rungs.append(
@@ -382,7 +470,7 @@ class _Climb:
             # the finer model changes as the corrected one does
             anew = Correction.none(len(x), len(fine)).updated(x, coarse, fine)
             self.program = self.program.corrected(replace(anew, slope=known.slope))
-        return self._visit(chosen.optimum, fine)
+        return replace(self._visit(chosen.optimum, fine), confirmed=True)
 
     # ------------------------------------------------------------------ the result
 
@@ -394,6 +482,8 @@ class _Climb:
         values, slopes = self.program.slopes(x)
         at = replace(chosen.optimum, values=values, slopes=slopes)
         held, free, left = held_by(self.program, at)
+        if x is self.start:
+            self.notes.append("no better stage was found than the one that it began with")
         point = problem.point(x)
         stage = problem.family.stage(point)
         self._faults(stage)

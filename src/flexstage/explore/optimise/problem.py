@@ -221,7 +221,7 @@ class StageProgram(Program):
         self.counts[self.model] += 1 + 2 * len(point)
         try:
             figures, slopes = jacobian(family, self.problem.point(point), self._figures, self.model)
-        except ModelError:  # no stage
+        except FlexstageError:  # no stage
             none = np.full((1 + len(self._asked), len(point)), np.nan)
             return none[:, 0], none
         slopes = slopes * width
