@@ -259,6 +259,9 @@ def test_too_few_samples_have_no_end_of_an_interval():
     assert ends[0.5][0] == -math.inf
     assert ends[99.5][1] == math.inf
     assert spread.count == 3
+    assert np.isnan(spread.middle).all()
+    assert np.isnan(spread_of(FREQUENCY, 0.0, np.arange(39.0)).middle).all()
+    assert spread_of(FREQUENCY, 0.0, np.arange(40.0)).middle == pytest.approx((0.975, 38.025))
     with pytest.raises(ModelError, match="no sample has the figure natural_frequency"):
         spread_of(FREQUENCY, 0.0, np.array([np.nan]))
 
@@ -423,6 +426,7 @@ def test_what_no_tolerance_reaches_is_said():
     study = tolerance(stage, figures=(), requirements=[above], samples=500, model="lumped")
     found = choose_tolerances(study, 0.9)
     assert not found.reached
+    assert not found.found
     assert "the stage as drawn does not meet natural_frequency.x >= 200 Hz" in found.verdict
     with pytest.raises(ModelError, match=r"500 samples cannot show a yield of 99\.9 %"):
         choose_tolerances(study, 0.999)
@@ -439,6 +443,7 @@ def test_what_is_too_narrow_for_every_tolerance_names_the_requirement():
     study = tolerance(stage, figures=(), requirements=[narrow, wide], samples=1000, model="lumped")
     found = choose_tolerances(study, 0.95)
     assert not found.reached
+    assert found.found
     assert found.factor("neck_common") == pytest.approx(0.02)
     assert "natural_frequency.x" in found.verdict
     assert scaled(Scatter(), {"radius": 2.0}).radius == 2.0 * Scatter().radius

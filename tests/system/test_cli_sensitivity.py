@@ -44,6 +44,7 @@ def test_the_table_has_what_moves_most_at_the_top(capsys: pytest.CaptureFixture[
     assert "base_height" in printed.partition("move none of them")[0].rpartition("+")[2]
     assert "leg.notch.kind" in printed
     assert "it is a choice" in printed
+    assert "note: figures are those of the lumped model" in printed
 
 
 def test_changes_by_a_length_in_the_units_of_the_figures(
@@ -126,6 +127,7 @@ def test_superelements_say_much_the_same(capsys: pytest.CaptureFixture[str]) -> 
     assert ways[1].startswith("difference quotients")
     printed = said(capsys, *words[:-1], "--model", "superelement")
     assert "note: slopes are difference quotients" in printed
+    assert "lumped model" not in printed
 
 
 @pytest.mark.parametrize(

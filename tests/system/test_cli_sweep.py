@@ -45,6 +45,14 @@ def test_one_parameter_is_a_table_of_rows(run):
     for label in ("Transmission ratio x", "Output displacement x", "Natural frequency x"):
         assert label in out
     assert "note: vary by less than 0.1 %: transmission_ratio.x, output_displacement.x" in out
+    assert "note: figures are those of the lumped model" in out
+
+
+@pytest.mark.parametrize("command", ["sweep", "sensitivity"])
+def test_help_names_no_drawing_where_none_is_taken(run, command):
+    status, out, _ = run(command, "--help")
+    assert status == 0
+    assert "A stage file, or the name of a built-in design." in " ".join(out.split())
 
 
 def test_it_is_the_analysis_with_a_setting(run):

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,11 +18,13 @@ from flexstage.cli.tolerance import scatter_of
 from flexstage.designs import design
 from flexstage.explore import open_workers
 from flexstage.explore.family import known_figures
-from flexstage.explore.figures import usual_figures
+from flexstage.explore.figures import Figure, usual_figures
 from flexstage.explore.tolerance import tolerance
+from flexstage.progress import listen
 from flexstage.stage import stage_to_text
 from flexstage.virtual.imperfections import Scatter
 
+FREQUENCY = Figure(quantity="natural_frequency_hz", axis="x")
 QUICK = ("parallelogram", "--samples", "600", "--model", "lumped", "--quiet")
 
 
@@ -62,6 +65,58 @@ def test_it_tells_spread_yield_and_what_to_tighten(capsys, tmp_path):
     assert page.count("<svg") == 2
 
 
+def test_what_is_not_known_is_not_written(capsys, tmp_path):
+    code, out, err = run(
+        capsys, "parallelogram", "--samples", "7", "--model", "lumped", "--quiet",
+        "--folder", str(tmp_path / "few"),
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    assert "what 95 % lie between needs at least 40 samples" in out
+    row = next(line for line in out.splitlines() if "Natural frequency" in line)
+    assert row.split()[-6:-3] == ["194", "–", "–"]
+    assert "needs at least 40 samples" in (tmp_path / "few" / "tolerance.html").read_text()
+
+
+def test_changes_and_shares_have_the_same_decimals_in_each_figure(capsys, tmp_path):
+    code, out, _ = run(
+        capsys, *QUICK, "--of", "natural_frequency.x", "--of", "stroke.x", "--scatter",
+        "stroke=5 %", "--folder", str(tmp_path / "lot"),
+    )  # fmt: skip
+    assert code == 0
+    page = (tmp_path / "lot" / "tolerance.html").read_text()
+    assert not re.search(r"\de\+\d+ ?%", out + page)
+    table = out[out.index("What spreads them") :]
+    changes = re.findall(r"-?\d+\.(\d+) Hz", table)
+    assert len(changes) > 1
+    assert {len(decimals) for decimals in changes} == {2}
+
+
+def test_a_stage_that_misses_what_is_required_has_no_table_of_tolerances(capsys, tmp_path):
+    code, out, _ = run(
+        capsys, *QUICK, "--require", "natural_frequency.x >= 250 Hz", "--target-yield", "90 %",
+        "--folder", str(tmp_path / "lot"),
+    )  # fmt: skip
+    assert code == 0
+    assert "the stage as drawn does not meet natural_frequency.x" in out
+    page = (tmp_path / "lot" / "tolerance.html").read_text()
+    assert "change the stage" in page
+    assert "Cheapest scatter" not in out + page
+
+
+def test_the_share_that_is_done_is_that_of_the_batches(monkeypatch):
+    monkeypatch.setattr(sys.modules["flexstage.explore.tolerance"], "BATCH", 100)
+    heard = []
+    with listen(lambda what, done: heard.append((what, done))):
+        tolerance(design("parallelogram"), figures=[FREQUENCY], samples=800, model="lumped")
+    found = [
+        (int(m[1]) / 8, done)
+        for what, done in heard
+        if (m := re.match(r"tolerance, (\d) of 8 batches", what))
+    ]
+    assert len(found) == 9
+    assert all(share == done for share, done in found)
+
+
 def test_json_is_one_object_and_the_seed_makes_the_lot(capsys):
     one, again, other = (
         json.loads(run(capsys, *QUICK, "--of", "stress.x", "--seed", seed, "--json")[1])
@@ -94,6 +149,7 @@ def test_a_scatter_is_read_in_order():
         (("--target-yield", "99 %"), "needs at least one --require"),
         (("--require", "stress.x <= 200 MPa", "--target-yield", "much"), "expected a share"),
         (("--require", "stress.x <= 200 MPa", "--target-yield", "100 %"), "between 0 and 100 %"),
+        (("--require", "stress.x <= 200 MPa", "--target-yield", "99"), 'write "99 %"'),
         (("--require", "stress.x <= 200 MPa", "--target-yield", "99.9 %"), "take 3688 or more"),
         (("--require", "stress.z <= 200 MPa"), "stress.x"),
         (("--require", "stress.x"), "is no requirement"),

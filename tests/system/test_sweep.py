@@ -5,6 +5,7 @@ import io
 import json
 import math
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from flexstage.explore.sweep_files import sweep_csv, sweep_parquet, sweep_result
 from flexstage.lumped import lumped_system
 from flexstage.report.figures.sweep import draw_indices, draw_sweep
 from flexstage.report.sweep import sweep_html, sweep_notes, sweep_tables
+from flexstage.report.tables import LUMPED_NOTE
 from flexstage.system import analyse
 
 FREQUENCY = Figure(quantity="natural_frequency_hz", axis="x")
@@ -93,7 +95,11 @@ def test_what_is_found_in_short(over_neck):
     assert math.isnan(over_neck.correlations[3, 0])
     assert over_neck.possible.all()
     assert over_neck.advice == ""
-    assert sweep_notes(over_neck) == ("vary by less than 0.1 %: cross_coupling.x",)
+    assert sweep_notes(over_neck) == (
+        "vary by less than 0.1 %: cross_coupling.x",
+        LUMPED_NOTE,
+    )
+    assert sweep_notes(replace(over_neck, model="superelement")) == sweep_notes(over_neck)[:1]
 
 
 def test_rounding_moves_nothing():

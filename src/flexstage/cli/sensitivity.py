@@ -20,7 +20,7 @@ from flexstage.cli.output import (
     print_notes,
     progress_bar,
 )
-from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, StageArgument
+from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @from_docstring
 def sensitivity(
-    stage: StageArgument,
+    stage: TemplateArgument,
     of: list[str] | None = None,
     by: list[str] | None = None,
     hinges: bool = False,

@@ -36,6 +36,15 @@ StageArgument = Annotated[
         help="A stage file, a drawing (DXF, STEP), or the name of a built-in design.",
     ),
 ]
+#: STAGE of commands that vary its parameters, of which a drawing has none.
+TemplateArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="STAGE",
+        autocompletion=designs_like,
+        help="A stage file, or the name of a built-in design.",
+    ),
+]
 
 
 @dataclass(frozen=True, kw_only=True)

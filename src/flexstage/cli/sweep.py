@@ -17,7 +17,7 @@ from flexstage.cli.output import (
     print_notes,
     progress_bar,
 )
-from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, StageArgument
+from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
 from flexstage.cli.worker_options import USUAL_WORKERS, WorkerOptions
 from flexstage.errors import ModelError
 
@@ -36,7 +36,7 @@ _PLANS = "grid", "latin-hypercube", "sobol"
 
 @from_docstring
 def sweep(
-    stage: StageArgument,
+    stage: TemplateArgument,
     over: list[str] | None = None,
     of: list[str] | None = None,
     plan: str | None = None,

@@ -106,7 +106,7 @@ def tolerance(
     weights = {name: _weight(name, text) for name, text in _pairs(cost or (), "--cost")}
     if cost and target_yield is None:
         raise ModelError("--cost needs --target-yield: it weighs what is chosen for that")
-    target = None if target_yield is None else _share(target_yield)
+    target = None if target_yield is None else _yield_share(target_yield)
     if target is not None and not require:
         raise ModelError("--target-yield needs at least one --require: what a good stage has")
     described = taken.stage(stage)
@@ -196,6 +196,16 @@ def _share(text: str) -> float:
         raise ModelError(
             f"expected a share, such as \"0.5 %\" or 0.005, got '{text[:40]}'"
         ) from None
+
+
+def _yield_share(text: str) -> float:
+    share = _share(text)
+    if 1.0 < share < 100.0 and not text.strip().endswith("%"):
+        raise ModelError(
+            f"--target-yield is a share, such as \"99 %\" or 0.99, got '{text.strip()[:40]}': "
+            f'write "{share:g} %"'
+        )
+    return share
 
 
 def _weight(name: str, text: str) -> float:
@@ -320,6 +330,7 @@ def _print(study: "ToleranceStudy", choice: "ToleranceChoice | None", files: "li
     if study.shares:
         screen.print(on_terminal(share_table(study)))
     if choice is not None:
-        screen.print(on_terminal(choice_table(choice)))
+        if choice.found:
+            screen.print(on_terminal(choice_table(choice)))
         screen.print(choice.verdict, markup=False)
     print_notes(screen, (study.model, *study.notes), files)

@@ -30,7 +30,7 @@ class Percentile:
     percent: float
     """Share of the stages below it [%]."""
     value: float
-    """The percentile, in the unit of the figure."""
+    """The percentile, in the unit of the figure; NaN where less than one sample lies beyond it."""
     low: float
     """Lower end of its interval; minus infinity where there are too few samples for one."""
     high: float
@@ -62,7 +62,7 @@ class Spread:
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Ends of what 95 % of the stages lie between."""
+        """Ends of what 95 % of the stages lie between; NaN of fewer than 40 samples."""
         found = {p.percent: p.value for p in self.percentiles}
         return found[2.5], found[97.5]
 
@@ -104,6 +104,17 @@ def spread_of(figure: Figure, nominal: float, values: Array) -> Spread:
     )
 
 
+def samples_for(percent: float) -> int:
+    """Return how many samples have one beyond a percentile.
+
+    Examples
+    --------
+    >>> samples_for(97.5), samples_for(0.5)
+    (40, 200)
+    """
+    return math.ceil(round(100.0 / min(percent, 100.0 - percent), 6))
+
+
 def _percentile(ordered: Array, percent: float) -> Percentile:
     from scipy.special import bdtr
 
@@ -116,7 +127,7 @@ def _percentile(ordered: Array, percent: float) -> Percentile:
     m = int(np.searchsorted(cumulated, 1.0 - tail)) + 1
     return Percentile(
         percent=percent,
-        value=float(np.quantile(ordered, p)),
+        value=float(np.quantile(ordered, p)) if n >= samples_for(percent) else math.nan,
         low=float(ordered[k]) if k >= 0 else -math.inf,
         high=float(ordered[m]) if m < n else math.inf,
     )

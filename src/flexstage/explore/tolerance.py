@@ -320,10 +320,9 @@ def tolerance(
         raise ModelError("there is nothing to look at: name a figure or a requirement")
     if samples < 2:
         raise ModelError(f"there must be at least 2 samples, got {samples}")
-    with subtask(0.0, 0.1):
+    with subtask(0.0, 0.0):  # so that the share that is done is that of the batches
         lot, how = lot_of(stage, process, every, seed=seed, model=model, follow_necks=follow_necks)
-    with subtask(0.1, 1.0):
-        values, gone = lot.values(samples, workers or Workers(1), keep)
+    values, gone = lot.values(samples, workers or Workers(1), keep)
     nominal = lot.nominal()
     spreads = tuple(
         spread_of(figure, float(nominal[i]), values[:, i]) for i, figure in enumerate(every)

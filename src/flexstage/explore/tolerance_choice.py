@@ -12,7 +12,7 @@ from flexstage.errors import ModelError
 from flexstage.explore.made_stages import process_of
 from flexstage.explore.spread import Yield, yield_of
 from flexstage.explore.tolerance import Lot, ToleranceStudy, yields_of
-from flexstage.progress import update
+from flexstage.progress import listen, update
 from flexstage.virtual.imperfections import Scatter
 
 if TYPE_CHECKING:
@@ -52,6 +52,11 @@ class ToleranceChoice:
     """Yields with the chosen scatter."""
     verdict: str
     """What came out, in a sentence."""
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a scatter to show: not where the stage as drawn is not good."""
+        return self.reached or self.chosen != self.usual
 
     def factor(self, kind: str) -> float:
         """Return the chosen scatter of a kind in parts of the usual one [1]."""
@@ -175,7 +180,8 @@ class _Search:
         outside = [
             r for r, value in zip(self.required, self.nominal, strict=True) if not r.met(value)
         ]
-        usual = self._modelled(np.ones(len(self.kinds)), self.study.lot, self.study.values)
+        with listen(_silent):
+            usual = self._modelled(np.ones(len(self.kinds)), self.study.lot, self.study.values)
         if outside:
             told = " and ".join(
                 f"{r.text} (it has {r.figure.text(self.nominal[self.required.index(r)])})"
@@ -247,7 +253,8 @@ class _Search:
     def _draw(self, factors: Array) -> _Drawn:
         scatter = self._scatter(factors)
         lot = replace(self.study.lot, process=process_of(self.study.stage, scatter))
-        return self._modelled(factors, lot, lot.values(self.study.samples, self.workers)[0])
+        with listen(_silent):  # the batches of a round are not those of the search
+            return self._modelled(factors, lot, lot.values(self.study.samples, self.workers)[0])
 
     def _scatter(self, factors: Array) -> Scatter:
         named = dict(zip(self.kinds, factors.tolist(), strict=True))
@@ -343,6 +350,10 @@ class _Search:
             after=chosen.yields,
             verdict=verdict,
         )
+
+
+def _silent(what: str, done: float) -> None:
+    """Hear what the work in a round says of itself, and pass it on to nobody."""
 
 
 def _needed(samples: int, target: float) -> float:

@@ -9,6 +9,7 @@ from flexstage.characteristic import WHOLE_STAGE
 from flexstage.explore.figures import ALIASES, Figure
 from flexstage.explore.sensitivity import LENGTH, SHARE, Sensitivities
 from flexstage.quantities import number
+from flexstage.report.tables import LUMPED_NOTE
 from flexstage.table import Cell, Column, Table, table
 from flexstage.units import readable_text
 
@@ -172,7 +173,9 @@ def left_out_notes(found: Sensitivities) -> Iterator[str]:
 
     Parameters of one reason stand together.
     """
-    if found.model != "lumped":
+    if found.model == "lumped":
+        yield LUMPED_NOTE
+    else:
         yield f"slopes are {found.provenance.settings['slopes']}"
     reasons: dict[str, list[str]] = {}
     for name, reason in found.left_out.items():

@@ -17,6 +17,7 @@ from flexstage.quantities import Quantity
 from flexstage.report.figures.style import CYCLE, INK, PAPER
 from flexstage.report.figures.sweep import draw_indices, draw_sweep
 from flexstage.report.page import page_html
+from flexstage.report.tables import LUMPED_NOTE
 from flexstage.section import Definitions, Picture, Section
 from flexstage.table import Table, table
 
@@ -63,6 +64,8 @@ def sweep_notes(sweep: Sweep) -> tuple[str, ...]:
             f"Sobol' indices without {sweep.indices.left_out} base samples, which hold an "
             "impossible stage"
         )
+    if sweep.model == "lumped":
+        notes.append(LUMPED_NOTE)
     return tuple(notes)
 
 

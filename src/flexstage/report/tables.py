@@ -15,6 +15,12 @@ from flexstage.units import DIMENSIONS
 if TYPE_CHECKING:
     from flexstage.lumped.assemble import HingeSpring
 
+#: What the figures of a lumped model are against those of the other commands.
+LUMPED_NOTE = (
+    "figures are those of the lumped model, some per cent from those of superelements that "
+    "analyse and tolerance give; --model superelement has them, and takes longer"
+)
+
 _TITLES = {
     "published-analytic": "analytic",
     "published-fem": "FEM",

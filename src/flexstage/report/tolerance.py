@@ -1,12 +1,14 @@
 """Tables and page of what the workshop makes of a stage."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import fields
 from typing import get_type_hints
 
 import flexstage
 from flexstage.explore.deviations import KINDS
-from flexstage.explore.spread import Spread, Yield
+from flexstage.explore.figures import Figure
+from flexstage.explore.spread import Spread, Yield, samples_for
 from flexstage.explore.tolerance import VALIDITY, ToleranceStudy
 from flexstage.explore.tolerance_choice import COARSEST, FINEST, ToleranceChoice
 from flexstage.quantities import beside
@@ -27,7 +29,16 @@ def spread_table(study: ToleranceStudy) -> Table:
         f"{study.stage.name}: {study.samples} stages as they come from the machine.",
         ("figure", "as drawn", "mean", "95 % lie from", "to", "standard deviation", "in parts"),
         [(spread.figure.heading, *_cells(spread)) for spread in study.spreads],
+        notes=tuple(_few(study)),
     )
+
+
+def _few(study: ToleranceStudy) -> Iterator[str]:
+    needed = samples_for(2.5)
+    few = [spread.figure.name for spread in study.spreads if spread.count < needed]
+    if few:
+        names = "" if len(few) == len(study.spreads) else f" of {', '.join(few)}"
+        yield f"what 95 %{names} lie between needs at least {needed} samples"
 
 
 def _cells(spread: Spread) -> tuple[str, ...]:
@@ -36,10 +47,19 @@ def _cells(spread: Spread) -> tuple[str, ...]:
     if spread.standard_deviation <= max(shown.zero, 1e-9 * abs(spread.nominal)):
         same = shown.text(spread.nominal)
         return (same, same, same, same, "≈ 0", "")
-    values = (spread.nominal, spread.mean, *spread.middle)
-    texts = [beside(value * shown.factor, deviation)[0] for value in values]
-    share = "" if shown.zero else _percent(spread.standard_deviation / abs(spread.nominal))
-    return (*texts, beside(spread.nominal * shown.factor, deviation)[1], share)
+    # what is known of a standard deviation, in parts: 1 / sqrt(2 (n - 1)) of normal values
+    known = 1.0 / math.sqrt(2.0 * max(spread.count - 1, 1))
+    digits = 1 if known > 0.1 else 2 if known > 0.01 else 3
+    shown_deviation = 10.0 * deviation if digits == 1 else deviation
+    texts = [
+        beside(value * shown.factor, shown_deviation)[0] if math.isfinite(value) else "–"
+        for value in (spread.nominal, spread.mean, *spread.middle)
+    ]
+    share = "" if shown.zero else _percent(spread.standard_deviation / abs(spread.nominal), digits)
+    spread_text = f"{float(f'{deviation:.1g}'):g}"
+    if digits > 1:
+        spread_text = beside(spread.nominal * shown.factor, deviation)[1]
+    return (*texts, spread_text, share)
 
 
 def yield_table(yields: tuple[Yield, ...], caption: str = "Yield.") -> Table:
@@ -63,11 +83,11 @@ def yield_table(yields: tuple[Yield, ...], caption: str = "Yield.") -> Table:
 def share_table(study: ToleranceStudy) -> Table:
     """Return which deviations spread each figure, the largest first."""
     rows = []
+    deviations = {spread.figure: spread.standard_deviation for spread in study.spreads}
     for of in study.shares:
-        shown = of.figure.shown
         for i, part in enumerate(p for p in of.contributions if p.share >= _LEAST):
             most = ", ".join(
-                f"{name} {_percent(share, 2)}"
+                f"{name} {100.0 * share:.0f} %"
                 for name, share in part.largest[:_MOST]
                 if share >= _LEAST
             )
@@ -76,18 +96,28 @@ def share_table(study: ToleranceStudy) -> Table:
                     of.figure.label if i == 0 else "",
                     _LABELS[part.kind],
                     scatter_text(study.scatter, part.kind),
-                    _percent(part.share),
-                    f"{of.figure.text(part.slope)}" if shown.unit else f"{part.slope:.2g}",
+                    f"{100.0 * part.share:.1f} %",
+                    _change(of.figure, part.slope, deviations[of.figure]),
                     most,
                 )
             )
         if of.rest >= _LEAST:
-            rows.append(("", "joint or bent effects", "", _percent(of.rest), "", ""))
+            rows.append(("", "joint or bent effects", "", f"{100.0 * of.rest:.1f} %", "", ""))
     return table(
         "What spreads them: shares of the variance.",
         ("figure", "<deviation", "scatter", "share", "one deviation changes", "<most of it by"),
         rows,
     )
+
+
+def _change(figure: Figure, slope: float, deviation: float) -> str:
+    """Write what a deviation changes, with the decimals that a hundredth of the spread has."""
+    shown = figure.shown
+    size = deviation * shown.factor
+    if not 1e-5 <= size < 1e6:
+        return figure.text(slope)
+    decimals = max(0, 2 - math.floor(math.log10(size)))
+    return f"{slope * shown.factor:.{decimals}f} {shown.shown_unit}".strip()
 
 
 def choice_table(choice: ToleranceChoice) -> Table:
@@ -177,7 +207,13 @@ def _sections(study: ToleranceStudy, choice: ToleranceChoice | None) -> Iterator
             caption="What the variance of every figure consists of.",
         )
         yield Section(key="shares", title="What spreads them", content=(bars, share_table(study)))
-    if choice is not None:
+    if choice is not None and not choice.found:
+        yield Section(
+            key="tighten",
+            title=f"Tolerances for {_percent(choice.target)}",
+            content=(choice.verdict[0].upper() + choice.verdict[1:] + ".",),
+        )
+    elif choice is not None:
         yield Section(
             key="tighten",
             title=f"Tolerances for {_percent(choice.target)}",

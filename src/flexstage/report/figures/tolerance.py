@@ -53,7 +53,8 @@ def _histogram(axes: "Axes", spread: Spread, requirement: Requirement | None) ->
     shown = spread.figure.shown.fitting(float(np.abs(spread.edges).max()))
     edges, low_high = spread.edges * shown.factor, np.array(spread.middle) * shown.factor
     share = 100.0 * spread.counts / max(spread.count, 1)
-    axes.axvspan(*low_high, color=GRID, alpha=0.55, linewidth=0.0, label="95 % of the stages")
+    if np.isfinite(low_high).all():
+        axes.axvspan(*low_high, color=GRID, alpha=0.55, linewidth=0.0, label="95 % of the stages")
     axes.stairs(share, edges, fill=True, color=CYCLE[5], alpha=0.75, label="stages")
     axes.axvline(
         spread.nominal * shown.factor, color=INK, linewidth=1.1, linestyle="--", label="as drawn"
