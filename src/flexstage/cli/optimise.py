@@ -17,7 +17,7 @@ from flexstage.cli.output import (
     progress_bar,
     write_file,
 )
-from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, StageArgument
+from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
 from flexstage.cli.worker_options import USUAL_WORKERS, WorkerOptions
 from flexstage.errors import ModelError
 
@@ -34,7 +34,7 @@ _PUBLISHED = "published"
 
 @from_docstring
 def optimise(
-    stage: StageArgument,
+    stage: TemplateArgument,
     maximise: list[str] | None = None,
     minimise: list[str] | None = None,
     keep: list[str] | None = None,
