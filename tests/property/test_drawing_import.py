@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from flexstage.hinges import (
@@ -73,8 +73,15 @@ def _comes_back(profile: Profile, turn: float, shift: tuple[float, float]) -> No
     require_same(drawn.stage, stage, within=0.1e-6 if smooth else 2e-9)
 
 
+# a straight flank that ends a quarter of a micrometre beside a round figure
+_LONG = VFillet(
+    neck_thickness=1.5e-3, half_opening_angle=1.0, fillet_radius=0.3e-3, notch_depth=3.90625e-3
+)
+
+
 @settings(max_examples=6, deadline=None)
 @given(notches(), turns, shifts)
+@example(_LONG, 0.0, (0.0, 0.0))
 def test_some_guides_come_back(profile, turn, shift) -> None:
     _comes_back(profile, turn, shift)
 

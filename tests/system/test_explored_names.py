@@ -155,3 +155,9 @@ def test_known_figures_of_a_stage_can_all_be_named(piezo: StageTemplate) -> None
     for key in known:
         figure = Figure(quantity=key[0], axis=key[1])
         assert figure_of(figure.name, known) == figure
+
+
+def test_the_stroke_of_a_rotation_is_meant_by_its_short_name() -> None:
+    known = [("output_displacement", "x"), ("rotation_stroke", "theta")]
+    assert figure_of("stroke.theta", known).quantity == "rotation_stroke"
+    assert figure_of("stroke.x", known).quantity == "output_displacement"

@@ -116,7 +116,8 @@ def optimise(
         return
     from flexstage.explore import find_optimum
 
-    with progress_bar("optimise", quiet=quiet):
+    # one search is one process's work: a wrong number of workers is told all the same
+    with progress_bar("optimise", quiet=quiet), sharing.open():
         found = find_optimum(problem, options)
     _tell(found, folder, figure, json=json)
     _end(found)

@@ -24,6 +24,8 @@ ALIASES = {
     "coupling": "cross_coupling",
     "frequency": "natural_frequency_hz",
 }
+# what a short name means of an axis that is a rotation
+_OF_ROTATION = {"output_displacement": "rotation_stroke"}
 #: What is looked at first of every axis, as far as a stage has it.
 USUAL = (
     "transmission_ratio",
@@ -128,12 +130,16 @@ def figure_of(text: str, known: Collection[tuple[str, str]]) -> Figure:
     quantity = ALIASES.get(name, name)
     if quantity not in QUANTITIES and f"{quantity}_hz" in QUANTITIES:
         quantity = f"{quantity}_hz"
+    turned = _OF_ROTATION.get(quantity, quantity)
+    if name in ALIASES and (turned, axis) in known:
+        quantity = turned
     axes = [a for q, a in known if q == quantity]
     if not axes:
         names = dict.fromkeys(Figure(quantity=q, axis=WHOLE_STAGE).name for q, _ in known)
+        short = [alias for alias, of in ALIASES.items() if any(q == of for q, _ in known)]
         raise ModelError(
-            f"there is no figure '{text[:60]}' of this stage"
-            f"{did_you_mean(name, [*names, *ALIASES])}; there is {', '.join(names)}"
+            f"there is no figure '{text[:60]}' of this stage: there is {', '.join(names)}"
+            f"{did_you_mean(name, [*names, *short])}"
         )
     if not axis and (len(axes) == 1 or WHOLE_STAGE in axes):
         axis = WHOLE_STAGE if WHOLE_STAGE in axes else axes[0]

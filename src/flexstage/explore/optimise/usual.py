@@ -137,11 +137,9 @@ def published_targets(
         and not any((q, row.axis) in published for q in _FOLLOWS.get(row.quantity, ()))
     )
     if not targets:
-        origins = sorted({row.origin for row in stage.published})
-        there = f"; there is {', '.join(origins)}" if origins else ""
         raise ModelError(
-            f"no figures of {stage.name} are published from '{origin}'{there}: name values to "
-            'match, such as --match "natural_frequency.x = 320 Hz"'
+            f"no finite-element figures are published of {stage.name}: name values to match, such "
+            'as --match "natural_frequency.x = 320 Hz"'
         )
     return targets
 

@@ -34,6 +34,7 @@ _PARALLEL = 0.02  # two sides that could be those of a leaf differ by no more [r
 # a fit is as near as before where what was drawn is off by this much more, or less than that [m]
 _AS_NEAR, _NOTHING = 1.3, 1e-12
 _EXACT = 10e-9  # a profile that is off by less is no other one [m]
+_APART = 1e-9  # ends of a notch that are nearer are the same [m]
 _DIGITS = (6, 7, 8, 9)  # decimals of a length in metres that are tried for a dimension
 
 _SHARE = 0.45  # of an edge between two leaves, for the step of each
@@ -103,7 +104,11 @@ def _rounded(neck: Neck) -> Neck:
         except HingeError:
             continue
         off = distance_from(profile, neck.sides, neck.frame)
-        if off <= room:
+        # a straight flank is as near however long it is: where it ends counts as well
+        ends = max(
+            abs(profile.length - neck.profile.length), abs(profile.depth - neck.profile.depth)
+        )
+        if off <= room and ends <= max(room, _APART):
             return neck._replace(profile=profile, off=off)
     return neck
 
