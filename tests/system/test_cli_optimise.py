@@ -107,7 +107,7 @@ def test_front_of_three_goals_has_a_page(run, tmp_path):
             ("--maximise", "frequency.x", "--match", "stroke.x = 200 um"),
             "--match seeks stated figures, and has no goal",
         ),
-        (("--match", "published"), "no figures of parallelogram are published"),
+        (("--match", "published"), "no finite-element figures are published of parallelogram"),
         (("--maximise", "frequency.x", "--start", "centre"), "--start must be described or middle"),
         (("--maximise", "frequency.x", "--confirm", "lumped"), "--confirm must be plane or solid"),
         (("--maximise", "frequency.x", "--over", "leg_neck=1..2 mm"), "no parameter 'leg_neck'"),
