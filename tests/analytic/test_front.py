@@ -22,6 +22,7 @@ from flexstage.explore import (
     variables_of,
     workers,
 )
+from flexstage.explore.family import evaluate
 from flexstage.explore.optimise.front import non_dominated
 from flexstage.explore.optimise.optimum import TOLERANCE
 
@@ -64,6 +65,13 @@ def test_ends_are_the_best_by_one_goal(front: Front) -> None:
         alone = replace(problem(), goals=(problem().goals[number],))
         best = find_optimum(alone, OPTIONS).levels[-1].best[0]
         assert end[number] == pytest.approx(best, rel=2e-3)
+
+
+def test_what_was_gained_counts_from_the_stage_as_described(front: Front) -> None:
+    family = problem().family
+    described = evaluate(family, family.usual[None], front.optimum.figures).values[0]
+    assert front.optimum.levels[0].start == pytest.approx(described, rel=1e-9)
+    assert front.optimum.start == pytest.approx(family.usual, rel=1e-12)
 
 
 def test_chosen_design_loses_nothing_and_says_the_rate_of_exchange(front: Front) -> None:

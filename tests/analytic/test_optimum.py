@@ -277,7 +277,9 @@ def test_published_targets_leave_out_what_follows() -> None:
         ("natural_frequency.x", 516.75),
         ("natural_frequency.y", 728.42),
     ]
-    with pytest.raises(ModelError, match="no figures of parallelogram are published"):
+    with pytest.raises(
+        ModelError, match="no finite-element figures are published of parallelogram"
+    ):
         published_targets(StageTemplate.of("parallelogram").stage(), {("mass", "stage")})
 
 

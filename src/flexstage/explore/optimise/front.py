@@ -344,4 +344,11 @@ class _FrontSearch:
         if not np.all(np.isfinite(list(held.values()))):
             raise ModelError(f"the {self.options.model} model has no figures of the chosen stage")
         problem = self._program(0, held).problem
-        return find_optimum(problem, replace(self.options, starts=0), point)
+        optimum = find_optimum(problem, replace(self.options, starts=0), point)
+        # what was gained counts from the start of the whole search
+        start = self.problem.point(self.start)
+        levels = []
+        for level in optimum.levels:
+            at_start = evaluate(problem.family, start[None], optimum.figures, level.model)
+            levels.append(replace(level, start=at_start.values[0]))
+        return replace(optimum, start=start, levels=tuple(levels))

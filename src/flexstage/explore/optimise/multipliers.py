@@ -92,7 +92,7 @@ def held_by(program: StageProgram, optimum: LocalOptimum) -> tuple[tuple[Held, .
             held.append(_bound(program, i, side, per * float(multipliers[n])))
         else:
             why = program.fault(optimum.walls[i].beyond) or "the stage is at fault"
-            text = f"no stage lies beyond: {why}"
+            text = f"at the edge of what can be built; a step further: {why}"
             held.append(Held(kind="wall", name="", side="high", limit=0.0, rate=0.0, text=text))
     free = len(x) - int(np.linalg.matrix_rank(normals, tol=1e-6)) if sides else len(x)
     return tuple(held), free, left if problem.goals else 0.0
