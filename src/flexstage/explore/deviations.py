@@ -50,7 +50,7 @@ KINDS: tuple[Kind, ...] = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
+class DeviationPart:
     """One number of the deviations of a sample."""
 
     kind: str
@@ -59,7 +59,7 @@ class Part:
     """Hinge or drive that it is of; empty for the whole stage."""
 
 
-def parts(stage: Stage, kinds: tuple[str, ...]) -> tuple[Part, ...]:
+def parts(stage: Stage, kinds: tuple[str, ...]) -> tuple[DeviationPart, ...]:
     """Return what each column of `draw` is, in the order of `KINDS`."""
     owners = {
         "stage": ("",),
@@ -67,7 +67,7 @@ def parts(stage: Stage, kinds: tuple[str, ...]) -> tuple[Part, ...]:
         "drive": tuple(d.name for d in stage.drives),
     }
     return tuple(
-        Part(kind=kind.name, name=owner)
+        DeviationPart(kind=kind.name, name=owner)
         for kind in KINDS
         if kind.name in kinds
         for owner in owners[kind.of]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.explore.deviations import Part
+from flexstage.explore.deviations import DeviationPart
 from flexstage.explore.figures import Figure, Requirement
 
 #: Percentiles that are given of every figure [%].
@@ -214,7 +214,7 @@ class Shares:
 
 
 def shares_of(
-    figures: Sequence[Figure], parts: Sequence[Part], numbers: Array, values: Array
+    figures: Sequence[Figure], parts: Sequence[DeviationPart], numbers: Array, values: Array
 ) -> tuple[Shares, ...]:
     r"""Return the first-order shares of the variance of each figure.
 
@@ -227,7 +227,7 @@ def shares_of(
     ----------
     figures : sequence of Figure
         The figures.
-    parts : sequence of Part
+    parts : sequence of DeviationPart
         What each column of the numbers is.
     numbers : numpy.ndarray
         Deviations in standard deviations, shape (samples, parts).
@@ -268,7 +268,9 @@ def shares_of(
     )
 
 
-def _by_kind(parts: Sequence[Part], slopes: Array, share: Array) -> tuple[Contribution, ...]:
+def _by_kind(
+    parts: Sequence[DeviationPart], slopes: Array, share: Array
+) -> tuple[Contribution, ...]:
     sums: dict[str, dict[str, float]] = {}
     steepest: dict[str, float] = {}
     for part, slope, each in zip(parts, slopes.tolist(), share.tolist(), strict=True):

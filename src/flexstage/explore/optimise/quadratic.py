@@ -19,7 +19,7 @@ _INCONSISTENT = 1e-7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Step:
+class QuadraticStep:
     """The minimum of a quadratic function under linear inequalities."""
 
     step: Array
@@ -30,7 +30,7 @@ class Step:
     """Whether limits had to give way, whose multipliers say nothing then."""
 
 
-def smallest_quadratic(B: Array, g: Array, G: Array, h: Array) -> Step | None:
+def smallest_quadratic(B: Array, g: Array, G: Array, h: Array) -> QuadraticStep | None:
     """Return the minimum of p·B·p/2 + g·p where G p >= h; None where no p is allowed.
 
     With B = L Lᵀ and z = Lᵀ p + L⁻¹ g it is the point z nearest to 0 within inequalities, which
@@ -47,7 +47,7 @@ def smallest_quadratic(B: Array, g: Array, G: Array, h: Array) -> Step | None:
 
     Returns
     -------
-    Step or None
+    QuadraticStep or None
         The minimum and the multipliers, for which B p + g = Gᵀ multipliers.
 
     Notes
@@ -93,7 +93,7 @@ def smallest_quadratic(B: Array, g: Array, G: Array, h: Array) -> Step | None:
     step = solve_triangular(L.T, z - inner)
     multipliers = np.zeros(len(h))
     multipliers[told] = -unit * dual / residual[-1] / size
-    return Step(step=step, multipliers=multipliers)
+    return QuadraticStep(step=step, multipliers=multipliers)
 
 
 def bounded_step(
@@ -106,7 +106,7 @@ def bounded_step(
     most: Array,
     *,
     hard: int = 0,
-) -> Step | None:
+) -> QuadraticStep | None:
     """Return the minimum of p·B·p/2 + g·p where low <= A p <= high and least <= p <= most.
 
     Where no p is within all of them, low and high give way by what the least violation of all
@@ -127,7 +127,7 @@ def bounded_step(
 
     Returns
     -------
-    Step or None
+    QuadraticStep or None
         The minimum; its multipliers, shape (m + d,), are of the rows, then of the variables:
         positive where the upper limit holds, negative where the lower one does. None where the
         numbers are too badly scaled for it.
@@ -163,7 +163,7 @@ def bounded_step(
         multipliers[some] += found.multipliers[: some.sum()]
         multipliers[more] -= found.multipliers[some.sum() :]
         step = np.clip(found.step, least, most)
-        return Step(step=step, multipliers=multipliers, relaxed=give)
+        return QuadraticStep(step=step, multipliers=multipliers, relaxed=give)
     return None
 
 
