@@ -18,6 +18,7 @@ ORIGINS: tuple[str, ...] = (
     "published-measured",
     "lumped",
     "superelement",
+    "superelement-3d",
     "plane",
     "solid",
     "measured",

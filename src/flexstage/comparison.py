@@ -13,6 +13,7 @@ _TITLES = {
     "published-fem": "published, FEM",
     "published-measured": "published, measured",
     "superelement": "FEM 2D, condensed",
+    "superelement-3d": "FEM 3D, condensed",
     "plane": "FEM 2D",
     "solid": "FEM 3D",
     "virtual": "virtual measurement",

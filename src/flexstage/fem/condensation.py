@@ -1,6 +1,7 @@
 """A floating or held body condensed to its interfaces: flexibility, modes, stress."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import ngsolve as ng
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
-from flexstage.fem.constrained import Constrained, edge_means, neck_rows
+from flexstage.fem.constrained import Constrained, PlanePart, edge_means, neck_rows
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
 from flexstage.fem.mesh import sound_mesh
 from flexstage.fem.necks import NeckPoints, neck_points
@@ -150,29 +151,21 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
         held=MOUNTING if part.held else "",
     )
     rows, blocks = [np.zeros((0, continuum.size))], []
-    for neck, means in zip(part.necks, edge_means(continuum, part.necks), strict=True):
+    for neck, means in zip(part.necks, edge_means(mesh, part.mesh.order, part.necks), strict=True):
         beam, normal, shear = neck_rows(neck, means)
         rows += [beam, normal, shear]
         blocks.append((len(normal), len(shear)))
     for drive in stage.drives:
         rows.append(drive_vector(continuum, stage, drive, faces.patches, "elastic")[None])
-    body = Constrained(continuum, np.concatenate(rows), blocks, floating=not part.held)
+    body = Constrained(PlanePart(continuum), np.concatenate(rows), blocks, floating=not part.held)
     centre = properties.centre
     motion = body_motion(continuum, stage, BODY, centre)
     thermal = (continuum.thermal(c) for c in (1.0, ng.x / METRE, ng.y / METRE))
-    readings = (_reading(continuum, r, centre, motion) for r in part.readings)
+    readings = (reading_row(continuum, r, centre, motion) for r in part.readings)
     inner = np.array([*motion, *thermal, *readings])
-    T, stiff = body.interface_shapes()
-    squares, modes = body.modes(part.modes)
-    U, inner_stiff = body.responses(inner, squares, modes)
-    basis = np.column_stack((T, modes, U))
-    m, k = T.shape[1], squares.size
-    K = np.zeros((basis.shape[1],) * 2)
-    K[:m, :m] = stiff
-    K[m : m + k, m : m + k] = np.diag(squares)
-    K[m + k :, m + k :] = inner_stiff
+    basis, K, interfaces = body.reduced(inner, part.modes)
     mass = basis.T @ continuum.mass_times(basis)
-    points = neck_points(continuum, stage)
+    points = neck_points(mesh, stage)
     condensed = Condensed(
         stiffness=K,
         mass=0.5 * (mass + mass.T),
@@ -180,8 +173,8 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
         stress=surface_stress(continuum, points, basis),
         neck=points.owner.astype(np.int64),
         point=points.point.astype(np.int64),
-        seam=_seam(part, points),
-        interfaces=m,
+        seam=seam(part, points),
+        interfaces=interfaces,
         inertia=(properties.mass, *properties.centre, properties.inertia),
         elements=int(mesh.ne),
         unknowns=continuum.size,
@@ -190,24 +183,29 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
     return condensed, DisplacementRecovery(continuum=continuum, basis=basis)
 
 
-def _reading(
-    continuum: Continuum, reading: PointReading, centre: tuple[float, float], motion: Array
+def reading_row(
+    continuum: Continuum,
+    reading: PointReading,
+    centre: tuple[float, float],
+    motion: Array,
+    lifted: Callable[[Array], Array] = lambda row: row,
 ) -> Array:
     """Displacement of a point, or rotation of the body.
 
-    Where there is no material, it is that of what rides on the mean motion.
+    Where there is no material, it is that of what rides on the mean motion. `lifted` makes a row of
+    the part of one of the plane continuum.
     """
     if reading.direction is None:
         return motion[2]
     along = (math.cos(reading.direction), math.sin(reading.direction))
     x, y = reading.at
     if continuum.mesh.Contains(METRE * x, METRE * y):
-        return continuum.point((x, y), along)
+        return lifted(continuum.point((x, y), along))
     arm = along[1] * (x - centre[0]) - along[0] * (y - centre[1])
     return along[0] * motion[0] + along[1] * motion[1] + arm * motion[2]
 
 
-def _seam(part: Substructure, points: NeckPoints) -> NDArray[np.int64]:
+def seam(part: Substructure, points: NeckPoints) -> NDArray[np.int64]:
     """Find the ends of the necks, where the other half of a notch begins."""
     seam = np.zeros(points.owner.size, dtype=np.int64)
     for i, neck in enumerate(part.necks):
@@ -226,14 +224,8 @@ def surface_stress(continuum: Continuum, points: NeckPoints, u: Array) -> Array:
     r = u.shape[1]
     if not len(points.places):
         return np.zeros((0, 4, r))
-    # all displacements as the components of one function: they are evaluated at once
-    many = ng.H1(continuum.mesh, order=continuum.order, dim=2 * r)
-    function = ng.GridFunction(many)
-    function.vec.FV().NumPy()[:] = (
-        u.reshape(2, -1, r).transpose(1, 2, 0).reshape(-1)  # component by column by unknown
-    )
-    gradient = np.asarray(ng.BoundaryFromVolumeCF(ng.Grad(function))(points.places))
-    gradient = METRE * gradient.reshape(-1, r, 2, 2)
+    gradient = slopes_at(points, continuum.mesh, continuum.order, u.reshape(2, -1, r))[1]
+    gradient = gradient.transpose(0, 2, 1, 3)
     constants = ng.CoefficientFunction((continuum.lame, continuum.in_strain))
     lame, strained = np.asarray(ng.BoundaryFromVolumeCF(constants)(points.places)).T[..., None]
     xx, yy = gradient[..., 0, 0], gradient[..., 1, 1]
@@ -242,3 +234,18 @@ def surface_stress(continuum: Continuum, points: NeckPoints, u: Array) -> Array:
     shear = continuum.shear_modulus * (gradient[..., 0, 1] + gradient[..., 1, 0])
     parts = (volume + twice * xx, volume + twice * yy, strained * volume, shear)
     return np.stack(parts, axis=1)
+
+
+def slopes_at(points: NeckPoints, mesh: ng.Mesh, order: int, u: Array) -> tuple[Array, Array]:
+    """Return fields in a plane and their derivatives [1/m] at the points of notches.
+
+    Of c components of r displacements, shape (c, n, r): shapes (m, c, r) and (m, c, r, 2).
+    """
+    c, _, r = u.shape
+    # all fields as the components of one function: they are evaluated at once
+    function = ng.GridFunction(ng.H1(mesh, order=order, dim=c * r))
+    function.vec.FV().NumPy()[:] = u.transpose(1, 0, 2).reshape(-1)
+    found = []
+    for field in (function, ng.Grad(function)):
+        found.append(np.asarray(ng.BoundaryFromVolumeCF(field)(points.places)))
+    return found[0].reshape(-1, c, r), METRE * found[1].reshape(-1, c, r, 2)

@@ -3,12 +3,14 @@
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Protocol
 
 import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
 from numpy.polynomial import Legendre, Polynomial
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.sparse.linalg import SuperLU, splu
 
 from flexstage.arrays import Array
@@ -22,14 +24,13 @@ from flexstage.fem.substructure import CutNeck
 _HIGHEST = 6
 
 
-def edge_means(continuum: Continuum, necks: Sequence[CutNeck]) -> list[Array]:
+def edge_means(mesh: ng.Mesh, order: int, necks: Sequence[CutNeck]) -> list[Array]:
     """Return the means over necks of the powers of eta, -1 to 1 across, times a displacement.
 
-    For each neck for each unknown of one component, up to the power p of the order of the mesh,
-    shape (p + 1, n / 2); the necks are named by their number.
+    For each neck for each unknown of one component, up to the power p of the order of the space,
+    shape (p + 1, n); the necks are named by their number.
     """
-    mesh = continuum.mesh
-    scalar = ng.H1(mesh, order=continuum.order)
+    scalar = ng.H1(mesh, order=order)
     names = [exactly(neck_edge(str(i))) for i in range(len(necks))]
     eta = {}
     for name, neck in zip(names, necks, strict=True):
@@ -38,13 +39,13 @@ def edge_means(continuum: Continuum, necks: Sequence[CutNeck]) -> list[Array]:
         eta[name] = across * (2.0 / neck.profile.neck_thickness)
     coordinate = mesh.BoundaryCF(eta, default=0.0)
     powers = [ng.CoefficientFunction(1.0)]
-    while len(powers) <= continuum.order:
+    while len(powers) <= order:
         powers.append(powers[-1] * coordinate)
     v = scalar.TestFunction()
     rows = []
     for power in powers:
         form = ng.LinearForm(scalar)
-        form += power * v * ng.ds("|".join(names), bonus_intorder=continuum.order)
+        form += power * v * ng.ds("|".join(names), bonus_intorder=order)
         form.Assemble()
         rows.append(form.vec.FV().NumPy().copy())
     of_all = np.array(rows)
@@ -56,7 +57,7 @@ def edge_means(continuum: Continuum, necks: Sequence[CutNeck]) -> list[Array]:
 
 
 @lru_cache(maxsize=16)
-def _weights(degree: int) -> tuple[Array, Array, Array]:
+def neck_weights(degree: int) -> tuple[Array, Array, Array]:
     """Weights over a neck, by the powers of eta up to a degree: of a beam, normal and shear.
 
     Those of a beam are for displacement along and across and for rotation times half the neck.
@@ -88,7 +89,7 @@ def neck_rows(neck: CutNeck, means: Array) -> tuple[Array, Array, Array]:
     shapes (k, n).
     """
     c, s = math.cos(neck.direction), math.sin(neck.direction)
-    tables = _weights(means.shape[0] - 1)
+    tables = neck_weights(means.shape[0] - 1)
     turns = 2.0 / neck.profile.neck_thickness
 
     def along(rows: Array) -> Array:
@@ -140,6 +141,53 @@ _DEPENDENT = 1e-13  # mass that rounding leaves of displacements that others mak
 _SETTLED = 1e-5  # of the squares of frequencies, from one step to the next
 
 
+class Elastic(Protocol):
+    """A part that was meshed: unknowns, stiffness, mass, and how it moves as a whole."""
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns, n."""
+        ...
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which of them nothing holds, shape (n,)."""
+        ...
+
+    @property
+    def rigid(self) -> Array:
+        """Displacements of its three rigid motions, shape (n, 3)."""
+        ...
+
+    @property
+    def pins(self) -> NDArray[np.intp]:
+        """Three unknowns that hold it if nothing else does."""
+        ...
+
+    @property
+    def stiffness(self) -> sp.csc_matrix:
+        """Stiffness of the unknowns that are free [N/m]."""
+        ...
+
+    def mass_times(self, u: Array) -> Array:
+        """Multiply displacements, shape (n,) or (n, k), by the mass matrix [kg]."""
+        ...
+
+
+class PlanePart:
+    """A plane continuum as an elastic part."""
+
+    def __init__(self, continuum: Continuum) -> None:
+        self.size, self.free = continuum.size, continuum.free
+        self.rigid = _rigid_motions(continuum)
+        half = continuum.size // 2
+        x, y = self.rigid[half:, 2], -self.rigid[:half, 2]
+        self.pins = plane_pins(x[: continuum.mesh.nv], y[: continuum.mesh.nv], half)
+        kept = np.flatnonzero(self.free)
+        self.stiffness = _stiffness(continuum)[kept][:, kept]
+        self.mass_times = continuum.mass_times
+
+
 class Constrained:
     r"""A body whose interface motions q = P u are given.
 
@@ -152,28 +200,31 @@ class Constrained:
               = \begin{bmatrix} q - P K^+ f\\ -R^T f\end{bmatrix},
               \quad u = K^+ f + X\lambda + R a
 
-    The part is in its plane, P from `shaped`, shape (m, n); `blocks` are for each neck the numbers
-    of its rows without resultant. Loads and displacements are one a column.
+    The rows P have shape (m, n); `blocks` are for each neck the numbers of its rows without
+    resultant, of which `shaped` makes a part of the others. Loads and displacements are one a
+    column.
     """
 
     def __init__(
-        self, continuum: Continuum, P: Array, blocks: Sequence[tuple[int, int]], *, floating: bool
+        self, part: Elastic, P: Array, blocks: Sequence[tuple[int, int]], *, floating: bool
     ) -> None:
-        self.continuum = continuum
-        self.rigid = _rigid_motions(continuum)
-        self.weighted = continuum.mass_times(self.rigid)
-        self._balance = np.zeros((continuum.size, 0)), np.zeros((continuum.size, 0))
-        free = continuum.free.copy()
+        self.part = part
+        self.rigid = part.rigid
+        self.weighted = part.mass_times(self.rigid)
+        self._balance = np.zeros((part.size, 0)), np.zeros((part.size, 0))
+        stiffness, free = part.stiffness, part.free.copy()
         if floating:
             # Balanced loads leave nothing to the three unknowns that are held, whichever they are.
-            free[_pins(continuum, self.rigid)] = False
+            free[part.pins] = False
+            kept = np.flatnonzero(free[part.free])
+            stiffness = stiffness[kept][:, kept]
             factor = np.linalg.cholesky(self.rigid.T @ self.weighted)
             self._balance = (
                 np.linalg.solve(factor, self.rigid.T).T,
                 np.linalg.solve(factor, self.weighted.T).T,
             )
         self._free = np.flatnonzero(free)
-        self._factor = factorised(_stiffness(continuum)[self._free][:, self._free])
+        self._factor = factorised(stiffness)
         self.P, self.X = P, X = shaped(P, self.loose(P.T), blocks)
         G = P @ X
         G = 0.5 * (G + G.T)
@@ -235,8 +286,8 @@ class Constrained:
         Squares of their angular frequencies [rad^2/s^2], shape (count,), and shapes with unit modal
         mass, shape (n, count).
         """
-        mass_times = self.continuum.mass_times
-        size = self.continuum.size
+        mass_times = self.part.mass_times
+        size = self.part.size
         if not count or not len(self.P):
             return np.zeros(0), np.zeros((size, 0))
         start = np.random.default_rng(0).standard_normal((size, count + 3))
@@ -254,6 +305,22 @@ class Constrained:
             last = values[:count]
         raise ConvergenceError("the modes of a body with held interfaces were not found")
 
+    def reduced(self, loads: Array, count: int) -> tuple[Array, Array, int]:
+        """Return the coordinates of the body: interfaces, modes, responses to loads inside it.
+
+        Loads are one a row, shape (k, n), and `count` is the number of modes. Returns displacements
+        for each coordinate, shape (n, r), their stiffness, shape (r, r), and the number of
+        interfaces.
+        """
+        T, stiff = self.interface_shapes()
+        squares, modes = self.modes(count)
+        U, inner = self.responses(loads, squares, modes)
+        return (
+            np.column_stack((T, modes, U)),
+            block_diag(stiff, np.diag(squares), inner),
+            len(stiff),
+        )
+
     def responses(self, loads: Array, squares: Array, modes: Array) -> tuple[Array, Array]:
         """Return responses to loads with held interfaces, less the part that modes have in them.
 
@@ -267,6 +334,16 @@ class Constrained:
         return whole - modes @ rest, 0.5 * (stiff + stiff.T)
 
 
+def plane_pins(x: Array, y: Array, second: int) -> NDArray[np.intp]:
+    """Choose unknowns that hold a plane part: a vertex, and another from turning about it.
+
+    Vertices are the first unknowns of displacement along x, and from `second` on along y.
+    """
+    far = int(np.argmax(np.hypot(x - x[0], y - y[0])))
+    sideways = far if abs(y[far] - y[0]) > abs(x[far] - x[0]) else second + far
+    return np.array([0, second, sideways])
+
+
 def _rigid_motions(continuum: Continuum) -> Array:
     """Displacements x, y of all of a part and its rotation about the origin, shape (n, 3)."""
     place = ng.GridFunction(ng.H1(continuum.mesh, order=continuum.order, dim=2))
@@ -276,15 +353,6 @@ def _rigid_motions(continuum: Continuum) -> Array:
     one, none = np.zeros_like(x), np.zeros_like(x)
     one[: continuum.mesh.nv] = 1.0
     return np.column_stack([np.concatenate(f) for f in ((one, none), (none, one), (-y, x))])
-
-
-def _pins(continuum: Continuum, rigid: Array) -> NDArray[np.intp]:
-    """Choose three unknowns that hold a part: a vertex, and another one from turning about it."""
-    nv, half = continuum.mesh.nv, continuum.size // 2
-    x, y = rigid[half : half + nv, 2], -rigid[:nv, 2]
-    far = int(np.argmax(np.hypot(x - x[0], y - y[0])))
-    sideways = far if abs(y[far] - y[0]) > abs(x[far] - x[0]) else half + far
-    return np.array([0, half, sideways])
 
 
 def factorised(stiffness: sp.csc_matrix) -> SuperLU:

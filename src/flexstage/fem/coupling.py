@@ -6,19 +6,66 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
+from scipy.linalg import block_diag, eigh
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.fem.condensation import LOADS, Condensed
 from flexstage.fem.cutting import Placed
 from flexstage.fem.model import STANDARD_GRAVITY
+from flexstage.fem.plate_condensation import LOADS_OUT_OF_PLANE, neck_coordinates
 from flexstage.fem.substructure import REFERENCE
-from flexstage.stage import Stage
+from flexstage.fem.through_thickness import ThroughThickness
+from flexstage.stage import ExtraMass, Stage
+from flexstage.stage.outline import Point
 
 # what a load does inside the bodies, of all that it does, below which it is rounding
 _NOTHING = 1e-10
 _SAME = 1e-8  # what is left of a response that others make up
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Freedom:
+    """In which way the bodies of a stage move: in a plane model, in the plane in space, or out."""
+
+    necks: tuple[str, ...]
+    """Name and unit of each motion of a neck."""
+    loads: tuple[str, ...]
+    """Loads inside each body; the first three are those on its mean motion."""
+    out_of_plane: bool = False
+    """Whether it is the motion out of the plane."""
+
+    def carried(self, motion: Array, centre: Point, at: Point) -> Array:
+        """Carry the motion of a body, one a row, from its centre to another point."""
+        x, y = at[0] - centre[0], at[1] - centre[1]
+        moved = motion.copy()
+        if self.out_of_plane:  # displacement z, rotations about x and y
+            moved[0] += y * motion[1] - x * motion[2]
+        else:  # displacements x and y, rotation
+            moved[0] -= y * motion[2]
+            moved[1] += x * motion[2]
+        return moved
+
+    def inertia(self, extra: ExtraMass) -> Array:
+        """Return what rides on a body, for each of its motions; out of the plane it is a point."""
+        out = (extra.mass, 0.0, 0.0)
+        return np.array(out if self.out_of_plane else (extra.mass, extra.mass, extra.inertia))
+
+
+#: Motion in a plane model: along and across each hinge, and rotation.
+PLANE = Freedom(necks=("along [m]", "across [m]", "rotation [rad]"), loads=LOADS)
+
+
+def freedom(through: ThroughThickness | None) -> Freedom:
+    """Return in which way bodies move that are condensed with functions through the thickness."""
+    if through is None:
+        return PLANE
+    out = through.out_of_plane
+    return Freedom(
+        necks=tuple(f"{name} [m]" for name in neck_coordinates(out_of_plane=out)),
+        loads=LOADS_OUT_OF_PLANE if out else LOADS,
+        out_of_plane=out,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,7 +113,9 @@ class _Whole:
 
 def _scales(stage: Stage, placed: Placed) -> tuple[float, float, float]:
     """How much more than the reference stiffness, mass and expansion are."""
-    thickness = stage.thickness / placed.part.thickness
+    part = placed.part
+    # bodies in space are condensed as thick as they are
+    thickness = stage.thickness / part.thickness if part.through is None else 1.0
     material = stage.material
     return (
         thickness * material.youngs_modulus / REFERENCE.youngs_modulus,
@@ -87,9 +136,11 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
     so that statics under loads are exact inside the bodies too.
     """
     stiff, heavy, expand = _scales(stage, placed[0])
-    names, index = _coordinates(stage, placed, condensed)
+    way = freedom(placed[0].part.through)
+    names, index = _coordinates(stage, placed, condensed, way)
     wholes = [_whole(p, c, heavy) for p, c in zip(placed, condensed, strict=True)]
-    loads = _loads(stage, placed, condensed, wholes, (stiff, heavy, expand))
+    find = _loads_out_of_plane if way.out_of_plane else _loads
+    loads = find(stage, placed, condensed, wholes, (stiff, heavy, expand))
     inside = _inside(loads, condensed)
     inner = np.arange(len(names), len(names) + inside[0].shape[1])
     names += [f"inside {k + 1} [m]" for k in range(inner.size)]
@@ -97,7 +148,8 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
     K, M = np.zeros((n, n)), np.zeros((n, n))
     whole = [key for key, load in loads.items() if load.unit]
     forces = np.zeros((len(whole), n))
-    probes = {p.name: np.zeros(n) for p in stage.probes}
+    lifted = _lifted(stage) if way.out_of_plane else {}
+    probes = {name: np.zeros(n) for name in (lifted or (p.name for p in stage.probes))}
     shares, bodies = [], {}
     for b, (p, c) in enumerate(zip(placed, condensed, strict=True)):
         at = np.concatenate((index[b], inner))
@@ -110,15 +162,17 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
         M[where] += heavy * (own.T @ c.mass @ own)
         acting = c.loads @ own
         for extra in () if p.body.fixed else p.body.extra_masses:
-            riding = _about(acting[:3], _centre(p, c), extra.at)
-            inertia = np.array([[extra.mass], [extra.mass], [extra.inertia]])
-            M[where] += riding.T @ (inertia * riding)
+            riding = way.carried(acting[:3], _centre(p, c), extra.at)
+            M[where] += riding.T @ (way.inertia(extra)[:, None] * riding)
         forces[:, at] += stiff * np.array([loads[key].parts[b] for key in whole]) @ acting
-        for reading, uses in zip(acting[len(LOADS) :], p.readings, strict=True):
+        for reading, uses in zip(acting[len(way.loads) :], p.readings, strict=True):
             for name, sign in uses:
                 probes[name][at] += sign * reading
+        for name, (body, place) in lifted.items():
+            if body == p.body.name:
+                probes[name][at] += way.carried(acting[:3], _centre(p, c), place)[0]
         motion = np.zeros((3, n))
-        motion[:, at] = _about(acting[:3], _centre(p, c), wholes[b].centre)
+        motion[:, at] = way.carried(acting[:3], _centre(p, c), wholes[b].centre)
         bodies[p.body.name] = wholes[b].centre, motion
     return Joint(
         K=0.5 * (K + K.T),
@@ -133,17 +187,14 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
 
 
 def _coordinates(
-    stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed]
+    stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed], way: Freedom
 ) -> tuple[list[str], list[NDArray[np.intp]]]:
     """Name the coordinates; for each body say which are its own."""
-    names = [
-        f"hinge {h.name} {motion}"
-        for h in stage.hinges
-        for motion in ("along [m]", "across [m]", "rotation [rad]")
-    ]
+    names = [f"hinge {h.name} {motion}" for h in stage.hinges for motion in way.necks]
+    each = len(way.necks)
     index = []
     for p, c in zip(placed, condensed, strict=True):
-        own = [3 * i + k for i in p.hinges for k in range(3)]
+        own = [each * i + k for i in p.hinges for k in range(each)]
         new = []
         for patch in p.patches:
             uses = " and ".join(f"{drive} {('push', 'react')[which]}" for drive, which in patch)
@@ -168,14 +219,6 @@ def _whole(placed: Placed, condensed: Condensed, heavy: float) -> _Whole:
     mass = sum(m for m, _, _ in parts)
     centre = sum(m * px for m, px, _ in parts) / mass, sum(m * py for m, _, py in parts) / mass
     return _Whole(mass=mass, centre=centre)
-
-
-def _about(motion: Array, centre: tuple[float, float], at: tuple[float, float]) -> Array:
-    """Carry the motion of a body from its centre to another point."""
-    moved = motion.copy()
-    moved[0] -= (at[1] - centre[1]) * motion[2]
-    moved[1] += (at[0] - centre[0]) * motion[2]
-    return moved
 
 
 def _loads(
@@ -225,6 +268,49 @@ def _loads(
     return found
 
 
+def _lifted(stage: Stage) -> dict[str, tuple[str, Point]]:
+    """Name the readings out of the plane: of each body that a probe reads, at the first of them."""
+    found: dict[str, tuple[str, Point]] = {}
+    for probe in stage.probes:
+        found.setdefault(f"{probe.body} out of plane", (probe.body, probe.at))
+    return found
+
+
+def _loads_out_of_plane(
+    stage: Stage,
+    placed: Sequence[Placed],
+    condensed: Sequence[Condensed],
+    wholes: Sequence[_Whole],
+    scales: tuple[float, float, float],
+) -> dict[str, _Load]:
+    """What loads the stage out of its plane, on each body in the sizes of its own loads."""
+    stiff, heavy, expand = scales
+    found = {}
+
+    def load(key: str, unit: str = "") -> list[Array]:
+        parts = [np.zeros(len(c.loads)) for c in condensed]
+        found[key] = _Load(unit=unit, parts=parts)
+        return parts
+
+    def push(sizes: Array, force: float, centre: Point, at: Point) -> None:
+        x, y = at[0] - centre[0], at[1] - centre[1]
+        sizes[:3] += np.array([force, y * force, -x * force]) / stiff
+
+    for sizes, p, c, whole in zip(load("gravity z", "g"), placed, condensed, wholes, strict=True):
+        own = _centre(p, c)
+        fixed = p.body.fixed
+        mass, at = (heavy * c.inertia[0], own) if fixed else (whole.mass, whole.centre)
+        push(sizes, STANDARD_GRAVITY * mass, own, at)
+    if stage.material.thermal_expansion is not None:
+        for sizes in load("temperature gradient z", "K/m"):
+            sizes[LOADS_OUT_OF_PLANE.index("temperature gradient z")] = expand
+    for name, (body, at) in _lifted(stage).items():
+        for sizes, p, c in zip(load(f"probe {name}"), placed, condensed, strict=True):
+            if p.body.name == body:
+                push(sizes, 1.0, _centre(p, c), at)
+    return found
+
+
 def _offset(at: tuple[tuple[float, float], tuple[float, float]], direction: float) -> float:
     """How far the reacting point of a drive lies beside its line, to the left [m]."""
     aside = (-math.sin(direction), math.cos(direction))
@@ -269,8 +355,9 @@ def _drives(
     n: int,
 ) -> dict[str, Array]:
     found = {d.name: np.zeros(n) for d in stage.drives}
+    each = len(freedom(placed[0].part.through).necks)
     for p, own in zip(placed, index, strict=True):
-        first = 3 * len(p.hinges)
+        first = each * len(p.hinges)
         for k, uses in enumerate(p.patches):
             for name, which in uses:
                 found[name][own[first + k]] += 1.0 if which == 0 else -1.0
@@ -279,6 +366,37 @@ def _drives(
                     # the point on the line, to the right of the patch, is moved on by a turn
                     found[name] -= offset * bodies[p.body.name][1][2]
     return found
+
+
+def stacked(joints: Sequence[Joint]) -> Joint:
+    """Put motions side by side that know nothing of each other; drives and bodies are the first's."""
+    first = joints[0]
+    offsets = np.cumsum([0, *(len(j.coordinates) for j in joints)])
+    n = int(offsets[-1])
+
+    def whole(k: int, rows: Array) -> Array:
+        found = np.zeros((*rows.shape[:-1], n))
+        found[..., offsets[k] : offsets[k + 1]] = rows
+        return found
+
+    return Joint(
+        K=block_diag(*(j.K for j in joints)),
+        M=block_diag(*(j.M for j in joints)),
+        coordinates=tuple(
+            f"{'out of plane, ' if k else ''}{name}"
+            for k, j in enumerate(joints)
+            for name in j.coordinates
+        ),
+        drives={name: whole(0, v) for name, v in first.drives.items()},
+        probes={name: whole(k, v) for k, j in enumerate(joints) for name, v in j.probes.items()},
+        bodies={name: (at, whole(0, rows)) for name, (at, rows) in first.bodies.items()},
+        loads={
+            name: (whole(k, v), unit)
+            for k, j in enumerate(joints)
+            for name, (v, unit) in j.loads.items()
+        },
+        shares=tuple((at + offsets[k], own) for k, j in enumerate(joints) for at, own in j.shares),
+    )
 
 
 def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:

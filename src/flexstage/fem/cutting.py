@@ -1,7 +1,7 @@
 """A stage cut at its necks into bodies that are condensed by themselves."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
@@ -9,12 +9,14 @@ from typing import Literal
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.ports import Supports
 from flexstage.fem.substructure import CutNeck, LoadPatch, PointReading, Substructure
+from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile, plane_state
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.hinges.profile import Vertex
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.outline import Point
 
+_LAYER = 2.0  # depth below the faces of plane stress at a notch, in the thinnest necks
 _DIGITS = 12  # coordinates are rounded to a picometre, so that copies at other places are equal
 
 
@@ -111,6 +113,39 @@ def cut_free(
     return tuple(cut)
 
 
+def in_space(stage: Stage, placed: Sequence[Placed]) -> tuple[tuple[Placed, ...], ...]:
+    """Return the bodies of a stage as those of a plate in space: in the plane and out of it.
+
+    The depth of the layer below its faces is a preferred number (ISO 3, series R5), so that the
+    bodies stay what they are where a neck changes a little.
+    """
+    thinnest = min((h.profile.neck_thickness for h in stage.hinges), default=stage.thickness)
+    layer = min(_LAYER * _preferred(thinnest, 5), stage.thickness / 4.0)
+    found = []
+    for out_of_plane in (False, True):
+        through = ThroughThickness(
+            thickness=stage.thickness, layer=layer, out_of_plane=out_of_plane
+        )
+        found.append(
+            tuple(
+                replace(
+                    p,
+                    part=replace(
+                        p.part,
+                        through=through,
+                        necks=tuple(replace(n, plane="stress") for n in p.part.necks),
+                        # the edges of drives stay, so that both motions have one mesh
+                        readings=() if out_of_plane else p.part.readings,
+                    ),
+                    patches=() if out_of_plane else p.patches,
+                    readings=() if out_of_plane else p.readings,
+                )
+                for p in placed
+            )
+        )
+    return tuple(found)
+
+
 _Move = Callable[[Point], Point]
 
 
@@ -172,10 +207,10 @@ def _contour(profile: Profile) -> tuple[Vertex, ...]:
     return profile.contour()
 
 
-def _preferred(thickness: float) -> float:
-    """Return the preferred number nearest to a thickness (ISO 3, series R10).
+def _preferred(thickness: float, series: int = 10) -> float:
+    """Return the preferred number nearest to a thickness (ISO 3, of a series R5, R10, ...).
 
     The thickness of a plate sets the largest element. Taken from a series it leaves the mesh alone
     where the thickness changes a little, and the same mesh serves.
     """
-    return float(f"{10.0 ** (round(10.0 * math.log10(thickness)) / 10.0):.3g}")
+    return float(f"{10.0 ** (round(series * math.log10(thickness)) / series):.3g}")

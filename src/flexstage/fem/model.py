@@ -303,7 +303,7 @@ def _uncoupled(
     right = np.array(vectors).reshape(-1, continuum.size).T
     omega, basis, is_mode = project(continuum, right, count, attached)
     progress.update("stress", 0.85)
-    points = neck_points(continuum, stage)
+    points = neck_points(continuum.mesh, stage)
     where = "out of plane, " if out_of_plane else ""
     coordinates = [
         f"{where}{'mode' if m else 'static response'} {i + 1} ({w / (2.0 * math.pi):.5g} Hz) "

@@ -39,15 +39,14 @@ class NeckPoints:
         return point.ravel()
 
 
-def neck_points(continuum: Continuum, stage: Stage) -> NeckPoints:
+def neck_points(mesh: ng.Mesh, stage: Stage) -> NeckPoints:
     """Return the points at which the stress of the notches is looked for.
 
     They lie along every element's edge or face on the surface of a notch.
     """
     rules = {ng.ET.SEGM: _rule([(s, 0.0, 0.0) for s in _ALONG])}
-    if continuum.dimension == 3:
+    if mesh.dim == 3:
         rules = {ng.ET.QUAD: _rule([(s, t, 0.0) for s in _ALONG for t in _ALONG])}
-    mesh = continuum.mesh
     found, owner = [], []
     for i, hinge in enumerate(stage.hinges):
         surface = mesh.Boundaries(exactly(surface_edge(hinge.name)))

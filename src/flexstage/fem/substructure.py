@@ -6,6 +6,7 @@ from functools import lru_cache
 from importlib import metadata, resources
 
 from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.hinges.profile import Vertex
@@ -100,6 +101,8 @@ class Substructure:
     """How fine it is meshed."""
     modes: int
     """Number of modes with held interfaces."""
+    through: ThroughThickness | None = None
+    """How displacements run through its thickness; None in plane stress and plane strain."""
 
     def key(self) -> str:
         """Return the SHA-256 of all that its condensation depends on, the software included."""

@@ -9,6 +9,7 @@ from typing import Literal
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from flexstage import progress
 from flexstage.arrays import Array
@@ -16,10 +17,11 @@ from flexstage.cache.cache import Cache, open_cache
 from flexstage.elasticity import Continuum
 from flexstage.errors import ModelError
 from flexstage.fem.condensation import Condensed, condense, recover
-from flexstage.fem.coupling import Joint, join, lowest
-from flexstage.fem.cutting import Placed, cut_free
+from flexstage.fem.coupling import Joint, join, lowest, stacked
+from flexstage.fem.cutting import Placed, cut_free, in_space
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.plane import common_validity
+from flexstage.fem.plate_condensation import condense_plate
 from flexstage.fem.ports import Supports
 from flexstage.fem.substructure import REFERENCE
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
@@ -130,6 +132,7 @@ def superelement_model(
     settings: MeshSettings | None = None,
     *,
     plane: PlaneState | Literal["auto"] = "auto",
+    space: bool = False,
     modes: int = MODES,
     kept: int = KEPT,
     supports: Supports = "rigid",
@@ -151,6 +154,10 @@ def superelement_model(
     plane : str
         ``stress`` or ``strain`` in all notches, or ``auto`` to choose by width against neck; the
         bodies are in plane stress.
+    space : bool
+        Whether the bodies are those of a plate in space, which moves in its plane and out of it,
+        and has no plane state to choose (see
+        `flexstage.fem.through_thickness.ThroughThickness`).
     modes : int
         Number of modes with held interfaces of each body.
     kept : int
@@ -192,31 +199,35 @@ def superelement_model(
     193
     """
     settings = settings or MeshSettings()
+    if space and plane != "auto":
+        raise ModelError(
+            f"superelements in space have no plane state, got '{plane}': leave the option out"
+        )
     for body in stage.bodies:
         if not body.fixed and not any(body.name in h.bodies for h in stage.hinges):
             raise ModelError(
                 f"body '{body.name}' has no hinge and is not fixed, so it cannot be "
                 "condensed: join it by a hinge, or fix it"
             )
-    placed = cut_free(stage, settings, plane=plane, modes=modes, supports=supports)
-    condensed, built = _condensed(placed, open_cache(cache))
-    joint = join(stage, placed, condensed)
-    omega, basis, is_mode = lowest(joint, kept)
-    names = tuple(
-        f"{'mode' if m else 'static response'} {i + 1} ({w / (2.0 * math.pi):.5g} Hz) [kg^0.5 m]"
-        for i, (w, m) in enumerate(zip(omega, is_mode, strict=True))
-    )
+    cut = cut_free(stage, settings, plane=plane, modes=modes, supports=supports)
+    ways = in_space(stage, cut) if space else (cut,)
+    store = open_cache(cache)
+    placed, condensed, built, joints = [], [], [], []
+    for k, bodies in enumerate(ways):
+        with progress.subtask(k / len(ways), (k + 1) / len(ways)):
+            found, new = _condensed(bodies, store)
+        placed += bodies
+        condensed += found
+        built += new
+        joints.append(join(stage, bodies, found))
+    if store is not None:
+        store.trim()
+    joint, basis, omega, names = _stacked(joints, kept)
     held = "; ".join(dict.fromkeys(c.held for c in condensed if c.held))
-    planes = " and ".join(sorted({n.plane for p in placed for n in p.part.necks})) or "stress"
-    validity = (
-        f"Plane finite elements of each body, condensed to its necks: plane {planes} at the "
-        f"notches ({PLANE_RULE}), plane stress in the bodies; out-of-plane motion is not modelled. "
-        "Modes that bend single bodies are up to 3 % high.",
-        *common_validity(stage, held),
-    )
+    planes = " and ".join(sorted({n.plane for p in cut for n in p.part.necks})) or "stress"
     choices = {
-        "model": "superelement",
-        "plane": planes,
+        "model": "superelement-3d" if space else "superelement",
+        **({} if space else {"plane": planes}),
         "order": str(settings.order),
         "neck size": f"{settings.neck_size:g}",
         "modes of a body": str(modes),
@@ -226,6 +237,21 @@ def superelement_model(
         "held": held,
         "supports": supports,
     }
+    validity = (
+        (
+            "Finite elements in space of each body, condensed to its necks, with the lowest "
+            "functions through the thickness: drives, probes and extra masses act in the middle "
+            "plane of the plate; mounting holes are fixed over their whole depth. Modes that bend "
+            "single bodies are up to 3 % high."
+        )
+        if space
+        else (
+            "Plane finite elements of each body, condensed to its necks: plane "
+            f"{planes} at the notches ({PLANE_RULE}), plane stress in the bodies; out-of-plane "
+            "motion is not modelled. Modes that bend single bodies are up to 3 % high."
+        ),
+        *common_validity(stage, held),
+    )
     system = _system(
         stage,
         joint,
@@ -237,13 +263,33 @@ def superelement_model(
     return SuperelementModel(
         stage=stage,
         system=system,
-        placed=placed,
-        condensed=condensed,
+        placed=tuple(placed),
+        condensed=tuple(condensed),
         joint=joint,
         basis=basis,
         mesh_settings=settings,
-        built=built,
+        built=tuple(dict.fromkeys(built)),
     )
+
+
+def _stacked(joints: Sequence[Joint], kept: int) -> tuple[Joint, Array, Array, tuple[str, ...]]:
+    """Put motions that know nothing of each other side by side, each in its lowest modes.
+
+    Returns the bodies joined, coordinates of them for each one of the system, the frequencies of
+    these [rad/s], and their names.
+    """
+    bases, omegas, names = [], [], []
+    for k, joint in enumerate(joints):
+        omega, basis, is_mode = lowest(joint, kept if k == 0 else kept // 2)
+        where = "out of plane, " if k else ""
+        names += [
+            f"{where}{'mode' if m else 'static response'} {i + 1} "
+            f"({w / (2.0 * math.pi):.5g} Hz) [kg^0.5 m]"
+            for i, (w, m) in enumerate(zip(omega, is_mode, strict=True))
+        ]
+        bases.append(basis)
+        omegas.append(omega)
+    return stacked(joints), block_diag(*bases), np.concatenate(omegas), tuple(names)
 
 
 def _condensed(
@@ -260,13 +306,11 @@ def _condensed(
             if entry is not None:
                 ready[key] = _from_arrays(entry)
             else:
-                ready[key] = condense(p.part)
+                ready[key] = (condense if p.part.through is None else condense_plate)(p.part)
                 built.append(p.body.name)
                 if cache is not None:
                     cache.store(key, _to_arrays(ready[key]))
         found.append(ready[key])
-    if cache is not None:
-        cache.trim()
     return tuple(found), tuple(built)
 
 
@@ -304,7 +348,7 @@ def _system(
     basis, mass, stiffness, names = coordinates
     return MechanicalSystem(
         name=stage.name,
-        model="superelement",
+        model=said[1]["model"],
         M=mass,
         K=stiffness,
         coordinates=names,
@@ -347,19 +391,24 @@ def _stress(
 ) -> StressMap:
     """Stress of all notches; at the ends of a neck its two halves meet in one point."""
     scale = stage.material.youngs_modulus / REFERENCE.youngs_modulus
-    count = sum(c.neck.size for c in condensed)
+    # the motions in space know nothing of each other, but stress the same places
+    ways = len(condensed) // len(stage.bodies)
+    count = sum(c.neck.size for c in condensed) // ways
+    levels = max((int(np.abs(c.seam).max(initial=1)) for c in condensed), default=1)
     matrix = np.zeros((count, 6, basis.shape[1]))
     owner, point = np.zeros(count, dtype=np.intp), np.zeros(count, dtype=np.intp)
-    at, used = 0, 2 * len(stage.hinges)
+    at, used = 0, 2 * levels * len(stage.hinges)
     for p, c, (index, own) in zip(placed, condensed, joint.shares, strict=True):
+        at %= count or 1
         here = slice(at, at + c.neck.size)
         if not c.neck.size:
             continue
         local = (own @ basis[index]) * scale
         parts = c.stress.reshape(-1, local.shape[0]) @ local
-        matrix[here][:, [0, 1, 2, 5]] = parts.reshape(c.neck.size, 4, -1)
+        components = [0, 1, 2, 5] if c.stress.shape[1] == 4 else list(range(6))
+        matrix[here][:, components] += parts.reshape(c.neck.size, len(components), -1)
         owner[here] = np.array(p.hinges, dtype=np.intp)[c.neck]
-        shared = 2 * owner[here] + (c.seam > 0)
+        shared = 2 * (levels * owner[here] + np.abs(c.seam) - 1) + (c.seam > 0)
         point[here] = np.where(c.seam != 0, shared, used + c.point)
         used += int(c.point.max()) + 1
         at += c.neck.size

@@ -1,0 +1,141 @@
+"""How the displacement of a plate may run through its thickness."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+
+_POINTS = 16  # of each piece: exact for products of the functions of every piece
+_LARGEST_LAYER = 0.5  # of half the thickness
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Functions:
+    """Functions through half of the thickness, orthonormal over all of it."""
+
+    values: Array
+    """At the points of integration, shape (k, q)."""
+    slopes: Array
+    """Derivatives there [1/m], shape (k, q)."""
+    in_bodies: int
+    """How many of them, the first ones, bodies have; the others are of notches alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThroughThickness:
+    r"""How the displacement of a plate may run through its thickness.
+
+    .. math:: u_i(x, y, z) = \sum_k u_{ik}(x, y)\,\varphi_{ik}(z)
+
+    What a plate does is symmetric about its middle plane, which is motion in the plane, or the
+    opposite, motion out of it. In its bodies the functions are polynomials: 1 and z^2 along the
+    plane with z across for the first, z and z^3 with 1 and z^2 for the other, the lowest with which
+    a bar of any section bends, and nearly so twists, as it should. At the notches there are more: in
+    plane strain in the middle, they are in plane stress at the faces of the plate, and pass from one
+    to the other within about two necks of them.
+
+    Notes
+    -----
+    B. A. Szabo, G. J. Sahrmann, Int. J. Numer. Meth. Eng. 26 (1988) 1855 (hierarchic plates).
+    """
+
+    thickness: float
+    """Thickness of the plate [m]."""
+    layer: float
+    """Depth below its faces in which plane stress goes over into plane strain [m]."""
+    out_of_plane: bool
+    """Whether the motion is that out of the plane."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.layer <= _LARGEST_LAYER * self.thickness / 2.0 * (1.0 + 1e-9):
+            raise ModelError(
+                f"the layer below the faces of a plate must be up to a quarter of its thickness "
+                f"{self.thickness:g} m deep, got {self.layer!r}"
+            )
+
+    @cached_property
+    def rule(self) -> tuple[Array, Array]:
+        """Points of integration of the upper half [m] and weights for the whole, shapes (q,)."""
+        half = self.thickness / 2.0
+        nodes = (0.0, half - self.layer, half)
+        x, w = leggauss(_POINTS)
+        z, weights = [], []
+        for low, high in zip(nodes[:-1], nodes[1:], strict=True):
+            z.append(low + (high - low) * (x + 1.0) / 2.0)
+            weights.append((high - low) * w)
+        return np.concatenate(z), np.concatenate(weights)
+
+    def at(self, z: Array) -> dict[str, tuple[Array, Array]]:
+        """Return the functions, not yet orthonormal, and their slopes at places z >= 0 [m].
+
+        Those of the displacement along the plane are ``plane``, those across it ``across``.
+        """
+        s = z / (self.thickness / 2.0)
+        edge = 1.0 - self.layer / (self.thickness / 2.0)
+        beyond = np.where(s > edge, s - edge, 0.0)
+        within = np.minimum(s, edge)
+
+        def power(p: int) -> tuple[Array, Array]:
+            return s**p, p * s ** max(p - 1, 0) if p else np.zeros_like(s)
+
+        def outer(p: int) -> tuple[Array, Array]:
+            return beyond**p, p * beyond ** (p - 1) * (s > edge)
+
+        def inner(p: int) -> tuple[Array, Array]:
+            return within**p, p * within ** (p - 1) * (s <= edge)
+
+        if self.out_of_plane:
+            plane, across = [power(1), power(3), power(5)], [power(0), power(2), power(4)]
+        else:
+            # with the powers, all that is quadratic in the layer and below it
+            plane = [power(0), power(2), inner(1), outer(1), outer(2)]
+            across = [power(1), inner(2), outer(1), outer(2)]
+        scale = 2.0 / self.thickness
+        return {
+            name: (np.array([v for v, _ in parts]), scale * np.array([d for _, d in parts]))
+            for name, parts in (("plane", plane), ("across", across))
+        }
+
+    @cached_property
+    def functions(self) -> dict[str, Functions]:
+        """Return them at the points of `rule`, orthonormal."""
+        z, _ = self.rule
+        return {
+            name: Functions(
+                values=mix @ values,
+                slopes=mix @ slopes,
+                in_bodies=(2 if name == "plane" or self.out_of_plane else 1),
+            )
+            for (name, (values, slopes)), mix in zip(
+                self.at(z).items(), self._mixes.values(), strict=True
+            )
+        }
+
+    @cached_property
+    def _mixes(self) -> dict[str, Array]:
+        z, weights = self.rule
+        found = {}
+        for name, (values, _) in self.at(z).items():
+            lower = np.linalg.cholesky((values * weights) @ values.T)
+            found[name] = np.linalg.inv(lower)
+        return found
+
+    def values_at(self, z: Array) -> dict[str, tuple[Array, Array]]:
+        """Return the orthonormal functions and their slopes at places z >= 0 [m]."""
+        return {
+            name: (self._mixes[name] @ v, self._mixes[name] @ d)
+            for name, (v, d) in self.at(z).items()
+        }
+
+    @cached_property
+    def components(self) -> tuple[tuple[int, str, int], ...]:
+        """Direction 0, 1, 2, kind and number of the function of every field in the plane."""
+        return tuple(
+            (direction, kind, k)
+            for direction, kind in enumerate(("plane", "plane", "across"))
+            for k in range(len(self.functions[kind].values))
+        )
