@@ -3,11 +3,12 @@
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
+import scipy.sparse.linalg as spl
 from numpy.polynomial import Legendre, Polynomial
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
@@ -135,10 +136,8 @@ def shaped(P: Array, X: Array, blocks: Sequence[tuple[int, int]]) -> tuple[Array
     return mix @ P, X @ mix.T
 
 
-_STEPS = 60
 _ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
-_DEPENDENT = 1e-13  # mass that rounding leaves of displacements that others make up
-_SETTLED = 1e-5  # of the squares of frequencies, from one step to the next
+_SETTLED = 1e-8  # of the squares of frequencies
 
 
 class Elastic(Protocol):
@@ -281,29 +280,30 @@ class Constrained:
         return u + self.X @ force + self._balance[0] @ rigid
 
     def modes(self, count: int) -> tuple[Array, Array]:
-        """Return the lowest modes with the interfaces held, by simultaneous iteration.
+        """Return the lowest modes with the interfaces held, by Lanczos iteration.
 
         Squares of their angular frequencies [rad^2/s^2], shape (count,), and shapes with unit modal
         mass, shape (n, count).
         """
-        mass_times = self.part.mass_times
-        size = self.part.size
+        mass_times, size = self.part.mass_times, self.part.size
         if not count or not len(self.P):
             return np.zeros(0), np.zeros((size, 0))
-        start = np.random.default_rng(0).standard_normal((size, count + 3))
-        shapes = self.held(np.column_stack((self.weighted, mass_times(start))))
-        shapes = shapes @ _independent(shapes.T @ mass_times(shapes))
-        last = np.zeros(count)
-        for _ in range(_STEPS):
-            weighted = mass_times(shapes)
-            shapes = self.held(weighted)
-            # K shapes = weighted + P^T lambda, and P shapes = 0
-            values, turn = _pencil(shapes.T @ weighted, shapes.T @ mass_times(shapes))
-            shapes = shapes @ turn
-            if np.all(np.abs(values[:count] - last) <= _SETTLED * values[:count]):
-                return values[:count], shapes[:, :count]
-            last = values[:count]
-        raise ConvergenceError("the modes of a body with held interfaces were not found")
+        operator: Any = spl.LinearOperator  # its types do not know its keywords
+        mass = operator((size, size), matvec=mass_times, dtype=float)
+        solve = operator(
+            (size, size), matvec=lambda x: self.held(x.reshape(-1, 1))[:, 0], dtype=float
+        )
+        start = self.held(mass_times(np.random.default_rng(0).standard_normal((size, 1))))[:, 0]
+        try:
+            squares, shapes = spl.eigsh(
+                mass, k=count, M=mass, sigma=0.0, OPinv=solve, v0=start, tol=_SETTLED
+            )
+        except spl.ArpackError as error:
+            raise ConvergenceError(
+                f"the modes of a body with held interfaces were not found: {error}"
+            ) from error
+        order = np.argsort(squares)
+        return squares[order], shapes[:, order]
 
     def reduced(self, loads: Array, count: int) -> tuple[Array, Array, int]:
         """Return the coordinates of the body: interfaces, modes, responses to loads inside it.
@@ -383,19 +383,3 @@ def _stiffness(continuum: Continuum) -> sp.csc_matrix:
     form.Assemble()
     rows, columns, values = (np.asarray(part) for part in form.mat.COO())
     return sp.csc_matrix((values, (rows, columns)), shape=(continuum.size, continuum.size))
-
-
-def _independent(mass: Array) -> Array:
-    """Return combinations of displacements with unit mass; dependent ones are left out."""
-    size = 1.0 / np.sqrt(np.diag(mass))
-    values, vectors = np.linalg.eigh(0.5 * (mass + mass.T) * np.outer(size, size))
-    kept = values > _DEPENDENT * values[-1]
-    return size[:, None] * vectors[:, kept] / np.sqrt(values[kept])
-
-
-def _pencil(stiff: Array, mass: Array) -> tuple[Array, Array]:
-    """Solve a small eigenproblem; shapes with unit modal mass."""
-    basis = _independent(mass)
-    inner = basis.T @ stiff @ basis
-    values, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
-    return values, basis @ vectors

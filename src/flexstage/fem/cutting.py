@@ -17,6 +17,8 @@ from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.outline import Point
 
 _LAYER = 2.0  # depth below the faces of plane stress at a notch, in the thinnest necks
+# Modes of a body in space, with held necks: plates that many necks hold have low ones.
+_BY_NECK, _MOST = 3, 20
 _DIGITS = 12  # coordinates are rounded to a picometre, so that copies at other places are equal
 
 
@@ -134,6 +136,7 @@ def in_space(stage: Stage, placed: Sequence[Placed]) -> tuple[tuple[Placed, ...]
                         p.part,
                         through=through,
                         necks=tuple(replace(n, plane="stress") for n in p.part.necks),
+                        modes=min(max(p.part.modes, _BY_NECK * len(p.hinges)), _MOST),
                         # the edges of drives stay, so that both motions have one mesh
                         readings=() if out_of_plane else p.part.readings,
                     ),

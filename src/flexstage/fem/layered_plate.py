@@ -16,49 +16,16 @@ from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.material import Material
 
 
-class LayeredPlate:
-    """A part of a plate on a mesh of its plane, with functions through its thickness.
+class PlaneIntegrals:
+    """Integrals over the plane of a part, which all motions of the plate share."""
 
-    Unknowns are the fields of `ThroughThickness.components` one after the other, each on the scalar
-    space of the mesh; fields of notches alone vanish in the bodies.
-    """
-
-    def __init__(
-        self,
-        mesh: ng.Mesh,
-        material: Material,
-        through: ThroughThickness,
-        *,
-        order: int,
-        held: str,
-        notches: Sequence[str],
-    ) -> None:
-        self.mesh, self.material, self.through, self.order = mesh, material, through, order
+    def __init__(self, mesh: ng.Mesh, *, order: int, held: str) -> None:
+        self.mesh, self.order = mesh, order
         self.scalar = ng.H1(mesh, order=order, dirichlet=held)
         self.width = int(self.scalar.ndof)
-        self.size = self.width * len(through.components)
-        bodies = np.ones(len(mesh.GetMaterials()), dtype=bool)
-        own = [mesh.Materials(n) for n in notches]
-        for region in own:
-            bodies &= ~np.array(region.Mask(), dtype=bool)
-        mask = ng.BitArray(bodies.tolist())
-        of_bodies = np.array(self.scalar.GetDofs(ng.Region(mesh, ng.VOL, mask)), dtype=bool)
-        #: For each notch which unknowns of a field are inside it.
-        self.inside = [np.array(self.scalar.GetDofs(r), dtype=bool) & ~of_bodies for r in own]
-        loose = np.array(self.scalar.FreeDofs(), dtype=bool)
-        anywhere = np.logical_or.reduce([np.zeros(self.width, dtype=bool), *self.inside])
-        #: Which unknowns there are, shape (n,).
-        self.free = np.concatenate(
-            [
-                loose if k < through.functions[kind].in_bodies else loose & anywhere
-                for _, kind, k in through.components
-            ]
-        )
-
-    # ------------------------------------------------------------------ matrices
 
     @cached_property
-    def _pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64], list[list[Array]]]:
+    def pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64], list[list[Array]]]:
         """Rows and columns of the integrals of derivatives of shape functions, and their values.
 
         Values (m, n) are of derivative m of the test function and n of the trial function, in
@@ -88,6 +55,74 @@ class LayeredPlate:
         return rows, matrix.indices.astype(np.int64), found
 
     @cached_property
+    def places(self) -> Array:
+        """Factors of the shape functions that make up 1, x and y [m], shape (n, 3)."""
+        one = np.zeros(self.width)
+        one[: self.mesh.nv] = 1.0  # the shape functions of the vertices make up a constant
+        place = ng.GridFunction(ng.H1(self.mesh, order=self.order, dim=2))
+        place.Set(ng.CoefficientFunction((ng.x / METRE, ng.y / METRE)))
+        return np.column_stack((one, place.vec.FV().NumPy().reshape(-1, 2)))
+
+    def inside(
+        self, notches: Sequence[tuple[str, tuple[float, float], float]]
+    ) -> NDArray[np.bool_]:
+        """Tell which unknowns lie in notches alone: all elements that share them do.
+
+        Of each notch its region, its centre [m], and how far from there it reaches [m].
+        """
+        elements = list(self.mesh.Elements(ng.VOL))
+        corners = [[self.mesh[v].point for v in e.vertices] for e in elements]
+        middles = np.mean(corners, axis=1) / METRE
+        index = np.array([e.index for e in elements])
+        near = np.zeros(len(elements), dtype=bool)
+        for region, (x, y), reach in notches:
+            near |= np.hypot(middles[:, 0] - x, middles[:, 1] - y) <= reach
+            near |= np.array(self.mesh.Materials(region).Mask(), dtype=bool)[index]
+        found = np.ones(self.width, dtype=bool)
+        for e in (e for e, within in zip(elements, near, strict=True) if not within):
+            found[list(self.scalar.GetDofNrs(ng.ElementId(e)))] = False
+        return found
+
+    def linear(self, integrand: Callable[[object], object], region: str = ".*") -> Array:
+        """Assemble an integral over regions of the plane [mm^2] with the scalar test function."""
+        form = ng.LinearForm(self.scalar)
+        form += integrand(self.scalar.TestFunction()) * ng.dx(region, bonus_intorder=2)
+        form.Assemble()
+        return form.vec.FV().NumPy().copy()
+
+
+class LayeredPlate:
+    """A part of a plate on a mesh of its plane, with functions through its thickness.
+
+    Unknowns are the fields of `ThroughThickness.components` one after the other, each on the scalar
+    space of the mesh; fields of notches alone vanish in the bodies, which begin some way from the
+    mouths of the notches. Of each notch `notches` gives the region, the centre [m] and how far from
+    there its fields reach [m].
+    """
+
+    def __init__(
+        self,
+        plane: PlaneIntegrals,
+        material: Material,
+        through: ThroughThickness,
+        notches: Sequence[tuple[str, tuple[float, float], float]],
+    ) -> None:
+        self.plane, self.material, self.through = plane, material, through
+        self.width = plane.width
+        self.size = self.width * len(through.components)
+        anywhere = plane.inside(notches)
+        loose = np.array(self.plane.scalar.FreeDofs(), dtype=bool)
+        #: Which unknowns there are, shape (n,).
+        self.free = np.concatenate(
+            [
+                loose if k < through.functions[kind].in_bodies else loose & anywhere
+                for _, kind, k in through.components
+            ]
+        )
+
+    # ------------------------------------------------------------------ matrices
+
+    @cached_property
     def stiffness(self) -> sp.csc_matrix:
         r"""Stiffness of the unknowns that are free [N/m].
 
@@ -99,7 +134,7 @@ class LayeredPlate:
         lame = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
         _, weights = self.through.rule
         parts = self.through.components
-        rows, columns, planes = self._pattern
+        rows, columns, planes = self.plane.pattern
         number = np.cumsum(self.free) - 1
         entries: list[tuple[Array, Array, Array]] = []
 
@@ -127,14 +162,19 @@ class LayeredPlate:
         count = int(self.free.sum())
         return sp.csc_matrix((values, (at, to)), shape=(count, count))
 
+    @cached_property
+    def _mass(self) -> sp.csr_matrix:
+        """Mass matrix of one field [kg]; all share it, as the functions are orthonormal."""
+        rows, columns, planes = self.plane.pattern
+        values = self.material.density * planes[2][2]
+        return sp.csr_matrix((values, (rows, columns)), shape=(self.width, self.width))
+
     def mass_times(self, u: Array) -> Array:
         """Multiply displacements, shape (n,) or (n, k), by the mass matrix [kg]."""
-        rows, columns, planes = self._pattern
-        mass = sp.csr_matrix(
-            (self.material.density * planes[2][2], (rows, columns)), shape=(self.width,) * 2
-        )
-        parts = u.reshape(-1, self.width, *u.shape[1:])
-        return np.concatenate([mass @ part for part in parts])
+        fields = len(self.through.components)
+        by_unknown = u.reshape(fields, self.width, -1).transpose(1, 0, 2).reshape(self.width, -1)
+        found = (self._mass @ by_unknown).reshape(self.width, fields, -1)
+        return found.transpose(1, 0, 2).reshape(u.shape)
 
     # ------------------------------------------------------------------ loads and readings
 
@@ -169,13 +209,6 @@ class LayeredPlate:
                 found[i] = values[kind][0][k, 0] * row.reshape(2, -1)[d]
         return found.reshape(-1)
 
-    def linear(self, integrand: Callable[[object], object], region: str = ".*") -> Array:
-        """Assemble an integral over regions of the plane [mm^2] with the scalar test function."""
-        form = ng.LinearForm(self.scalar)
-        form += integrand(self.scalar.TestFunction()) * ng.dx(region, bonus_intorder=2)
-        form.Assemble()
-        return form.vec.FV().NumPy().copy()
-
     @property
     def _motions(self) -> tuple[tuple[tuple[int, tuple[float, float, float], int], ...], ...]:
         """The three rigid motions about the origin as sums of fields.
@@ -195,11 +228,7 @@ class LayeredPlate:
         In the plane those along x and y and the rotation, out of it that along z and the rotations
         about x and y.
         """
-        one = np.zeros(self.width)
-        one[: self.mesh.nv] = 1.0  # the shape functions of the vertices make up a constant
-        place = ng.GridFunction(ng.H1(self.mesh, order=self.order, dim=2))
-        place.Set(ng.CoefficientFunction((ng.x / METRE, ng.y / METRE)))
-        basis = np.column_stack((one, place.vec.FV().NumPy().reshape(-1, 2)))
+        basis = self.plane.places
         return np.column_stack(
             [
                 sum(
@@ -213,7 +242,7 @@ class LayeredPlate:
     @property
     def pins(self) -> NDArray[np.intp]:
         """Three unknowns that hold it if nothing else does."""
-        vertices = slice(0, self.mesh.nv)
+        vertices = slice(0, self.plane.mesh.nv)
         if not self.through.out_of_plane:
             second = self.width * [d for d, _, _ in self.through.components].index(1)
             root = math.sqrt(self.through.thickness)  # of the constant among the functions
@@ -232,13 +261,16 @@ class LayeredPlate:
         """
         x, y = ng.x / METRE - at[0], ng.y / METRE - at[1]
         plane = (ng.CoefficientFunction(1.0), x, y)
-        rows = np.array([self.linear(lambda v, c=c: c * v, region) for c in plane]) / METRE**2
-        where = self.mesh.Materials(region)
+        rows = np.array([self.plane.linear(lambda v, c=c: c * v, region) for c in plane]) / METRE**2
+        where = self.plane.mesh.Materials(region)
         gram = np.zeros((3, 3))
         for i in range(3):
             for j in range(3):
                 gram[i, j] = ng.Integrate(
-                    plane[i] * plane[j], self.mesh, definedon=where, order=4 * self.order
+                    plane[i] * plane[j],
+                    self.plane.mesh,
+                    definedon=where,
+                    order=4 * self.plane.order,
                 )
         gram /= METRE**2
         h = self.through.thickness
@@ -264,9 +296,9 @@ class LayeredPlate:
         pressure = modulus / (1.0 - 2.0 * poisson) * (self.material.thermal_expansion or 0.0)
         z, weights = self.through.rule
         slopes = [
-            self.linear(lambda v, d=d: plane * ng.Grad(v)[d]) / METRE for d in (0, 1)
+            self.plane.linear(lambda v, d=d: plane * ng.Grad(v)[d]) / METRE for d in (0, 1)
         ]  # of mm^2 over mm
-        whole = self.linear(lambda v: plane * v) / METRE**2
+        whole = self.plane.linear(lambda v: plane * v) / METRE**2
         found = sum(self.spread(d, slopes[d], lambda s: s**power) for d in (0, 1))
         found = found.reshape(-1, self.width)
         for i, (d, kind, k) in enumerate(self.through.components):

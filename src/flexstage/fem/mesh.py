@@ -107,7 +107,12 @@ def plane_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
     """
     _afford(stage, faces, settings, 2)
     _refine(stage, faces, settings)
-    mesh = _generate(faces.shape, 2, settings.size * stage.thickness, settings.grading)
+    return face_mesh(faces.shape, stage.thickness, settings)
+
+
+def face_mesh(shape: TopoDS_Shape, thickness: float, settings: MeshSettings) -> ng.Mesh:
+    """Mesh a face, of a plate as thick as is said [m], with curved triangles."""
+    mesh = _generate(shape, 2, settings.size * thickness, settings.grading)
     mesh.Curve(settings.order)
     return mesh
 

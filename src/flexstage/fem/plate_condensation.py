@@ -1,27 +1,37 @@
 """A body of a plate in space condensed to its necks: motion in its plane, or out of it."""
 
 import math
+import threading
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import ngsolve as ng
 import numpy as np
-from scipy.sparse.linalg import splu
 
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE
+from flexstage.errors import ModelError
 from flexstage.fem.condensation import Condensed, reading_row, seam, slopes_at
-from flexstage.fem.constrained import Constrained, edge_means, neck_weights
-from flexstage.fem.geometry import MOUNTING, exactly, notch_region, stage_faces
-from flexstage.fem.layered_plate import LayeredPlate
+from flexstage.fem.constrained import Constrained, edge_means
+from flexstage.fem.geometry import MOUNTING, StageFaces, exactly, notch_region, stage_faces
+from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import sound_mesh
 from flexstage.fem.necks import NeckPoints, neck_points
+from flexstage.fem.notch_tractions import motion_rows, neck_motions, neck_tractions
 from flexstage.fem.ports import drive_vector, rigid_regions
 from flexstage.fem.substructure import BODY, CutNeck, Substructure
-from flexstage.stage import mass_properties
+from flexstage.stage import MassProperties, mass_properties
 
 #: Loads inside a body out of its plane: force and moments on its mean motion, one kelvin by metre.
 LOADS_OUT_OF_PLANE = ("z", "rotation x", "rotation y", "temperature gradient z")
+
+
+# how far from the mouth of a notch its functions reach into its body, in widths of the mouth
+_REACH = 0.4
+# the mesher and its meshes are used by one thread at a time; factors are found side by side
+_ONE_AT_A_TIME = threading.Lock()
 
 # places through half of the thickness where the stress is looked for, in parts of it
 _LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -49,117 +59,113 @@ def condense_plate(part: Substructure) -> Condensed:
 
     The matrices are for the `REFERENCE` material and the thickness of the part.
     """
-    through = part.through
-    assert through is not None
-    stage, order = part.stage(), part.mesh.order
-    faces = stage_faces(stage, [BODY])
-    mesh = sound_mesh(stage, faces, part.mesh)
-    plate = LayeredPlate(
-        mesh,
-        part.material(),
-        through,
-        order=order,
-        held=MOUNTING if part.held else "",
-        notches=[exactly(notch_region(str(i), n.which)) for i, n in enumerate(part.necks)],
-    )
-    means = edge_means(mesh, order, part.necks)
-    rows = [np.zeros((0, plate.size))]
-    rows += [_neck_rows(plate, *n) for n in enumerate(zip(part.necks, means, strict=True))]
-    properties = mass_properties(stage)[BODY]
-    motion = plate.motion(rigid_regions(stage, BODY), properties.centre)
-    if through.out_of_plane:
-        inner = [*motion, plate.thermal(1.0, 1)]
-    else:
-        flat = Continuum(mesh, part.material(), order=order, thickness=through.thickness)
-        rows += [
-            plate.mean(drive_vector(flat, stage, drive, faces.patches, "elastic"))[None]
-            for drive in stage.drives
-        ]
-        inner = [
-            *motion,
-            *(plate.thermal(c, 0) for c in (1.0, ng.x / METRE, ng.y / METRE)),
-            *(reading_row(flat, r, properties.centre, motion, plate.middle) for r in part.readings),
-        ]
-    body = Constrained(plate, np.concatenate(rows), [], floating=not part.held)
-    loads = np.array(inner)
-    basis, K, interfaces = body.reduced(loads, part.modes)
-    mass = basis.T @ plate.mass_times(basis)
-    points = neck_points(mesh, stage)
+    with _ONE_AT_A_TIME:
+        ready = _prepared(part)
+    body = Constrained(ready.plate, ready.rows, [], floating=not part.held)
+    basis, K, interfaces = body.reduced(ready.loads, part.modes)
+    mass = basis.T @ ready.plate.mass_times(basis)
+    points, properties = ready.points, ready.properties
+    with _ONE_AT_A_TIME:
+        stress = _surface_stress(ready.plate, points, basis)
     ends, count = seam(part, points), int(points.point.max(initial=-1)) + 1
     levels = range(len(_LEVELS))
     return Condensed(
         stiffness=K,
         mass=0.5 * (mass + mass.T),
-        loads=loads @ basis,
-        stress=_surface_stress(plate, points, basis),
+        loads=ready.loads @ basis,
+        stress=stress,
         neck=np.concatenate([points.owner.astype(np.int64) for _ in levels]),
         point=np.concatenate([points.point.astype(np.int64) + count * i for i in levels]),
         seam=np.concatenate([ends * (i + 1) for i in levels]),
         interfaces=interfaces,
         inertia=(properties.mass, *properties.centre, properties.inertia),
-        elements=int(mesh.ne),
-        unknowns=int(plate.free.sum()),
+        elements=int(ready.plate.plane.mesh.ne),
+        unknowns=int(ready.plate.free.sum()),
+        held=ready.held,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Ready:
+    """A body on its mesh, before anything is factorised."""
+
+    plate: LayeredPlate
+    rows: Array
+    """Motions of its interfaces, shape (m, n)."""
+    loads: Array
+    """Loads inside it, shape (l, n)."""
+    points: NeckPoints
+    """Where its stress is looked for."""
+    properties: MassProperties
+    """Its mass."""
+    held: str
+    """What holds it, in words."""
+
+
+@lru_cache(maxsize=2)
+def _meshed(part: Substructure) -> tuple[StageFaces, PlaneIntegrals, list[Array]]:
+    """Mesh a body, for both its motions: its faces, integrals over its plane, means over necks."""
+    faces = stage_faces(part.stage(), [BODY])
+    mesh = sound_mesh(part.stage(), faces, part.mesh)
+    plane = PlaneIntegrals(mesh, order=part.mesh.order, held=MOUNTING if part.held else "")
+    return faces, plane, edge_means(mesh, part.mesh.order, part.necks)
+
+
+def _prepared(part: Substructure) -> _Ready:
+    through = part.through
+    if through is None:
+        raise ModelError("a body in a plane has no functions through its thickness")
+    stage = part.stage()
+    faces, plane, means = _meshed(replace(part, through=None, readings=(), modes=0))
+    plate = LayeredPlate(
+        plane,
+        part.material(),
+        through,
+        notches=[
+            (
+                exactly(notch_region(str(i), n.which)),
+                n.at,
+                n.profile.length / 2.0 + _REACH * n.profile.root_height,
+            )
+            for i, n in enumerate(part.necks)
+        ],
+    )
+    rows = [np.zeros((0, plate.size))]
+    rows += [_neck_rows(plate, part, n, m) for n, m in zip(part.necks, means, strict=True)]
+    properties = mass_properties(stage)[BODY]
+    motion = plate.motion(rigid_regions(stage, BODY), properties.centre)
+    if through.out_of_plane:
+        loads = [*motion, plate.thermal(1.0, 1)]
+    else:
+        flat = Continuum(
+            plane.mesh, part.material(), order=plane.order, thickness=through.thickness
+        )
+        rows += [
+            plate.mean(drive_vector(flat, stage, drive, faces.patches, "elastic"))[None]
+            for drive in stage.drives
+        ]
+        loads = [
+            *motion,
+            *(plate.thermal(c, 0) for c in (1.0, ng.x / METRE, ng.y / METRE)),
+            *(reading_row(flat, r, properties.centre, motion, plate.middle) for r in part.readings),
+        ]
+    return _Ready(
+        plate=plate,
+        rows=np.concatenate(rows),
+        loads=np.array(loads),
+        points=neck_points(plane.mesh, stage),
+        properties=properties,
         held=faces.held,
     )
 
 
-def _neck_rows(plate: LayeredPlate, number: int, own: tuple[CutNeck, Array]) -> Array:
+def _neck_rows(plate: LayeredPlate, part: Substructure, neck: CutNeck, means: Array) -> Array:
     """Return the motions of a neck as `neck_coordinates` has them, shape (k, n)."""
-    neck, means = own
-    c, s = math.cos(neck.direction), math.sin(neck.direction)
-    beam, normal, shear = (t @ means for t in neck_weights(len(means) - 1))
-    turns = 2.0 / neck.profile.neck_thickness
-    slope = -turns * beam[2]  # of the displacement through the plate over the neck
-    functions = plate.through.functions
-    in_plane, through = functions["plane"], functions["across"]
-    width = plate.width
-    field = {(d, k): i for i, (d, _, k) in enumerate(plate.through.components)}
-    scale = plate.through.thickness**-0.5  # the first function is constant or linear
-
-    def row(parts: list[tuple[int, float]], k: int, weights: Array) -> Array:
-        found = np.zeros((len(field), width))
-        for d, factor in parts:
-            found[field[d, k]] = scale * factor * weights
-        return found.reshape(-1)
-
-    along, across, through_plate = [(0, c), (1, s)], [(0, -s), (1, c)], [(2, 1.0)]
-    everywhere, extra = range(in_plane.in_bodies), range(in_plane.in_bodies, len(in_plane.values))
-    pulled = [row(along, k, w) for k in everywhere for w in (beam[0], turns * beam[2])]
-    sheared = [row(across, k, beam[1]) for k in everywhere]
-    sheared += [
-        row(through_plate, k, w) for k in range(through.in_bodies) for w in (beam[0], slope)
-    ]
-    pulled_more = [row(along, k, w) for k in (*everywhere, *extra) for w in normal]
-    pulled_more += [row(along, k, w) for k in extra for w in (beam[0], turns * beam[2])]
-    sheared_more = [row(across, k, w) for k in (*everywhere, *extra) for w in shear]
-    sheared_more += [row(across, k, beam[1]) for k in extra]
-    for k in range(len(through.values)):
-        sheared_more += [row(through_plate, k, w) for w in normal]
-        if k >= through.in_bodies:
-            sheared_more += [row(through_plate, k, w) for w in (beam[0], slope)]
-    rows = np.array([*pulled, *sheared, *pulled_more, *sheared_more])
-    # the half notch alone
-    inside = np.tile(plate.inside[number], len(field)) & plate.free
-    kept = np.flatnonzero(inside[plate.free])
-    local = rows[:, inside]
-    factor = splu(
-        plate.stiffness[kept][:, kept],
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    flexibility = local @ factor.solve(np.ascontiguousarray(local.T))
-    main = len(pulled) + len(sheared)
-    first, last = main + len(pulled_more), len(rows)
-    shaped = rows[:main].copy()
-    for motions, others in (
-        (range(len(pulled)), range(main, first)),
-        (range(len(pulled), main), range(first, last)),
-    ):
-        m, e = np.array(motions), np.array(others)
-        mix = np.linalg.lstsq(flexibility[np.ix_(e, e)], flexibility[np.ix_(e, m)], rcond=1e-10)[0]
-        shaped[m] -= mix.T @ rows[e]
-    return shaped
+    passed, rest, _, _ = neck_motions(plate.through, plate.plane.order)
+    direction = math.cos(neck.direction), math.sin(neck.direction)
+    rows = motion_rows(plate, means, (*passed, *rest), direction)
+    mix = neck_tractions(neck.profile, plate.through, part.mesh, part.poissons_ratio)
+    return rows[: len(passed)] + mix @ rows[len(passed) :]
 
 
 def _surface_stress(plate: LayeredPlate, points: NeckPoints, basis: Array) -> Array:
@@ -173,7 +179,7 @@ def _surface_stress(plate: LayeredPlate, points: NeckPoints, basis: Array) -> Ar
     through = plate.through
     parts = through.components
     fields = basis.reshape(len(parts), plate.width, r)
-    values, slopes = slopes_at(points, plate.mesh, plate.order, fields)
+    values, slopes = slopes_at(points, plate.plane.mesh, plate.plane.order, fields)
     z = np.array(_LEVELS) * through.thickness / 2.0
     functions = through.values_at(z)
     gradient = np.zeros((z.size, len(values), 3, 3, r))  # of displacement i along j

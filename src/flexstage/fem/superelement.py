@@ -1,7 +1,9 @@
 """A stage of condensed bodies: as exact as its mesh in the plane, in small matrices."""
 
 import math
+import os
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal
@@ -23,7 +25,7 @@ from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.plane import common_validity
 from flexstage.fem.plate_condensation import condense_plate
 from flexstage.fem.ports import Supports
-from flexstage.fem.substructure import REFERENCE
+from flexstage.fem.substructure import REFERENCE, Substructure
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, Stage
@@ -211,17 +213,12 @@ def superelement_model(
             )
     cut = cut_free(stage, settings, plane=plane, modes=modes, supports=supports)
     ways = in_space(stage, cut) if space else (cut,)
-    store = open_cache(cache)
-    placed, condensed, built, joints = [], [], [], []
-    for k, bodies in enumerate(ways):
-        with progress.subtask(k / len(ways), (k + 1) / len(ways)):
-            found, new = _condensed(bodies, store)
-        placed += bodies
-        condensed += found
-        built += new
-        joints.append(join(stage, bodies, found))
-    if store is not None:
-        store.trim()
+    together = [p for bodies in zip(*ways, strict=True) for p in bodies]
+    condensed, new = _condensed([p.part for p in together], cache)
+    of_ways = [condensed[k :: len(ways)] for k in range(len(ways))]
+    joints = [join(stage, bodies, found) for bodies, found in zip(ways, of_ways, strict=True)]
+    placed = [p for bodies in ways for p in bodies]
+    condensed = [c for found in of_ways for c in found]
     joint, basis, omega, names = _stacked(joints, kept)
     held = "; ".join(dict.fromkeys(c.held for c in condensed if c.held))
     planes = " and ".join(sorted({n.plane for p in cut for n in p.part.necks})) or "stress"
@@ -268,7 +265,7 @@ def superelement_model(
         joint=joint,
         basis=basis,
         mesh_settings=settings,
-        built=tuple(dict.fromkeys(built)),
+        built=tuple(dict.fromkeys(together[i].body.name for i in new)),
     )
 
 
@@ -293,25 +290,37 @@ def _stacked(joints: Sequence[Joint], kept: int) -> tuple[Joint, Array, Array, t
 
 
 def _condensed(
-    placed: Sequence[Placed], cache: Cache | None
-) -> tuple[tuple[Condensed, ...], tuple[str, ...]]:
-    """Condense bodies, each only once, or find them in the cache."""
+    parts: Sequence[Substructure], cache: Cache | Path | str | bool | None
+) -> tuple[list[Condensed], list[int]]:
+    """Condense bodies, each only once, or find them in the cache; say which were new."""
+    store = open_cache(cache)
     ready: dict[str, Condensed] = {}
-    found, built = [], []
-    for i, p in enumerate(placed):
-        progress.update("bodies", i / len(placed))
-        key = p.part.key()
-        if key not in ready:
-            entry = None if cache is None else cache.load(key)
-            if entry is not None:
-                ready[key] = _from_arrays(entry)
-            else:
-                ready[key] = (condense if p.part.through is None else condense_plate)(p.part)
-                built.append(p.body.name)
-                if cache is not None:
-                    cache.store(key, _to_arrays(ready[key]))
-        found.append(ready[key])
-    return tuple(found), tuple(built)
+    missing: dict[str, Substructure] = {}
+    keys = [part.key() for part in parts]
+    for key, part in zip(keys, parts, strict=True):
+        if key in ready or key in missing:
+            continue
+        entry = None if store is None else store.load(key)
+        if entry is None:
+            missing[key] = part
+        else:
+            ready[key] = _from_arrays(entry)
+    # factors of two bodies are found side by side, by threads that share the mesher
+    in_space = any(p.through is not None for p in missing.values())
+    with ThreadPoolExecutor(os.cpu_count() if in_space else 1) as workers:
+        made = workers.map(_condense, missing.values())
+        for i, (key, found) in enumerate(zip(missing, made, strict=True)):
+            progress.update("bodies", i / len(missing))
+            ready[key] = found
+            if store is not None:
+                store.store(key, _to_arrays(found))
+    if store is not None:
+        store.trim()
+    return [ready[key] for key in keys], [keys.index(key) for key in missing]
+
+
+def _condense(part: Substructure) -> Condensed:
+    return condense(part) if part.through is None else condense_plate(part)
 
 
 def _to_arrays(condensed: Condensed) -> dict[str, NDArray]:
