@@ -3,12 +3,11 @@
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Protocol
 
 import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg as spl
 from numpy.polynomial import Legendre, Polynomial
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
@@ -137,7 +136,9 @@ def shaped(P: Array, X: Array, blocks: Sequence[tuple[int, int]]) -> tuple[Array
 
 
 _ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
-_SETTLED = 1e-8  # of the squares of frequencies
+_SETTLED = 1e-6  # of the squares of frequencies, from one step to the next
+_BLOCK, _STEPS = 8, 60
+_DEPENDENT = 1e-13  # mass that rounding leaves of displacements that others make up
 
 
 class Elastic(Protocol):
@@ -280,30 +281,39 @@ class Constrained:
         return u + self.X @ force + self._balance[0] @ rigid
 
     def modes(self, count: int) -> tuple[Array, Array]:
-        """Return the lowest modes with the interfaces held, by Lanczos iteration.
+        r"""Return the lowest modes with the interfaces held, by block Lanczos iteration.
 
         Squares of their angular frequencies [rad^2/s^2], shape (count,), and shapes with unit modal
         mass, shape (n, count).
+
+        Notes
+        -----
+        G. H. Golub, R. Underwood, in Mathematical Software III (1977) 361. Each block is made
+        orthogonal to all before it, so that no mode comes twice.
         """
         mass_times, size = self.part.mass_times, self.part.size
         if not count or not len(self.P):
             return np.zeros(0), np.zeros((size, 0))
-        operator: Any = spl.LinearOperator  # its types do not know its keywords
-        mass = operator((size, size), matvec=mass_times, dtype=float)
-        solve = operator(
-            (size, size), matvec=lambda x: self.held(x.reshape(-1, 1))[:, 0], dtype=float
-        )
-        start = self.held(mass_times(np.random.default_rng(0).standard_normal((size, 1))))[:, 0]
-        try:
-            squares, shapes = spl.eigsh(
-                mass, k=count, M=mass, sigma=0.0, OPinv=solve, v0=start, tol=_SETTLED
-            )
-        except spl.ArpackError as error:
-            raise ConvergenceError(
-                f"the modes of a body with held interfaces were not found: {error}"
-            ) from error
-        order = np.argsort(squares)
-        return squares[order], shapes[:, order]
+        start = np.random.default_rng(0).standard_normal((size, _BLOCK))
+        block = self.held(mass_times(self.held(mass_times(start))))
+        basis, answers = np.zeros((2, size, 0))
+        last = np.zeros(count)
+        for _ in range(_STEPS):
+            for _ in range(2):
+                block = block - basis @ (basis.T @ mass_times(block))
+                block = block @ _independent(block.T @ mass_times(block))
+            weighted = mass_times(block)
+            answer = self.held(weighted)
+            basis, answers = np.hstack((basis, block)), np.hstack((answers, answer))
+            # K answer = weighted + P^T lambda, and P basis = 0
+            flexible = basis.T @ mass_times(answers)
+            values, turn = np.linalg.eigh(0.5 * (flexible + flexible.T))
+            found = 1.0 / values[: -count - 1 : -1]
+            if found.size == count and np.all(np.abs(found - last) <= _SETTLED * found):
+                return found, basis @ turn[:, : -count - 1 : -1]
+            last = found if found.size == count else last
+            block = answer
+        raise ConvergenceError("the modes of a body with held interfaces were not found")
 
     def reduced(self, loads: Array, count: int) -> tuple[Array, Array, int]:
         """Return the coordinates of the body: interfaces, modes, responses to loads inside it.
@@ -383,3 +393,11 @@ def _stiffness(continuum: Continuum) -> sp.csc_matrix:
     form.Assemble()
     rows, columns, values = (np.asarray(part) for part in form.mat.COO())
     return sp.csc_matrix((values, (rows, columns)), shape=(continuum.size, continuum.size))
+
+
+def _independent(mass: Array) -> Array:
+    """Return combinations of displacements with unit mass; dependent ones are left out."""
+    size = 1.0 / np.sqrt(np.diag(mass))
+    values, vectors = np.linalg.eigh(0.5 * (mass + mass.T) * np.outer(size, size))
+    kept = values > _DEPENDENT * values[-1]
+    return size[:, None] * vectors[:, kept] / np.sqrt(values[kept])

@@ -1,6 +1,5 @@
 """A part of a plate in space on a mesh of its plane: stiffness, mass, loads, readings."""
 
-import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
@@ -25,17 +24,17 @@ class PlaneIntegrals:
         self.width = int(self.scalar.ndof)
 
     @cached_property
-    def pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64], list[list[Array]]]:
+    def pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
         """Rows and columns of the integrals of derivatives of shape functions, and their values.
 
-        Values (m, n) are of derivative m of the test function and n of the trial function, in
-        metres; the third is no derivative.
+        Values 3 m + n are of derivative m of the test function and n of the trial function, in
+        metres; the third is no derivative. Shapes (k,), (k,) and (k, 9), row by row.
         """
         p, q = self.scalar.TnT()
         tests = (ng.Grad(q)[0], ng.Grad(q)[1], q)
         trials = (ng.Grad(p)[0], ng.Grad(p)[1], p)
         shape = (self.width, self.width)
-        found: list[list[Array]] = [[np.zeros(0)] * 3 for _ in range(3)]
+        found = [np.zeros(0)] * 9
         matrix = sp.csr_matrix(shape)
         for m in range(3):
             for n in range(m, 3):
@@ -46,13 +45,13 @@ class PlaneIntegrals:
                 scale = METRE ** -((m == 2) + (n == 2))
                 matrix = sp.csr_matrix((scale * values, (rows, columns)), shape=shape)
                 matrix.sort_indices()
-                found[m][n] = matrix.data
+                found[3 * m + n] = matrix.data
                 if n != m:  # the pattern is that of its transpose
                     turned = matrix.T.tocsr()
                     turned.sort_indices()
-                    found[n][m] = turned.data
+                    found[3 * n + m] = turned.data
         rows = np.repeat(np.arange(self.width), np.diff(matrix.indptr))
-        return rows, matrix.indices.astype(np.int64), found
+        return rows, matrix.indices.astype(np.int64), np.column_stack(found)
 
     @cached_property
     def places(self) -> Array:
@@ -108,19 +107,69 @@ class LayeredPlate:
         notches: Sequence[tuple[str, tuple[float, float], float]],
     ) -> None:
         self.plane, self.material, self.through = plane, material, through
-        self.width = plane.width
-        self.size = self.width * len(through.components)
-        anywhere = plane.inside(notches)
-        loose = np.array(self.plane.scalar.FreeDofs(), dtype=bool)
-        #: Which unknowns there are, shape (n,).
-        self.free = np.concatenate(
-            [
-                loose if k < through.functions[kind].in_bodies else loose & anywhere
-                for _, kind, k in through.components
-            ]
+        loose = np.array(plane.scalar.FreeDofs(), dtype=bool)
+        in_bodies = np.array(
+            [k < through.functions[kind].in_bodies for _, kind, k in through.components]
         )
+        # fields that bodies have, then those of notches alone; their unknowns on the scalar space
+        self._groups = tuple(
+            (np.flatnonzero(fields), np.flatnonzero(where))
+            for fields, where in ((in_bodies, loose), (~in_bodies, loose & plane.inside(notches)))
+        )
+        #: Number of unknowns.
+        self.size = sum(fields.size * where.size for fields, where in self._groups)
+        #: Which of them nothing holds: what is held is no unknown.
+        self.free = np.ones(self.size, dtype=bool)
+
+    def gathered(self, fields: Array) -> Array:
+        """Return the unknowns of fields on the scalar space, shape (..., f, w) to (..., n)."""
+        lead = fields.shape[:-2]
+        parts = [
+            fields[..., own[:, None], where].swapaxes(-1, -2).reshape(*lead, -1)
+            for own, where in self._groups
+        ]
+        return np.concatenate(parts, axis=-1)
+
+    def expanded(self, u: Array) -> Array:
+        """Return the fields of displacements, shape (n, k) to (f, w, k)."""
+        found = np.zeros((len(self.through.components), self.plane.width, u.shape[1]))
+        at = 0
+        for own, where in self._groups:
+            part = u[at : at + own.size * where.size]
+            found[own[:, None], where] = part.reshape(where.size, own.size, -1).swapaxes(0, 1)
+            at += len(part)
+        return found
 
     # ------------------------------------------------------------------ matrices
+
+    @property
+    def _through(self) -> Array:
+        """Factors of the integrals over the plane between two fields, shape (f, f, 9)."""
+        modulus, poisson = self.material.youngs_modulus, self.material.poissons_ratio
+        shear = modulus / (2.0 * (1.0 + poisson))
+        lame = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+        _, weights = self.through.rule
+        parts = self.through.components
+        functions = self.through.functions
+        derived = np.array(
+            [
+                [functions[kind].values[k], functions[kind].values[k], functions[kind].slopes[k]]
+                for _, kind, k in parts
+            ]
+        )
+        through = np.einsum("amq,bnq,q->abmn", derived, derived, weights)
+        factors = np.zeros((len(parts), len(parts), 3, 3))
+        for i, (a, _, _) in enumerate(parts):
+            for j, (b, _, _) in enumerate(parts):
+                factors[i, j, a, b] += lame
+                factors[i, j, b, a] += shear
+                if a == b:
+                    factors[i, j] += shear * np.eye(3)
+        found = (factors * through).reshape(len(parts), len(parts), 9)
+        # functions that are orthogonal leave rounding
+        return np.where(
+            np.abs(through.reshape(found.shape)) > 1e-14 * np.abs(through).max(), found, 0.0
+        )
 
     @cached_property
     def stiffness(self) -> sp.csc_matrix:
@@ -129,52 +178,50 @@ class LayeredPlate:
         .. math:: \int \lambda\,\partial_k u_k\,\partial_l v_l
                   + G\,(\partial_l u_k\,\partial_l v_k + \partial_l u_k\,\partial_k v_l)
         """
-        modulus, poisson = self.material.youngs_modulus, self.material.poissons_ratio
-        shear = modulus / (2.0 * (1.0 + poisson))
-        lame = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-        _, weights = self.through.rule
-        parts = self.through.components
-        rows, columns, planes = self.plane.pattern
-        number = np.cumsum(self.free) - 1
-        entries: list[tuple[Array, Array, Array]] = []
+        through = self._through
+        blocks = [
+            [
+                self._block(through[np.ix_(own, other)], where, there)
+                for other, there in self._groups
+            ]
+            for own, where in self._groups
+        ]
+        matrix = sp.bmat(blocks, format="csr")
+        matrix.eliminate_zeros()
+        # it is symmetric: its rows are its columns
+        return sp.csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)
 
-        def across(m: int, a: tuple[int, str, int]) -> Array:
-            own = self.through.functions[a[1]]
-            return own.slopes[a[2]] if m == 2 else own.values[a[2]]
-
-        for i, a in enumerate(parts):
-            for j, b in enumerate(parts):
-                factors = np.zeros((3, 3))
-                factors[a[0], b[0]] += lame
-                factors[b[0], a[0]] += shear
-                if a[0] == b[0]:
-                    factors += shear * np.eye(3)
-                at, to = i * self.width + rows, j * self.width + columns
-                kept = np.flatnonzero(self.free[at] & self.free[to])
-                values = np.zeros(kept.size)
-                for m, n in zip(*np.nonzero(factors), strict=True):
-                    through = factors[m, n] * np.sum(across(m, a) * across(n, b) * weights)
-                    if through:
-                        values += through * planes[m][n][kept]
-                if values.any():
-                    entries.append((number[at[kept]], number[to[kept]], values))
-        at, to, values = (np.concatenate(c) for c in zip(*entries, strict=True))
-        count = int(self.free.sum())
-        return sp.csc_matrix((values, (at, to)), shape=(count, count))
+    def _block(self, through: Array, rows: Array, columns: Array) -> sp.csr_matrix:
+        """Return the stiffness between unknowns of two groups of fields."""
+        of_row, of_column, planes = self.plane.pattern
+        number = np.full((2, self.plane.width), -1)
+        number[0, rows], number[1, columns] = np.arange(rows.size), np.arange(columns.size)
+        kept = np.flatnonzero((number[0, of_row] >= 0) & (number[1, of_column] >= 0))
+        a, b, _ = through.shape
+        count = np.bincount(number[0, of_row[kept]], minlength=rows.size)
+        shape = (a * rows.size, b * columns.size)
+        if not kept.size:
+            return sp.csr_matrix(shape)
+        values = (planes[kept] @ through.reshape(a * b, 9).T).reshape(-1, a, b)
+        ends = np.concatenate(([0], np.cumsum(count)))
+        return sp.bsr_matrix((values, number[1, of_column[kept]], ends), shape=shape).tocsr()
 
     @cached_property
-    def _mass(self) -> sp.csr_matrix:
-        """Mass matrix of one field [kg]; all share it, as the functions are orthonormal."""
+    def _masses(self) -> tuple[sp.csr_matrix, ...]:
+        """Mass matrix of one field of each group [kg]; functions are orthonormal."""
         rows, columns, planes = self.plane.pattern
-        values = self.material.density * planes[2][2]
-        return sp.csr_matrix((values, (rows, columns)), shape=(self.width, self.width))
+        values = self.material.density * planes[:, 8]
+        whole = sp.csr_matrix((values, (rows, columns)), shape=(self.plane.width,) * 2)
+        return tuple(whole[where][:, where] for _, where in self._groups)
 
     def mass_times(self, u: Array) -> Array:
         """Multiply displacements, shape (n,) or (n, k), by the mass matrix [kg]."""
-        fields = len(self.through.components)
-        by_unknown = u.reshape(fields, self.width, -1).transpose(1, 0, 2).reshape(self.width, -1)
-        found = (self._mass @ by_unknown).reshape(self.width, fields, -1)
-        return found.transpose(1, 0, 2).reshape(u.shape)
+        found, at = [], 0
+        for (own, where), mass in zip(self._groups, self._masses, strict=True):
+            part = u[at : at + own.size * where.size]
+            found.append((mass @ part.reshape(where.size, -1)).reshape(part.shape))
+            at += len(part)
+        return np.concatenate(found)
 
     # ------------------------------------------------------------------ loads and readings
 
@@ -185,12 +232,12 @@ class LayeredPlate:
         the middle plane [m], even or odd as the displacement is.
         """
         z, weights = self.through.rule
-        found = np.zeros((len(self.through.components), self.width))
+        found = np.zeros((len(self.through.components), self.plane.width))
         for i, (d, kind, k) in enumerate(self.through.components):
             if d == direction:
                 own = self.through.functions[kind].values[k]
                 found[i] = np.sum(own * through(z) * weights) * row
-        return found.reshape(-1)
+        return self.gathered(found)
 
     def mean(self, row: Array) -> Array:
         """Return the mean through the thickness of a row of a plane continuum, shape (n,)."""
@@ -202,12 +249,12 @@ class LayeredPlate:
 
     def middle(self, row: Array) -> Array:
         """Return what a row of a plane continuum says of the middle plane, shape (n,)."""
-        found = np.zeros((len(self.through.components), self.width))
+        found = np.zeros((len(self.through.components), self.plane.width))
         values = self.through.values_at(np.zeros(1))
         for i, (d, kind, k) in enumerate(self.through.components):
             if d < 2:
                 found[i] = values[kind][0][k, 0] * row.reshape(2, -1)[d]
-        return found.reshape(-1)
+        return self.gathered(found)
 
     @property
     def _motions(self) -> tuple[tuple[tuple[int, tuple[float, float, float], int], ...], ...]:
@@ -242,17 +289,15 @@ class LayeredPlate:
     @property
     def pins(self) -> NDArray[np.intp]:
         """Three unknowns that hold it if nothing else does."""
-        vertices = slice(0, self.plane.mesh.nv)
+        x, y = self.plane.places[: self.plane.mesh.nv, 1:].T
+        fields, _ = self._groups[0]
+        first = [self.through.components[k][0] for k in fields].index
         if not self.through.out_of_plane:
-            second = self.width * [d for d, _, _ in self.through.components].index(1)
-            root = math.sqrt(self.through.thickness)  # of the constant among the functions
-            x = self.rigid[second:][vertices, 2] / root
-            return plane_pins(x, -self.rigid[vertices, 2] / root, second)
-        first = self.width * [d for d, _, _ in self.through.components].index(2)
-        y, x = self.rigid[first:][vertices, 1:].T * ((1.0,), (-1.0,))
+            vertex, along = np.divmod(plane_pins(x, y, x.size), x.size)[::-1]
+            return fields.size * vertex + np.array([first(0), first(1)])[along]
         far = int(np.argmax(np.hypot(x - x[0], y - y[0])))
         aside = (x - x[0]) * (y[far] - y[0]) - (y - y[0]) * (x[far] - x[0])
-        return first + np.array([0, far, int(np.argmax(np.abs(aside)))])
+        return fields.size * np.array([0, far, int(np.argmax(np.abs(aside)))]) + first(2)
 
     def motion(self, region: str, at: tuple[float, float]) -> Array:
         """Return the rigid motion of regions about a point nearest to theirs in mean square.
@@ -291,7 +336,7 @@ class LayeredPlate:
         return np.linalg.solve(square, np.array(means))
 
     def thermal(self, plane: ng.CoefficientFunction | float, power: int) -> Array:
-        r"""Return the load of a temperature T(x, y) z^p, :math:`\int\alpha T (3\lambda + 2G)\nabla\cdot v`."""
+        r"""Return the load :math:`\int\alpha T (3\lambda + 2G)\nabla\cdot v` of T(x, y) z^p."""
         modulus, poisson = self.material.youngs_modulus, self.material.poissons_ratio
         pressure = modulus / (1.0 - 2.0 * poisson) * (self.material.thermal_expansion or 0.0)
         z, weights = self.through.rule
@@ -299,10 +344,10 @@ class LayeredPlate:
             self.plane.linear(lambda v, d=d: plane * ng.Grad(v)[d]) / METRE for d in (0, 1)
         ]  # of mm^2 over mm
         whole = self.plane.linear(lambda v: plane * v) / METRE**2
-        found = sum(self.spread(d, slopes[d], lambda s: s**power) for d in (0, 1))
-        found = found.reshape(-1, self.width)
+        along = sum(self.spread(d, slopes[d], lambda s: s**power) for d in (0, 1))
+        across = np.zeros((len(self.through.components), self.plane.width))
         for i, (d, kind, k) in enumerate(self.through.components):
             if d == 2:
                 slope = self.through.functions[kind].slopes[k]
-                found[i] += np.sum(slope * z**power * weights) * whole
-        return pressure * found.reshape(-1)
+                across[i] = np.sum(slope * z**power * weights) * whole
+        return pressure * (along + self.gathered(across))

@@ -98,7 +98,7 @@ def neck_tractions(
     )
     means = edge_means(meshed, mesh.order, [neck])[0]
     passed, rest, pulled, pulled_more = neck_motions(through, mesh.order)
-    rows = motion_rows(plate, means, (*passed, *rest))[:, plate.free]
+    rows = motion_rows(plate, means, (*passed, *rest))
     factor = factorised(plate.stiffness)
     flexibility = rows @ factor.solve(np.ascontiguousarray(rows.T))
     found = np.zeros((len(passed), len(rest)))
@@ -155,9 +155,9 @@ def motion_rows(
     c, s = direction
     axes = (((0, c), (1, s)), ((0, -s), (1, c)), ((2, 1.0),))
     field = {(d, k): i for i, (d, _, k) in enumerate(plate.through.components)}
-    found = np.zeros((len(motions), len(field), plate.width))
+    found = np.zeros((len(motions), len(field), plate.plane.width))
     for row, motion in zip(found, motions, strict=True):
         weights = np.array(motion.weight) @ means / np.sqrt(plate.through.thickness)
         for d, factor in axes[motion.direction]:
             row[field[d, motion.function]] += factor * weights
-    return found.reshape(len(motions), -1)
+    return plate.gathered(found)

@@ -80,7 +80,7 @@ def condense_plate(part: Substructure) -> Condensed:
         interfaces=interfaces,
         inertia=(properties.mass, *properties.centre, properties.inertia),
         elements=int(ready.plate.plane.mesh.ne),
-        unknowns=int(ready.plate.free.sum()),
+        unknowns=ready.plate.size,
         held=ready.held,
     )
 
@@ -178,7 +178,7 @@ def _surface_stress(plate: LayeredPlate, points: NeckPoints, basis: Array) -> Ar
         return np.zeros((0, 6, r))
     through = plate.through
     parts = through.components
-    fields = basis.reshape(len(parts), plate.width, r)
+    fields = plate.expanded(basis)
     values, slopes = slopes_at(points, plate.plane.mesh, plate.plane.order, fields)
     z = np.array(_LEVELS) * through.thickness / 2.0
     functions = through.values_at(z)
