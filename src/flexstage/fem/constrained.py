@@ -325,11 +325,8 @@ class Constrained:
         T, stiff = self.interface_shapes()
         squares, modes = self.modes(count)
         U, inner = self.responses(loads, squares, modes)
-        return (
-            np.column_stack((T, modes, U)),
-            block_diag(stiff, np.diag(squares), inner),
-            len(stiff),
-        )
+        stiffness = np.asarray(block_diag(stiff, np.diag(squares), inner))
+        return np.column_stack((T, modes, U)), stiffness, len(stiff)
 
     def responses(self, loads: Array, squares: Array, modes: Array) -> tuple[Array, Array]:
         """Return responses to loads with held interfaces, less the part that modes have in them.

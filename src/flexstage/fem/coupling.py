@@ -369,7 +369,10 @@ def _drives(
 
 
 def stacked(joints: Sequence[Joint]) -> Joint:
-    """Put motions side by side that know nothing of each other; drives and bodies are the first's."""
+    """Put motions side by side that know nothing of each other.
+
+    Drives and bodies are those of the first.
+    """
     first = joints[0]
     offsets = np.cumsum([0, *(len(j.coordinates) for j in joints)])
     n = int(offsets[-1])
@@ -380,8 +383,8 @@ def stacked(joints: Sequence[Joint]) -> Joint:
         return found
 
     return Joint(
-        K=block_diag(*(j.K for j in joints)),
-        M=block_diag(*(j.M for j in joints)),
+        K=np.asarray(block_diag(*(j.K for j in joints))),
+        M=np.asarray(block_diag(*(j.M for j in joints))),
         coordinates=tuple(
             f"{'out of plane, ' if k else ''}{name}"
             for k, j in enumerate(joints)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import Any
 
 import ngsolve as ng
 import numpy as np
@@ -13,6 +14,8 @@ from flexstage.elasticity.shapes import METRE
 from flexstage.fem.constrained import plane_pins
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.material import Material
+
+_ROUNDING = 1e-12
 
 
 class PlaneIntegrals:
@@ -34,7 +37,7 @@ class PlaneIntegrals:
         tests = (ng.Grad(q)[0], ng.Grad(q)[1], q)
         trials = (ng.Grad(p)[0], ng.Grad(p)[1], p)
         shape = (self.width, self.width)
-        found = [np.zeros(0)] * 9
+        found: list[Array] = [np.zeros(0)] * 9
         matrix = sp.csr_matrix(shape)
         for m in range(3):
             for n in range(m, 3):
@@ -45,11 +48,11 @@ class PlaneIntegrals:
                 scale = METRE ** -((m == 2) + (n == 2))
                 matrix = sp.csr_matrix((scale * values, (rows, columns)), shape=shape)
                 matrix.sort_indices()
-                found[3 * m + n] = matrix.data
+                found[3 * m + n] = np.asarray(matrix.data, dtype=float)
                 if n != m:  # the pattern is that of its transpose
                     turned = matrix.T.tocsr()
                     turned.sort_indices()
-                    found[3 * n + m] = turned.data
+                    found[3 * n + m] = np.asarray(turned.data, dtype=float)
         rows = np.repeat(np.arange(self.width), np.diff(matrix.indptr))
         return rows, matrix.indices.astype(np.int64), np.column_stack(found)
 
@@ -82,7 +85,7 @@ class PlaneIntegrals:
             found[list(self.scalar.GetDofNrs(ng.ElementId(e)))] = False
         return found
 
-    def linear(self, integrand: Callable[[object], object], region: str = ".*") -> Array:
+    def linear(self, integrand: Callable[[Any], Any], region: str = ".*") -> Array:
         """Assemble an integral over regions of the plane [mm^2] with the scalar test function."""
         form = ng.LinearForm(self.scalar)
         form += integrand(self.scalar.TestFunction()) * ng.dx(region, bonus_intorder=2)
@@ -171,7 +174,7 @@ class LayeredPlate:
             np.abs(through.reshape(found.shape)) > 1e-14 * np.abs(through).max(), found, 0.0
         )
 
-    @cached_property
+    @property
     def stiffness(self) -> sp.csc_matrix:
         r"""Stiffness of the unknowns that are free [N/m].
 
@@ -186,12 +189,14 @@ class LayeredPlate:
             ]
             for own, where in self._groups
         ]
-        matrix = sp.bmat(blocks, format="csr")
+        matrix = sp.csr_matrix(sp.bmat(blocks))
         matrix.eliminate_zeros()
         # it is symmetric: its rows are its columns
         return sp.csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)
 
-    def _block(self, through: Array, rows: Array, columns: Array) -> sp.csr_matrix:
+    def _block(
+        self, through: Array, rows: NDArray[np.intp], columns: NDArray[np.intp]
+    ) -> sp.csr_matrix:
         """Return the stiffness between unknowns of two groups of fields."""
         of_row, of_column, planes = self.plane.pattern
         number = np.full((2, self.plane.width), -1)
@@ -207,12 +212,12 @@ class LayeredPlate:
         return sp.bsr_matrix((values, number[1, of_column[kept]], ends), shape=shape).tocsr()
 
     @cached_property
-    def _masses(self) -> tuple[sp.csr_matrix, ...]:
+    def _masses(self) -> tuple[Any, ...]:
         """Mass matrix of one field of each group [kg]; functions are orthonormal."""
         rows, columns, planes = self.plane.pattern
         values = self.material.density * planes[:, 8]
-        whole = sp.csr_matrix((values, (rows, columns)), shape=(self.plane.width,) * 2)
-        return tuple(whole[where][:, where] for _, where in self._groups)
+        whole: Any = sp.csr_matrix((values, (rows, columns)), shape=(self.plane.width,) * 2)
+        return tuple(sp.csr_matrix(whole[where][:, where]) for _, where in self._groups)
 
     def mass_times(self, u: Array) -> Array:
         """Multiply displacements, shape (n,) or (n, k), by the mass matrix [kg]."""
@@ -243,8 +248,8 @@ class LayeredPlate:
         """Return the mean through the thickness of a row of a plane continuum, shape (n,)."""
         h = self.through.thickness
         x, y = row.reshape(2, -1)
-        return sum(
-            self.spread(d, part, lambda z: np.ones_like(z) / h) for d, part in ((0, x), (1, y))
+        return self.spread(0, x, lambda z: np.ones_like(z) / h) + self.spread(
+            1, y, lambda z: np.ones_like(z) / h
         )
 
     def middle(self, row: Array) -> Array:
@@ -268,7 +273,7 @@ class LayeredPlate:
             return ((2, one, 0),), ((2, y, 0), (1, less, 1)), ((2, less_x, 0), (0, one, 1))
         return ((0, one, 0),), ((1, one, 0),), ((0, less_y, 0), (1, x, 0))
 
-    @cached_property
+    @property
     def rigid(self) -> Array:
         """Displacements of its rigid motions about the origin, shape (n, 3).
 
@@ -333,7 +338,7 @@ class LayeredPlate:
                     for f, e, q in b
                     if d == f
                 )
-        return np.linalg.solve(square, np.array(means))
+        return np.asarray(np.linalg.solve(square, np.array(means)), dtype=float)
 
     def thermal(self, plane: ng.CoefficientFunction | float, power: int) -> Array:
         r"""Return the load :math:`\int\alpha T (3\lambda + 2G)\nabla\cdot v` of T(x, y) z^p."""

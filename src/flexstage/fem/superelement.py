@@ -286,7 +286,7 @@ def _stacked(joints: Sequence[Joint], kept: int) -> tuple[Joint, Array, Array, t
         ]
         bases.append(basis)
         omegas.append(omega)
-    return stacked(joints), block_diag(*bases), np.concatenate(omegas), tuple(names)
+    return stacked(joints), np.asarray(block_diag(*bases)), np.concatenate(omegas), tuple(names)
 
 
 def _condensed(
