@@ -1,6 +1,7 @@
 """Condensed bodies: what mechanics demands of each, and a whole stage against one mesh of it."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import ngsolve as ng
 import numpy as np
@@ -433,3 +434,28 @@ def test_stages_of_the_study(name: str) -> None:
         assert max(a.static.hinge_stress.values()) == pytest.approx(
             max(b.static.hinge_stress.values()), rel=1e-2
         )
+
+
+def test_bodies_in_space_are_found_in_the_cache(tmp_path: Path) -> None:
+    """Both motions of each body are kept, and read give the same bits."""
+    settings = MeshSettings(order=2, neck_size=2.0)
+    stage = hinged_bars()
+    first = superelement_model(stage, settings, space=True, cache=tmp_path)
+    again = superelement_model(stage, settings, space=True, cache=tmp_path)
+    assert first.built == tuple(b.name for b in stage.bodies)
+    assert again.built == ()
+    np.testing.assert_array_equal(first.system.K, again.system.K)
+    # motion in the plane and out of it know nothing of each other
+    names = np.array(["out of plane" in n for n in first.joint.coordinates])
+    assert 0 < names.sum() < names.size
+    assert not first.joint.K[np.ix_(names, ~names)].any()
+
+
+def test_in_space_there_is_no_plane_state_and_no_mesh_to_draw() -> None:
+    with pytest.raises(ModelError, match="no plane state, got 'strain'"):
+        superelement_model(hinged_bars(), space=True, plane="strain", cache=False)
+    model = superelement_model(
+        hinged_bars(), MeshSettings(order=2, neck_size=2.0), space=True, cache=False
+    )
+    with pytest.raises(ModelError, match="no displacement on a mesh"):
+        model.displacement(np.zeros(model.system.K.shape[0]))

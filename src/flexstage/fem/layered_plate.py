@@ -194,9 +194,7 @@ class LayeredPlate:
         # it is symmetric: its rows are its columns
         return sp.csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)
 
-    def _block(
-        self, through: Array, rows: NDArray[np.intp], columns: NDArray[np.intp]
-    ) -> sp.csr_matrix:
+    def _block(self, through: Array, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Any:
         """Return the stiffness between unknowns of two groups of fields."""
         of_row, of_column, planes = self.plane.pattern
         number = np.full((2, self.plane.width), -1)

@@ -42,6 +42,9 @@ from flexstage.system.mechanical import (
 #: Modes of each body with held interfaces, and modes of the stage that its system keeps.
 MODES, KEPT = 3, 16
 
+# bodies in space whose factors are in memory at once, some hundred megabytes each
+_THREADS = 4
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BodyField:
@@ -111,7 +114,17 @@ class SuperelementModel:
 
         q are the coordinates of `system`, shape (r,). All bodies are given where none are named, in
         the order of the stage.
+
+        Raises
+        ------
+        ModelError
+            The bodies are those of a plate in space.
         """
+        if any(p.part.through is not None for p in self.placed):
+            raise ModelError(
+                "superelements in space keep no displacement on a mesh: take the solid model for "
+                "pictures in space, or the plane superelements for those in the plane"
+            )
         wanted = None if bodies is None else set(bodies)
         found = []
         joined = self.basis @ q
@@ -307,7 +320,7 @@ def _condensed(
             ready[key] = _from_arrays(entry)
     # factors of two bodies are found side by side, by threads that share the mesher
     in_space = any(p.through is not None for p in missing.values())
-    with ThreadPoolExecutor(os.cpu_count() if in_space else 1) as workers:
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, _THREADS) if in_space else 1) as workers:
         made = workers.map(_condense, missing.values())
         for i, (key, found) in enumerate(zip(missing, made, strict=True)):
             progress.update("bodies", i / len(missing))
