@@ -139,7 +139,9 @@ class LayeredPlate:
         at = 0
         for own, where in self._groups:
             part = u[at : at + own.size * where.size]
-            found[own[:, None], where] = part.reshape(where.size, own.size, -1).swapaxes(0, 1)
+            found[own[:, None], where] = part.reshape(where.size, own.size, u.shape[1]).swapaxes(
+                0, 1
+            )
             at += len(part)
         return found
 
@@ -203,7 +205,7 @@ class LayeredPlate:
         a, b, _ = through.shape
         count = np.bincount(number[0, of_row[kept]], minlength=rows.size)
         shape = (a * rows.size, b * columns.size)
-        if not kept.size:
+        if not kept.size * a * b:
             return sp.csr_matrix(shape)
         values = (planes[kept] @ through.reshape(a * b, 9).T).reshape(-1, a, b)
         ends = np.concatenate(([0], np.cumsum(count)))
@@ -222,7 +224,11 @@ class LayeredPlate:
         found, at = [], 0
         for (own, where), mass in zip(self._groups, self._masses, strict=True):
             part = u[at : at + own.size * where.size]
-            found.append((mass @ part.reshape(where.size, -1)).reshape(part.shape))
+            found.append(
+                (mass @ part.reshape(where.size, part.size // max(where.size, 1))).reshape(
+                    part.shape
+                )
+            )
             at += len(part)
         return np.concatenate(found)
 

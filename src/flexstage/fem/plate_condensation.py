@@ -39,7 +39,9 @@ _LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 def neck_coordinates(*, out_of_plane: bool) -> tuple[str, ...]:
     """Name the motions of a neck, in order: each is a mean over its width and its thickness."""
-    plane, across = (("z", "z^3"), ("1", "z^2")) if out_of_plane else (("1", "z^2"), ("z",))
+    plane, across = (
+        (("z", "z^3", "z^5"), ("1", "z^2", "z^4")) if out_of_plane else (("1", "z^2"), ("z",))
+    )
     return (
         *(f"{motion} by {k}" for k in plane for motion in ("along", "rotation")),
         *(f"across by {k}" for k in plane),

@@ -33,12 +33,13 @@ class ThroughThickness:
     .. math:: u_i(x, y, z) = \sum_k u_{ik}(x, y)\,\varphi_{ik}(z)
 
     What a plate does is symmetric about its middle plane, which is motion in the plane, or the
-    opposite, motion out of it. In its bodies the functions are polynomials: 1 and z^2 along the
-    plane with z across for the first, z and z^3 with 1 and z^2 for the other, the lowest with which
-    a bar of any section bends, and nearly so twists, as it should. At the notches there are more.
-    One power higher each way lets a wide leaf bend to a saddle; and since a neck is in plane strain
-    in the middle and in plane stress at the faces of the plate, and passes from one to the other
-    within about two thicknesses of it, there are a linear and a quadratic function of that layer.
+    opposite, motion out of it. The functions are powers of z. In bodies they are 1 and z^2 along
+    the plane with z across for the first, with which a bar of any section bends exactly, and up to
+    z^5 and z^4 for the other, as twisting a bar that is thicker than wide takes more than bending
+    it. At the notches motion in the plane has more: one power higher each way, which lets a wide
+    leaf bend to a saddle; and since a neck is in plane strain in the middle and in plane stress at
+    the faces of the plate, and passes from one to the other within about two thicknesses of it, a
+    linear and a quadratic function of that layer.
 
     Raises
     ------
@@ -110,7 +111,7 @@ class ThroughThickness:
             name: Functions(
                 values=mix @ values,
                 slopes=mix @ slopes,
-                in_bodies=(2 if name == "plane" or self.out_of_plane else 1),
+                in_bodies=3 if self.out_of_plane else 2 if name == "plane" else 1,
             )
             for (name, (values, slopes)), mix in zip(
                 self.at(z).items(), self._mixes.values(), strict=True
