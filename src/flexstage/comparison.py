@@ -13,8 +13,8 @@ _TITLES = {
     "published-fem": "published, FEM",
     "published-measured": "published, measured",
     "superelement": "FEM 2D, condensed",
-    "superelement-3d": "FEM 3D, condensed",
     "plane": "FEM 2D",
+    "superelement-3d": "FEM 3D, condensed",
     "solid": "FEM 3D",
     "virtual": "virtual measurement",
 }
@@ -74,7 +74,7 @@ class Comparison:
     @property
     def best(self) -> str:
         """Column of ours that leaves the least out; empty where there is none."""
-        for column in ("measured", "solid", "plane", "superelement", "lumped"):
+        for column in ("measured", "solid", "superelement-3d", "plane", "superelement", "lumped"):
             if column in self.ours:
                 return column
         return (*self.ours, "")[0]

@@ -109,7 +109,10 @@ def test_front_of_three_goals_has_a_page(run, tmp_path):
         ),
         (("--match", "published"), "no finite-element figures are published of parallelogram"),
         (("--maximise", "frequency.x", "--start", "centre"), "--start must be described or middle"),
-        (("--maximise", "frequency.x", "--confirm", "lumped"), "--confirm must be plane or solid"),
+        (
+            ("--maximise", "frequency.x", "--confirm", "lumped"),
+            "--confirm must be plane or superelement-3d or solid",
+        ),
         (("--maximise", "frequency.x", "--over", "leg_neck=1..2 mm"), "no parameter 'leg_neck'"),
         (("--maximise", "frequency.x", "--without", "yield"), "nothing called 'yield' is required"),
         (("--maximise", "frequency.x", "--keep", "stress 5"), "is no requirement"),

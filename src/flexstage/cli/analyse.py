@@ -95,7 +95,9 @@ def analyse(
     )
     names = model_names(model)
     if not names:
-        raise ModelError("--model names no model: choose from lumped, superelement, plane, solid")
+        from flexstage.studies import MODELS
+
+        raise ModelError(f"--model names no model: choose from {', '.join(MODELS)}")
     if vtu and (folder is None or not {"plane", "solid"} & set(names)):
         raise ModelError("--vtu needs --folder and a model with a mesh: plane or solid")
     runs: dict[str, ModelRun] = {}

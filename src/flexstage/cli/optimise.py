@@ -86,7 +86,7 @@ def optimise(
         superelement|lumped: The model whose figures count; the lumped one alone is quick, and some
         per cent off.
     confirm
-        plane|solid: Have a finer model confirm the best stage, and correct it once.
+        plane|superelement-3d|solid: Have a finer model confirm the best stage, and correct it once.
     evaluations
         N: Evaluations of the lumped model at most (default: 250 for each parameter and two more).
     seed
@@ -102,7 +102,9 @@ def optimise(
     options = SearchOptions(
         start=_word("--start", start, ("described", "middle")),
         model=_word("--model", model, ("superelement", "lumped")),
-        confirm=None if confirm is None else _word("--confirm", confirm, ("plane", "solid")),
+        confirm=None
+        if confirm is None
+        else _word("--confirm", confirm, ("plane", "superelement-3d", "solid")),
         evaluations=evaluations,
         seed=seed,
     )

@@ -100,7 +100,8 @@ JsonOption = Annotated[
 ]
 _MODELS = (
     "lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite elements "
-    "in the plane; solid: finite elements in three dimensions"
+    "in the plane; superelement-3d: condensed bodies in three dimensions; solid: finite elements "
+    "in three dimensions"
 )
 ModelOption = Annotated[
     str,

@@ -36,7 +36,7 @@ _COLUMN = 12  # and of a value, with the space beside it
 def study(
     stage: StageArgument,
     taken: StageOptions = AS_DESCRIBED,
-    models: ModelsOption = "all",
+    models: ModelsOption = "lumped,superelement,plane,solid",
     plane: PlaneOption = "auto",
     out: OutputFolder = None,
     hysteresis: bool = True,
@@ -48,7 +48,7 @@ def study(
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Compare all models with published values, in a report.
+    """Compare models with published values, in a report.
 
     Writes report.html and results.json, and virtual-measurement.html unless --no-virtual.
 

@@ -29,7 +29,13 @@ from flexstage.system.batch_analysis import quoted
 
 # Steps of difference quotients in parts of the range of a variable: a meshed model jitters with its
 # mesh, and needs wider ones.
-_STEP = {"lumped": 1e-5, "superelement": 2e-3, "plane": 1e-2, "solid": 1e-2}
+_STEP = {
+    "lumped": 1e-5,
+    "superelement": 2e-3,
+    "plane": 1e-2,
+    "superelement-3d": 2e-3,
+    "solid": 1e-2,
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,7 +121,7 @@ def evaluate(
     figures : sequence of Figure
         What is computed of each.
     model : str
-        ``lumped``, ``superelement``, ``plane`` or ``solid``.
+        ``lumped``, ``superelement``, ``plane``, ``superelement-3d`` or ``solid``.
 
     Returns
     -------

@@ -112,7 +112,7 @@ def sensitivities(
     figures : sequence of Figure
         What is looked at.
     model : str
-        ``lumped``, ``superelement``, ``plane`` or ``solid``.
+        ``lumped``, ``superelement``, ``plane``, ``superelement-3d`` or ``solid``.
     left_out : dict, optional
         Parameters that are no variables already, and why.
 

@@ -39,7 +39,13 @@ if TYPE_CHECKING:
 _USUAL = {"lumped": (25, 400, 256), "superelement": (13, 49, 64)}
 _USUAL_OTHERS = (7, 16, 16)
 # what a stage usually takes by a model [s]
-_COST = {"lumped": 5e-3, "superelement": 0.5, "plane": 5.0, "solid": 30.0}
+_COST = {
+    "lumped": 5e-3,
+    "superelement": 0.5,
+    "plane": 5.0,
+    "superelement-3d": 10.0,
+    "solid": 30.0,
+}
 
 # a figure that varies by less than this share of its size varies by rounding alone
 _ROUNDING = 1e-9
@@ -282,7 +288,7 @@ def sweep(
     plan : SweepPlan
         Which points are looked at.
     model : str
-        ``lumped``, ``superelement``, ``plane`` or ``solid``.
+        ``lumped``, ``superelement``, ``plane``, ``superelement-3d`` or ``solid``.
     workers : Workers, optional
         Who shares the work, as `flexstage.explore.open_workers` gives it; this process alone
         where not given. The numbers do not depend on it.

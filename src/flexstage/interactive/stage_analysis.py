@@ -117,7 +117,8 @@ def analyse(
         The stage, or what `read` takes.
     model : str
         ``lumped``: rigid bodies; ``superelement``: bodies condensed to their hinges; ``plane``:
-        finite elements in the plane; ``solid``: in three dimensions.
+        finite elements in the plane; ``superelement-3d``: condensed bodies in three dimensions;
+        ``solid``: finite elements in three dimensions.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
     accuracy : float, optional

@@ -106,7 +106,8 @@ def study(
     stage : Stage or str or os.PathLike
         The stage, or what `read` takes.
     models : sequence of str
-        Some of ``lumped``, ``superelement``, ``plane`` and ``solid``; the last two take minutes.
+        Some of ``lumped``, ``superelement``, ``plane``, ``superelement-3d`` and ``solid``; the last
+        takes minutes.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
     hysteresis : bool

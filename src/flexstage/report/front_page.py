@@ -24,11 +24,12 @@ _MAIN = ("output_displacement", "transmission_ratio", "max_stress", "natural_fre
 #: A model whose difference from the measurement is larger has not reproduced it [%].
 _FAR = 5.0
 #: The model that leaves the least out comes first.
-_BEST = ("solid", "plane", "superelement", "lumped")
+_BEST = ("solid", "superelement-3d", "plane", "superelement", "lumped")
 _NAMES = {
     "lumped": "rigid-body model",
     "superelement": "superelement model",
     "plane": "plane finite elements",
+    "superelement-3d": "model of superelements in space",
     "solid": "solid finite elements",
 }
 _FEM, _MEASURED = "published-fem", "published-measured"

@@ -9,11 +9,13 @@ from flexstage.errors import ModelError
 from flexstage.lumped import lumped_system
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
-from flexstage.system import Analysis, analyse
+from flexstage.system import Analysis, MechanicalSystem, analyse
+from flexstage.system.mechanical import ProbePort
 
 if TYPE_CHECKING:
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
+    from flexstage.fem.superelement import SuperelementModel
 
 Plane = Literal["auto", "stress", "strain"]
 
@@ -51,7 +53,7 @@ class ModelOptions:
     stroke: bool = False
     """Whether to follow the stage over its stroke with finite displacements (plane model)."""
     cache: bool = field(default=True, compare=False)
-    """Whether condensed bodies of the superelement model are read from the user's cache."""
+    """Whether condensed bodies of superelements are read from the user's cache."""
 
 
 def _lumped(stage: Stage, options: ModelOptions) -> ModelRun:
@@ -71,6 +73,27 @@ def _superelement(stage: Stage, options: ModelOptions) -> ModelRun:
         stage, plane=options.plane, supports=options.supports, cache=options.cache
     )
     return ModelRun(analysis=analyse(stage, model.system))
+
+
+def _superelement_in_space(stage: Stage, options: ModelOptions) -> ModelRun:
+    from flexstage.fem import superelement_model
+
+    _no_accuracy("superelement-3d", options)
+    _no_stroke("superelement-3d", options)
+    _no_plane("superelement-3d", options)
+    model = superelement_model(stage, space=True, supports=options.supports, cache=options.cache)
+    return ModelRun(analysis=analyse(stage, _with_lifts(model)))
+
+
+def _with_lifts(model: "SuperelementModel") -> MechanicalSystem:
+    """Return the system of bodies in space with its readings out of the plane."""
+    own = {p.name for p in model.system.probes}
+    lifts = [
+        ProbePort(name=name, vector=vector @ model.basis, body=name.removesuffix(" out of plane"))
+        for name, vector in model.joint.probes.items()
+        if name not in own
+    ]
+    return replace(model.system, probes=(*model.system.probes, *lifts))
 
 
 def _plane(stage: Stage, options: ModelOptions) -> ModelRun:
@@ -97,10 +120,7 @@ def _solid(stage: Stage, options: ModelOptions) -> ModelRun:
     from flexstage.fem import solid_model
 
     _no_stroke("solid", options)
-    if options.plane != "auto":
-        raise ModelError(
-            f"the solid model has no plane state, got '{options.plane}': leave the option out"
-        )
+    _no_plane("solid", options)
     return _meshed(
         stage, options, "solid", lambda mesh: solid_model(stage, mesh, supports=options.supports)
     )
@@ -126,6 +146,13 @@ def _no_accuracy(model: str, options: ModelOptions) -> None:
         raise ModelError(f"--accuracy works with --model plane or solid only, got {model}")
 
 
+def _no_plane(model: str, options: ModelOptions) -> None:
+    if options.plane != "auto":
+        raise ModelError(
+            f"the {model} model has no plane state, got '{options.plane}': leave the option out"
+        )
+
+
 def _no_stroke(model: str, options: ModelOptions) -> None:
     if options.stroke:
         raise ModelError(
@@ -139,6 +166,7 @@ MODELS: Mapping[str, Callable[[Stage, ModelOptions], ModelRun]] = {
     "lumped": _lumped,
     "superelement": _superelement,
     "plane": _plane,
+    "superelement-3d": _superelement_in_space,
     "solid": _solid,
 }
 

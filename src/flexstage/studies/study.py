@@ -37,8 +37,17 @@ _ASKED: Mapping[str, ModelOptions] = {"plane": ModelOptions(accuracy=1e-3, strok
 #: Models of which the other choice of plane state is shown as well: it costs little.
 _BOUNDED = ("lumped", "plane")
 
+#: Models in space, which have no plane state to choose.
+_IN_SPACE = ("superelement-3d", "solid")
+
 #: Time that the models take beside one another, for the progress that is told.
-_WEIGHTS: Mapping[str, float] = {"lumped": 0.2, "superelement": 1.0, "plane": 2.0, "solid": 25.0}
+_WEIGHTS: Mapping[str, float] = {
+    "lumped": 0.2,
+    "superelement": 1.0,
+    "plane": 2.0,
+    "superelement-3d": 8.0,
+    "solid": 25.0,
+}
 
 #: And the comparison with traditional stages beside them.
 _TRADITIONAL = 1.0
@@ -47,7 +56,7 @@ _TRADITIONAL = 1.0
 _EXPERIMENT = 0.1
 
 #: Responses and modes are drawn of the first of these that was run.
-_DRAWN = ("superelement", "plane", "lumped", "solid")
+_DRAWN = ("superelement", "plane", "lumped", "superelement-3d", "solid")
 
 _STEPS = 21  # states along a stroke
 
@@ -169,7 +178,7 @@ def run_study(
         Some of `MODELS`.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck; it
-        says nothing to the solid model.
+        says nothing to models in space.
     hysteresis : bool
         Whether to identify and compensate piezo drives on the virtual stage.
     measured : Characterisation, optional
@@ -219,7 +228,7 @@ def run_study(
     done = 0.0
     for model, weight in zip(models, weights, strict=True):
         with progress.subtask(done / whole, (done + weight) / whole):
-            own: Plane = "auto" if model == "solid" else plane
+            own: Plane = "auto" if model in _IN_SPACE else plane
             try:
                 with progress.subtask(0.0, 0.5 if model in _BOUNDED else 1.0):
                     options = replace(_ASKED.get(model, ModelOptions()), plane=own)

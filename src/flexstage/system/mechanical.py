@@ -211,7 +211,7 @@ class MechanicalSystem:
     name: str
     """Name of the stage."""
     model: str
-    """Model that it comes from: lumped, superelement, plane or solid."""
+    """Model that it comes from: lumped, superelement, plane, superelement-3d or solid."""
     M: Array
     """Mass matrix, shape (n, n)."""
     K: Array

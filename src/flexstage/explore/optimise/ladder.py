@@ -49,7 +49,9 @@ class SearchOptions:
     model: str = "superelement"
     """The model that corrects the lumped one; ``lumped`` for none."""
     confirm: str | None = None
-    """A finer model that confirms the best, ``plane`` or ``solid``; None for none."""
+    """A finer model that confirms the best, ``plane``, ``superelement-3d`` or ``solid``; None for
+    none.
+    """
     evaluations: int | None = None
     """Evaluations of the lumped model at most; `EVALUATIONS` for each variable, and for two more,
     where None.
@@ -67,9 +69,10 @@ class SearchOptions:
             )
         if self.model not in ("lumped", "superelement"):
             raise ModelError(f"the ladder goes to lumped or superelement, got '{self.model}'")
-        if self.confirm not in (None, "superelement", "plane", "solid"):
+        if self.confirm not in (None, "superelement", "plane", "superelement-3d", "solid"):
             raise ModelError(
-                f"superelement, plane or solid can confirm the best stage, got '{self.confirm}'"
+                "superelement, plane, superelement-3d or solid can confirm the best stage, got "
+                f"'{self.confirm}'"
             )
 
     def budget(self, variables: int) -> int:
