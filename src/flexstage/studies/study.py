@@ -45,7 +45,7 @@ _WEIGHTS: Mapping[str, float] = {
     "lumped": 0.2,
     "superelement": 1.0,
     "plane": 2.0,
-    "superelement-3d": 8.0,
+    "superelement-3d": 10.0,
     "solid": 25.0,
 }
 
