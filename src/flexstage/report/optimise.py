@@ -10,7 +10,9 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.optimise.front import Front
+from flexstage.explore.optimise.multipliers import round_step
 from flexstage.explore.optimise.optimum import TOLERANCE, Optimum
+from flexstage.explore.optimise.usual import walls_note
 from flexstage.explore.variables import Variable
 from flexstage.lazy import require_extra
 from flexstage.quantities import number
@@ -27,19 +29,25 @@ _HELD = 8
 def optimum_tables(found: Optimum) -> Iterator[Table]:
     """Yield what people read of an optimum: its figures, then its dimensions."""
     yield _figures(found)
+    if found.problem.exchanged:
+        yield _exchange(found)
     yield _variables(found)
 
 
 def optimum_notes(found: Optimum) -> tuple[str, ...]:
     """Return in sentences what was reached, what holds it and what it took."""
     problem = found.problem
-    notes = [_reached(found), *(held.text for held in found.held[:_HELD])]
-    if len(found.held) > _HELD:
-        notes.append(f"held by {len(found.held) - _HELD} more, each of which matters less")
+    # what goals exchange has a table of its own
+    holding = [held for held in found.held if held.kind != "goal"]
+    notes = [_reached(found), *(held.text for held in holding[:_HELD])]
+    if len(holding) > _HELD:
+        notes.append(f"held by {len(holding) - _HELD} more, each of which matters less")
     unasked = [*(["check"] if problem.checked else []), *(r.text for r in problem.usual)]
     if unasked:
         asked = ", ".join(unasked)
         notes.append(f"required without being asked (--without NAME leaves one out): {asked}")
+    if walls := walls_note(problem.usual):
+        notes.append(walls)
     notes += found.notes
     notes.append(f"evaluations: {_work(found)}")
     return tuple(notes)
@@ -133,7 +141,8 @@ def _work(found: Optimum) -> str:
 
 def _figures(found: Optimum) -> Table:
     problem, last = found.problem, found.levels[-1]
-    goals = {goal.figure: goal.way for goal in problem.goals}
+    others = (held.goal for held in problem.exchanged)
+    goals = {goal.figure: goal.way for goal in (*problem.goals, *others)}
     columns = [
         Column("figure", "title"),
         Column("unit", "words"),
@@ -155,6 +164,25 @@ def _figures(found: Optimum) -> Table:
         cells = [figure.shown.text(float(v)) if np.isfinite(v) else "–" for v in values]
         rows.append([figure.label, figure.shown.shown_unit, ", ".join(wanted), *cells])
     return table(f"{found.problem.family.template.source}: figures", columns, rows)
+
+
+def _exchange(found: Optimum) -> Table:
+    """Tell what the first goal gains for a little less of each other one."""
+    gained = found.problem.goals[0].figure
+    rows = []
+    for held, rate in zip(found.problem.exchanged, found.exchange, strict=True):
+        figure = held.goal.figure
+        step = round_step(abs(held.value) * figure.shown.factor) / figure.shown.factor
+        worse = step if held.goal.way == "minimise" else -step
+        told = "0"
+        if rate is not None:
+            told = f"{rate.rate * worse * gained.shown.factor:+.2g}".replace("-", "−")
+        sign = "+" if worse > 0.0 else "−"
+        at = figure.shown.text(held.value)
+        given = f"{sign}{number(step * figure.shown.factor)}"
+        rows.append((figure.label, figure.shown.shown_unit, at, given, told))
+    heads = ("goal", "<unit", "chosen point", "given up", f"gives {gained.heading}")
+    return table("rates of exchange between goals at the chosen point", heads, rows)
 
 
 def _limit(requirement: Requirement) -> str:
