@@ -22,8 +22,8 @@ from flexstage.report.sweep import parallel_coordinates
 from flexstage.section import Picture, Section
 from flexstage.table import Column, Table, table
 
-# limits that are named
-_HELD = 8
+# limits that are named, and what the table says of a bound
+_HELD, _BOUND = 8, {"low": "lower", "high": "upper"}
 
 
 def optimum_tables(found: Optimum) -> Iterator[Table]:
@@ -196,12 +196,17 @@ def _limit(requirement: Requirement) -> str:
 
 
 def _variables(found: Optimum) -> Table:
+    at_bound = {h.name: _BOUND[h.side] for h in found.held if h.kind == "bound"}
     rows = [
         (
             variable.name,
             variable.unit,
-            *(_length(variable, v) for v in (variable.low, start, best, variable.high)),
-            _at_bound(variable, best),
+            _length(variable, variable.low),
+            _length(variable, start),
+            # every digit of it, as it stands in the file
+            f"{best * variable.factor:.12g}",
+            _length(variable, variable.high),
+            at_bound.get(variable.name, ""),
         )
         for variable, start, best in zip(
             found.problem.family.variables, found.start, found.point, strict=True
@@ -215,25 +220,21 @@ def _length(variable: Variable, value: float) -> str:
     return number(value * variable.factor)
 
 
-def _at_bound(variable: Variable, value: float) -> str:
-    near = 1e-6 * (variable.high - variable.low)
-    if value <= variable.low + near:
-        return "lower"
-    return "upper" if value >= variable.high - near else ""
-
-
 def _front(found: Front) -> Table:
     goals = [goal.figure for goal in found.problem.goals]
     at = [found.figures.index(figure) for figure in goals]
+    models = list(dict.fromkeys(("lumped", found.model)))
     columns = [
         Column("point", "title"),
-        *(Column(figure.heading, group="lumped") for figure in goals),
-        *(Column(figure.heading, group=found.model) for figure in goals),
+        *(Column(f.heading, group=model) for model in models for f in goals),
     ]
     rows = []
     for k, i in enumerate(found.asked):
         name = f"{i + 1} (chosen)" if i == found.chosen else f"{i + 1}"
-        rows.append([name, *_cells(goals, found.values[i, at]), *_cells(goals, found.found[k, at])])
+        cells = _cells(goals, found.values[i, at])
+        if found.model in models[1:]:
+            cells += _cells(goals, found.found[k, at])
+        rows.append([name, *cells])
     source = found.problem.family.template.source
     return table(f"{source}: Pareto front of {len(found.points)} stages", columns, rows)
 

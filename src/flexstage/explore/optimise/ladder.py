@@ -23,7 +23,7 @@ from flexstage.explore.optimise.local_search import (
 from flexstage.explore.optimise.multipliers import held_by
 from flexstage.explore.optimise.optimum import TOLERANCE, Level, Optimum, Rung, Trace, new_names
 from flexstage.explore.optimise.problem import Problem, StageProgram
-from flexstage.explore.optimise.rounding import drawn, drawn_point
+from flexstage.explore.optimise.rounding import drawn, drawn_point, is_drawn
 from flexstage.explore.optimise.walls import Wall
 from flexstage.provenance import provenance
 from flexstage.stage import Stage, check
@@ -41,6 +41,10 @@ _SAMPLE, _AGREED = 64, 1e-3
 _LEFT = 0.67
 _ROUNDED_OFF = (
     "rounded to 0.001 mm and 0.001 deg the stage misses what is required, and so do those beside it"
+)
+_UNROUNDED = (
+    "no stage nearby of whole 0.001 mm and 0.001 deg is possible: the dimensions are as they were "
+    "found, with all their digits"
 )
 # how far the second turn may go, in parts of the bounds, and the agreement that widens it again
 _REACH, _NEAR = 0.4, 1e-2
@@ -535,6 +539,8 @@ class _Climb:
         elif chosen.optimum.violation > TOLERANCE >= exact.violation:
             self.notes.append(_ROUNDED_OFF)
         point = drawn_point(problem, x)
+        if x is not self.start and not is_drawn(problem, point):
+            self.notes.append(_UNROUNDED)
         name, title = new_names(problem)
         stage = replace(problem.family.stage(point), name=name, title=title)
         self._faults(stage)

@@ -31,7 +31,8 @@ def new_names(problem: Problem) -> tuple[str, str]:
     goals = (*problem.goals, *(held.goal for held in problem.exchanged))
     sought = ", ".join(goal.text for goal in goals)
     if not goals:
-        targets = [r for r in problem.requirements if r.low == r.high] or problem.requirements
+        asked = list(problem.requirements)
+        targets = [r for r in asked if r.low == r.high] or asked
         more = f" and {len(targets) - 1} more" if len(targets) > 1 else ""
         sought = f"{targets[0].text}{more}"
     title = (stage.title or name).partition(_SOUGHT)[0].rstrip(". ")

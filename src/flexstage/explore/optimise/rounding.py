@@ -80,6 +80,14 @@ def drawn_point(problem: Problem, x: Array) -> Array:
     return point
 
 
+def is_drawn(problem: Problem, point: Array) -> bool:
+    """Say whether a point in SI has only values that a drawing, or the description, has."""
+    return all(
+        value in (variable.usual, *on_drawing(variable, value))
+        for variable, value in zip(problem.family.variables, point.tolist(), strict=True)
+    )
+
+
 def drawn(program: StageProgram, found: LocalOptimum) -> tuple[LocalOptimum, LocalOptimum]:
     """Return an optimum without needless changes, and the same as a drawing has it.
 
@@ -107,7 +115,7 @@ def _without_needless(program: StageProgram, found: LocalOptimum) -> LocalOptimu
         return y
 
     here = _cost(program, found.values)
-    singles = np.array([back([j]) for j in away])
+    singles = np.array([back([j]) for j in away.tolist()])
     values = program.scaled(singles, program.figures(singles))
     losses = np.array([_cost(program, row) - here for row in values])
     order = [int(away[k]) for k in np.argsort(losses) if losses[k] <= _GAINS]
@@ -186,6 +194,7 @@ def _best_first(
         return goal * found[:, 0] + _MISSED * off
 
     y = y.copy()
+    one = np.zeros(0)
     for _ in range(_CHANGES):
         here = np.append(at.values, walls @ at.point) + rows @ (y - at.point)
         moved = rows[:, which].T * (value - y[which])[:, None]

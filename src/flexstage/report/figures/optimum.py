@@ -74,11 +74,13 @@ def draw_before_after(found: Optimum) -> "Drawn":
     x0, y0, x1, y1 = (v * _MM for v in extent(shapes))
     added: list[Any] = []
     removed: list[Any] = []
+    edges: Any = None
     if before is not None:
         b0, c0, b1, c1 = (v * _MM for v in extent(body_shapes(before)))
         x0, y0, x1, y1 = min(x0, b0), min(y0, c0), max(x1, b1), max(y1, c1)
         was, now = (_area(each) for each in (body_shapes(before), shapes))
         added, removed = _pieces(now.difference(was)), _pieces(was.difference(now))
+        edges = was.boundary.difference(now.boundary.buffer(_NOISE))
     size = max(x1 - x0, y1 - y0)
     margin = 0.04 * size
     detail = _detail(found.stage, [*added, *removed], size)
@@ -101,9 +103,8 @@ def draw_before_after(found: Optimum) -> "Drawn":
         beside.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
         entitle(beside, f"the largest change, {0.5 * size / half:.0f} times larger")
         axes.indicate_inset((x - half, y - half, 2.0 * half, 2.0 * half), edgecolor=INK, alpha=1.0)
-    elif before is not None:
-        rest = was.boundary.difference(now.boundary.buffer(_NOISE))
-        axes.add_patch(_outlines(rest, CYCLE[1]))
+    elif edges is not None:
+        axes.add_patch(_outlines(edges, CYCLE[1]))
         handles = [axes.plot([], [], color=INK, lw=1.0, label="best")[0]]
         handles += axes.plot([], [], color=CYCLE[1], lw=1.2, label="start, where it differs")
     if handles:
