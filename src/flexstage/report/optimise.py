@@ -203,8 +203,7 @@ def _variables(found: Optimum) -> Table:
             variable.unit,
             _length(variable, variable.low),
             _length(variable, start),
-            # every digit of it, as it stands in the file
-            f"{best * variable.factor:.12g}",
+            _every_digit(variable, best),
             _length(variable, variable.high),
             at_bound.get(variable.name, ""),
         )
@@ -214,6 +213,14 @@ def _variables(found: Optimum) -> Table:
     ]
     heads = ("parameter", "<unit", "from", "start", "best", "to", "<at bound")
     return table("parameters", heads, rows)
+
+
+def _every_digit(variable: Variable, value: float) -> str:
+    """Write a value as it stands in the file; with three decimals what a drawing has so."""
+    shown = value * variable.factor
+    rounded = f"{shown:.3f}"
+    decimals = variable.unit in ("mm", "deg") and abs(float(rounded) - shown) < 1e-9
+    return rounded if decimals else f"{shown:.12g}"
 
 
 def _length(variable: Variable, value: float) -> str:

@@ -1,5 +1,6 @@
 """The ladder: a quick model is searched, finer ones correct it and confirm what is found."""
 
+import math
 import time
 from collections import defaultdict
 from collections.abc import Iterator
@@ -37,6 +38,8 @@ OTHER_STARTS, TURNS, EVALUATIONS = 3, 12, 250
 _STEPS, _FEWEST, _RESERVE = 60, 4, 0.4
 # points that starts are chosen from; agreement of two models at which the ladder ends
 _SAMPLE, _AGREED = 64, 1e-3
+# turns after which the correction has seen how the models differ nearby
+_ALIKE = 2
 # what a turn leaves of the work that is left, as it is shown
 _LEFT = 0.67
 _ROUNDED_OFF = (
@@ -187,7 +190,7 @@ class _Climb:
         self.why: dict[str, str] = {}
         self.walls: tuple[Wall, ...] = ()
         self.undrawn: dict[bytes, LocalOptimum] = {}
-        self.stage_of_work, self.share = "", 1.0
+        self.stage_of_work, self.share, self.seen = "", 1.0, math.inf
 
     def run(self) -> Optimum:
         lumped = self.options.model == "lumped"
@@ -297,12 +300,15 @@ class _Climb:
 
     def _tell(self, iterate: Iterate) -> None:
         """Say how far the work has come, and the figure that it has come to."""
+        if iterate.violation <= TOLERANCE:
+            self.seen = min(self.seen, float(iterate.values[0]))
         text = self.stage_of_work
-        if self.problem.goals:
-            figure = self.problem.goals[0].figure
-            text += f", {figure.name} {figure.text(self._shown(iterate))}"
-        if iterate.violation > TOLERANCE:
+        if not np.isfinite(self.seen):
             text += f", requirements missed by {100.0 * iterate.violation:.2g} %"
+        elif self.problem.goals:
+            figure = self.problem.goals[0].figure
+            best = float(self.program.goal_figure(self.seen))
+            text += f", best {figure.name} {figure.text(best)}"
         progress.update(text, self.program.counts["lumped"] / self.share)
 
     def _drawn(self, found: LocalOptimum) -> LocalOptimum:
@@ -351,6 +357,7 @@ class _Climb:
             # most end within some turns: each takes a third of what is left
             with progress.subtask(1.0 - _LEFT**turn, 1.0 - _LEFT ** (turn + 1)):
                 self.stage_of_work = f"ladder, turn {turn + 1}, corrected by {model}"
+                self.seen = math.inf  # what another model found best is none of this one
                 progress.update(f"ladder, turn {turn + 1}, {model}")
                 fine = self._fine(model, best.point)
                 expected, coarse = self._expected(best.point)
@@ -367,7 +374,9 @@ class _Climb:
                     break
                 # a prediction that was far off is not to be followed far
                 near = possible and self._agree(expected, fine, _NEAR)
-                reach = min(1.0, 2.0 * reach) if near else 0.5 * reach
+                # nor one by which a requirement was missed, once the models are alike
+                wider = near and (kept or turn < _ALIKE)
+                reach = min(1.0, 2.0 * reach) if wider else (0.3 if near else 0.5) * reach
                 again = self._again(best if possible else None, visited, kept, seen, reach)
                 if again is None:
                     break

@@ -16,9 +16,9 @@ SAFETY = 1.5
 #: Thinnest wall of a body [m]: shops that cut and mill aluminium name 0.5 mm by wire at best, and
 #: 0.8 to 1 mm as what they take without asking back, in guidelines for their customers.
 THINNEST_WALL = 1e-3
-#: Thinnest wall of a body that something is bolted to [m]: an M3 thread and 1 mm to either side (TR
-#: Fastenings gives 4.98 mm as the least boss about an M3 thread).
-BOLTED = 5e-3
+#: Thinnest wall of a body that something is bolted to [m]: what takes an M2 thread (least boss in
+#: TR Fastenings' table of screws for aluminium: 3.32 mm).
+BOLTED = 3.3e-3
 #: What stands for the checks of `flexstage.stage.check` where they are not to be required.
 CHECK = "check"
 #: Share by which every dimension is varied to either side where nothing is said [1].
@@ -116,8 +116,8 @@ def walls_note(usual: Iterable[Requirement]) -> str:
         return ""
     return (
         f"walls: {1e3 * THINNEST_WALL:g} mm is what shops cut in aluminium without asking back, "
-        f"{1e3 * BOLTED:g} mm of the output body take an M3 thread with 1 mm beside it; where the "
-        "stage as described has less, that is the limit"
+        f"{1e3 * BOLTED:g} mm of the output body take an M2 thread; where the stage as described "
+        "has less, that is the limit"
     )
 
 
