@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import ndtr
+from scipy.stats import quantile_test
 
 from flexstage.characteristic import Characteristics
 from flexstage.designs import design
@@ -251,6 +252,17 @@ def test_intervals_hold_the_truth_in_95_of_100_lots():
     # both are exact for discrete numbers, and so hold a little more often
     assert 0.93 <= held_yield / 400 <= 1.0
     assert 0.93 <= held_percentile / 400 <= 1.0
+
+
+@pytest.mark.parametrize("count", [47, 300, 997])
+def test_intervals_of_percentiles_are_those_of_scipy(count):
+    values = np.random.default_rng(count).standard_normal(count)
+    for found in spread_of(FREQUENCY, 0.0, values).percentiles:
+        peer = quantile_test(values, p=0.01 * found.percent).confidence_interval(0.95)
+        # what no value ends is open here, and not a number there
+        low, high = np.nan_to_num([peer.low, peer.high], nan=np.inf)
+        assert found.low == (low if np.isfinite(low) else -np.inf)
+        assert found.high == high
 
 
 def test_too_few_samples_have_no_end_of_an_interval():

@@ -45,6 +45,7 @@ def test_the_table_has_what_moves_most_at_the_top(capsys: pytest.CaptureFixture[
     assert "leg.notch.kind" in printed
     assert "it is a choice" in printed
     assert "note: figures are those of the lumped model" in printed
+    assert "--model superelement has them" in printed.replace("\n", " ")
 
 
 def test_changes_by_a_length_in_the_units_of_the_figures(
@@ -89,6 +90,9 @@ def test_hinges_alike_share_a_row(capsys: pytest.CaptureFixture[str]) -> None:
     printed = said(capsys, "parallelogram", "--hinges", "--by", "*.neck", "--of", "frequency")
     assert "like it)" in printed
     assert "for +10 µm" in printed.replace("\n", " ")
+    # which no other model moves
+    assert "note: figures are those of the lumped model" in printed
+    assert "--model" not in printed
     found = json.loads(
         said(capsys, "parallelogram", "--hinges", "--by", "left*", "--of", "frequency", "--json")
     )

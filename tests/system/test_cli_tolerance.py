@@ -154,6 +154,7 @@ def test_a_scatter_is_read_in_order():
         (("--require", "stress.z <= 200 MPa"), "stress.x"),
         (("--require", "stress.x"), "is no requirement"),
         (("--of", "colour.x"), "there is no figure 'colour.x'"),
+        (("--of", "drive_force.x"), "there is no figure 'drive_force.x' here"),
         (("--every-sample",), "give a --folder"),
         (("--samples", "1"), "--samples"),
         (("--model", "plane"), "superelement or lumped"),
@@ -171,9 +172,32 @@ def test_what_it_cannot_do_is_one_sentence(capsys, words, said):
 def test_a_stage_without_axes_has_no_figures(capsys, tmp_path):
     file = tmp_path / "bare.yaml"
     file.write_text(stage_to_text(replace(design("parallelogram"), axes=())))
-    code, _, err = run(capsys, str(file), *QUICK[1:])
-    assert code == 2
-    assert "names no axis" in err
+    for words in ((), ("--of", "smallest_slot"), ("--require", "stress.x <= 90 MPa")):
+        code, out, err = run(capsys, str(file), *QUICK[1:], *words)
+        assert (code, out) == (2, "")
+        assert "the stage describes no axes" in err
+        assert "add 'axes' to the stage file" in err
+        assert err.count("\n") == 1
+
+
+def test_a_figure_without_its_axis_is_that_of_every_axis(capsys):
+    _, out, _ = run(
+        capsys, "vgtu-piezo", "--samples", "9", "--model", "lumped", "--of", "frequency", "--json"
+    )
+    names = [figure["name"] for figure in json.loads(out)["figures"]]
+    assert names == ["natural_frequency.x", "natural_frequency.y"]
+
+
+def test_the_page_says_what_the_description_is_and_no_other_claim_of_it(capsys, tmp_path):
+    run(
+        capsys, "vgtu-piezo", "--samples", "9", "--model", "lumped", "--of", "frequency",
+        "--quiet", "--folder", str(tmp_path),
+    )  # fmt: skip
+    page = (tmp_path / "tolerance.html").read_text()
+    first, *others = design("vgtu-piezo").notes
+    assert first in page
+    assert len(others) > 3
+    assert not any(note in page for note in others)
 
 
 @pytest.mark.slow
@@ -209,7 +233,7 @@ def test_a_run_that_was_killed_goes_on_from_what_is_there(tmp_path):
         return json.loads(done.stdout)["figures"]
 
     whole = figures(tmp_path / "whole")
-    batches = tmp_path / "broken" / "batches"
+    batches = tmp_path / "broken" / "unfinished"
     process = subprocess.Popen(
         [*words, tmp_path / "broken"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )

@@ -101,6 +101,12 @@ def known_figures(stage: Stage) -> dict[tuple[str, str], float]:
     return found
 
 
+@lru_cache(maxsize=32)
+def batched_figures(stage: Stage) -> tuple[tuple[str, str], ...]:
+    """Return which figures of a stage the batched engine knows, by quantity and axis."""
+    return quoted(assemble_batch(stage_arrays([stage])))
+
+
 def evaluate(
     family: Family, points: Array, figures: Sequence[Figure], model: str = "lumped"
 ) -> Evaluated:
@@ -158,7 +164,8 @@ def _together(
     nominal: Stage, stages: Mapping[int, Stage], figures: Sequence[Figure], values: Array
 ) -> None:
     """Put in what the batched engine knows of all stages; the rest stays NaN."""
-    known = [k for k, figure in enumerate(figures) if figure.key in _batched(nominal)]
+    batched = batched_figures(nominal)
+    known = [k for k, figure in enumerate(figures) if figure.key in batched]
     if not stages or not known:
         return
     try:
@@ -168,12 +175,6 @@ def _together(
     found = lumped_characteristics(arrays, [figures[k].key for k in known])
     for k in known:
         values[list(stages), k] = found[figures[k].key]
-
-
-@lru_cache(maxsize=32)
-def _batched(nominal: Stage) -> frozenset[tuple[str, str]]:
-    """Figures that the batched engine knows of a stage."""
-    return frozenset(quoted(assemble_batch(stage_arrays([nominal]))))
 
 
 def _figures(stage: Stage, figures: Collection[Figure], model: str) -> list[float]:

@@ -16,7 +16,7 @@ from flexstage.stage import PiezoStack, Stage, mass_properties
 from flexstage.system.batch_analysis import batch_characteristics
 from flexstage.virtual.imperfections import Scatter
 
-#: How many standard deviations the tables of the notches reach; one sample in 4e11 is further off.
+#: How many standard deviations the tables of the notches reach; one neck in 4e11 is further off.
 REACH = 7.0
 
 _DIGITS = 12  # of a root's width [m] that tell notches apart

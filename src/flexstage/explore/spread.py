@@ -120,11 +120,11 @@ def _percentile(ordered: Array, percent: float) -> Percentile:
 
     n, p = ordered.size, percent / 100.0
     tail = 0.5 * (1.0 - CONFIDENCE)
-    # number of values below the quantile: at most k with probability tail, at least m likewise
+    # at most k of the values are below the quantile with probability tail, and more than m likewise
     below = np.arange(n)
     cumulated = bdtr(below, n, p)
     k = int(np.searchsorted(cumulated, tail, side="right")) - 1
-    m = int(np.searchsorted(cumulated, 1.0 - tail)) + 1
+    m = int(np.searchsorted(cumulated, 1.0 - tail))
     return Percentile(
         percent=percent,
         value=float(np.quantile(ordered, p)) if n >= samples_for(percent) else math.nan,

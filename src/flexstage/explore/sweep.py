@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,14 +24,13 @@ from flexstage.explore.sampling import (
 )
 from flexstage.explore.sobol_indices import FEWEST, SobolIndices, sobol_indices
 from flexstage.explore.variables import Variable
-from flexstage.explore.workers import open_workers
+from flexstage.explore.workers import Workers
 from flexstage.provenance import Provenance, provenance
+from flexstage.quantities import Quantity
 from flexstage.short_repr import short_repr
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from flexstage.explore.workers import Workers
 
 # Points that are looked at where no number is given: of one variable, of a grid of two, and of a
 # sequence, which is also the number of base samples. Models of elements take longer.
@@ -249,6 +247,11 @@ class Sweep:
         out[self.still] = math.nan
         return out
 
+    def shown(self, figure: int) -> Quantity:
+        """Return the quantity of a figure in a unit that suits what was found."""
+        largest = float(np.nanmax(np.abs(self.values[:, figure])))
+        return self.figures[figure].shown.fitting(largest)
+
     def strongest(self, count: int) -> tuple[int, ...]:
         """Return the variables that move a figure most, as many as asked for, in their order."""
         found = np.abs(self.correlations) if self.indices is None else self.indices.total
@@ -266,7 +269,7 @@ def sweep(
     plan: SweepPlan,
     *,
     model: str = "lumped",
-    workers: "Workers | None" = None,
+    workers: Workers | None = None,
     keep: "Path | None" = None,
 ) -> Sweep:
     """Vary the parameters of a stage, and compute its figures at every point.
@@ -327,8 +330,7 @@ def sweep(
     lacking = [figures[k].name for k in np.flatnonzero(np.isnan(usual.values[0]))]
     if lacking and not usual.faults[0]:
         raise ModelError(f"the {model} model gives no {', '.join(lacking)}: leave it out")
-    with nullcontext(workers) if workers is not None else open_workers(1) as shared:
-        found = shared.run(job, keep)
+    found = (workers or Workers(1)).run(job, keep)
     faults = tuple(str(fault) for fault in found["fault"])
     if all(faults):
         why = reasons(faults)[0]

@@ -1,9 +1,9 @@
 """What the workshop makes of a stage: figures of a whole lot, its yield, and what spreads them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.batches import Job
-from flexstage.explore.deviations import KINDS, draw, drawn_kinds, flat, parts
+from flexstage.explore.deviations import draw, drawn_kinds, flat, parts
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.made_stages import Process, lot_figures, process_of
 from flexstage.explore.notch_table import THINNEST, TOLERANCE
@@ -23,6 +23,7 @@ from flexstage.explore.spread import (
     spread_of,
     yield_of,
 )
+from flexstage.explore.workers import Workers
 from flexstage.measure.updating.parameters import with_neck_thickness
 from flexstage.progress import subtask
 from flexstage.provenance import Provenance, provenance
@@ -30,9 +31,6 @@ from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.studies.models import analyse_model
 from flexstage.virtual.imperfections import Scatter
-
-if TYPE_CHECKING:
-    from flexstage.explore.workers import Workers
 
 #: Samples of a batch: some tenths of a second of work.
 BATCH = 2500
@@ -91,7 +89,7 @@ class Lot:
         return self.corrected(lot_figures(self.process, {}, 1, self.figures)[0])[0]
 
     def values(
-        self, samples: int, workers: "Workers", keep: Path | None = None
+        self, samples: int, workers: Workers, keep: Path | None = None
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the figures of samples, shape (samples, figures), and which are no stage.
 
@@ -254,7 +252,7 @@ def tolerance(
     seed: int = 0,
     model: str = "superelement",
     follow_necks: bool = False,
-    workers: "Workers | None" = None,
+    workers: Workers | None = None,
     keep: Path | None = None,
 ) -> ToleranceStudy:
     """Return what a process makes of a stage: the spread of its figures, its yield.
@@ -312,8 +310,6 @@ def tolerance(
     >>> print(f"{spread.nominal:.1f} Hz, standard deviation {spread.standard_deviation:.1f} Hz")
     193.7 Hz, standard deviation 2.3 Hz
     """
-    from flexstage.explore.workers import Workers
-
     process = scatter or Scatter()
     every = tuple(dict.fromkeys((*figures, *(r.figure for r in requirements))))
     if not every:
@@ -392,8 +388,3 @@ def _notes(
     if lot.process.scatter.temperature and lot.process.stage.material.thermal_expansion is None:
         notes.append("the material gives no thermal_expansion: the temperature changes nothing")
     return notes
-
-
-def labels() -> Mapping[str, str]:
-    """Return what each kind of deviation is called in tables."""
-    return {kind.name: kind.label for kind in KINDS}

@@ -20,6 +20,8 @@ _HOW = (
     'expected NAME=LOW..HIGH, such as {0}="{1}", with /6 behind it for six values, or {0}="20 %" '
     "for the value that it has and 20 % to either side"
 )
+# names that a sentence has at most
+_NAMED = 12
 # the part of a name behind which the data sheet of an actuator stands
 _ACTUATOR = "actuator"
 #: Share of its value by which a parameter is varied to either side where nothing is said.
@@ -127,7 +129,7 @@ def variables_of(template: StageTemplate, texts: Sequence[str]) -> tuple[Variabl
             raise ModelError(
                 f"{template.source} has no parameter '{name[:60]}' that can be varied"
                 f"{did_you_mean(name, known)}; its parameters are "
-                f"{_some([n for n in known if _value(known[n]) is not None])}"
+                f"{listed([n for n in known if _value(known[n]) is not None])}"
             )
         for each in names:
             if each in found:
@@ -161,7 +163,7 @@ def matching_names(
         if not names:
             raise ModelError(
                 f"{source} has no {noun} '{pattern[:60]}'{did_you_mean(pattern, known)}; there is "
-                f"{_some(list(known))}"
+                f"{listed(list(known))}"
             )
         found += names
     return found
@@ -228,6 +230,7 @@ def _around(
         high=high,
         usual=value,
         dimension=parameter.dimension,
+        count=count,
         description=parameter.description,
     )
 
@@ -250,6 +253,7 @@ def _how(parameters: Iterable[StageParameter]) -> str:
     return _HOW.format("neck", "0.3..0.8 mm")
 
 
-def _some(names: list[str]) -> str:
-    more = f" and {len(names) - 12} more" if len(names) > 12 else ""
-    return (", ".join(names[:12]) or "none") + more
+def listed(names: Sequence[str]) -> str:
+    """Return names as a sentence has them, twelve at most."""
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return (", ".join(names[:_NAMED]) or "none") + more

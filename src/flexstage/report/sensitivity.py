@@ -8,17 +8,15 @@ from flexstage.arrays import Array
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.explore.figures import ALIASES, Figure
 from flexstage.explore.sensitivity import LENGTH, SHARE, Sensitivities
+from flexstage.explore.variables import listed
 from flexstage.quantities import number
-from flexstage.report.tables import LUMPED_NOTE
+from flexstage.report.tables import LUMPED_ALONE_NOTE, LUMPED_NOTE, value_text
 from flexstage.table import Cell, Column, Table, table
-from flexstage.units import readable_text
 
 # per cent of a figure, or parts of the largest change of it, below which a parameter moves nothing
 _NOTHING = 0.005
 # where the short names of figures are too long above a column of numbers
 _SHORTER = {"natural_frequency_hz": "freq.", "rotation_stroke": "stroke"}
-# parameters that a note names
-_NAMED = 12
 
 
 def shown_changes(
@@ -69,7 +67,7 @@ def step_words(length: float | None = None) -> str:
     """Say by what parameters change."""
     if length is None:
         return f"+{100.0 * SHARE:g} % of each parameter"
-    return f"+{_printed(length, 'length')} of each length, +{100.0 * SHARE:g} % of all else"
+    return f"+{value_text(length, 'length')} of each length, +{100.0 * SHARE:g} % of all else"
 
 
 def sensitivity_table(
@@ -98,7 +96,7 @@ def sensitivity_table(
     rows: list[list[str | Cell]] = [now]
     for k in order:
         v = found.variables[k]
-        usual = _printed(v.usual, v.dimension) if v.usual else ""
+        usual = value_text(v.usual, v.dimension) if v.usual else ""
         row: list[str | Cell] = [parameter_label(found, k), usual]
         for i in kept:
             value = float(shown[i, k])
@@ -138,14 +136,6 @@ def change_text(value: float, *, in_units: bool = False) -> str:
     return f"{value:+.2f}"
 
 
-def _printed(value: float, dimension: str) -> str:
-    """A value with its unit, to five digits."""
-    if not dimension:
-        return f"{value:.5g}"
-    text, _, unit = readable_text(value, dimension).partition(" ")
-    return f"{float(text):.5g} {unit.replace('um', 'µm')}"
-
-
 def _notes(
     found: Sensitivities, length: float | None, rest: list[str], kept: list[int]
 ) -> Iterator[str]:
@@ -161,29 +151,24 @@ def _notes(
         if v.usual == 0.0 and v.dimension == "length"
     ]
     if length is None and zero and not all(name in rest for name in zero):
-        yield f"a length that is 0 changes by {_printed(LENGTH, 'length')}"
+        yield f"a length that is 0 changes by {value_text(LENGTH, 'length')}"
     if any(len(alike) > 1 for alike in found.alike):
         yield "hinges that one row stands for do the same, but for signs"
     if rest:
-        yield f"{_listed(rest)} {'moves' if len(rest) == 1 else 'move'} none of them"
+        yield f"{listed(rest)} {'moves' if len(rest) == 1 else 'move'} none of them"
 
 
-def left_out_notes(found: Sensitivities) -> Iterator[str]:
+def left_out_notes(found: Sensitivities, *, hinges: bool = False) -> Iterator[str]:
     """Say what the slopes are where they are no derivatives, and what is not among them, and why.
 
-    Parameters of one reason stand together.
+    Parameters of one reason stand together. No other model moves `hinges` by themselves.
     """
     if found.model == "lumped":
-        yield LUMPED_NOTE
+        yield LUMPED_ALONE_NOTE if hinges else LUMPED_NOTE
     else:
         yield f"slopes are {found.provenance.settings['slopes']}"
     reasons: dict[str, list[str]] = {}
     for name, reason in found.left_out.items():
         reasons.setdefault(reason, []).append(name)
     for reason, names in reasons.items():
-        yield f"left out: {_listed(names)}: {reason}"
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more
+        yield f"left out: {listed(names)}: {reason}"
