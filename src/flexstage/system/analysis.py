@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.characteristic import WHOLE_STAGE, Characteristic, Characteristics
-from flexstage.errors import ModelError
 from flexstage.material import Material
 from flexstage.provenance import Provenance, provenance
 from flexstage.quantities import QUANTITIES, number
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage, mass_properties
 from flexstage.stage.mass import outer_size
-from flexstage.system.coupled_axes import CoupledAxes, coupled_axes, decoupled_axis, stress_anywhere
+from flexstage.system.axis_states import axis_states, stress_anywhere
+from flexstage.system.coupled_axes import CoupledAxes
 from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 from flexstage.system.modes import Modes, modes
@@ -23,7 +23,7 @@ from flexstage.system.response import (
     default_frequencies_hz,
     frequency_response,
 )
-from flexstage.system.statics import AxisAnalysis, analyse_axis, probe_stiffness, static_loads
+from flexstage.system.statics import AxisAnalysis, probe_stiffness, static_loads
 
 #: Natural frequencies that differ by less are one [1].
 ALIKE = 1e-3
@@ -325,54 +325,6 @@ def stage_characteristics(
         over("workspace_area", reached.area, f"all drives over their strokes{at}")
         add.rows += over.rows
     return add.rows
-
-
-def _coupling(stage: Stage, system: MechanicalSystem) -> CoupledAxes | None:
-    """What all drives do to all axes; None where it says nothing, or cannot be found."""
-    if len({drive for axis in system.axes for drive in axis.drives}) < 2:
-        return None
-    try:
-        found = coupled_axes(stage, system)
-    except ModelError:
-        # drives that hold the same: then each is looked at by itself
-        if any(len(axis.drives) > 1 for axis in system.axes):
-            raise
-        return None
-    return found
-
-
-def axis_states(
-    stage: Stage, system: MechanicalSystem
-) -> tuple[CoupledAxes | None, CoupledAxes | None, tuple[AxisAnalysis, ...]]:
-    """Return what all drives do to all axes, whether that moves the axes, and each at full stroke.
-
-    The second is the first where all drives together make the motion of an axis, and None where
-    each is moved by its drive alone.
-
-    Raises
-    ------
-    ModelError
-        The stage is a mechanism, or a drive has no stroke.
-    """
-    coupling = _coupling(stage, system)
-    together = coupling if coupling is not None and coupling.coupled else None
-    if (
-        together is not None
-        and not together.independent
-        and all(len(axis.drives) == 1 for axis in system.axes)
-    ):
-        # no way to move one axis alone: each drive by itself, as it is
-        together = None
-    return (
-        coupling,
-        together,
-        tuple(
-            analyse_axis(system, axis)
-            if together is None
-            else decoupled_axis(system, together, axis.name)
-            for axis in system.axes
-        ),
-    )
 
 
 def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:

@@ -17,7 +17,8 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.stage import Stage
-from flexstage.system.analysis import NOTHING, axis_states
+from flexstage.system.analysis import NOTHING
+from flexstage.system.axis_states import axis_states
 from flexstage.system.batch_modes import start_shapes
 from flexstage.system.coupled_axes import CoupledAxes
 from flexstage.system.forward_mode import (
