@@ -18,8 +18,8 @@ from flexstage.lumped.assemble import cached_stress_rows, hinge_springs
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, Stage, mass_properties
 from flexstage.stage.mass import outer_size
-from flexstage.system.analysis import pulsating_limit
 from flexstage.system.batch import arrays_of
+from flexstage.system.characteristics import pulsating_limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
