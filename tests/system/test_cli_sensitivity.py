@@ -88,8 +88,10 @@ def test_files_and_json_have_slopes_and_parts(
 
 def test_hinges_alike_share_a_row(capsys: pytest.CaptureFixture[str]) -> None:
     printed = said(capsys, "parallelogram", "--hinges", "--by", "*.neck", "--of", "frequency")
-    assert "like it)" in printed
-    assert "for +10 µm" in printed.replace("\n", " ")
+    assert re.search(r"left-lower\.neck \(×\d\)", printed)
+    words = " ".join(printed.split())
+    assert "for +10 µm of each length" in words
+    assert "of all else" not in words
     # which no other model moves
     assert "note: figures are those of the lumped model" in printed
     assert "--model" not in printed

@@ -224,7 +224,7 @@ def test_one_two_and_four_workers_give_the_same_bits(monkeypatch):
 @pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_from_what_is_there(tmp_path):
     words = [
-        sys.executable, "-m", "flexstage", "tolerance", "vgtu-piezo", "--samples", "60000",
+        sys.executable, "-m", "flexstage", "tolerance", "vgtu-piezo", "--samples", "30000",
         "--model", "lumped", "--json", "--workers", "1", "--folder",
     ]  # fmt: skip
 
@@ -243,6 +243,6 @@ def test_a_run_that_was_killed_goes_on_from_what_is_there(tmp_path):
     os.kill(process.pid, signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
     kept = {p.name: p.stat().st_mtime_ns for p in batches.glob("batch-*.npz")}
-    assert 4 <= len(kept) < 24
+    assert 4 <= len(kept) < 12
     assert figures(tmp_path / "broken") == whole
     assert not batches.exists()

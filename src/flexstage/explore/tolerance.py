@@ -216,7 +216,7 @@ def lot_of(
             added[i] = other - own[i]
         else:
             factor[i] = other / own[i]
-    how = f"lumped model, each figure corrected by that of the {model} model of the drawing"
+    how = f"lumped model, each corrected by that of the {model} model of the drawing"
     if not (follow_necks and scatter.neck_common):
         return plain, how
     step = _STEP * scatter.neck_common

@@ -60,14 +60,17 @@ def moving(found: Sensitivities, length: float | None = None) -> tuple[list[int]
 def parameter_label(found: Sensitivities, index: int) -> str:
     """Return what a parameter is called, with how many hinges it stands for."""
     alike = found.alike[index]
-    return alike[0] if len(alike) == 1 else f"{alike[0]} (and {len(alike) - 1} like it)"
+    return alike[0] if len(alike) == 1 else f"{alike[0]} (×{len(alike)})"
 
 
-def step_words(length: float | None = None) -> str:
+def step_words(found: Sensitivities, length: float | None = None) -> str:
     """Say by what parameters change."""
     if length is None:
         return f"+{100.0 * SHARE:g} % of each parameter"
-    return f"+{value_text(length, 'length')} of each length, +{100.0 * SHARE:g} % of all else"
+    lengths = f"+{value_text(length, 'length')} of each length"
+    if all(variable.dimension == "length" for variable in found.variables):
+        return lengths
+    return f"{lengths}, +{100.0 * SHARE:g} % of all else"
 
 
 def sensitivity_table(
@@ -103,8 +106,9 @@ def sensitivity_table(
             row.append(Cell(change_text(value, in_units=plain[i]), value=value))
         rows.append(row)
     what = "in their units" if in_units else "in per cent of them"
+    steps = step_words(found, length)
     return table(
-        f"{found.stage}, {found.model}: change of the figures {what} for {step_words(length)}",
+        f"{found.stage}, {found.model}: change of the figures {what} for {steps}",
         columns,
         rows,
         notes=tuple(_notes(found, length, rest, kept)),
@@ -131,7 +135,7 @@ def change_text(value: float, *, in_units: bool = False) -> str:
     if value == 0.0:
         return "·"
     if in_units or abs(value) >= 1000.0:
-        digits = 3 if abs(value) >= 1e-3 else 2
+        digits = 3 if abs(value) >= 0.01 else 2
         return ("+" if value > 0.0 else "-") + number(abs(value), digits)
     return f"{value:+.2f}"
 
@@ -153,7 +157,7 @@ def _notes(
     if length is None and zero and not all(name in rest for name in zero):
         yield f"a length that is 0 changes by {value_text(LENGTH, 'length')}"
     if any(len(alike) > 1 for alike in found.alike):
-        yield "hinges that one row stands for do the same, but for signs"
+        yield "×2: the row stands for two hinges, which do the same but for signs"
     if rest:
         yield f"{listed(rest)} {'moves' if len(rest) == 1 else 'move'} none of them"
 

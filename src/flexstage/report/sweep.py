@@ -316,7 +316,7 @@ def _extremes(sweep: Sweep) -> Table:
             value = f"{shown.text(float(sweep.values[row, k]))} {shown.shown_unit}".strip()
             rows.append([figure.label, word, value, *at])
     heads = ["figure", "<", "value", *(variable.heading for variable in sweep.variables)]
-    return table("where figures are least and greatest", heads, rows, divided=True)
+    return table("Where figures are least and greatest.", heads, rows, divided=True)
 
 
 def _indices(sweep: Sweep) -> Table:
