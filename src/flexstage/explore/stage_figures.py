@@ -9,7 +9,7 @@ from flexstage.stage import Stage
 from flexstage.stage.drive import Force, PiezoStack
 from flexstage.stage.narrowest import narrowest_slot, thinnest_wall
 from flexstage.system import MechanicalSystem
-from flexstage.system.analysis import axis_states
+from flexstage.system.axis_states import axis_states
 
 # of the largest elongation of a motion, less is none
 _STILL = 1e-9
