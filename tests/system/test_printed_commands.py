@@ -1,6 +1,7 @@
 """Every command of README and manual, as it is printed, with its defaults, each as one process."""
 
 import fcntl
+import json
 import math
 import os
 import re
@@ -33,6 +34,13 @@ _ELSEWHERE = {
     "192.168.0.10": "cannot connect to 192.168.0.10",
     "runs show 71d7": "no run of the catalogue",
     "runs add runs/2031": "there is no folder",
+}
+#: What another page runs in the same words and with a folder: `test_what_is_run_once_is_run`.
+_ONCE = {
+    "README.md": (
+        "flexstage run vgtu-piezo --instrument gcs://127.0.0.1:50000",
+        "run-the-piezo-stage.md",
+    ),
 }
 _SERVES = "flexstage twin "
 _LIMIT = 300.0
@@ -148,6 +156,33 @@ def torn(file: Path) -> None:
         writer.close()
 
 
+def interrupted(folder: Path) -> None:
+    """A run that was ended in its last steps but one, made of the run before it."""
+    shutil.copytree(folder.with_name("first-run"), folder)
+    state = json.loads((folder / "run.json").read_text("utf-8"))
+    *_, ended, last = state["steps"]
+    assert (ended, last) == ("control-x", "control-y")
+    for name in (ended, last):
+        for record in state["steps"][name]["files"]:
+            (folder / record).unlink()
+    del state["steps"][last]
+    state["steps"][ended] |= {"status": "interrupted", "files": {}}
+    state["finished"] = ""
+    (folder / "run.json").write_text(json.dumps(state), "utf-8")
+
+
+def taken_up(folder: Path) -> None:
+    """What that run says afterwards: it has every step, and repeated none that it had."""
+    first, second = (
+        json.loads((folder / name / "run.json").read_text("utf-8"))["steps"]
+        for name in ("first-run", "second-run")
+    )
+    assert list(second) == list(first)
+    assert {step["status"] for step in second.values()} == {"complete"}
+    again = [name for name in first if second[name] != first[name]]
+    assert again == ["control-x", "control-y"]
+
+
 def solid(file: Path) -> None:
     """A part as a STEP file."""
     by("export", "parallelogram", "--to", "step", "--out", file.with_name("as-step"))
@@ -200,7 +235,10 @@ GIVEN: dict[str, dict[str, Callable[[Path], None]]] = {
     "ansys-comparison.md": {"flexor_025.step": public},
     "write-a-plan.md": {"bad.yaml": bad_plan},
     "ni-acquisition.md": {"mine.yaml": cycles_plan},
+    "run-the-piezo-stage.md": {"second-run": interrupted},
 }
+#: What a page says of its files when it is at its end.
+AFTER: dict[str, Callable[[Path], None]] = {"run-the-piezo-stage.md": taken_up}
 #: Pages whose given files are the page's own: figures are compared as well.
 _OWN = ("identification.md",)
 #: Time passes there as commands come: figures differ by noise from run to run, by this at most.
@@ -286,6 +324,8 @@ class Page:
             return
         if any(word in line for word in _LONG) != self.long and line.startswith("flexstage"):
             return
+        if line == _ONCE.get(self.name, ("", ""))[0]:
+            return
         made = [name for name in self.given if name in line]
         for name in made:
             if not (self.folder / name).exists():
@@ -335,6 +375,8 @@ def checked(path: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, *, long: 
     page = Page(path, folder, long=long)
     page.run()
     assert not page.faults, "\n\n".join(page.faults)
+    if not long:
+        AFTER.get(path.name, lambda folder: None)(folder)
     return page
 
 
@@ -344,6 +386,13 @@ def test_commands_run_as_printed(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_port: None
 ) -> None:
     checked(path, tmp_path, monkeypatch, long=False)
+
+
+def test_what_is_run_once_is_run() -> None:
+    texts = {page.name: page.read_text("utf-8") for page in pages()}
+    for page, (line, other) in _ONCE.items():
+        assert line in texts[page]
+        assert f"$ {line} --folder" in texts[other]
 
 
 LONG = [p for p in pages() if any(word in p.read_text("utf-8") for word in _LONG)]

@@ -241,4 +241,4 @@ def _print(study: "ToleranceStudy", choice: "ToleranceChoice | None", files: "li
         if choice.found:
             screen.print(on_terminal(choice_table(choice)))
         screen.print(choice.verdict, markup=False)
-    print_notes(screen, (study.model, *study.notes), files)
+    print_notes(screen, (f"figures by the {study.model}", *study.notes), files)

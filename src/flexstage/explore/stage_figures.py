@@ -9,7 +9,7 @@ from flexstage.stage import Stage
 from flexstage.stage.drive import Force, PiezoStack
 from flexstage.stage.narrowest import narrowest_slot, thinnest_wall
 from flexstage.system import MechanicalSystem
-from flexstage.system.analysis import axis_states
+from flexstage.system.axis_states import axis_states
 
 # of every drive of each axis at full stroke, its elongation [m] and force [N]
 Forces = Mapping[str, Mapping[str, tuple[float, float]]]

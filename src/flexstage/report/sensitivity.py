@@ -1,6 +1,7 @@
 """Which parameter moves what, as a table."""
 
 from collections.abc import Iterator
+from itertools import combinations
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from flexstage.table import Cell, Column, Table, table
 
 # per cent of a figure, or parts of the largest change of it, below which a parameter moves nothing
 _NOTHING = 0.005
+# frequencies that differ by less than this are one [1]
+_EQUAL = 1e-4
 # where the short names of figures are too long above a column of numbers
 _SHORTER = {"natural_frequency_hz": "freq.", "rotation_stroke": "stroke"}
 
@@ -60,14 +63,17 @@ def moving(found: Sensitivities, length: float | None = None) -> tuple[list[int]
 def parameter_label(found: Sensitivities, index: int) -> str:
     """Return what a parameter is called, with how many hinges it stands for."""
     alike = found.alike[index]
-    return alike[0] if len(alike) == 1 else f"{alike[0]} (and {len(alike) - 1} like it)"
+    return alike[0] if len(alike) == 1 else f"{alike[0]} (×{len(alike)})"
 
 
-def step_words(length: float | None = None) -> str:
+def step_words(found: Sensitivities, length: float | None = None) -> str:
     """Say by what parameters change."""
     if length is None:
         return f"+{100.0 * SHARE:g} % of each parameter"
-    return f"+{value_text(length, 'length')} of each length, +{100.0 * SHARE:g} % of all else"
+    lengths = f"+{value_text(length, 'length')} of each length"
+    if all(variable.dimension == "length" for variable in found.variables):
+        return lengths
+    return f"{lengths}, +{100.0 * SHARE:g} % of all else"
 
 
 def sensitivity_table(
@@ -103,8 +109,9 @@ def sensitivity_table(
             row.append(Cell(change_text(value, in_units=plain[i]), value=value))
         rows.append(row)
     what = "in their units" if in_units else "in per cent of them"
+    steps = step_words(found, length)
     return table(
-        f"{found.stage}, {found.model}: change of the figures {what} for {step_words(length)}",
+        f"{found.stage}, {found.model}: change of the figures {what} for {steps}",
         columns,
         rows,
         notes=tuple(_notes(found, length, rest, kept)),
@@ -131,7 +138,7 @@ def change_text(value: float, *, in_units: bool = False) -> str:
     if value == 0.0:
         return "·"
     if in_units or abs(value) >= 1000.0:
-        digits = 3 if abs(value) >= 1e-3 else 2
+        digits = 3 if abs(value) >= 0.01 else 2
         return ("+" if value > 0.0 else "-") + number(abs(value), digits)
     return f"{value:+.2f}"
 
@@ -153,7 +160,7 @@ def _notes(
     if length is None and zero and not all(name in rest for name in zero):
         yield f"a length that is 0 changes by {value_text(LENGTH, 'length')}"
     if any(len(alike) > 1 for alike in found.alike):
-        yield "hinges that one row stands for do the same, but for signs"
+        yield "×2: the row stands for two hinges, which do the same but for signs"
     if rest:
         yield f"{listed(rest)} {'moves' if len(rest) == 1 else 'move'} none of them"
 
@@ -167,6 +174,14 @@ def left_out_notes(found: Sensitivities, *, hinges: bool = False) -> Iterator[st
         yield LUMPED_ALONE_NOTE if hinges else LUMPED_NOTE
     else:
         yield f"slopes are {found.provenance.settings['slopes']}"
+    for one, other in combinations(found.figures, 2):
+        if one.quantity == other.quantity == "natural_frequency_hz":
+            values = [float(found.values[found.figures.index(f)]) for f in (one, other)]
+            if abs(values[0] - values[1]) <= _EQUAL * max(values):
+                yield (
+                    f"{one.name} and {other.name} are equal: what changes them differently mixes "
+                    "their modes, and which of them it moves is open"
+                )
     reasons: dict[str, list[str]] = {}
     for name, reason in found.left_out.items():
         reasons.setdefault(reason, []).append(name)

@@ -228,7 +228,7 @@ def parallel_coordinates(axes: Sequence[tuple[str, np.ndarray]], first: int) -> 
         "active": first, "x": 0.0, "xanchor": "left", "y": 1.33, "yanchor": "top",
     }  # fmt: skip
     figure.update_layout(
-        updatemenus=[choice], height=520, width=max(1120, 108 * len(axes) + 200),
+        updatemenus=[choice], height=520, width=max(1120, 122 * len(axes) + 200),
         margin={"l": 70, "r": 40, "t": 130, "b": 30},
         paper_bgcolor=PAPER, font={"family": "DejaVu Sans, Verdana, Arial", "color": INK},
     )  # fmt: skip
@@ -316,7 +316,7 @@ def _extremes(sweep: Sweep) -> Table:
             value = f"{shown.text(float(sweep.values[row, k]))} {shown.shown_unit}".strip()
             rows.append([figure.label, word, value, *at])
     heads = ["figure", "<", "value", *(variable.heading for variable in sweep.variables)]
-    return table("where figures are least and greatest", heads, rows, divided=True)
+    return table("Where figures are least and greatest.", heads, rows, divided=True)
 
 
 def _indices(sweep: Sweep) -> Table:

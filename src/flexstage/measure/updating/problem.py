@@ -21,7 +21,7 @@ from flexstage.system import (
     analyse_axis,
     modes,
 )
-from flexstage.system.analysis import axis_mode
+from flexstage.system.characteristics import axis_mode
 from flexstage.system.mechanical import AxisPort
 
 _MODAL = ("natural_frequency_hz", "damping_ratio")

@@ -19,7 +19,8 @@ from flexstage.report.figures.style import (
     entitle,
     new_figure,
 )
-from flexstage.report.sensitivity import change_text, shown_changes, step_words
+from flexstage.report.sensitivity import change_text, shown_changes
+from flexstage.report.tables import value_text
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
@@ -73,7 +74,8 @@ def draw_moving_necks(stage: Stage, found: Sensitivities, length: float = LENGTH
         _panel(axes, stage, by_hinge)
         entitle(axes, found.figures[i].label)
     figure.supxlabel(
-        f"change of the figure [%] for {step_words(length).partition(' of ')[0]} of one neck",
+        f"change of the figure [%] for +{value_text(length, 'length')} of one neck; orange more, "
+        "blue less",
         fontsize=7.5, color=MUTED, x=0.02, ha="left",
     )  # fmt: skip
     return figure
