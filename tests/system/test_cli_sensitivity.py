@@ -104,6 +104,15 @@ def test_hinges_alike_share_a_row(capsys: pytest.CaptureFixture[str]) -> None:
     )
 
 
+def test_axes_of_one_frequency_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--by", "notch.neck*", "--of", "frequency")
+    printed = said(capsys, "three-rrr", *words)
+    told = "natural_frequency.x and natural_frequency.y are equal"
+    assert printed.count("are equal") == 1
+    assert told in printed
+    assert told not in said(capsys, "vgtu-piezo", "--by", "x.leg_neck", "--of", "frequency")
+
+
 def test_necks_stand_on_the_drawing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     said(capsys, "parallelogram", "--hinges", "--folder", tmp_path / "all")
     assert "Natural frequency x" in (tmp_path / "all" / "necks.svg").read_text()

@@ -219,7 +219,11 @@ def test_an_interrupted_sweep_goes_on(run, tmp_path, monkeypatch):
 
     monkeypatch.setattr(Job, "compute", interrupted)
     assert run(*words)[0] == 130
-    assert (tmp_path / "out" / "unfinished").is_dir()
+    kept = sorted((tmp_path / "out" / "unfinished").iterdir())
+    assert len(kept) == 3
+    # a wrong word takes nothing away
+    assert run(*words[:-1], "0")[0] == 2
+    assert sorted((tmp_path / "out" / "unfinished").iterdir()) == kept
     status, out, _ = run(*words)
     assert status == 0
     assert numbers == [0, 1, 2, 2, 3]

@@ -21,6 +21,7 @@ from flexstage.explore.family import known_figures
 from flexstage.explore.figures import Figure, usual_figures
 from flexstage.explore.tolerance import tolerance
 from flexstage.progress import listen
+from flexstage.report.figures.tolerance import draw_spreads
 from flexstage.stage import stage_to_text
 from flexstage.virtual.imperfections import Scatter
 
@@ -115,6 +116,24 @@ def test_the_share_that_is_done_is_that_of_the_batches(monkeypatch):
     ]
     assert len(found) == 9
     assert all(share == done for share, done in found)
+
+
+def test_what_is_rounding_has_neither_shares_nor_a_picture():
+    # the three legs of this stage are alike: what one axis does to another is rounding
+    coupling = Figure(quantity="cross_coupling", axis="x")
+    study = tolerance(
+        design("three-rrr"), figures=[coupling, FREQUENCY], samples=150, model="lumped"
+    )
+    assert [spread.still for spread in study.spreads] == [True, False]
+    assert study.shares_of(coupling) is None
+    assert study.shares_of(FREQUENCY) is not None
+    titles = [axes.get_title("left") for axes in draw_spreads(study).axes]
+    assert titles == ["Natural frequency x [Hz]"]
+    (alone,) = tolerance(
+        design("three-rrr"), figures=[coupling], samples=150, model="lumped"
+    ).spreads
+    assert alone.still
+    assert draw_spreads(replace(study, spreads=(alone,))).axes
 
 
 def test_json_is_one_object_and_the_seed_makes_the_lot(capsys):

@@ -42,14 +42,16 @@ class WorkerOptions:
 def finished_batches(folder: Path | None) -> Iterator[Path | None]:
     """Give where finished batches are kept until this block ends, beside what is written there.
 
-    They stay where it is interrupted, so that the same run goes on from them; not where the work
-    fails by itself, as it would again.
+    They stay where it is interrupted, so that the same run goes on from them. Those of a run that
+    fails by itself do not, as it would again; but those that were there before it do.
     """
     keep = None if folder is None else folder / "unfinished"
+    before = keep is not None and keep.exists()
     try:
         yield keep
     except ModelError:
-        _forget(keep)
+        if not before:
+            _forget(keep)
         raise
     _forget(keep)
 

@@ -17,6 +17,8 @@ PERCENTILES: tuple[float, ...] = (0.5, 2.5, 50.0, 97.5, 99.5)
 #: Probability of the intervals of percentiles and yields.
 CONFIDENCE = 0.95
 
+# a figure that varies by less than this share of its size varies by rounding alone
+_ROUNDING = 1e-9
 _BINS = (12, 60)  # of a histogram, at least and at most
 # a value this many robust standard deviations from the median is one of its own
 _APART = 8.0
@@ -59,6 +61,11 @@ class Spread:
     """Number of samples that have the figure."""
     apart: int
     """Number of samples that lie more than 8 robust standard deviations from the median."""
+
+    @property
+    def still(self) -> bool:
+        """Whether the samples differ by rounding alone."""
+        return self.standard_deviation <= max(self.figure.shown.zero, _ROUNDING * abs(self.nominal))
 
     @property
     def middle(self) -> tuple[float, float]:

@@ -133,7 +133,7 @@ class ToleranceStudy:
     spreads: tuple[Spread, ...]
     """How each figure is spread."""
     shares: tuple[Shares, ...]
-    """Where the variance of each comes from; empty where there are too few samples."""
+    """Where the variance of each comes from that varies; empty where there are too few samples."""
     yields: tuple[Yield, ...]
     """Of every requirement, and of all together; empty where there is none."""
     model: str
@@ -323,7 +323,7 @@ def tolerance(
     spreads = tuple(
         spread_of(figure, float(nominal[i]), values[:, i]) for i, figure in enumerate(every)
     )
-    shares, lacking = _shares(lot, values)
+    shares, lacking = _shares(lot, spreads, values)
     return ToleranceStudy(
         lot=lot,
         samples=samples,
@@ -348,13 +348,17 @@ def yields_of(
     return (*each, yield_of(np.all(met, axis=0)))
 
 
-def _shares(lot: Lot, values: Array) -> tuple[tuple[Shares, ...], tuple[str, ...]]:
-    if not lot.kinds:
+def _shares(
+    lot: Lot, spreads: Sequence[Spread], values: Array
+) -> tuple[tuple[Shares, ...], tuple[str, ...]]:
+    moved = [i for i, spread in enumerate(spreads) if not spread.still]
+    if not lot.kinds or not moved:
         return (), ()
     named = parts(lot.process.stage, lot.kinds)
     count = min(len(values), FITTED)
+    figures = [lot.figures[i] for i in moved]
     try:
-        found = shares_of(lot.figures, named, flat(lot.numbers(0, count)), values[:count])
+        found = shares_of(figures, named, flat(lot.numbers(0, count)), values[:count, moved])
     except ModelError as error:
         return (), (f"what spreads the figures is not told: {error}",)
     return found, ()

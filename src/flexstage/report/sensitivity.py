@@ -1,6 +1,7 @@
 """Which parameter moves what, as a table."""
 
 from collections.abc import Iterator
+from itertools import combinations
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from flexstage.table import Cell, Column, Table, table
 
 # per cent of a figure, or parts of the largest change of it, below which a parameter moves nothing
 _NOTHING = 0.005
+# frequencies that differ by less than this are one [1]
+_EQUAL = 1e-4
 # where the short names of figures are too long above a column of numbers
 _SHORTER = {"natural_frequency_hz": "freq.", "rotation_stroke": "stroke"}
 
@@ -171,6 +174,14 @@ def left_out_notes(found: Sensitivities, *, hinges: bool = False) -> Iterator[st
         yield LUMPED_ALONE_NOTE if hinges else LUMPED_NOTE
     else:
         yield f"slopes are {found.provenance.settings['slopes']}"
+    for one, other in combinations(found.figures, 2):
+        if one.quantity == other.quantity == "natural_frequency_hz":
+            values = [float(found.values[found.figures.index(f)]) for f in (one, other)]
+            if abs(values[0] - values[1]) <= _EQUAL * max(values):
+                yield (
+                    f"{one.name} and {other.name} are equal: what changes them differently mixes "
+                    "their modes, and which of them it moves is open"
+                )
     reasons: dict[str, list[str]] = {}
     for name, reason in found.left_out.items():
         reasons.setdefault(reason, []).append(name)

@@ -228,7 +228,7 @@ def parallel_coordinates(axes: Sequence[tuple[str, np.ndarray]], first: int) -> 
         "active": first, "x": 0.0, "xanchor": "left", "y": 1.33, "yanchor": "top",
     }  # fmt: skip
     figure.update_layout(
-        updatemenus=[choice], height=520, width=max(1120, 108 * len(axes) + 200),
+        updatemenus=[choice], height=520, width=max(1120, 122 * len(axes) + 200),
         margin={"l": 70, "r": 40, "t": 130, "b": 30},
         paper_bgcolor=PAPER, font={"family": "DejaVu Sans, Verdana, Arial", "color": INK},
     )  # fmt: skip

@@ -44,7 +44,7 @@ def _few(study: ToleranceStudy) -> Iterator[str]:
 def _cells(spread: Spread) -> tuple[str, ...]:
     shown = spread.figure.shown
     deviation = spread.standard_deviation * shown.factor
-    if spread.standard_deviation <= max(shown.zero, 1e-9 * abs(spread.nominal)):
+    if spread.still:
         same = shown.text(spread.nominal)
         return (same, same, same, same, "≈ 0", "")
     # what is known of a standard deviation, in parts: 1 / sqrt(2 (n - 1)) of normal values

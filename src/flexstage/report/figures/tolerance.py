@@ -22,8 +22,11 @@ _LEAST = 0.005  # share that is worth a colour [1]
 
 
 def draw_spreads(study: ToleranceStudy) -> "Figure":
-    """Draw a histogram of every figure: the stage as drawn, 95 % of the lot, and the limits."""
-    spreads = study.spreads
+    """Draw a histogram of every figure: the stage as drawn, 95 % of the lot, and the limits.
+
+    What varies by rounding alone is left out, unless there is nothing else.
+    """
+    spreads = [s for s in study.spreads if not s.still] or list(study.spreads)
     columns = _columns(len(spreads))
     rows = math.ceil(len(spreads) / columns)
     figure = new_figure(min(3.4 * columns, _WIDTH + 0.6), 1.8 * rows + 0.5)
