@@ -1,6 +1,5 @@
 """Every command of README and manual, as it is printed, with its defaults, each as one process."""
 
-import fcntl
 import json
 import math
 import os
@@ -9,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +42,8 @@ _ONCE = {
     ),
 }
 _SERVES = "flexstage twin "
+#: Where a twin listens, as it is printed: a port that another program may have, or another page.
+_PRINTED = "127.0.0.1:50000"
 _LIMIT = 300.0
 
 
@@ -246,14 +247,6 @@ _NOISY = "gcs://"
 _NOISE = 0.5
 
 
-@pytest.fixture
-def one_port() -> Iterator[None]:
-    """The port of a twin is one: pages that start one wait for each other."""
-    with (Path(tempfile.gettempdir()) / "flexstage-printed-port.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-
-
 def pages() -> list[Path]:
     return [p for p in PAGES if any(b.language in _SHELLS for b in blocks(p.read_text("utf-8")))]
 
@@ -275,6 +268,7 @@ class Page:
             },
         )
         self.given = GIVEN.get(path.name, {})
+        self.address = _PRINTED
         self.names: dict[str, Any] = {"__name__": "__snippet__"}
         self.faults: list[str] = []
         self.later: list[Command] = []
@@ -335,12 +329,16 @@ class Page:
             return
         self.ran += 1
         if line.startswith(_SERVES):
-            said = self.shell.serve(line)
-            if not re.search(r"at gcs://\S+ \(simulated\)", said):
+            said = self.shell.serve(line if "--port" in line else f"{line} --port 0")
+            ready = re.search(r"at gcs://(\S+) \(simulated\)", said)
+            if ready is None:
                 self.faults.append(f"{line}: no line that it is ready, but {said!r}")
+            else:
+                self.address = ready[1]
             return
-        done = self.shell.run(line, _LIMIT)
-        self.judge(command, line, done.returncode, done.stdout + done.stderr, own=not made)
+        done = self.shell.run(line.replace(_PRINTED, self.address), _LIMIT)
+        said = (done.stdout + done.stderr).replace(self.address, _PRINTED)
+        self.judge(command, line, done.returncode, said, own=not made)
 
     def missing(self, line: str) -> bool:
         """Whether it reads a file that the page has not made yet."""
@@ -383,7 +381,7 @@ def checked(path: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, *, long: 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", pages(), ids=lambda page: page.name)
 def test_commands_run_as_printed(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_port: None
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checked(path, tmp_path, monkeypatch, long=False)
 
@@ -401,6 +399,6 @@ LONG = [p for p in pages() if any(word in p.read_text("utf-8") for word in _LONG
 @pytest.mark.evidence
 @pytest.mark.parametrize("path", LONG, ids=lambda page: page.name)
 def test_long_commands_run_as_printed(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_port: None
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checked(path, tmp_path, monkeypatch, long=True)

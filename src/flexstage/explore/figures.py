@@ -35,6 +35,8 @@ USUAL = (
     "max_stress",
     "cross_coupling",
 )
+#: A figure that varies by less than this share of its size varies by rounding alone.
+ROUNDING = 1e-9
 _DIMENSION = {d.si: d.name for d in DIMENSIONS.values()}
 _REQUIREMENT = re.compile(r"^\s*([\w.\- ]+?)\s*(>=|<=|==|=|>|<|≥|≤)\s*(.+?)\s*$")
 _TOLERANCE = re.compile(r"\s*(?:\+-|\+/-|±)\s*")

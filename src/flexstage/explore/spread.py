@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.deviations import DeviationPart
-from flexstage.explore.figures import Figure, Requirement
+from flexstage.explore.figures import ROUNDING, Figure, Requirement
 
 #: Percentiles that are given of every figure [%].
 PERCENTILES: tuple[float, ...] = (0.5, 2.5, 50.0, 97.5, 99.5)
 #: Probability of the intervals of percentiles and yields.
 CONFIDENCE = 0.95
 
-# a figure that varies by less than this share of its size varies by rounding alone
-_ROUNDING = 1e-9
 _BINS = (12, 60)  # of a histogram, at least and at most
 # a value this many robust standard deviations from the median is one of its own
 _APART = 8.0
@@ -65,7 +63,7 @@ class Spread:
     @property
     def still(self) -> bool:
         """Whether the samples differ by rounding alone."""
-        return self.standard_deviation <= max(self.figure.shown.zero, _ROUNDING * abs(self.nominal))
+        return self.standard_deviation <= max(self.figure.shown.zero, ROUNDING * abs(self.nominal))
 
     @property
     def middle(self) -> tuple[float, float]:

@@ -131,7 +131,7 @@ def stage_figures(
             name: (length, state.static.drive_force.get(name, 0.0))
             for name, length in state.drives.items()
         }
-        for state in axis_states(stage, system)[2]
+        for state in axis_states(stage, system).axes
     }
     for quantity, compute in _OF_FORCES.items():
         if quantity in asked:

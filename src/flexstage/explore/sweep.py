@@ -11,7 +11,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.batches import Job, batch_size
 from flexstage.explore.family import Family, evaluate
-from flexstage.explore.figures import Figure
+from flexstage.explore.figures import ROUNDING, Figure
 from flexstage.explore.impossible import NarrowerBound, Reason, best_cut, reasons
 from flexstage.explore.sampling import (
     Sampling,
@@ -39,9 +39,7 @@ _USUAL_OTHERS = (7, 16, 16)
 # what a stage usually takes by a model [s]
 _COST = {"lumped": 5e-3, "superelement": 0.5, "plane": 5.0, "solid": 30.0}
 
-# a figure that varies by less than this share of its size varies by rounding alone
-_ROUNDING = 1e-9
-# and one that varies by less than this is hardly worth a diagram
+# a figure that varies by less than this share of its size is hardly worth a diagram
 _HARDLY = 1e-3
 
 
@@ -198,7 +196,7 @@ class Sweep:
             return np.ones(len(self.figures), dtype=bool)
         size = np.abs(found).max(axis=0)
         zero = np.array([figure.shown.zero for figure in self.figures])
-        return (size < zero) | (np.ptp(found, axis=0) <= _ROUNDING * size)
+        return (size < zero) | (np.ptp(found, axis=0) <= ROUNDING * size)
 
     @property
     def moving(self) -> tuple[int, ...]:
