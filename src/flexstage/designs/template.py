@@ -8,14 +8,8 @@ from pathlib import Path
 from typing import Any, Self
 
 from flexstage.designs.parameters import StageParameter
-from flexstage.designs.registry import (
-    DESIGNS,
-    build,
-    chosen_design,
-    construct,
-    find_stage,
-    parameters_in,
-)
+from flexstage.designs.registry import DESIGNS, build, construct
+from flexstage.designs.source import chosen_design, find_stage, parameters_in
 from flexstage.designs.start import text_of_dimensions
 from flexstage.designs.topology import ParameterSet, Topology
 from flexstage.errors import FlexstageError, StageError

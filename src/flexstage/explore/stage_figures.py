@@ -36,7 +36,7 @@ def _drive_forces(
     stage: Stage, system: MechanicalSystem
 ) -> Iterator[tuple[str, list[tuple[str, float, float]]]]:
     """Name, elongation and force of every drive of each axis at full stroke."""
-    for axis in axis_states(stage, system)[2]:
+    for axis in axis_states(stage, system).axes:
         force = axis.static.drive_force
         yield axis.axis, [(n, length, force.get(n, 0.0)) for n, length in axis.drives.items()]
 

@@ -13,6 +13,18 @@ from flexstage.system.batch import SystemBatch, namespace_of, samples_first, sam
 from flexstage.system.batch_analysis import batch_characteristics
 from flexstage.system.mechanical import STANDARD_GRAVITY, MechanicalSystem
 
+#: Fields that the system has as its description has them.
+AS_DESCRIBED = (
+    "drive_at",
+    "probe_at",
+    "drive_stiffness",
+    "stroke",
+    "smallest_displacement",
+    "largest_force",
+    "strength",
+    "size",
+)
+
 
 @lru_cache(maxsize=16)
 def _nominal(stage: Stage, method: str, plane: PlaneState | Literal["auto"]) -> MechanicalSystem:
@@ -116,15 +128,8 @@ def assemble_batch(arrays: StageArrays) -> SystemBatch:
         stress_bodies=tuple(joined[i] for i in arrays.stress_owner),
         weight=samples_first(xp, own * STANDARD_GRAVITY),
         weight_direction=samples_first(xp, along),
-        drive_at=arrays.drive_at,
-        probe_at=arrays.probe_at,
-        drive_stiffness=arrays.drive_stiffness,
-        stroke=arrays.stroke,
-        smallest_displacement=arrays.smallest_displacement,
-        largest_force=arrays.largest_force,
-        strength=arrays.strength,
         body_mass=arrays.mass,
-        size=arrays.size,
+        **{name: getattr(arrays, name) for name in AS_DESCRIBED},
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.lumped.batch import assemble_batch
+from flexstage.lumped.batch import AS_DESCRIBED, assemble_batch
 from flexstage.lumped.stage_tangents import StageTangents
 from flexstage.stage import Stage
 from flexstage.system.batch import SystemBatch
@@ -99,19 +99,7 @@ def system_tangents(tangents: StageTangents) -> tuple[SystemBatch, SystemBatch]:
         weight=d.mass[:, moving] * STANDARD_GRAVITY,
         weight_direction=along,
         body_mass=d.mass,
-        **{
-            name: getattr(d, name)
-            for name in (
-                "drive_at",
-                "probe_at",
-                "drive_stiffness",
-                "stroke",
-                "smallest_displacement",
-                "largest_force",
-                "strength",
-                "size",
-            )
-        },
+        **{name: getattr(d, name) for name in AS_DESCRIBED},
     )
 
 

@@ -2,16 +2,12 @@
 
 from dataclasses import dataclass
 
-from flexstage.characteristic import Characteristic, Characteristics
+from flexstage.characteristic import Characteristics
 from flexstage.provenance import Provenance, provenance
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system.axis_states import axis_states
-from flexstage.system.characteristics import (
-    MODES_SEARCHED,
-    axis_characteristics,
-    stage_characteristics,
-)
+from flexstage.system.characteristics import MODES_SEARCHED, every_characteristic
 from flexstage.system.coupled_axes import CoupledAxes
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 from flexstage.system.modes import Modes, modes
@@ -76,7 +72,7 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     ModelError
         The stage is a mechanism, or a drive has no stroke.
     """
-    coupling, together, axes = axis_states(stage, system)
+    states = axis_states(stage, system)
     # without drives the three conditions are one
     conditions = _CONDITIONS if system.drives else _CONDITIONS[:1]
     found: dict[DriveCondition, Modes] = {
@@ -90,21 +86,17 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
                 frequency_response(system, f, drive, axis.probe, drives=condition)
                 for drive in axis.drives
             ]
-    rows: list[Characteristic] = []
-    for axis in axes:
-        rows += axis_characteristics(stage, system, axis, found["removed"], together)
-    if axes:
-        rows += stage_characteristics(stage, system, coupling)
+    rows = every_characteristic(stage, system, states, found["removed"])
     return Analysis(
         stage=stage,
         system=system,
-        axes=axes,
+        axes=states.axes,
         modes=found,
         responses=tuple(responses),
         characteristics=Characteristics(rows),
         validity=(*system.validity, *_missing(system, found["removed"])),
         provenance=provenance(stage, system.settings),
-        coupling=coupling,
+        coupling=states.coupling,
     )
 
 

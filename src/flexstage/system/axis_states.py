@@ -1,6 +1,7 @@
 """The states that the axes of a stage are told by: each at full stroke, all drives anywhere."""
 
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,13 +27,19 @@ def _coupling(stage: Stage, system: MechanicalSystem) -> CoupledAxes | None:
     return found
 
 
-def axis_states(
-    stage: Stage, system: MechanicalSystem
-) -> tuple[CoupledAxes | None, CoupledAxes | None, tuple[AxisAnalysis, ...]]:
-    """Return what all drives do to all axes, whether that moves the axes, and each at full stroke.
+class AxisStates(NamedTuple):
+    """What the drives of a stage do to its axes."""
 
-    The second is the first where all drives together make the motion of an axis, and None where
-    each is moved by its drive alone.
+    coupling: CoupledAxes | None
+    """What all drives do to all axes; None where there is one drive, or drives hold the same."""
+    together: CoupledAxes | None
+    """The same where all drives together make the motion of each axis; else each has its own."""
+    axes: tuple[AxisAnalysis, ...]
+    """Each axis at full stroke."""
+
+
+def axis_states(stage: Stage, system: MechanicalSystem) -> AxisStates:
+    """Return what all drives do to all axes, whether that moves the axes, and each at full stroke.
 
     Raises
     ------
@@ -48,16 +55,13 @@ def axis_states(
     ):
         # no way to move one axis alone: each drive by itself, as it is
         together = None
-    return (
-        coupling,
-        together,
-        tuple(
-            analyse_axis(system, axis)
-            if together is None
-            else decoupled_axis(system, together, axis.name)
-            for axis in system.axes
-        ),
+    axes = tuple(
+        analyse_axis(system, axis)
+        if together is None
+        else decoupled_axis(system, together, axis.name)
+        for axis in system.axes
     )
+    return AxisStates(coupling, together, axes)
 
 
 def decoupled_axis(system: MechanicalSystem, coupled: CoupledAxes, axis: str) -> AxisAnalysis:

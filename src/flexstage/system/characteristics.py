@@ -10,7 +10,7 @@ from flexstage.material import Material
 from flexstage.quantities import QUANTITIES, number
 from flexstage.stage import Stage, mass_properties
 from flexstage.stage.mass import outer_size
-from flexstage.system.axis_states import stress_anywhere
+from flexstage.system.axis_states import AxisStates, stress_anywhere
 from flexstage.system.coupled_axes import CoupledAxes
 from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import MechanicalSystem
@@ -51,6 +51,19 @@ def axis_mode(
     d = sum(force * system.drive(name).vector for name, force in forces.items()) @ result.shapes
     with np.errstate(divide="ignore", invalid="ignore"):
         return int(np.nanargmax(np.abs(p * d) / result.omega**2))
+
+
+def every_characteristic(
+    stage: Stage, system: MechanicalSystem, states: AxisStates, removed: Modes
+) -> list[Characteristic]:
+    """Return the characteristics of each axis and of the whole; none where no axis is named.
+
+    `removed` has `MODES_SEARCHED` modes with the drives removed.
+    """
+    rows: list[Characteristic] = []
+    for axis in states.axes:
+        rows += axis_characteristics(stage, system, axis, removed, states.together)
+    return rows + stage_characteristics(stage, system, states.coupling) if rows else rows
 
 
 def axis_characteristics(
