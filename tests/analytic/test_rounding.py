@@ -7,6 +7,8 @@ import pytest
 
 from flexstage.designs import StageTemplate
 from flexstage.designs.registry import build
+from flexstage.designs.start import spelled_out_text
+from flexstage.errors import StageError
 from flexstage.explore import (
     Family,
     Goal,
@@ -24,6 +26,7 @@ from flexstage.explore.optimise.local_search import LocalOptimum
 from flexstage.explore.optimise.problem import StageProgram
 from flexstage.explore.optimise.rounding import drawn, drawn_point, on_drawing
 from flexstage.explore.variables import Variable
+from flexstage.progress import listen
 from flexstage.stage import stage_from_text
 from flexstage.units import parse
 
@@ -148,3 +151,51 @@ def test_middle_of_bounds_in_per_cent_is_the_start() -> None:
     ranges = ("leg.notch.neck_thickness=0.4..0.7 mm", "leg.bar_length=10 %")
     found = find_optimum(problem("stress.x <= 113 MPa", ranges=ranges), options)
     assert not [n for n in found.notes if n.startswith("--start middle")]
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_a_file_keeps_its_comments_under_another_name(end: str) -> None:
+    text = spelled_out_text("parallelogram")
+    text = text.replace("name: parallelogram\n", "name: 'no #1'  # of May\n")
+    text = text.replace("title: Parallelogram guide\n", "title: >-\n  A guide\n  on legs\n")
+    text = text.replace("\n", end)
+    template = StageTemplate(source="mine.yaml", file=text)
+    made = template.text({"neck_thickness": 0.5001e-3}, "no #1-optimised", "A guide: better")
+    before, after = text.split(end), made.split(end)
+    assert [line for line in after if line not in before] == [
+        "  neck_thickness: 0.5001 mm",
+        "name: 'no #1-optimised'  # of May",
+        "title: 'A guide: better'",
+    ]
+    comments = [line for line in before if line.startswith("#")]
+    assert [line for line in after if line.startswith("#")] == comments
+    stage = stage_from_text(made)
+    assert (stage.name, stage.title) == ("no #1-optimised", "A guide: better")
+
+
+def test_the_stage_of_a_design_has_the_name_that_its_file_gives_it() -> None:
+    text = "flexstage: 1\nname: mine  # of May\ndesign:\n  name: parallelogram\n"
+    text += "  leg_spacing: 41 mm\n"
+    assert stage_from_text(text, build).name == "mine"
+    template = StageTemplate(source="mine.yaml", file=text)
+    made = template.text({"leg_spacing": 0.042}, "mine-optimised", "Stiff legs")
+    assert made.splitlines()[1:3] == ["name: mine-optimised  # of May", "title: Stiff legs"]
+    assert "leg_spacing: 42 mm" in made
+    with pytest.raises(StageError, match="a name must be 1 to 80 printable characters"):
+        stage_from_text(text.replace("mine ", "m" * 81 + " "), build)
+
+
+def test_progress_says_the_rung_the_best_so_far_and_the_share_of_the_evaluations() -> None:
+    told: list[tuple[str, float]] = []
+    ranges = ("leg.notch.neck_thickness=0.3..0.9 mm", "leg.bar_length=15..40 mm")
+    with listen(lambda what, done: told.append((what, done))):
+        options = SearchOptions(evaluations=200, starts=1)
+        find_optimum(problem("stress.x <= 113 MPa", ranges=ranges), options)
+    shares = [done for _, done in told]
+    assert shares == sorted(shares)
+    assert len({round(share, 3) for share in shares if share < 0.5}) > 5
+    assert shares[-1] > 0.6
+    searched = [what for what, _ in told if what.startswith("lumped search 2 of 2, best natural_")]
+    best = [float(what.split()[-2]) for what in searched]
+    assert best == sorted(best)
+    assert [what for what, _ in told if what.startswith("ladder, turn 2, corrected by superelem")]

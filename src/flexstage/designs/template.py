@@ -1,6 +1,7 @@
 """Many stages from one source: a design, or a stage file, with other values of its parameters."""
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -22,6 +23,9 @@ from flexstage.stage import Stage, stage_from_text, stage_to_text
 from flexstage.stage.drawing.endings import DRAWINGS
 from flexstage.stage.format import STAGE_FILE
 from flexstage.units import to_text
+
+# a key with its value, plain or in quotes, and the comment behind it
+_COMMENT = re.compile(r"""\w+:\s*(?:'(?:[^']|'')*'|"(?:[^"\\]|\\.)*"|[^'"#].*?)(\s+#.*)""")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,13 +188,17 @@ def _called(text: str, words: Mapping[str, str]) -> str:
         written = f"{key}: {flow_text(value)}"
         at = [i for i, line in enumerate(lines) if line.startswith(f"{key}:")]
         if at:
-            _, _, comment = lines[at[0]].partition(" #")
-            lines[at[0]] = f"{written}  #{comment}" if comment else written
+            comment = _COMMENT.fullmatch(lines[at[0]])
+            lines[at[0]] = written + (comment[1] if comment else "")
+            # what it has said in more lines goes with it
+            while at[0] + 1 < len(lines) and lines[at[0] + 1].startswith((" ", "\t")):
+                del lines[at[0] + 1]
         else:
             above = ("name:", f"{STAGE_FILE.key}:") if key == "title" else (f"{STAGE_FILE.key}:",)
             at = [i for a in above for i, line in enumerate(lines) if line.startswith(a)]
             lines.insert(at[0] + 1 if at else 0, written)
-    return "\n".join(lines) + "\n"
+    end = "\r\n" if "\r\n" in text else "\n"
+    return end.join(lines) + end
 
 
 def _place(root: Node, name: str) -> Scalar | None:

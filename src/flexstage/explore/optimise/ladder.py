@@ -36,6 +36,8 @@ Start = Literal["described", "middle"]
 OTHER_STARTS, TURNS, EVALUATIONS = 3, 12, 250
 # steps of a search at most and at least; share of the evaluations that is kept for the ladder
 _STEPS, _FEWEST, _RESERVE = 60, 4, 0.4
+# share of the evaluations left that a turn of the ladder may use
+_AGAIN = 0.4
 # points that starts are chosen from; agreement of two models at which the ladder ends
 _SAMPLE, _AGREED = 64, 1e-3
 # turns after which the correction has seen how the models differ nearby
@@ -190,19 +192,23 @@ class _Climb:
         self.why: dict[str, str] = {}
         self.walls: tuple[Wall, ...] = ()
         self.undrawn: dict[bytes, LocalOptimum] = {}
-        self.stage_of_work, self.share, self.seen = "", 1.0, math.inf
+        # what is said of progress: the rung, evaluations before it and in it, and the best so far
+        self.stage_of_work, self.before, self.share, self.seen = "", 0, 1.0, math.inf
 
     def run(self) -> Optimum:
         lumped = self.options.model == "lumped"
-        ends = (0.95 if lumped else 0.5), (0.95 if self.options.confirm is None else 0.7)
+        ends = (0.9 if lumped else 0.5), (0.9 if self.options.confirm is None else 0.6)
         with progress.subtask(0.0, ends[0]):
             best = self._drawn(self._first())
         with progress.subtask(*ends):
             visited = [self._visit(best)] if lumped else self._climb(best)
-        chosen = self._or_start(min(visited, key=self._rank) if visited else None)
+        with progress.subtask(ends[1], ends[1] + 0.1):
+            chosen = self._or_start(min(visited, key=self._rank) if visited else None)
         if self.options.confirm is not None:
-            with progress.subtask(0.7, 1.0):
-                chosen = self._or_start(self._confirm(chosen))
+            with progress.subtask(ends[1] + 0.1, 0.9):
+                chosen = self._confirm(chosen)
+            with progress.subtask(0.9, 1.0):
+                chosen = self._or_start(chosen)
         return self._optimum(chosen)
 
     # ------------------------------------------------------------------ searching the quick model
@@ -212,7 +218,7 @@ class _Climb:
         wanted = 1 + (self.options.starts if self.problem.goals else 0)
         reserve = 0.0 if self.options.model == "lumped" else _RESERVE * self.budget
         found: list[LocalOptimum] = []
-        self.share = max(self.budget - reserve, 1.0)
+        self._begin(self.budget - reserve)
         for start in self._starts():
             share = (self._left() - reserve) / max(wanted - len(found), 1)
             self.stage_of_work = f"lumped search {len(found) + 1} of {wanted}"
@@ -309,7 +315,12 @@ class _Climb:
             figure = self.problem.goals[0].figure
             best = float(self.program.goal_figure(self.seen))
             text += f", best {figure.name} {figure.text(best)}"
-        progress.update(text, self.program.counts["lumped"] / self.share)
+        progress.update(text, (self.program.counts["lumped"] - self.before) / self.share)
+
+    def _begin(self, evaluations: float) -> None:
+        """Begin a rung on which so many evaluations may be used."""
+        self.before, self.share = self.program.counts["lumped"], max(evaluations, 1.0)
+        self.seen = math.inf  # what another model found best is none of this one
 
     def _drawn(self, found: LocalOptimum) -> LocalOptimum:
         """Return an optimum as a drawing has it, and keep it as it was found."""
@@ -352,14 +363,14 @@ class _Climb:
         seen = [best.point]
         correction = Correction.none(len(best.point), len(self.problem.figures))
         reach = _REACH
-        self.share = float(self.budget)
         for turn in range(TURNS):
             # most end within some turns: each takes a third of what is left
             with progress.subtask(1.0 - _LEFT**turn, 1.0 - _LEFT ** (turn + 1)):
                 self.stage_of_work = f"ladder, turn {turn + 1}, corrected by {model}"
-                self.seen = math.inf  # what another model found best is none of this one
-                progress.update(f"ladder, turn {turn + 1}, {model}")
-                fine = self._fine(model, best.point)
+                self._begin(_AGAIN * self._left())
+                with progress.subtask(0.0, 0.5):
+                    progress.update(f"ladder, turn {turn + 1}, {model}")
+                    fine = self._fine(model, best.point)
                 expected, coarse = self._expected(best.point)
                 self._rung(model, best, expected, fine)
                 possible = bool(np.all(np.isfinite(fine)))
@@ -377,7 +388,8 @@ class _Climb:
                 # nor one by which a requirement was missed, once the models are alike
                 wider = near and (kept or turn < _ALIKE)
                 reach = min(1.0, 2.0 * reach) if wider else (0.3 if near else 0.5) * reach
-                again = self._again(best if possible else None, visited, kept, seen, reach)
+                with progress.subtask(0.5, 1.0):
+                    again = self._again(best if possible else None, visited, kept, seen, reach)
                 if again is None:
                     break
                 best = again
@@ -403,7 +415,7 @@ class _Climb:
             ways += [(x, 0.5 * reach) for x in before if best is None or x is not best.point]
             ways.append((self.start, reach if best is None else 1.0))
         for x, far in ways:
-            found = self._search(x, 0.4 * self._left(), far)
+            found = self._search(x, _AGAIN * self._left(), far)
             found = None if found is None else self._drawn(found)
             if found is not None and not any(_same(found.point, other) for other in seen):
                 return found
@@ -504,20 +516,24 @@ class _Climb:
         """Ask the finest model; where it finds a requirement missed, feed that back once."""
         model = self.options.confirm
         assert model is not None
-        progress.update(f"confirm by {model}")
-        fine = self._fine(model, chosen.optimum.point)
+        with progress.subtask(0.0, 0.4):
+            progress.update(f"confirm by {model}")
+            fine = self._fine(model, chosen.optimum.point)
         self._rung(model, chosen.optimum, chosen.fine, fine)
         confirmed = self._confirmed(chosen, fine)
         if confirmed.violation <= TOLERANCE or not np.all(np.isfinite(fine)):
             return confirmed
         self.stage_of_work = f"corrected by {model}"
-        again = self._search(chosen.optimum.point, max(self._left(), 0.0))
+        self._begin(self._left())
+        with progress.subtask(0.4, 0.6):
+            again = self._search(chosen.optimum.point, max(self._left(), 0.0))
         if again is None:
             return confirmed
         again = self._drawn(again)
-        progress.update(f"confirm by {model}", 0.5)
-        expected = self.program.figures(again.point[None])[0]
-        fine = self._fine(model, again.point)
+        with progress.subtask(0.6, 1.0):
+            progress.update(f"confirm by {model}")
+            expected = self.program.figures(again.point[None])[0]
+            fine = self._fine(model, again.point)
         self._rung(model, again, expected, fine)
         better = self._confirmed(replace(chosen, optimum=again), fine)
         return min(confirmed, better, key=self._rank)
