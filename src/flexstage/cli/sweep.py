@@ -55,8 +55,8 @@ def sweep(
         six values; or "x.*=20 %", every parameter of such a name by 20 % to either side; may be
         repeated.
     of
-        FIGURE: A figure that is looked at, such as natural_frequency.x, stroke.y or mass; may be
-        repeated (default: ratio, stroke, frequency, stress and coupling of each axis).
+        FIGURE: A figure that is looked at, such as natural_frequency.x, stroke (of every axis) or
+        mass; may be repeated (default: ratio, stroke, frequency, stress and coupling of each axis).
     plan
         grid|latin-hypercube|sobol: How points are spread: on a grid, as a Latin hypercube, or as a
         Sobol' sequence (default: a grid of one or two parameters, a sequence of more).

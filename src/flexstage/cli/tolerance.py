@@ -67,8 +67,8 @@ def tolerance(
         REQUIREMENT: What a good stage has, such as "natural_frequency.x >= 300 Hz" or
         "ratio.x = 1.7 +- 1 %"; may be repeated.
     of
-        FIGURE: What is looked at, such as stress.x; may be repeated (default: the usual figures of
-        every axis).
+        FIGURE: A figure that is looked at, such as natural_frequency.x, stress (of every axis) or
+        mass; may be repeated (default: ratio, stroke, frequency, stress and coupling of each axis).
     target_yield
         SHARE: Find the cheapest scatter by which so many stages are good, such as "99 %".
     cost

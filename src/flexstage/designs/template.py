@@ -17,6 +17,7 @@ from flexstage.files.nodes import Mapping as MappingNode
 from flexstage.files.nodes import Node, Scalar, parse_yaml, read_text
 from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.settings import require_known
+from flexstage.files.yaml_text import flow_text
 from flexstage.stage import Stage, stage_from_text, stage_to_text
 from flexstage.stage.drawing.endings import DRAWINGS
 from flexstage.stage.format import STAGE_FILE
@@ -88,18 +89,22 @@ class StageTemplate:
             source=self.source,
         )
 
-    def text(self, values: Mapping[str, float]) -> str:
-        """Return a stage file of the stage with other values.
+    def text(
+        self, values: Mapping[str, float], name: str | None = None, title: str | None = None
+    ) -> str:
+        """Return a stage file of the stage with other values, and another name and title.
 
         That of a design gives all of its dimensions. A file keeps its words and comments where each
         value that changes stands in a line of it; else all is written anew.
         """
-        wanted = self.stage(values)
+        words = {k: v for k, v in (("name", name), ("title", title)) if v is not None}
+        wanted = replace(self.stage(values), **words)  # type: ignore[arg-type]
         if self.file is None:
             topology, known, _ = _design(self)
-            return text_of_dimensions(topology, known, self._dimensions(values))
+            return _called(text_of_dimensions(topology, known, self._dimensions(values)), words)
         texts = dict(self.settings) | self._texts(values)
         edited = _edited(self, texts)
+        edited = None if edited is None else _called(edited, words)
         if edited is not None:
             try:
                 if stage_from_text(edited, build, source=self.source) == wanted:
@@ -108,7 +113,9 @@ class StageTemplate:
                 pass  # a line that was not what it seemed: written out below
         found: list[Any] = []
         parameters_in(self.source, self.file, texts, found.append)
-        return text_of_dimensions(*found[0]) if found else stage_to_text(wanted, shared=True)
+        if found:
+            return _called(text_of_dimensions(*found[0]), words)
+        return stage_to_text(wanted, shared=True)
 
     def _dimensions(self, values: Mapping[str, float]) -> Any:
         return _with(_design(self)[2], values, self.source)
@@ -168,6 +175,22 @@ def _edited(template: StageTemplate, texts: Mapping[str, str]) -> str | None:
         behind = " " * -longer * bool(spare) + behind[min(max(longer, 0), max(spare - 1, 0)) :]
         lines[place.line - 1] = before + text + behind
     return "".join(lines)
+
+
+def _called(text: str, words: Mapping[str, str]) -> str:
+    """Put name and title of a stage into a file, where they stand or below its first key."""
+    lines = text.splitlines()
+    for key, value in words.items():
+        written = f"{key}: {flow_text(value)}"
+        at = [i for i, line in enumerate(lines) if line.startswith(f"{key}:")]
+        if at:
+            _, _, comment = lines[at[0]].partition(" #")
+            lines[at[0]] = f"{written}  #{comment}" if comment else written
+        else:
+            above = ("name:", f"{STAGE_FILE.key}:") if key == "title" else (f"{STAGE_FILE.key}:",)
+            at = [i for a in above for i, line in enumerate(lines) if line.startswith(a)]
+            lines.insert(at[0] + 1 if at else 0, written)
+    return "\n".join(lines) + "\n"
 
 
 def _place(root: Node, name: str) -> Scalar | None:

@@ -142,6 +142,8 @@ def figure_of(text: str, known: Collection[tuple[str, str]]) -> Figure:
     axes = [a for q, a in known if q == quantity]
     if not known:
         raise ModelError(_no_axes(known))
+    if not axes and quantity in QUANTITIES and {a for _, a in known} == {WHOLE_STAGE}:
+        raise ModelError(f"there is no figure '{text[:60]}' here: {_no_axes(known)}")
     if not axes:
         names = dict.fromkeys(Figure(quantity=q, axis=WHOLE_STAGE).name for q, _ in known)
         short = [alias for alias, of in ALIASES.items() if any(q == of for q, _ in known)]

@@ -127,9 +127,9 @@ def variables_of(template: StageTemplate, texts: Sequence[str]) -> tuple[Variabl
                 names = [n for n in names if not is_data_sheet(n)]
         if not names:
             raise ModelError(
-                f"{template.source} has no parameter '{name[:60]}' that can be varied"
-                f"{did_you_mean(name, known)}; its parameters are "
-                f"{listed([n for n in known if _value(known[n]) is not None])}"
+                f"{template.source} has no parameter '{name[:60]}' that can be varied; its "
+                f"parameters are {listed([n for n in known if _value(known[n]) is not None])}"
+                f"{did_you_mean(name, known)}"
             )
         for each in names:
             if each in found:
@@ -162,8 +162,8 @@ def matching_names(
         names = [pattern] if pattern in known else [n for n in known if fnmatchcase(n, pattern)]
         if not names:
             raise ModelError(
-                f"{source} has no {noun} '{pattern[:60]}'{did_you_mean(pattern, known)}; there is "
-                f"{listed(list(known))}"
+                f"{source} has no {noun} '{pattern[:60]}'; there is {listed(list(known))}"
+                f"{did_you_mean(pattern, known)}"
             )
         found += names
     return found
