@@ -151,6 +151,15 @@ def test_a_block_on_a_short_notch_is_an_inverted_pendulum() -> None:
     assert lumped_buckling(stage, {"press": -1.0}) == math.inf
 
 
+def test_a_bar_between_two_notches_sways_as_a_rigid_one() -> None:
+    """Ends that stay parallel: P = 2 k/L; what deflects within the notches, 2 of 15 parts, adds."""
+    rig = _rig(design("parallelogram"), "left-leg")
+    spring, other = (s for s in hinge_springs(rig) if s.hinge.name.endswith("0"))
+    length = math.dist(spring.hinge.at, other.hinge.at)
+    rigid = 2.0 * spring.stiffness[2, 2] / length
+    assert 0.5 * lumped_buckling(rig, {"press": 1.0}) == pytest.approx(rigid, rel=0.02)
+
+
 def test_the_tangent_of_finite_rotations_is_singular_there() -> None:
     """At the load that is found the nonlinear model has no stiffness left."""
     stage = column(RightCircular(neck_thickness=0.21e-3, radius=0.4e-3), 31e-3)

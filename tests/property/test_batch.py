@@ -99,6 +99,14 @@ def _relative() -> Stage:
     return replace(stage, probes=probes, axes=stage.axes[:1])
 
 
+def _read_from_the_platform() -> Stage:
+    """A probe on the ground that reads the platform of x."""
+    stage = varied(design("vgtu-piezo"), 4)
+    ground = next(body.name for body in stage.bodies if body.fixed)
+    x, *others = stage.probes
+    return replace(stage, probes=(replace(x, body=ground, relative_to=x.body), *others))
+
+
 def _redundant() -> Stage:
     """Three drives that move two axes: each motion is a linear programme."""
     stage = varied(design("three-rrr"), 4)
@@ -121,6 +129,7 @@ def _turning() -> Stage:
         (lambda: _driven("vgtu-piezo", _COIL, _SOFT_SCREW), 0),
         (lambda: _driven("three-rrr", _COIL, _SCREW, _SOFT_SCREW), 0),
         (_relative, 0),
+        (_read_from_the_platform, 0),
         # every figure of the two axes; and of the other stage the workspace
         (_redundant, 26),
         (_turning, 1),

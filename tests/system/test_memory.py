@@ -18,6 +18,7 @@ from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.cli import main
 from flexstage.designs import design
 from flexstage.hinges import RightCircular
+from flexstage.hinges.profile import Vertex
 from flexstage.provenance import content_hash
 from flexstage.report.figures.fields import draw_fe_modes
 from flexstage.report.figures.style import svg_text
@@ -59,6 +60,7 @@ def packed(value: Any) -> Any:
         {("ratio", "x"): 1.697, "of": {"x": None}},
         ROW,
         Characteristics((ROW, replace(ROW, axis="y"))),
+        (Vertex(0.3e-3, 0.7e-3, 0.2),),
     ],
 )
 def test_a_value_returns_as_it_was(value: object) -> None:
