@@ -199,6 +199,22 @@ def test_a_stage_without_axes_has_no_figures(capsys, tmp_path):
         assert err.count("\n") == 1
 
 
+def test_a_stage_of_more_drives_than_axes_is_told_what_a_lot_leaves_out(capsys, tmp_path):
+    stage = design("three-rrr")
+    file = tmp_path / "redundant.yaml"
+    file.write_text(stage_to_text(replace(stage, axes=stage.axes[:2])))
+    told = "more drives than axes move this stage"
+    code, out, _ = run(capsys, str(file), *QUICK[1:], "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert [figure["name"] for figure in found["figures"]] == ["max_stress"]
+    assert any(note.startswith(told) for note in found["notes"])
+    assert told not in run(capsys, "three-rrr", *QUICK[1:], "--of", "stress.x")[1]
+    code, out, err = run(capsys, str(file), *QUICK[1:], "--of", "stroke.x")
+    assert (code, out) == (2, "")
+    assert "there is no figure 'stroke.x' here" in err
+
+
 def test_a_figure_without_its_axis_is_that_of_every_axis(capsys):
     _, out, _ = run(
         capsys, "vgtu-piezo", "--samples", "9", "--model", "lumped", "--of", "frequency", "--json"

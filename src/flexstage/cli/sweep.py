@@ -127,9 +127,8 @@ def _nothing_varied(template: "StageTemplate") -> str:
             "under 'parameters' in the stage file"
         )
     neck = next((v for v in variables if "neck" in v.name), variables[0])
-    low, high = (f"{bound * neck.factor:.3g}" for bound in (neck.low, neck.high))
     return (
-        f'name what is varied, such as --over "{neck.name}={low}..{high} {neck.unit}": the '
+        f'name what is varied, such as --over "{neck.name}={neck.range_text}": the '
         f"parameters of {template.source} are {listed([v.name for v in variables])}"
     )
 

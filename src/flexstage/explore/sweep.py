@@ -180,12 +180,12 @@ class Sweep:
         if cut is None:
             return ""
         variable = self.variables[cut.variable]
-        shown = f"{float(f'{cut.value * variable.factor:.3g}'):.10g}"
+        shown = f"{float(f'{cut.value * variable.factor:.3g}'):.10g} {variable.unit}".rstrip()
         also = f", and {100.0 * cut.possible:.0f} % of the others" if cut.possible > 0.005 else ""
         return (
-            f"{variable.name} from {shown} {variable.unit} on"
+            f"{variable.name} from {shown} on"
             if cut.bound == "low"
-            else f"{variable.name} up to {shown} {variable.unit}"
+            else f"{variable.name} up to {shown}"
         ) + f" leaves out {100.0 * cut.impossible:.0f} % of the impossible ones{also}"
 
     @property

@@ -12,6 +12,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.batches import Job
 from flexstage.explore.deviations import draw, drawn_kinds, flat, parts
+from flexstage.explore.family import batched_figures
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.made_stages import Process, lot_figures, process_of
 from flexstage.explore.notch_table import THINNEST, TOLERANCE
@@ -385,10 +386,17 @@ def _notes(
                 "robust standard deviations from the median, as where another mode takes over; "
                 "look at its distribution before you trust its standard deviation"
             )
+    stage = lot.process.stage
+    axes = {axis.name for axis in stage.axes}
+    if axes.isdisjoint(axis for _, axis in batched_figures(stage)):
+        notes.append(
+            "more drives than axes move this stage: the strokes of its axes, and what hangs on "
+            "them, are a search in each sample, and no figures of a lot"
+        )
     if lot.process.error > TOLERANCE:
         notes.append(
             f"springs of notches are interpolated to {lot.process.error:.0e} of their largest value"
         )
-    if lot.process.scatter.temperature and lot.process.stage.material.thermal_expansion is None:
+    if lot.process.scatter.temperature and stage.material.thermal_expansion is None:
         notes.append("the material gives no thermal_expansion: the temperature changes nothing")
     return notes

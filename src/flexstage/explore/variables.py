@@ -78,6 +78,12 @@ class Variable:
         unit = re.sub(r"\bu(?=m|rad)", "µ", self.unit)
         return f"{self.name} [{unit}]" if unit else self.name
 
+    @property
+    def range_text(self) -> str:
+        """Its bounds as a range is given, to three digits."""
+        low, high = (f"{bound * self.factor:.3g}" for bound in (self.low, self.high))
+        return f"{low}..{high} {self.unit}".strip()
+
     def text(self, value: float) -> str:
         """Write a value with its unit, as a file has it."""
         if not self.dimension or not math.isfinite(value):
@@ -247,9 +253,7 @@ def _how(parameters: Iterable[StageParameter]) -> str:
     for parameter in parameters:
         value = _value(parameter)
         if value and parameter.dimension in DIMENSIONS:
-            around = _around(parameter, value, USUAL_SHARE)
-            low, high = (f"{v * around.factor:.3g}" for v in (around.low, around.high))
-            return _HOW.format(parameter.name, f"{low}..{high} {around.unit}".strip())
+            return _HOW.format(parameter.name, _around(parameter, value, USUAL_SHARE).range_text)
     return _HOW.format("neck", "0.3..0.8 mm")
 
 
