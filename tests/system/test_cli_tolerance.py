@@ -92,6 +92,18 @@ def test_changes_and_shares_have_the_same_decimals_in_each_figure(capsys, tmp_pa
     assert {len(decimals) for decimals in changes} == {2}
 
 
+def test_all_numbers_of_a_row_have_the_same_decimals(capsys):
+    # the ratio of a guide is 1 but for some parts in a million
+    _, out, _ = run(capsys, *QUICK, "--of", "ratio", "--of", "frequency", "--of", "mass")
+    for label, least in (("Transmission ratio", 7), ("Natural frequency", 1), ("Mass", 1)):
+        line = next(line for line in out.splitlines() if line.strip().startswith(label))
+        numbers = re.findall(r" (-?\d+(?:\.\d+)?)(?= )", line)[:4]
+        decimals = {len(number.partition(".")[2]) for number in numbers}
+        assert len(numbers) == 4
+        assert len(decimals) == 1
+        assert decimals.pop() >= least
+
+
 def test_a_stage_that_misses_what_is_required_has_no_table_of_tolerances(capsys, tmp_path):
     code, out, _ = run(
         capsys, *QUICK, "--require", "natural_frequency.x >= 250 Hz", "--target-yield", "90 %",

@@ -198,7 +198,8 @@ def _no_axes(known: Collection[tuple[str, str]]) -> str:
     others = ", ".join(Figure(quantity=q, axis=a).name for q, a in known)
     return (
         "the stage describes no axes, and so has no ratio, stroke or frequency: add 'axes' to the "
-        "stage file, each with its drive and the probe that reads it"
+        "stage file, each with its drive and the probe that reads it (of a drawing by --drive and "
+        "--probe)"
     ) + (f", or name one of its other figures, {others}" if others else "")
 
 

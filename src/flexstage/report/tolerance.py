@@ -11,7 +11,7 @@ from flexstage.explore.figures import Figure
 from flexstage.explore.spread import Spread, Yield, samples_for
 from flexstage.explore.tolerance import VALIDITY, ToleranceStudy
 from flexstage.explore.tolerance_choice import COARSEST, FINEST, ToleranceChoice
-from flexstage.quantities import beside
+from flexstage.quantities import number
 from flexstage.report.page import page_html
 from flexstage.report.tables import value_text
 from flexstage.section import Bullets, Picture, Section
@@ -21,6 +21,7 @@ from flexstage.virtual.imperfections import Scatter
 
 _LEAST = 0.01  # share of the variance that is told [1]
 _MOST = 3  # hinges that are named
+_DECIMALS = 9  # that a figure has at most
 
 
 def spread_table(study: ToleranceStudy) -> Table:
@@ -50,16 +51,21 @@ def _cells(spread: Spread) -> tuple[str, ...]:
     # what is known of a standard deviation, in parts: 1 / sqrt(2 (n - 1)) of normal values
     known = 1.0 / math.sqrt(2.0 * max(spread.count - 1, 1))
     digits = 1 if known > 0.1 else 2 if known > 0.01 else 3
-    shown_deviation = 10.0 * deviation if digits == 1 else deviation
-    texts = [
-        beside(value * shown.factor, shown_deviation)[0] if math.isfinite(value) else "–"
-        for value in (spread.nominal, spread.mean, *spread.middle)
-    ]
+    # the same decimals in all of a row, of which the deviation has one digit or two
+    last = math.floor(math.log10(float(f"{deviation:.1e}"))) - (digits > 1)
+    decimals = min(max(-last, 0), _DECIMALS)
+    plain = 1e-3 <= abs(spread.nominal * shown.factor) < 1e6
+
+    def text(value: float) -> str:
+        if not math.isfinite(value):
+            return "–"
+        return f"{value * shown.factor:.{decimals}f}" if plain else number(value * shown.factor)
+
+    texts = [text(value) for value in (spread.nominal, spread.mean, *spread.middle)]
     share = "" if shown.zero else _percent(spread.standard_deviation / abs(spread.nominal), digits)
-    spread_text = f"{float(f'{deviation:.1g}'):g}"
-    if digits > 1:
-        spread_text = beside(spread.nominal * shown.factor, deviation)[1]
-    return (*texts, spread_text, share)
+    if digits == 1:
+        return (*texts, f"{float(f'{deviation:.1g}'):g}", share)
+    return (*texts, f"{deviation:.{decimals}f}" if plain else number(deviation, 2), share)
 
 
 def yield_table(yields: tuple[Yield, ...], caption: str = "Yield.") -> Table:

@@ -14,7 +14,7 @@ from flexstage.system.modes import Modes, modes
 from flexstage.system.response import (
     FrequencyResponse,
     default_frequencies_hz,
-    frequency_response,
+    response_of_modes,
 )
 from flexstage.system.statics import AxisAnalysis
 
@@ -75,15 +75,14 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     states = axis_states(stage, system)
     # without drives the three conditions are one
     conditions = _CONDITIONS if system.drives else _CONDITIONS[:1]
-    found: dict[DriveCondition, Modes] = {
-        c: modes(system, drives=c, count=MODES_SEARCHED) for c in conditions
-    }
+    every = {c: modes(system, drives=c, count=None) for c in conditions}
+    found: dict[DriveCondition, Modes] = {c: every[c].lowest(MODES_SEARCHED) for c in conditions}
     responses = []
     for axis in system.axes:
         for condition in conditions[:2]:
             f = default_frequencies_hz(found[condition])
             responses += [
-                frequency_response(system, f, drive, axis.probe, drives=condition)
+                response_of_modes(system, every[condition], f, drive, axis.probe)
                 for drive in axis.drives
             ]
     rows = every_characteristic(stage, system, states, found["removed"])
