@@ -20,7 +20,8 @@ from flexstage.explore.figures import Figure, usual_figures
 from flexstage.explore.tolerance import tolerance as draw_lot
 from flexstage.explore.workers import open_workers
 from flexstage.stage import Stage
-from flexstage.system.analysis import analyse_axis, axis_characteristics, modes
+from flexstage.system import analyse_axis, modes
+from flexstage.system.characteristics import axis_characteristics
 from flexstage.virtual.imperfections import Scatter
 
 __all__ = ["tolerance"]

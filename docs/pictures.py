@@ -340,7 +340,6 @@ def in_new_folder() -> Iterator[Path]:
             os.chdir(before)
 
 
-#: Every picture that is drawn here, by the name of its file in `docs/images`.
 def card_sweep() -> "Figure":
     """Stress of the piezo stage in colours over two dimensions of a lever, frequency in lines."""
     import matplotlib as mpl
@@ -361,6 +360,7 @@ def card_sweep() -> "Figure":
     return figure
 
 
+#: Every picture that is drawn here, by the name of its file in `docs/images`.
 PICTURES: dict[str, Callable[[], "Figure"]] = {
     "card-stage.png": card_stage,
     "card-mode.png": card_mode,

@@ -105,6 +105,7 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("smallest_neck", "m", "Thinnest neck", "mm", 1e3),
         Quantity("smallest_slot", "m", "Narrowest slot", "mm", 1e3),
         Quantity("smallest_wall", "m", "Thinnest wall of a body", "mm", 1e3),
+        Quantity("output_wall", "m", "Thinnest wall of the output body", "mm", 1e3),
         Quantity("straightness", "m", "Straightness in plane", "µm", 1e6, 1e-15),
         Quantity("straightness_out_of_plane", "m", "Straightness out of plane", "µm", 1e6, 1e-15),
         Quantity("linearity", "m", "Linearity along the stroke", "µm", 1e6),

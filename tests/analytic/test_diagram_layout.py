@@ -14,7 +14,7 @@ from flexstage.export.diagram.graph import Diagram
 from flexstage.export.diagram.grid import route
 from flexstage.export.diagram.markup import SMALL, plain
 from flexstage.export.diagram.page import PageLayout, PlacedBlock, PlacedLine, layout
-from flexstage.export.diagram.shapes import Cell, Net, Pin
+from flexstage.export.diagram.shapes import DiagramCell, Net, Pin
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.svg import diagram_files, diagram_svg
 from flexstage.export.svg import text_width
@@ -277,7 +277,7 @@ def test_the_same_stage_gives_the_same_file() -> None:
 def test_lines_that_change_places_do_not_lie_on_each_other() -> None:
     """Of two that cross over between pins of equal heights neither can turn before the other."""
     pins = {"in0": Pin("L", 15.0), "out": Pin("R", 15.0)}
-    cells = {n: Cell(width=40.0, height=30.0, axis=15.0, pins=pins) for n in "abcd"}
+    cells = {n: DiagramCell(width=40.0, height=30.0, axis=15.0, pins=pins) for n in "abcd"}
     nets = {
         "a": Net(source=("a", "out"), targets=(("d", "in0"),)),
         "b": Net(source=("b", "out"), targets=(("c", "in0"),)),

@@ -25,6 +25,8 @@ from flexstage.explore import (
 from flexstage.explore.family import evaluate
 from flexstage.explore.optimise.front import non_dominated
 from flexstage.explore.optimise.optimum import TOLERANCE
+from flexstage.explore.optimise.results import optimum_results
+from flexstage.report.optimise import optimum_notes, optimum_tables
 
 OPTIONS = SearchOptions(model="lumped", evaluations=500, seed=3)
 
@@ -80,11 +82,32 @@ def test_chosen_design_loses_nothing_and_says_the_rate_of_exchange(front: Front)
     assert after[0] >= before[0] * (1.0 - TOLERANCE)
     stress = optimum.figures.index(problem().goals[1].figure)
     assert after[stress] <= before[1] * (1.0 + TOLERANCE)
-    rate = next(held.rate for held in optimum.held if held.name == "max_stress.x")
+    (exchanged,) = optimum.exchange
+    assert exchanged is not None
+    assert (exchanged.kind, exchanged.name) == ("goal", "max_stress.x")
+    rate = exchanged.rate
     # by the slope of the front there, whose points lie in the order of falling frequency
     near = front.values[max(front.chosen - 8, 0) : front.chosen + 9]
     slope = np.polyfit(near[:, 1], near[:, 0], 1)[0]
     assert rate == pytest.approx(slope, rel=0.1)
+
+
+def test_what_goals_exchange_is_nothing_that_is_required(front: Front) -> None:
+    """It has a table of its own, and is not among what is required, met, missed or held by."""
+    optimum = front.optimum
+    assert [r.figure.name for r in optimum.problem.all_requirements] == ["height"]
+    assert len(optimum.excess) == 1
+    figures, rates, *_ = optimum_tables(optimum)
+    required = {row[0].text: row[2].text for row in figures.rows}
+    assert required["Largest stress x"] == "minimise"
+    assert rates.caption == "rates of exchange between goals at the chosen point"
+    (row,) = rates.rows
+    stress = 1e6 * float(row[3].text.removeprefix("+"))
+    assert float(row[4].text) == pytest.approx(optimum.exchange[0].rate * stress, rel=0.05)  # type: ignore[union-attr]
+    assert not [note for note in optimum_notes(optimum) if "max_stress" in note]
+    (told,) = optimum_results(optimum)["rates_of_exchange"]
+    assert told["goal"] == "minimise max_stress.x"
+    assert told["of"] == "natural_frequency.x"
 
 
 @pytest.mark.slow

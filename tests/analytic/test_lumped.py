@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from flexstage.errors import ModelError, StageError
-from flexstage.hinges import RightCircular, compliance
-from flexstage.lumped import hinge_springs, lumped_system
+from flexstage.hinges import CornerFilleted, RightCircular, compliance
+from flexstage.hinges.hinge_spring import WIDE_NECK
+from flexstage.lumped import hinge_springs, lumped_system, parameter_tangents, stage_arrays
 from flexstage.material import material
 from flexstage.stage import (
     Axis,
@@ -215,3 +216,37 @@ def test_what_cannot_be_modelled() -> None:
         lumped_system(loose)
     with pytest.raises(ModelError, match="without deforming a hinge"):
         analyse(replace(stage, hinges=()), lumped_system(replace(stage, hinges=())))
+
+
+def _with_profile(stage: Stage, profile: CornerFilleted) -> Stage:
+    return replace(stage, hinges=(replace(stage.hinges[0], profile=profile),))
+
+
+def test_a_flat_part_that_some_hinges_lack_is_told() -> None:
+    """Stress is read at its two ends, and at the neck where there is none."""
+    bare = CornerFilleted(neck_thickness=NECK, notch_length=2.0 * RADIUS, fillet_radius=RADIUS)
+    flat = replace(bare, fillet_radius=0.8 * RADIUS)
+    with pytest.raises(ModelError, match=r"of 'lever' has a flat part in some stages"):
+        stage_arrays([_with_profile(lever(), bare), _with_profile(lever(), flat)])
+    arrays = stage_arrays([_with_profile(lever(), bare)], method="timoshenko")
+
+    def longer(length: float) -> Stage:
+        return _with_profile(lever(), replace(bare, notch_length=length))
+
+    with pytest.raises(ModelError, match=r"begins or ends near 0\.0018 of parameter 'length'"):
+        parameter_tangents(longer, 2.0 * RADIUS, name="length", arrays=arrays)
+
+
+def test_derivatives_keep_the_plane_state_of_the_hinge() -> None:
+    """At the least width in plane strain, of steps to both sides: one state for all of them."""
+
+    def wide(width: float) -> Stage:
+        return replace(lever(), thickness=width)
+
+    least = WIDE_NECK * NECK
+    assert hinge_springs(wide(least))[0].plane == "strain"
+    assert hinge_springs(wide(0.9999 * least))[0].plane == "stress"
+    found = parameter_tangents(wide, least, arrays=stage_arrays([wide(least)]))
+    fixed = stage_arrays([wide(least)], plane="strain")
+    wanted = parameter_tangents(wide, least, arrays=fixed)
+    np.testing.assert_array_equal(found.slopes.hinge_stiffness, wanted.slopes.hinge_stiffness)

@@ -1,18 +1,24 @@
 """Buckling of rigid bodies on springs and leaves, against columns whose load is known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from flexstage.designs import design
-from flexstage.fem.stroke import _rig, bar_buckling_load, two_notch_bars
-from flexstage.hinges import Leaf, RightCircular
+from flexstage.elasticity.buckling import buckling
+from flexstage.errors import ModelError
+from flexstage.fem import plane_model
+from flexstage.fem.stroke import _drive_row, _rig, bar_buckling_load, two_notch_bars
+from flexstage.hinges import CornerFilleted, Leaf, RightCircular
 from flexstage.hinges.profile import Profile
-from flexstage.lumped import hinge_springs, mechanism, nonlinear
+from flexstage.lumped import hinge_springs, lumped_system, mechanism, nonlinear
 from flexstage.lumped.buckling import lumped_buckling
 from flexstage.stage import Body, Force, Hinge, Loop, Stage
+from flexstage.system import analyse_axis
 from tests.hinged_bars import MATERIAL
 
 THICK, NECK, LONG = 7.3e-3, 0.31e-3, 19.7e-3
@@ -99,6 +105,41 @@ def test_a_leaf_between_ends_at_rest_buckles_by_itself() -> None:
     assert load(far, "side") == pytest.approx(2.0 * euler, rel=2e-3)
 
 
+FILLETED = CornerFilleted(neck_thickness=NECK, notch_length=LONG, fillet_radius=2.7e-3)
+
+
+def _by_elements(guided: bool, count: int = 400) -> float:
+    """Load of a column as high as `FILLETED` by beam elements, its top held or free to move aside.
+
+    Each is uniform, with the stiffness and geometric stiffness of J. S. Przemieniecki, Theory of
+    Matrix Structural Analysis (1968), eqs. 5.79 and 15.8.
+    """
+    size, r = LONG / count, FILLETED.fillet_radius
+    x = size * (np.arange(count) + 0.5)
+    into = np.clip(np.abs(x - 0.5 * LONG) - 0.5 * FILLETED.flat_length, 0.0, None)
+    height = NECK + 2.0 * (r - np.sqrt(r**2 - into**2))
+    elastic, geometric = np.zeros((2, 2 * count + 2, 2 * count + 2))
+    a, b, c, d = 12.0, 6.0 * size, 4.0 * size**2, 2.0 * size**2
+    bending = np.array([[a, b, -a, b], [b, c, -b, d], [-a, -b, a, -b], [b, d, -b, c]]) / size**3
+    a, b, c, d = 1.2 / size, 0.1, 2.0 * size / 15.0, -size / 30.0
+    stress = np.array([[a, b, -a, b], [b, c, -b, d], [-a, -b, a, -b], [b, d, -b, c]])
+    for k in range(count):
+        at = slice(2 * k, 2 * k + 4)
+        elastic[at, at] += EI * (height[k] / NECK) ** 3 * bending
+        geometric[at, at] += stress
+    free = [*range(2, 2 * count), *([2 * count] if guided else [])]
+    some = np.ix_(free, free)
+    return 1.0 / float(eigh(geometric[some], elastic[some], eigvals_only=True)[-1])
+
+
+@pytest.mark.parametrize("guided", [True, False])
+def test_a_leaf_with_large_fillets_bends_where_it_is_thin(guided: bool) -> None:
+    """Between ends that stay parallel, and that do not move at all; 64 % above a plain leaf's."""
+    far = column(FILLETED, 8.9e-3, (-0.4, 0.4), held=not guided)
+    held = () if guided else ("side",)
+    assert load(far, *held) == pytest.approx(2.0 * _by_elements(guided), rel=5e-4)
+
+
 def test_a_block_on_a_short_notch_is_an_inverted_pendulum() -> None:
     """P = k/h, with the height over a neck that is short beside it; pulled, it stands."""
     notch = RightCircular(neck_thickness=0.21e-3, radius=0.4e-3)
@@ -108,6 +149,15 @@ def test_a_block_on_a_short_notch_is_an_inverted_pendulum() -> None:
         stiffness / (61e-3 + 0.4e-3), rel=2e-3
     )
     assert lumped_buckling(stage, {"press": -1.0}) == math.inf
+
+
+def test_a_bar_between_two_notches_sways_as_a_rigid_one() -> None:
+    """Ends that stay parallel: P = 2 k/L; what deflects within the notches, 2 of 15 parts, adds."""
+    rig = _rig(design("parallelogram"), "left-leg")
+    spring, other = (s for s in hinge_springs(rig) if s.hinge.name.endswith("0"))
+    length = math.dist(spring.hinge.at, other.hinge.at)
+    rigid = 2.0 * spring.stiffness[2, 2] / length
+    assert 0.5 * lumped_buckling(rig, {"press": 1.0}) == pytest.approx(rigid, rel=0.02)
 
 
 def test_the_tangent_of_finite_rotations_is_singular_there() -> None:
@@ -136,3 +186,25 @@ def test_bars_between_two_notches_bear_what_finite_elements_say(name: str) -> No
     assert 0.5 * lumped_buckling(rig, {"press": 1.0}) == pytest.approx(
         bar_buckling_load(stage, body), rel=0.03
     )
+
+
+def test_a_block_that_nothing_holds_has_no_state_to_buckle_from() -> None:
+    stage = column(LEAF, 8.9e-3)
+    with pytest.raises(ModelError, match="without deforming a hinge"):
+        lumped_buckling(replace(stage, hinges=()), {"press": 1.0})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["trapezoidal-pivot", "cartwheel", "double-parallelogram", "linked-parallelogram"]
+)
+def test_stages_of_leaves_buckle_as_plane_finite_elements_do(name: str) -> None:
+    """Each at the forces of its own full stroke, which differ by 4 to 6 %."""
+    stage = design(name)
+    model = plane_model(stage)
+    axis = model.system.axes[0]
+    state = model.problems[0].basis @ analyse_axis(model.system, axis).static.q
+    row = _drive_row(model, axis.drive)
+    theirs = buckling(model.problems[0].continuum, state, locked=row).positive[0]
+    ours = analyse_axis(lumped_system(stage), axis).static.drive_force
+    assert lumped_buckling(stage, ours) == pytest.approx(theirs, rel=0.02)

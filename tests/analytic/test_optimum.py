@@ -258,10 +258,18 @@ def test_usual_requirements_give_way_to_those_that_are_asked() -> None:
         # 1850 N over 38 um: less than the 50 N/um of the stack itself
         "input_stiffness.x <= 48.6842 N/µm",
         "input_stiffness.y <= 48.6842 N/µm",
+        # of the bodies; of the platform, which both axes share
+        "smallest_wall >= 1 mm",
+        "output_wall.x >= 3.3 mm",
     ]
     asked = (requirement_of("stress.x <= 200 MPa", known),)
-    left = usual_requirements(stage, known, asked, ["input_stiffness"])
-    assert [r.text for r in left] == ["safety_factor.y >= 1.5"]
+    left = usual_requirements(stage, known, asked, ["input_stiffness", "output_wall"])
+    assert [r.text for r in left] == ["safety_factor.y >= 1.5", "smallest_wall >= 1 mm"]
+    # no more is asked than the stage has, in whole um
+    thin = StageTemplate.of("parallelogram", {"platform_height": "2.3456789 mm"}).stage()
+    usual = usual_requirements(thin, known_figures(thin), asked)
+    walls = [r.text for r in usual if "wall" in r.text]
+    assert walls == ["smallest_wall >= 1 mm", "output_wall.x >= 2.345 mm"]
     with pytest.raises(ModelError, match="did you mean 'safety_factor"):
         usual_requirements(stage, known, (), ["safety_facto"])
 

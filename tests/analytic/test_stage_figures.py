@@ -8,7 +8,7 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import StageError
-from flexstage.explore.stage_figures import STAGE_FIGURES
+from flexstage.explore.stage_figures import STAGE_FIGURES, stage_figures
 from flexstage.lumped import lumped_system
 from flexstage.quantities import QUANTITIES
 from flexstage.stage import Body, Circle, Loop, Stage, check
@@ -103,12 +103,7 @@ def test_an_outline_that_crosses_itself_has_no_slots() -> None:
 
 
 def figures(stage: Stage) -> dict[tuple[str, str], float]:
-    system = lumped_system(stage)
-    return {
-        (quantity, axis): value
-        for quantity, compute in STAGE_FIGURES.items()
-        for axis, value in compute(stage, system).items()
-    }
+    return stage_figures(stage, lumped_system(stage))
 
 
 def test_forces_of_drives_and_what_they_leave_of_the_stroke() -> None:
@@ -130,6 +125,14 @@ def test_forces_of_drives_and_what_they_leave_of_the_stroke() -> None:
     assert found["smallest_neck", "stage"] == min(necks)
     assert found["smallest_slot", "stage"] == narrowest_slot(stage)
     assert found["smallest_wall", "stage"] == thinnest_wall(stage)
+    platform = stage.probe(stage.axes[0].probe).body
+    assert found["output_wall", stage.axes[0].name] == thinnest_wall(stage, platform)
+    assert thinnest_wall(stage, platform) > thinnest_wall(stage)
+    # what is asked for alone, of one axis
+    axis = stage.axes[1].name
+    one = stage_figures(stage, system, [("buckling_factor", axis), ("smallest_neck", "stage")])
+    assert one == {key: found[key] for key in one}
+    assert set(one) == {("buckling_factor", axis), ("smallest_neck", "stage")}
 
 
 def test_a_rigid_screw_keeps_its_stroke_and_has_no_share() -> None:
@@ -159,9 +162,4 @@ def test_a_plate_alone_has_a_figure_of_its_own() -> None:
 
 
 def figures_of_plate(stage: Stage) -> dict[str, float]:
-    wanted = ("smallest_neck", "smallest_slot", "smallest_wall")
-    return {
-        name: value
-        for name in wanted
-        for value in STAGE_FIGURES[name](stage, None).values()  # type: ignore[arg-type]
-    }
+    return {quantity: value for (quantity, _), value in stage_figures(stage, None).items()}

@@ -15,7 +15,7 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.loops import loop_width
 from flexstage.stage import Screw
 from flexstage.system import modes
-from flexstage.system.analysis import axis_mode
+from flexstage.system.characteristics import axis_mode
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.default_servo import largest_slope

@@ -76,7 +76,7 @@ def work() -> dict[str, list[list[str]]]:
         for model in MODELS:
             names[f"{stage}-{model}"] = [["analyse", stage, "--model", model, "--json"]]
         names[f"{stage}-export"] = [["export", stage, "--to", "all", "--out", "{out}"]]
-        names[f"{stage}-study"] = [["study", stage, "--out", "{out}", "--json"]]
+        names[f"{stage}-study"] = [["study", stage, "--out", "{out}", "--no-cache", "--json"]]
         names[f"{stage}-run"] = [["run", stage]]
     return names
 

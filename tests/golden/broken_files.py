@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flexstage.designs.registry import find_stage
+from flexstage.designs.source import find_stage
 from flexstage.errors import FlexstageError
 from flexstage.experiments import plan_stage, read_campaign, read_plan
 from flexstage.experiments.state import read_state

@@ -34,6 +34,12 @@ def test_every_name_is_frozen() -> None:
     assert sorted(path.stem for path in baseline.FOLDER.glob("*.json")) == sorted(work())
 
 
+def test_studies_are_computed_and_not_read() -> None:
+    studies = [line for lines in work().values() for line in lines if line[0] == "study"]
+    assert len(studies) == len(baseline.STAGES)
+    assert all("--no-cache" in line for line in studies)
+
+
 @pytest.mark.parametrize(
     "same",
     [

@@ -27,6 +27,7 @@ from flexstage.system import (
     batch_characteristics,
     characteristic_derivatives,
 )
+from flexstage.system.linalg import solve_stiffness
 from tests.varied_stages import rounding, varied
 
 
@@ -98,6 +99,14 @@ def _relative() -> Stage:
     return replace(stage, probes=probes, axes=stage.axes[:1])
 
 
+def _read_from_the_platform() -> Stage:
+    """A probe on the ground that reads the platform of x."""
+    stage = varied(design("vgtu-piezo"), 4)
+    ground = next(body.name for body in stage.bodies if body.fixed)
+    x, *others = stage.probes
+    return replace(stage, probes=(replace(x, body=ground, relative_to=x.body), *others))
+
+
 def _redundant() -> Stage:
     """Three drives that move two axes: each motion is a linear programme."""
     stage = varied(design("three-rrr"), 4)
@@ -120,6 +129,7 @@ def _turning() -> Stage:
         (lambda: _driven("vgtu-piezo", _COIL, _SOFT_SCREW), 0),
         (lambda: _driven("three-rrr", _COIL, _SCREW, _SOFT_SCREW), 0),
         (_relative, 0),
+        (_read_from_the_platform, 0),
         # every figure of the two axes; and of the other stage the workspace
         (_redundant, 26),
         (_turning, 1),
@@ -216,6 +226,37 @@ def test_a_mechanism_is_no_number_and_disturbs_no_sample_beside_it(name: str) ->
         good = [0, 1, 3, 5]
         np.testing.assert_array_equal(broken[key][good], value[good])
         assert np.isnan(broken[key][[2, 4]]).all() != described
+
+
+@pytest.mark.parametrize("name", ["parallelogram", "stacked-xy", "bridge"])
+def test_pins_are_refused_whatever_pivots_rounding_leaves(name: str) -> None:
+    # of 60 guides whose necks turn freely 16 have a factor, with pivots of up to 1e-8
+    arrays = _scattered(name, 300)
+    stiffness = arrays.hinge_stiffness.copy()
+    stiffness[:, :, 2, :] = stiffness[:, :, :, 2] = 0.0
+    batch = assemble_batch(replace(arrays, hinge_stiffness=stiffness))
+    key = ("input_stiffness", arrays.stage.axes[0].name)
+    assert np.isnan(batch_characteristics(batch, [key])[key]).all()
+    for i in range(60):
+        k, _ = _dense(batch, i)
+        with pytest.raises(ModelError, match="without deforming a hinge"):
+            solve_stiffness(0.5 * (k + k.T), np.eye(len(k))[:, :1], np.zeros((len(k), 0)))
+
+
+@pytest.mark.parametrize("name", DESIGNS)
+def test_necks_of_a_hundredth_of_the_usual_ones_make_no_mechanism(name: str) -> None:
+    # of 3 to 14 um, thinner than any that is cut: K is positive definite, and both say so
+    stage = varied(design(name), 3, share=0.0)
+    thin = [
+        replace(h.profile, neck_thickness=0.01 * h.profile.neck_thickness) for h in stage.hinges
+    ]
+    hinges = tuple(replace(h, profile=p) for h, p in zip(stage.hinges, thin, strict=True))
+    stage = replace(stage, hinges=hinges)
+    arrays = stage_arrays([stage], method="euler-bernoulli")
+    key = ("natural_frequency_hz", stage.axes[0].name)
+    rows = analyse(stage, lumped_system(stage, method="euler-bernoulli")).characteristics
+    found = lumped_characteristics(arrays, [key])[key][0]
+    assert found == pytest.approx(rows.value(*key), rel=1e-4)
 
 
 def test_a_stage_whose_axes_are_coupled_otherwise_than_the_nominal_one_is_no_number() -> None:

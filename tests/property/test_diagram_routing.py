@@ -4,11 +4,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flexstage.export.diagram.grid import route
-from flexstage.export.diagram.shapes import Cell, Net, Pin, Routed, branches
+from flexstage.export.diagram.shapes import DiagramCell, Net, Pin, Routed, branches
 
 
 @st.composite
-def grids(draw: st.DrawFn) -> tuple[dict[str, Cell], dict[str, tuple[int, int]], dict[str, Net]]:
+def grids(
+    draw: st.DrawFn,
+) -> tuple[dict[str, DiagramCell], dict[str, tuple[int, int]], dict[str, Net]]:
     """Draw cells of uneven sizes, some drawn from right to left, and lines between their pins."""
     count = draw(st.integers(2, 9))
     spots = draw(
@@ -26,7 +28,7 @@ def grids(draw: st.DrawFn) -> tuple[dict[str, Cell], dict[str, tuple[int, int]],
         pins = {f"in{i}": Pin(into, 10.0 + 20.0 * i) for i in range(inputs)}
         pins["out"] = Pin(out, 0.5 * height)
         name = f"c{k}"
-        cells[name] = Cell(
+        cells[name] = DiagramCell(
             width=30.0 + draw(st.integers(0, 4)) * 11.0, height=height, axis=0.5 * height, pins=pins
         )
         places[name] = spot
@@ -41,7 +43,7 @@ def grids(draw: st.DrawFn) -> tuple[dict[str, Cell], dict[str, tuple[int, int]],
 @settings(deadline=None, max_examples=120, suppress_health_check=[HealthCheck.too_slow])
 @given(case=grids(), apart=st.booleans())
 def test_lines_keep_off_cells_and_arrive(
-    case: tuple[dict[str, Cell], dict[str, tuple[int, int]], dict[str, Net]], apart: bool
+    case: tuple[dict[str, DiagramCell], dict[str, tuple[int, int]], dict[str, Net]], apart: bool
 ) -> None:
     cells, places, nets = case
     done = route(cells, places, nets, apart=apart)
@@ -60,7 +62,7 @@ def test_lines_keep_off_cells_and_arrive(
             assert 0.0 <= point[0] <= done.size[0]
 
 
-def arrives(done: Routed, cells: dict[str, Cell], net: Net, name: str) -> bool:
+def arrives(done: Routed, cells: dict[str, DiagramCell], net: Net, name: str) -> bool:
     """Whether all pins of a line hang together by its segments."""
 
     def pin(end: tuple[str, str]) -> tuple[float, float]:

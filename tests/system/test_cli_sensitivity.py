@@ -45,6 +45,7 @@ def test_the_table_has_what_moves_most_at_the_top(capsys: pytest.CaptureFixture[
     assert "leg.notch.kind" in printed
     assert "it is a choice" in printed
     assert "note: figures are those of the lumped model" in printed
+    assert "--model superelement has them" in printed.replace("\n", " ")
 
 
 def test_changes_by_a_length_in_the_units_of_the_figures(
@@ -87,8 +88,13 @@ def test_files_and_json_have_slopes_and_parts(
 
 def test_hinges_alike_share_a_row(capsys: pytest.CaptureFixture[str]) -> None:
     printed = said(capsys, "parallelogram", "--hinges", "--by", "*.neck", "--of", "frequency")
-    assert "like it)" in printed
-    assert "for +10 µm" in printed.replace("\n", " ")
+    assert re.search(r"left-lower\.neck \(×\d\)", printed)
+    words = " ".join(printed.split())
+    assert "for +10 µm of each length" in words
+    assert "of all else" not in words
+    # which no other model moves
+    assert "note: figures are those of the lumped model" in printed
+    assert "--model" not in printed
     found = json.loads(
         said(capsys, "parallelogram", "--hinges", "--by", "left*", "--of", "frequency", "--json")
     )
@@ -96,6 +102,15 @@ def test_hinges_alike_share_a_row(capsys: pytest.CaptureFixture[str]) -> None:
     assert sorted(named) == sorted(
         f"left-{end}.{part}" for end in ("lower", "upper") for part in ("neck", "along", "across")
     )
+
+
+def test_axes_of_one_frequency_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--by", "notch.neck*", "--of", "frequency")
+    printed = said(capsys, "three-rrr", *words)
+    told = "natural_frequency.x and natural_frequency.y are equal"
+    assert printed.count("are equal") == 1
+    assert told in printed
+    assert told not in said(capsys, "vgtu-piezo", "--by", "x.leg_neck", "--of", "frequency")
 
 
 def test_necks_stand_on_the_drawing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -1,13 +1,17 @@
 """`flexstage sweep`: tables, JSON, files, and what it says about bad input."""
 
 import json
+import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from flexstage.cli import main
+from flexstage.designs import design
 from flexstage.explore import Job
+from flexstage.stage import stage_to_text
 
 NECK = ("--over", "leg.notch.neck_thickness=0.31..0.52 mm/4")
 SPACING = ("--over", "leg_spacing=6..46 mm/5")
@@ -88,6 +92,11 @@ def test_the_folder_has_every_file(run, tmp_path):
     assert told["points"] == {"all": 20, "possible": 16}
     assert "columns" not in told
     assert "note: 4 of 20 points are no possible stage" in out
+    # bounds in the digits that were given, not in those of a number of a computer
+    page = (tmp_path / "out" / "sweep.html").read_text("utf-8")
+    assert "6 mm to 46 mm" in page
+    assert "0.31 mm to 0.52 mm" in page
+    assert not re.search(r">\d+\.\d{6,} \w+ to", page)
 
 
 def test_indices_are_printed_and_written(run, tmp_path):
@@ -105,6 +114,32 @@ def test_indices_are_printed_and_written(run, tmp_path):
     neck = shares["leg.notch.neck_thickness"]["total"]
     assert neck["low"] < neck["value"] < neck["high"]
     assert told["points"]["all"] == 16 * (len(names) + 2)
+
+
+def test_a_figure_without_its_axis_is_that_of_every_axis(run):
+    words = "--over", "x.lever_neck=5 %/2", "--of", "frequency", "--json", "--quiet"
+    told = json.loads(run("sweep", "vgtu-piezo", *words)[1])
+    assert [f["name"] for f in told["figures"]] == ["natural_frequency.x", "natural_frequency.y"]
+
+
+def test_a_stage_without_axes_is_told_what_it_lacks(run, tmp_path):
+    file = tmp_path / "bare.yaml"
+    text = stage_to_text(replace(design("parallelogram"), axes=()))
+    assert "thickness: 8 mm" in text
+    text = text.replace("thickness: 8 mm", "thickness: = plate")
+    file.write_text(text.replace("length_unit: mm", "length_unit: mm\nparameters: {plate: 8 mm}"))
+    for words in (("sweep", "bare.yaml", "--over", "plate=10 %"), ("sensitivity", "bare.yaml")):
+        status, out, err = run(*words, "--quiet")
+        assert (status, out) == (2, "")
+        assert "the stage describes no axes" in err
+        assert "or name one of its other figures, smallest_neck, smallest_slot" in err
+        assert err.count("\n") == 1
+    # which need no axis
+    words = "sweep", "bare.yaml", "--over", "plate=10 %/3", "--of", "smallest_slot", "--quiet"
+    status, out, _ = run(*words)
+    assert status == 0
+    assert "plate [mm]" not in out
+    assert "vary by less than 0.1 %: smallest_slot" in out
 
 
 def test_a_seed_draws_the_same_points(run):
@@ -184,7 +219,11 @@ def test_an_interrupted_sweep_goes_on(run, tmp_path, monkeypatch):
 
     monkeypatch.setattr(Job, "compute", interrupted)
     assert run(*words)[0] == 130
-    assert (tmp_path / "out" / "unfinished").is_dir()
+    kept = sorted((tmp_path / "out" / "unfinished").iterdir())
+    assert len(kept) == 3
+    # a wrong word takes nothing away
+    assert run(*words[:-1], "0")[0] == 2
+    assert sorted((tmp_path / "out" / "unfinished").iterdir()) == kept
     status, out, _ = run(*words)
     assert status == 0
     assert numbers == [0, 1, 2, 2, 3]

@@ -243,7 +243,7 @@ def test_ctrl_c_is_left_to_the_cluster(cluster, tmp_path):
         words, env=cluster.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         cwd=tmp_path, start_new_session=True,
     )  # fmt: skip
-    batches = tmp_path / "made" / "batches"
+    batches = tmp_path / "made" / "unfinished"
     deadline = time.monotonic() + 60.0
     while len(list(batches.glob("batch-*.npz"))) < 3 and time.monotonic() < deadline:
         time.sleep(0.05)

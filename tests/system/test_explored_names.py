@@ -34,6 +34,8 @@ def piezo() -> StageTemplate:
         ("x.leg_neck = 300 um .. 0.8 mm / 6", 0.3e-3, 0.8e-3, 6),
         ("x.leg_neck=25 %", 0.543e-3, 0.905e-3, None),
         ("x.leg_neck=±25%", 0.543e-3, 0.905e-3, None),
+        ("x.leg_neck=25 %/7", 0.543e-3, 0.905e-3, 7),
+        ("x.leg_n?ck = 25 % / 7", 0.543e-3, 0.905e-3, 7),
     ],
 )
 def test_a_range_is_read(

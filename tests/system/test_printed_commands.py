@@ -1,6 +1,6 @@
 """Every command of README and manual, as it is printed, with its defaults, each as one process."""
 
-import fcntl
+import json
 import math
 import os
 import re
@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,16 @@ _ELSEWHERE = {
     "runs show 71d7": "no run of the catalogue",
     "runs add runs/2031": "there is no folder",
 }
+#: What another page runs in the same words and with a folder: `test_what_is_run_once_is_run`.
+_ONCE = {
+    "README.md": (
+        "flexstage run vgtu-piezo --instrument gcs://127.0.0.1:50000",
+        "run-the-piezo-stage.md",
+    ),
+}
 _SERVES = "flexstage twin "
+#: Where a twin listens, as it is printed: a port that another program may have, or another page.
+_PRINTED = "127.0.0.1:50000"
 _LIMIT = 300.0
 
 
@@ -148,6 +157,33 @@ def torn(file: Path) -> None:
         writer.close()
 
 
+def interrupted(folder: Path) -> None:
+    """A run that was ended in its last steps but one, made of the run before it."""
+    shutil.copytree(folder.with_name("first-run"), folder)
+    state = json.loads((folder / "run.json").read_text("utf-8"))
+    *_, ended, last = state["steps"]
+    assert (ended, last) == ("control-x", "control-y")
+    for name in (ended, last):
+        for record in state["steps"][name]["files"]:
+            (folder / record).unlink()
+    del state["steps"][last]
+    state["steps"][ended] |= {"status": "interrupted", "files": {}}
+    state["finished"] = ""
+    (folder / "run.json").write_text(json.dumps(state), "utf-8")
+
+
+def taken_up(folder: Path) -> None:
+    """What that run says afterwards: it has every step, and repeated none that it had."""
+    first, second = (
+        json.loads((folder / name / "run.json").read_text("utf-8"))["steps"]
+        for name in ("first-run", "second-run")
+    )
+    assert list(second) == list(first)
+    assert {step["status"] for step in second.values()} == {"complete"}
+    again = [name for name in first if second[name] != first[name]]
+    assert again == ["control-x", "control-y"]
+
+
 def solid(file: Path) -> None:
     """A part as a STEP file."""
     by("export", "parallelogram", "--to", "step", "--out", file.with_name("as-step"))
@@ -200,20 +236,15 @@ GIVEN: dict[str, dict[str, Callable[[Path], None]]] = {
     "ansys-comparison.md": {"flexor_025.step": public},
     "write-a-plan.md": {"bad.yaml": bad_plan},
     "ni-acquisition.md": {"mine.yaml": cycles_plan},
+    "run-the-piezo-stage.md": {"second-run": interrupted},
 }
+#: What a page says of its files when it is at its end.
+AFTER: dict[str, Callable[[Path], None]] = {"run-the-piezo-stage.md": taken_up}
 #: Pages whose given files are the page's own: figures are compared as well.
 _OWN = ("identification.md",)
 #: Time passes there as commands come: figures differ by noise from run to run, by this at most.
 _NOISY = "gcs://"
 _NOISE = 0.5
-
-
-@pytest.fixture
-def one_port() -> Iterator[None]:
-    """The port of a twin is one: pages that start one wait for each other."""
-    with (Path(tempfile.gettempdir()) / "flexstage-printed-port.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
 
 
 def pages() -> list[Path]:
@@ -237,6 +268,7 @@ class Page:
             },
         )
         self.given = GIVEN.get(path.name, {})
+        self.address = _PRINTED
         self.names: dict[str, Any] = {"__name__": "__snippet__"}
         self.faults: list[str] = []
         self.later: list[Command] = []
@@ -286,6 +318,8 @@ class Page:
             return
         if any(word in line for word in _LONG) != self.long and line.startswith("flexstage"):
             return
+        if line == _ONCE.get(self.name, ("", ""))[0]:
+            return
         made = [name for name in self.given if name in line]
         for name in made:
             if not (self.folder / name).exists():
@@ -295,12 +329,16 @@ class Page:
             return
         self.ran += 1
         if line.startswith(_SERVES):
-            said = self.shell.serve(line)
-            if not re.search(r"at gcs://\S+ \(simulated\)", said):
+            said = self.shell.serve(line if "--port" in line else f"{line} --port 0")
+            ready = re.search(r"at gcs://(\S+) \(simulated\)", said)
+            if ready is None:
                 self.faults.append(f"{line}: no line that it is ready, but {said!r}")
+            else:
+                self.address = ready[1]
             return
-        done = self.shell.run(line, _LIMIT)
-        self.judge(command, line, done.returncode, done.stdout + done.stderr, own=not made)
+        done = self.shell.run(line.replace(_PRINTED, self.address), _LIMIT)
+        said = (done.stdout + done.stderr).replace(self.address, _PRINTED)
+        self.judge(command, line, done.returncode, said, own=not made)
 
     def missing(self, line: str) -> bool:
         """Whether it reads a file that the page has not made yet."""
@@ -335,15 +373,24 @@ def checked(path: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, *, long: 
     page = Page(path, folder, long=long)
     page.run()
     assert not page.faults, "\n\n".join(page.faults)
+    if not long:
+        AFTER.get(path.name, lambda folder: None)(folder)
     return page
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", pages(), ids=lambda page: page.name)
 def test_commands_run_as_printed(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_port: None
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checked(path, tmp_path, monkeypatch, long=False)
+
+
+def test_what_is_run_once_is_run() -> None:
+    texts = {page.name: page.read_text("utf-8") for page in pages()}
+    for page, (line, other) in _ONCE.items():
+        assert line in texts[page]
+        assert f"$ {line} --folder" in texts[other]
 
 
 LONG = [p for p in pages() if any(word in p.read_text("utf-8") for word in _LONG)]
@@ -352,6 +399,6 @@ LONG = [p for p in pages() if any(word in p.read_text("utf-8") for word in _LONG
 @pytest.mark.evidence
 @pytest.mark.parametrize("path", LONG, ids=lambda page: page.name)
 def test_long_commands_run_as_printed(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_port: None
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checked(path, tmp_path, monkeypatch, long=True)

@@ -31,7 +31,7 @@ from flexstage.report.study import CHAPTERS, SECTIONS
 from flexstage.stage.mass import mass_properties
 from flexstage.studies import Study, results_json, run_study, study_results
 from flexstage.system import modes
-from flexstage.system.analysis import pulsating_limit
+from flexstage.system.characteristics import pulsating_limit
 from tests.studies import page_of, study_of
 
 QUANTITIES = {

@@ -15,7 +15,7 @@ import pytest
 
 from flexstage.cache import Cache, open_cache
 from flexstage.cache import cache as cache_module
-from flexstage.fem import superelement
+from flexstage.fem import condensed_bodies
 from flexstage.fem.condensation import condense
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.superelement import SuperelementModel, superelement_model
@@ -116,7 +116,9 @@ def test_only_changed_bodies_are_built_and_copies_once(
     from flexstage.designs import design
 
     calls = []
-    monkeypatch.setattr(superelement, "condense", lambda part: calls.append(part) or condense(part))
+    monkeypatch.setattr(
+        condensed_bodies, "condense", lambda part: calls.append(part) or condense(part)
+    )
     stage = design("parallelogram")
     model = superelement_model(stage, COARSE, cache=tmp_path)
     # the two legs are copies

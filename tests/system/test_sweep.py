@@ -184,6 +184,25 @@ def test_indices_of_a_guide(with_indices):
     assert found.first[1].sum() == pytest.approx(1.0, abs=0.05)
 
 
+def test_an_interval_beyond_1_is_told_and_not_cut(with_indices):
+    found = with_indices.indices
+    ends = ("first_low", "first_high", "total_low", "total_high")
+    inside = {name: np.clip(getattr(found, name), 0.0, 1.0) for name in ends}
+    for name, end, shown in (("total_high", 1.06, "1.06"), ("first_low", -0.02, "-0.02")):
+        changed = inside[name].copy()
+        changed[1, 1] = end
+        within, beyond = (
+            replace(with_indices, indices=replace(found, **parts))
+            for parts in (inside, inside | {name: changed})
+        )
+        said = [
+            any("an index lies from 0 to 1" in n for n in sweep_notes(s)) for s in (within, beyond)
+        ]
+        assert said == [False, True]
+        table = list(sweep_tables(beyond))[-1]
+        assert any(shown in cell.text for row in table.rows for cell in row)
+
+
 def test_what_is_rounding_has_no_indices():
     # both halves of the stage are mirror images: what one axis does to the other is rounding
     found = sweep(

@@ -131,7 +131,9 @@ class _Unpacker:
         if what in ("list", "tuple"):
             return (list if what == "list" else tuple)(map(self.value, parts[0]))
         if what != "object":
-            return _class(what)(map(self.value, parts[0]))
+            kind = _class(what)
+            # a named tuple takes its parts one by one
+            return getattr(kind, "_make", kind)(map(self.value, parts[0]))
         kind = _class(parts[0])
         made = object.__new__(kind)
         for field, node in zip(dataclasses.fields(kind), parts[1], strict=True):

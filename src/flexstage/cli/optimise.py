@@ -67,7 +67,8 @@ def optimise(
         FIGURE: A figure to make as small as possible, such as mass; may be repeated.
     keep
         REQUIREMENT: What is required, such as "stroke.x >= 60 um", "stress.x <= 200 MPa" or
-        "ratio.x = 1.7 +- 1 %"; may be repeated.
+        "ratio.x = 1.7 +- 1 %"; smallest_slot, stroke_left, drive_force and buckling_factor take up
+        to half of the time again, each; may be repeated.
     match
         VALUE: A figure to reach, such as "natural_frequency.x = 320 Hz", by the dimensions nearest
         to the start; or published, for the finite-element figures published of STAGE; may be
@@ -78,10 +79,12 @@ def optimise(
         by 30 %, but nothing of bought parts and bolts, and not the thickness of the plate).
     without
         NAME: What is required without being asked, and shall not be here: check (what can be made),
-        safety_factor (1.5 against yield) or input_stiffness (no stiffer than the actuator, and full
-        stroke within its blocking force); may be repeated.
+        safety_factor (1.5 against yield), input_stiffness (no stiffer than the actuator, and full
+        stroke within its blocking force), smallest_wall (1 mm of any body) or output_wall (3.3 mm
+        of the body that moves the load; both no more than the stage has); may be repeated.
     start
-        described|middle: Start from the stage as it is described, or from the middle of the bounds.
+        described|middle: Start from the stage as it is described, or from the middle of the bounds,
+        which is the same for bounds in per cent.
     model
         superelement|lumped: The model whose figures count; the lumped one alone is quick, and some
         per cent off.
@@ -92,7 +95,8 @@ def optimise(
     seed
         NUMBER: Random seed of the starts, and of the front.
     folder
-        Write the best stage as best.yaml, the result as optimise.json, and pictures.
+        Write the best stage as best.yaml, its dimensions rounded to 0.001 mm, the result as
+        optimise.json, and pictures.
     figure
         Draw the stage before and after, or the Pareto front. (.svg, .png or .pdf)
     """

@@ -68,7 +68,7 @@ def sensitivity(
         Draw the changes as a map of colours. (.svg, .png or .pdf)
     """
     from flexstage.explore import Family, known_figures
-    from flexstage.explore.figures import figures_of, usual_figures
+    from flexstage.explore.figures import chosen_figures
     from flexstage.explore.hinge_family import hinge_variables
     from flexstage.explore.sensitivity import LENGTH, sensitivities, variables_by
     from flexstage.studies.models import known_model
@@ -82,7 +82,7 @@ def sensitivity(
     length = positive_length(step, "--per") if step is not None else LENGTH if hinges else None
     template = taken.template(stage)
     known = known_figures(template.stage())
-    figures = figures_of(of, known) if of else usual_figures(known)
+    figures = chosen_figures(of, known)
     if hinges:
         family, left_out = hinge_variables(template, by or ()), {}
     else:
@@ -108,9 +108,8 @@ def sensitivity(
     screen, shown = console(), sensitivity_table(found, length, in_units=units)
     if len(shown.rows) > 1:
         screen.print(on_terminal(shown))
-    print_notes(
-        screen, (*(shown.notes if len(shown.rows) < 2 else ()), *left_out_notes(found)), files
-    )
+    own = shown.notes if len(shown.rows) < 2 else ()
+    print_notes(screen, (*own, *left_out_notes(found, hinges=hinges)), files)
 
 
 def _necks(found: "Sensitivities", stage: "Stage", folder: Path) -> list[Path]:

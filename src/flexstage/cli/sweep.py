@@ -1,6 +1,5 @@
 """`flexstage sweep`: figures of a stage over its parameters."""
 
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,7 +17,7 @@ from flexstage.cli.output import (
     progress_bar,
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
-from flexstage.cli.worker_options import USUAL_WORKERS, WorkerOptions
+from flexstage.cli.worker_options import USUAL_WORKERS, WorkerOptions, finished_batches
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -27,11 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
     from flexstage.designs import StageTemplate
-    from flexstage.explore import Family, Figure, Sweep
-
-# parameters that a message names
-_NAMED = 12
-_PLANS = "grid", "latin-hypercube", "sobol"
+    from flexstage.explore import Sweep
 
 
 @from_docstring
@@ -60,8 +55,8 @@ def sweep(
         six values; or "x.*=20 %", every parameter of such a name by 20 % to either side; may be
         repeated.
     of
-        FIGURE: A figure that is looked at, such as natural_frequency.x, stroke.y or mass; may be
-        repeated (default: ratio, stroke, frequency, stress and coupling of each axis).
+        FIGURE: A figure that is looked at, such as natural_frequency.x, stroke (of every axis) or
+        mass; may be repeated (default: ratio, stroke, frequency, stress and coupling of each axis).
     plan
         grid|latin-hypercube|sobol: How points are spread: on a grid, as a Latin hypercube, or as a
         Sobol' sequence (default: a grid of one or two parameters, a sequence of more).
@@ -79,15 +74,16 @@ def sweep(
     figure
         Draw the figures over the parameters: curves, maps or diagrams. (.svg, .png or .pdf)
     """
-    from flexstage.explore import Family, usual_plan, variables_of
+    from flexstage.choose import unknown
+    from flexstage.explore import Family, known_figures, usual_plan, variables_of
     from flexstage.explore import sweep as run_sweep
+    from flexstage.explore.figures import chosen_figures
+    from flexstage.explore.sampling import SAMPLINGS
     from flexstage.studies.models import known_model
 
     known_model(model)
-    if plan is not None and plan not in _PLANS:
-        from flexstage.choose import unknown
-
-        raise ModelError(unknown("plan", plan, _PLANS))
+    if plan is not None and plan not in SAMPLINGS:
+        raise ModelError(unknown("plan", plan, SAMPLINGS))
     template = taken.template(stage)
     if not over:
         raise ModelError(_nothing_varied(template))
@@ -100,17 +96,11 @@ def sweep(
         seed=seed,
         indices=indices,
     )
-    figures = _figures(family, of)
-    # until it is finished
-    keep = None if folder is None else folder / "unfinished"
-    with progress_bar("sweep", quiet=quiet), sharing.open() as workers:
-        try:
+    figures = chosen_figures(of, known_figures(family.stage(family.usual)))
+    with finished_batches(folder) as keep:
+        with progress_bar("sweep", quiet=quiet), sharing.open() as workers:
             found = run_sweep(family, figures, wanted, model=model, workers=workers, keep=keep)
-        except ModelError:  # to go on would end in the same way
-            _forget(keep)
-            raise
-    files, notes = _written(found, folder, figure)
-    _forget(keep)
+        files, notes = _written(found, folder, figure)
     if json:
         from flexstage.explore.sweep_files import sweep_results
 
@@ -126,26 +116,9 @@ def sweep(
     print_notes(screen, (*sweep_notes(found), *notes), files)
 
 
-def _forget(keep: Path | None) -> None:
-    """Remove finished batches that nothing will go on from."""
-    if keep is not None and keep.exists():
-        shutil.rmtree(keep)
-
-
-def _figures(family: "Family", names: list[str] | None) -> "tuple[Figure, ...]":
-    """Return what is looked at: the figures of these names, or the usual ones of the stage."""
-    from flexstage.explore import figure_of, known_figures
-    from flexstage.explore.figures import usual_figures
-
-    known = known_figures(family.stage(family.usual))
-    if names:
-        return tuple(dict.fromkeys(figure_of(name, known) for name in names))
-    return usual_figures(known)
-
-
 def _nothing_varied(template: "StageTemplate") -> str:
     """Say how a parameter of this stage is varied."""
-    from flexstage.explore import every_variable
+    from flexstage.explore.variables import every_variable, listed
 
     variables = every_variable(template)
     if not variables:
@@ -154,12 +127,9 @@ def _nothing_varied(template: "StageTemplate") -> str:
             "under 'parameters' in the stage file"
         )
     neck = next((v for v in variables if "neck" in v.name), variables[0])
-    low, high = (f"{bound * neck.factor:.3g}" for bound in (neck.low, neck.high))
-    names = ", ".join(v.name for v in variables[:_NAMED])
-    more = f" and {len(variables) - _NAMED} more" if len(variables) > _NAMED else ""
     return (
-        f'name what is varied, such as --over "{neck.name}={low}..{high} {neck.unit}": the '
-        f"parameters of {template.source} are {names}{more}"
+        f'name what is varied, such as --over "{neck.name}={neck.range_text}": the '
+        f"parameters of {template.source} are {listed([v.name for v in variables])}"
     )
 
 

@@ -1,8 +1,8 @@
 """`flexstage tolerance`: what the workshop makes of a stage, and which tolerance to tighten."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,18 +19,15 @@ from flexstage.cli.output import (
     write_file,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.cli.worker_options import WorkerOptions
+from flexstage.cli.worker_options import USUAL_WORKERS, WorkerOptions, finished_batches
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from flexstage.explore.spread import Shares, Spread, Yield
     from flexstage.explore.tolerance import ToleranceStudy
     from flexstage.explore.tolerance_choice import ToleranceChoice
     from flexstage.virtual.imperfections import Scatter
-
-_ALL_CORES = WorkerOptions()
 
 
 @from_docstring
@@ -49,7 +46,7 @@ def tolerance(
     figure: FigureFile = None,
     folder: OutputFolder = None,
     every_sample: bool = False,
-    shared: WorkerOptions = _ALL_CORES,
+    sharing: WorkerOptions = USUAL_WORKERS,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -70,8 +67,8 @@ def tolerance(
         REQUIREMENT: What a good stage has, such as "natural_frequency.x >= 300 Hz" or
         "ratio.x = 1.7 +- 1 %"; may be repeated.
     of
-        FIGURE: What is looked at, such as stress.x; may be repeated (default: the usual figures of
-        every axis).
+        FIGURE: A figure that is looked at, such as natural_frequency.x, stress (of every axis) or
+        mass; may be repeated (default: ratio, stroke, frequency, stress and coupling of each axis).
     target_yield
         SHARE: Find the cheapest scatter by which so many stages are good, such as "99 %".
     cost
@@ -91,8 +88,8 @@ def tolerance(
     every_sample
         Write the figures of every sample as well, samples.csv.
     """
-    from flexstage.explore.family import known_figures
-    from flexstage.explore.figures import figure_of, requirements_of, usual_figures
+    from flexstage.explore.family import batched_figures
+    from flexstage.explore.figures import chosen_figures, requirements_of
     from flexstage.explore.tolerance import tolerance as draw_lot
     from flexstage.explore.tolerance_choice import choose_tolerances
 
@@ -110,42 +107,36 @@ def tolerance(
     if target is not None and not require:
         raise ModelError("--target-yield needs at least one --require: what a good stage has")
     described = taken.stage(stage)
-    if not described.axes:
-        raise ModelError(
-            f"stage '{described.name}' names no axis (a drive and the probe that reads it), so "
-            "that it has no figures"
-        )
-    known = known_figures(described)
-    figures = [figure_of(text, known) for text in of or ()]
+    known = batched_figures(described)
+    figures = chosen_figures(of, known)
     requirements = requirements_of(require or (), known)
-    if not figures:
-        figures = list(usual_figures(known))
-    keep = None if folder is None else folder / "batches"
-    with progress_bar("tolerance", quiet=quiet), shared.open() as workers:
-        study = draw_lot(
-            described,
-            process,
-            figures=figures,
-            requirements=requirements,
-            samples=samples,
-            seed=seed,
-            model=model,
-            follow_necks=follow_necks,
-            workers=workers,
-            keep=keep,
-        )
-        choice = None
-        if target is not None:
-            choice = choose_tolerances(study, target, weights=weights, workers=workers)
-    result = _result(study, choice)
-    files = [] if folder is None else _write(folder, study, choice, result, every=every_sample)
+    choice = None
+    with finished_batches(folder) as keep:
+        with progress_bar("tolerance", quiet=quiet), sharing.open() as workers:
+            study = draw_lot(
+                described,
+                process,
+                figures=figures,
+                requirements=requirements,
+                samples=samples,
+                seed=seed,
+                model=model,
+                follow_necks=follow_necks,
+                workers=workers,
+                keep=keep,
+            )
+            if target is not None:
+                choice = choose_tolerances(study, target, weights=weights, workers=workers)
+        files = [] if folder is None else _written(folder, study, choice, every=every_sample)
     if figure is not None:
         from flexstage.report.figures.tolerance import draw_spreads
 
         write_file(figure, picture(figure, draw_spreads(study)))
         files.append(figure)
     if json:
-        print_json({**result, "files": [str(file) for file in files]})
+        from flexstage.explore.tolerance_files import tolerance_results
+
+        print_json(tolerance_results(study, choice) | {"files": [str(file) for file in files]})
         return
     _print(study, choice, files)
 
@@ -215,89 +206,11 @@ def _weight(name: str, text: str) -> float:
         raise ModelError(f"the cost of {name} is a number, got '{text[:40]}'") from None
 
 
-def _result(study: "ToleranceStudy", choice: "ToleranceChoice | None") -> dict[str, Any]:
-    """Return plain data of all that was found, in SI units."""
-    import dataclasses
-
-    from flexstage.files.plain import plain
-
-    found: dict[str, Any] = {
-        "stage": study.stage.name,
-        "samples": study.samples,
-        "seed": study.lot.seed,
-        "model": study.model,
-        "scatter": _scatter(study.scatter),
-        "figures": [_spread(spread) for spread in study.spreads],
-        "variance": [_shares(of) for of in study.shares],
-        "yields": [_yield(y) for y in study.yields],
-        "notes": list(study.notes),
-        "provenance": plain(dataclasses.asdict(study.provenance)),
-    }
-    if choice is not None:
-        found["tighten"] = {
-            "target": choice.target,
-            "reached": choice.reached,
-            "verdict": choice.verdict,
-            "cost": choice.cost,
-            "scatter": {kind: getattr(choice.chosen, kind) for kind in choice.kinds},
-            "yields": [_yield(y) for y in choice.after],
-        }
-    return found
-
-
-def _scatter(scatter: "Scatter") -> dict[str, float]:
-    from flexstage.explore.deviations import KINDS
-
-    return {kind.name: getattr(scatter, kind.name) for kind in KINDS}
-
-
-def _spread(spread: "Spread") -> dict[str, Any]:
-    from flexstage.files.plain import picked, plain
-
-    return {
-        "name": spread.figure.name,
-        **picked(spread.figure, "quantity", "axis"),
-        "unit": spread.figure.shown.unit,
-        **picked(spread, "nominal", "mean", "standard_deviation", "count", "apart"),
-        "percentiles": [
-            {f.name: plain(getattr(p, f.name)) for f in fields(p)} for p in spread.percentiles
-        ],
-        "histogram": {"edges": spread.edges.tolist(), "counts": spread.counts.tolist()},
-    }
-
-
-def _shares(of: "Shares") -> dict[str, Any]:
-    return {
-        "figure": of.figure.name,
-        "explained": of.explained,
-        "contributions": [
-            {"kind": c.kind, "share": c.share, "slope": c.slope, "largest": dict(c.largest)}
-            for c in of.contributions
-        ],
-    }
-
-
-def _yield(found: "Yield") -> dict[str, Any]:
-    from flexstage.files.plain import picked
-
-    required = found.requirement
-    return {
-        "required": "all" if required is None else required.text,
-        **picked(found, "met", "count", "share", "low", "high"),
-    }
-
-
-def _write(
-    folder: "Path",
-    study: "ToleranceStudy",
-    choice: "ToleranceChoice | None",
-    result: dict[str, Any],
-    *,
-    every: bool,
+def _written(
+    folder: "Path", study: "ToleranceStudy", choice: "ToleranceChoice | None", *, every: bool
 ) -> "list[Path]":
-    import json
-    import shutil
-
+    from flexstage.explore.tolerance_files import samples_csv, tolerance_results
+    from flexstage.files.plain import json_text
     from flexstage.files.write import write_files
     from flexstage.report.figures.style import encode
     from flexstage.report.figures.tolerance import draw_shares, draw_spreads
@@ -305,19 +218,14 @@ def _write(
 
     files = {
         "tolerance.html": tolerance_page(study, choice).encode(),
-        "tolerance.json": (json.dumps(result, indent=2, allow_nan=False) + "\n").encode(),
+        "tolerance.json": json_text(tolerance_results(study, choice)).encode(),
         "figures.svg": encode(draw_spreads(study), "svg"),
     }
     if study.shares:
         files["shares.svg"] = encode(draw_shares(study), "svg")
     if every:
-        names = ",".join(f"{f.name} [{f.shown.unit}]" for f in study.lot.figures)
-        rows = (",".join(map(repr, row)) for row in study.values.tolist())
-        files["samples.csv"] = "\n".join((names, *rows, "")).encode()
-    written = write_files(folder, files)
-    # what was kept for a run that is interrupted is in the results now
-    shutil.rmtree(folder / "batches", ignore_errors=True)
-    return written
+        files["samples.csv"] = samples_csv(study)
+    return write_files(folder, files)
 
 
 def _print(study: "ToleranceStudy", choice: "ToleranceChoice | None", files: "list[Path]") -> None:
@@ -333,4 +241,4 @@ def _print(study: "ToleranceStudy", choice: "ToleranceChoice | None", files: "li
         if choice.found:
             screen.print(on_terminal(choice_table(choice)))
         screen.print(choice.verdict, markup=False)
-    print_notes(screen, (study.model, *study.notes), files)
+    print_notes(screen, (f"figures by the {study.model}", *study.notes), files)

@@ -1,6 +1,7 @@
 """Many stages from one source: a design, or a stage file, with other values of its parameters."""
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -8,14 +9,8 @@ from pathlib import Path
 from typing import Any, Self
 
 from flexstage.designs.parameters import StageParameter
-from flexstage.designs.registry import (
-    DESIGNS,
-    build,
-    chosen_design,
-    construct,
-    find_stage,
-    parameters_in,
-)
+from flexstage.designs.registry import DESIGNS, build, construct
+from flexstage.designs.source import chosen_design, find_stage, parameters_in
 from flexstage.designs.start import text_of_dimensions
 from flexstage.designs.topology import ParameterSet, Topology
 from flexstage.errors import FlexstageError, StageError
@@ -23,10 +18,14 @@ from flexstage.files.nodes import Mapping as MappingNode
 from flexstage.files.nodes import Node, Scalar, parse_yaml, read_text
 from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.settings import require_known
+from flexstage.files.yaml_text import flow_text
 from flexstage.stage import Stage, stage_from_text, stage_to_text
 from flexstage.stage.drawing.endings import DRAWINGS
 from flexstage.stage.format import STAGE_FILE
 from flexstage.units import to_text
+
+# a key with its value, plain or in quotes, and the comment behind it
+_COMMENT = re.compile(r"""\w+:\s*(?:'(?:[^']|'')*'|"(?:[^"\\]|\\.)*"|[^'"#].*?)(\s+#.*)""")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,18 +93,22 @@ class StageTemplate:
             source=self.source,
         )
 
-    def text(self, values: Mapping[str, float]) -> str:
-        """Return a stage file of the stage with other values.
+    def text(
+        self, values: Mapping[str, float], name: str | None = None, title: str | None = None
+    ) -> str:
+        """Return a stage file of the stage with other values, and another name and title.
 
         That of a design gives all of its dimensions. A file keeps its words and comments where each
         value that changes stands in a line of it; else all is written anew.
         """
-        wanted = self.stage(values)
+        words = {k: v for k, v in (("name", name), ("title", title)) if v is not None}
+        wanted = replace(self.stage(values), **words)  # type: ignore[arg-type]
         if self.file is None:
             topology, known, _ = _design(self)
-            return text_of_dimensions(topology, known, self._dimensions(values))
+            return _called(text_of_dimensions(topology, known, self._dimensions(values)), words)
         texts = dict(self.settings) | self._texts(values)
         edited = _edited(self, texts)
+        edited = None if edited is None else _called(edited, words)
         if edited is not None:
             try:
                 if stage_from_text(edited, build, source=self.source) == wanted:
@@ -114,7 +117,9 @@ class StageTemplate:
                 pass  # a line that was not what it seemed: written out below
         found: list[Any] = []
         parameters_in(self.source, self.file, texts, found.append)
-        return text_of_dimensions(*found[0]) if found else stage_to_text(wanted, shared=True)
+        if found:
+            return _called(text_of_dimensions(*found[0]), words)
+        return stage_to_text(wanted, shared=True)
 
     def _dimensions(self, values: Mapping[str, float]) -> Any:
         return _with(_design(self)[2], values, self.source)
@@ -174,6 +179,26 @@ def _edited(template: StageTemplate, texts: Mapping[str, str]) -> str | None:
         behind = " " * -longer * bool(spare) + behind[min(max(longer, 0), max(spare - 1, 0)) :]
         lines[place.line - 1] = before + text + behind
     return "".join(lines)
+
+
+def _called(text: str, words: Mapping[str, str]) -> str:
+    """Put name and title of a stage into a file, where they stand or below its first key."""
+    lines = text.splitlines()
+    for key, value in words.items():
+        written = f"{key}: {flow_text(value)}"
+        at = [i for i, line in enumerate(lines) if line.startswith(f"{key}:")]
+        if at:
+            comment = _COMMENT.fullmatch(lines[at[0]])
+            lines[at[0]] = written + (comment[1] if comment else "")
+            # what it has said in more lines goes with it
+            while at[0] + 1 < len(lines) and lines[at[0] + 1].startswith((" ", "\t")):
+                del lines[at[0] + 1]
+        else:
+            above = ("name:", f"{STAGE_FILE.key}:") if key == "title" else (f"{STAGE_FILE.key}:",)
+            at = [i for a in above for i, line in enumerate(lines) if line.startswith(a)]
+            lines.insert(at[0] + 1 if at else 0, written)
+    end = "\r\n" if "\r\n" in text else "\n"
+    return end.join(lines) + end
 
 
 def _place(root: Node, name: str) -> Scalar | None:

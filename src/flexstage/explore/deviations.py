@@ -47,6 +47,8 @@ KINDS: tuple[Kind, ...] = (
     Kind(name="stroke", stream=9, label="stroke of each stack", of="drive"),
     Kind(name="drive", stream=10, label="line of each drive", of="drive"),
 )
+#: What each is called in tables, by the field of `Scatter`.
+LABELS: Mapping[str, str] = {kind.name: kind.label for kind in KINDS}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

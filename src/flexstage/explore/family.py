@@ -10,7 +10,7 @@ from flexstage.arrays import Array
 from flexstage.designs.template import StageTemplate
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.explore.figures import Figure
-from flexstage.explore.stage_figures import STAGE_FIGURES
+from flexstage.explore.stage_figures import STAGE_FIGURES, need_a_model, stage_figures
 from flexstage.explore.variables import Variable
 from flexstage.lumped import (
     StageTangents,
@@ -24,7 +24,7 @@ from flexstage.lumped import (
 from flexstage.progress import subtask
 from flexstage.stage import Stage
 from flexstage.studies.models import analyse_model
-from flexstage.system import characteristic_derivatives
+from flexstage.system import MechanicalSystem, characteristic_derivatives
 from flexstage.system.batch_analysis import quoted
 
 # Steps of difference quotients in parts of the range of a variable: a meshed model jitters with its
@@ -81,9 +81,9 @@ class Family:
         """
         return self.template.stage(self.values(point))
 
-    def text(self, point: Array) -> str:
-        """Return a stage file of the stage of a point."""
-        return self.template.text(self.values(point))
+    def text(self, point: Array, name: str | None = None, title: str | None = None) -> str:
+        """Return a stage file of the stage of a point, under another name and title."""
+        return self.template.text(self.values(point), name, title)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,9 +102,13 @@ def known_figures(stage: Stage) -> dict[tuple[str, str], float]:
     """Return all figures of a stage by the lumped model, by quantity and axis."""
     analysis = analyse_model(stage, "lumped")
     found = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
-    for quantity, compute in STAGE_FIGURES.items():
-        found |= {(quantity, a): v for a, v in compute(stage, analysis.system).items()}
-    return found
+    return found | stage_figures(stage, analysis.system)
+
+
+@lru_cache(maxsize=32)
+def batched_figures(stage: Stage) -> tuple[tuple[str, str], ...]:
+    """Return which figures of a stage the batched engine knows, by quantity and axis."""
+    return quoted(assemble_batch(stage_arrays([stage])))
 
 
 def evaluate(
@@ -164,7 +168,8 @@ def _together(
     nominal: Stage, stages: Mapping[int, Stage], figures: Sequence[Figure], values: Array
 ) -> None:
     """Put in what the batched engine knows of all stages; the rest stays NaN."""
-    known = [k for k, figure in enumerate(figures) if figure.key in _batched(nominal)]
+    batched = batched_figures(nominal)
+    known = [k for k, figure in enumerate(figures) if figure.key in batched]
     if not stages or not known:
         return
     try:
@@ -176,23 +181,19 @@ def _together(
         values[list(stages), k] = found[figures[k].key]
 
 
-@lru_cache(maxsize=32)
-def _batched(nominal: Stage) -> frozenset[tuple[str, str]]:
-    """Figures that the batched engine knows of a stage."""
-    return frozenset(quoted(assemble_batch(stage_arrays([nominal]))))
-
-
 def _figures(stage: Stage, figures: Collection[Figure], model: str) -> list[float]:
     """Figures of one stage, by the single analysis; what needs none of it, by the model alone."""
     rows: dict[tuple[str, str], float] = {}
-    if model == "lumped" and all(figure.quantity in STAGE_FIGURES for figure in figures):
-        system = lumped_system(stage)
+    system: MechanicalSystem | None = None
+    beyond = {figure.key for figure in figures if figure.quantity in STAGE_FIGURES}
+    if model == "lumped" and len(beyond) == len(figures):
+        if need_a_model({quantity for quantity, _ in beyond}):
+            system = lumped_system(stage)
     else:
         analysis = analyse_model(stage, model)
         system = analysis.system
         rows = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
-    for quantity in {figure.quantity for figure in figures} & set(STAGE_FIGURES):
-        rows |= {(quantity, a): v for a, v in STAGE_FIGURES[quantity](stage, system).items()}
+    rows |= stage_figures(stage, system, beyond)
     return [rows.get(figure.key, np.nan) for figure in figures]
 
 

@@ -35,6 +35,8 @@ USUAL = (
     "max_stress",
     "cross_coupling",
 )
+#: A figure that varies by less than this share of its size varies by rounding alone.
+ROUNDING = 1e-9
 _DIMENSION = {d.si: d.name for d in DIMENSIONS.values()}
 _REQUIREMENT = re.compile(r"^\s*([\w.\- ]+?)\s*(>=|<=|==|=|>|<|≥|≤)\s*(.+?)\s*$")
 _TOLERANCE = re.compile(r"\s*(?:\+-|\+/-|±)\s*")
@@ -73,7 +75,11 @@ class Figure:
     @property
     def heading(self) -> str:
         """Its name in words, with the unit that it is shown in."""
-        return f"{self.label} [{self.shown.shown_unit}]" if self.shown.shown_unit else self.label
+        return self.heading_in(self.shown)
+
+    def heading_in(self, shown: Quantity) -> str:
+        """Return its name in words, with another unit that it is shown in."""
+        return f"{self.label} [{shown.shown_unit}]" if shown.shown_unit else self.label
 
     def text(self, value: float) -> str:
         """Write a value with its unit."""
@@ -134,11 +140,15 @@ def figure_of(text: str, known: Collection[tuple[str, str]]) -> Figure:
     if name in ALIASES and (turned, axis) in known:
         quantity = turned
     axes = [a for q, a in known if q == quantity]
+    if not known:
+        raise ModelError(_no_axes(known))
+    if not axes and quantity in QUANTITIES and {a for _, a in known} == {WHOLE_STAGE}:
+        raise ModelError(f"there is no figure '{text[:60]}' here: {_no_axes(known)}")
     if not axes:
         names = dict.fromkeys(Figure(quantity=q, axis=WHOLE_STAGE).name for q, _ in known)
         short = [alias for alias, of in ALIASES.items() if any(q == of for q, _ in known)]
         raise ModelError(
-            f"there is no figure '{text[:60]}' of this stage: there is {', '.join(names)}"
+            f"there is no figure '{text[:60]}' here: there is {', '.join(names)}"
             f"{did_you_mean(name, [*names, *short])}"
         )
     if not axis and (len(axes) == 1 or WHOLE_STAGE in axes):
@@ -170,8 +180,34 @@ def figures_of(texts: Sequence[str], known: Collection[tuple[str, str]]) -> tupl
 
 
 def usual_figures(known: Collection[tuple[str, str]]) -> tuple[Figure, ...]:
-    """Return what is looked at first: ratio, stroke, frequency, stress, coupling of every axis."""
-    return tuple(Figure(quantity=q, axis=a) for q in USUAL for k, a in known if k == q)
+    """Return what is looked at first: ratio, stroke, frequency, stress, coupling of every axis.
+
+    Raises
+    ------
+    ModelError
+        There is none, as the stage describes no axes.
+    """
+    found = tuple(Figure(quantity=q, axis=a) for q in USUAL for k, a in known if k == q)
+    if not found:
+        raise ModelError(_no_axes(known))
+    return found
+
+
+def _no_axes(known: Collection[tuple[str, str]]) -> str:
+    """Say what a stage lacks that has none of the usual figures."""
+    others = ", ".join(Figure(quantity=q, axis=a).name for q, a in known)
+    return (
+        "the stage describes no axes, and so has no ratio, stroke or frequency: add 'axes' to the "
+        "stage file, each with its drive and the probe that reads it (of a drawing by --drive and "
+        "--probe)"
+    ) + (f", or name one of its other figures, {others}" if others else "")
+
+
+def chosen_figures(
+    texts: Sequence[str] | None, known: Collection[tuple[str, str]]
+) -> tuple[Figure, ...]:
+    """Return the figures of some names as `figures_of` does; the usual ones where none is given."""
+    return figures_of(texts, known) if texts else usual_figures(known)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

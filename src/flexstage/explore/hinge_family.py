@@ -29,7 +29,7 @@ class HingeFamily(Family):
             hinges[name] = _changed(hinges[name], part, value)
         return replace(described, hinges=tuple(hinges.values()))
 
-    def text(self, point: Array) -> str:
+    def text(self, point: Array, name: str | None = None, title: str | None = None) -> str:
         raise ModelError("no parameter of a stage file is the neck of one hinge alone")
 
 

@@ -11,12 +11,13 @@ from flexstage.arrays import Array
 from flexstage.explore.figures import Figure
 from flexstage.explore.notch_table import NotchTable, notch_table
 from flexstage.lumped.assemble import HingeSpring, hinge_springs
-from flexstage.lumped.batch import StageArrays, assemble_batch, stage_arrays
+from flexstage.lumped.batch import assemble_batch
+from flexstage.lumped.stage_arrays import StageArrays, stage_arrays
 from flexstage.stage import PiezoStack, Stage, mass_properties
 from flexstage.system.batch_analysis import batch_characteristics
 from flexstage.virtual.imperfections import Scatter
 
-#: How many standard deviations the tables of the notches reach; one sample in 4e11 is further off.
+#: How many standard deviations the tables of the notches reach; one neck in 4e11 is further off.
 REACH = 7.0
 
 _DIGITS = 12  # of a root's width [m] that tell notches apart

@@ -6,14 +6,13 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.explore.figures import ROUNDING
 
 #: Largest share of base samples that may hold an impossible stage.
 LARGEST_SHARE_LEFT_OUT = 0.05
 #: Fewest base samples that intervals are estimated from.
 FEWEST = 16
 _RESAMPLES = 1000
-# a figure that varies by less than this share of its size varies by rounding alone
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,7 +121,7 @@ def sobol_indices(
         np.quantile(part, ends, axis=0) for part in drawn
     )
     size = np.abs(values[possible]).max(axis=(0, 1))
-    still = np.ptp(f[:, :2], axis=(0, 1)) <= _ROUNDING * size
+    still = np.ptp(f[:, :2], axis=(0, 1)) <= ROUNDING * size
     for part in (first, first_low, first_high, total, total_low, total_high):
         part[still] = np.nan
     return SobolIndices(

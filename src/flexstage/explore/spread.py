@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.deviations import DeviationPart
-from flexstage.explore.figures import Figure, Requirement
+from flexstage.explore.figures import ROUNDING, Figure, Requirement
 
 #: Percentiles that are given of every figure [%].
 PERCENTILES: tuple[float, ...] = (0.5, 2.5, 50.0, 97.5, 99.5)
@@ -59,6 +59,11 @@ class Spread:
     """Number of samples that have the figure."""
     apart: int
     """Number of samples that lie more than 8 robust standard deviations from the median."""
+
+    @property
+    def still(self) -> bool:
+        """Whether the samples differ by rounding alone."""
+        return self.standard_deviation <= max(self.figure.shown.zero, ROUNDING * abs(self.nominal))
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -120,11 +125,11 @@ def _percentile(ordered: Array, percent: float) -> Percentile:
 
     n, p = ordered.size, percent / 100.0
     tail = 0.5 * (1.0 - CONFIDENCE)
-    # number of values below the quantile: at most k with probability tail, at least m likewise
+    # at most k of the values are below the quantile with probability tail, and more than m likewise
     below = np.arange(n)
     cumulated = bdtr(below, n, p)
     k = int(np.searchsorted(cumulated, tail, side="right")) - 1
-    m = int(np.searchsorted(cumulated, 1.0 - tail)) + 1
+    m = int(np.searchsorted(cumulated, 1.0 - tail))
     return Percentile(
         percent=percent,
         value=float(np.quantile(ordered, p)) if n >= samples_for(percent) else math.nan,

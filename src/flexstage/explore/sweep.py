@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.batches import Job, batch_size
 from flexstage.explore.family import Family, evaluate
-from flexstage.explore.figures import Figure
+from flexstage.explore.figures import ROUNDING, Figure
 from flexstage.explore.impossible import NarrowerBound, Reason, best_cut, reasons
 from flexstage.explore.sampling import (
     Sampling,
@@ -25,14 +24,13 @@ from flexstage.explore.sampling import (
 )
 from flexstage.explore.sobol_indices import FEWEST, SobolIndices, sobol_indices
 from flexstage.explore.variables import Variable
-from flexstage.explore.workers import open_workers
+from flexstage.explore.workers import Workers
 from flexstage.provenance import Provenance, provenance
+from flexstage.quantities import Quantity
 from flexstage.short_repr import short_repr
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from flexstage.explore.workers import Workers
 
 # Points that are looked at where no number is given: of one variable, of a grid of two, and of a
 # sequence, which is also the number of base samples. Models of elements take longer.
@@ -47,9 +45,7 @@ _COST = {
     "solid": 30.0,
 }
 
-# a figure that varies by less than this share of its size varies by rounding alone
-_ROUNDING = 1e-9
-# and one that varies by less than this is hardly worth a diagram
+# a figure that varies by less than this share of its size is hardly worth a diagram
 _HARDLY = 1e-3
 
 
@@ -190,12 +186,12 @@ class Sweep:
         if cut is None:
             return ""
         variable = self.variables[cut.variable]
-        shown = f"{float(f'{cut.value * variable.factor:.3g}'):.10g}"
+        shown = f"{float(f'{cut.value * variable.factor:.3g}'):.10g} {variable.unit}".rstrip()
         also = f", and {100.0 * cut.possible:.0f} % of the others" if cut.possible > 0.005 else ""
         return (
-            f"{variable.name} from {shown} {variable.unit} on"
+            f"{variable.name} from {shown} on"
             if cut.bound == "low"
-            else f"{variable.name} up to {shown} {variable.unit}"
+            else f"{variable.name} up to {shown}"
         ) + f" leaves out {100.0 * cut.impossible:.0f} % of the impossible ones{also}"
 
     @property
@@ -206,7 +202,7 @@ class Sweep:
             return np.ones(len(self.figures), dtype=bool)
         size = np.abs(found).max(axis=0)
         zero = np.array([figure.shown.zero for figure in self.figures])
-        return (size < zero) | (np.ptp(found, axis=0) <= _ROUNDING * size)
+        return (size < zero) | (np.ptp(found, axis=0) <= ROUNDING * size)
 
     @property
     def moving(self) -> tuple[int, ...]:
@@ -255,6 +251,11 @@ class Sweep:
         out[self.still] = math.nan
         return out
 
+    def shown(self, figure: int) -> Quantity:
+        """Return the quantity of a figure in a unit that suits what was found."""
+        largest = float(np.nanmax(np.abs(self.values[:, figure])))
+        return self.figures[figure].shown.fitting(largest)
+
     def strongest(self, count: int) -> tuple[int, ...]:
         """Return the variables that move a figure most, as many as asked for, in their order."""
         found = np.abs(self.correlations) if self.indices is None else self.indices.total
@@ -272,7 +273,7 @@ def sweep(
     plan: SweepPlan,
     *,
     model: str = "lumped",
-    workers: "Workers | None" = None,
+    workers: Workers | None = None,
     keep: "Path | None" = None,
 ) -> Sweep:
     """Vary the parameters of a stage, and compute its figures at every point.
@@ -333,8 +334,7 @@ def sweep(
     lacking = [figures[k].name for k in np.flatnonzero(np.isnan(usual.values[0]))]
     if lacking and not usual.faults[0]:
         raise ModelError(f"the {model} model gives no {', '.join(lacking)}: leave it out")
-    with nullcontext(workers) if workers is not None else open_workers(1) as shared:
-        found = shared.run(job, keep)
+    found = (workers or Workers(1)).run(job, keep)
     faults = tuple(str(fault) for fault in found["fault"])
     if all(faults):
         why = reasons(faults)[0]

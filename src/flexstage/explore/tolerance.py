@@ -1,9 +1,9 @@
 """What the workshop makes of a stage: figures of a whole lot, its yield, and what spreads them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.batches import Job
-from flexstage.explore.deviations import KINDS, draw, drawn_kinds, flat, parts
+from flexstage.explore.deviations import draw, drawn_kinds, flat, parts
+from flexstage.explore.family import batched_figures
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.made_stages import Process, lot_figures, process_of
 from flexstage.explore.notch_table import THINNEST, TOLERANCE
@@ -23,6 +24,7 @@ from flexstage.explore.spread import (
     spread_of,
     yield_of,
 )
+from flexstage.explore.workers import Workers
 from flexstage.measure.updating.parameters import with_neck_thickness
 from flexstage.progress import subtask
 from flexstage.provenance import Provenance, provenance
@@ -30,9 +32,6 @@ from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.studies.models import analyse_model
 from flexstage.virtual.imperfections import Scatter
-
-if TYPE_CHECKING:
-    from flexstage.explore.workers import Workers
 
 #: Samples of a batch: some tenths of a second of work.
 BATCH = 2500
@@ -91,7 +90,7 @@ class Lot:
         return self.corrected(lot_figures(self.process, {}, 1, self.figures)[0])[0]
 
     def values(
-        self, samples: int, workers: "Workers", keep: Path | None = None
+        self, samples: int, workers: Workers, keep: Path | None = None
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the figures of samples, shape (samples, figures), and which are no stage.
 
@@ -135,7 +134,7 @@ class ToleranceStudy:
     spreads: tuple[Spread, ...]
     """How each figure is spread."""
     shares: tuple[Shares, ...]
-    """Where the variance of each comes from; empty where there are too few samples."""
+    """Where the variance of each comes from that varies; empty where there are too few samples."""
     yields: tuple[Yield, ...]
     """Of every requirement, and of all together; empty where there is none."""
     model: str
@@ -218,7 +217,7 @@ def lot_of(
             added[i] = other - own[i]
         else:
             factor[i] = other / own[i]
-    how = f"lumped model, each figure corrected by that of the {model} model of the drawing"
+    how = f"lumped model, each corrected by that of the {model} model of the drawing"
     if not (follow_necks and scatter.neck_common):
         return plain, how
     step = _STEP * scatter.neck_common
@@ -254,7 +253,7 @@ def tolerance(
     seed: int = 0,
     model: str = "superelement",
     follow_necks: bool = False,
-    workers: "Workers | None" = None,
+    workers: Workers | None = None,
     keep: Path | None = None,
 ) -> ToleranceStudy:
     """Return what a process makes of a stage: the spread of its figures, its yield.
@@ -312,8 +311,6 @@ def tolerance(
     >>> print(f"{spread.nominal:.1f} Hz, standard deviation {spread.standard_deviation:.1f} Hz")
     193.7 Hz, standard deviation 2.3 Hz
     """
-    from flexstage.explore.workers import Workers
-
     process = scatter or Scatter()
     every = tuple(dict.fromkeys((*figures, *(r.figure for r in requirements))))
     if not every:
@@ -327,7 +324,7 @@ def tolerance(
     spreads = tuple(
         spread_of(figure, float(nominal[i]), values[:, i]) for i, figure in enumerate(every)
     )
-    shares, lacking = _shares(lot, values)
+    shares, lacking = _shares(lot, spreads, values)
     return ToleranceStudy(
         lot=lot,
         samples=samples,
@@ -352,13 +349,17 @@ def yields_of(
     return (*each, yield_of(np.all(met, axis=0)))
 
 
-def _shares(lot: Lot, values: Array) -> tuple[tuple[Shares, ...], tuple[str, ...]]:
-    if not lot.kinds:
+def _shares(
+    lot: Lot, spreads: Sequence[Spread], values: Array
+) -> tuple[tuple[Shares, ...], tuple[str, ...]]:
+    moved = [i for i, spread in enumerate(spreads) if not spread.still]
+    if not lot.kinds or not moved:
         return (), ()
     named = parts(lot.process.stage, lot.kinds)
     count = min(len(values), FITTED)
+    figures = [lot.figures[i] for i in moved]
     try:
-        found = shares_of(lot.figures, named, flat(lot.numbers(0, count)), values[:count])
+        found = shares_of(figures, named, flat(lot.numbers(0, count)), values[:count, moved])
     except ModelError as error:
         return (), (f"what spreads the figures is not told: {error}",)
     return found, ()
@@ -385,15 +386,17 @@ def _notes(
                 "robust standard deviations from the median, as where another mode takes over; "
                 "look at its distribution before you trust its standard deviation"
             )
+    stage = lot.process.stage
+    axes = {axis.name for axis in stage.axes}
+    if axes.isdisjoint(axis for _, axis in batched_figures(stage)):
+        notes.append(
+            "more drives than axes move this stage: the strokes of its axes, and what hangs on "
+            "them, are a search in each sample, and no figures of a lot"
+        )
     if lot.process.error > TOLERANCE:
         notes.append(
             f"springs of notches are interpolated to {lot.process.error:.0e} of their largest value"
         )
-    if lot.process.scatter.temperature and lot.process.stage.material.thermal_expansion is None:
+    if lot.process.scatter.temperature and stage.material.thermal_expansion is None:
         notes.append("the material gives no thermal_expansion: the temperature changes nothing")
     return notes
-
-
-def labels() -> Mapping[str, str]:
-    """Return what each kind of deviation is called in tables."""
-    return {kind.name: kind.label for kind in KINDS}

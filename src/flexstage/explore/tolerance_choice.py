@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,11 +12,9 @@ from flexstage.errors import ModelError
 from flexstage.explore.made_stages import process_of
 from flexstage.explore.spread import Yield, yield_of
 from flexstage.explore.tolerance import Lot, ToleranceStudy, yields_of
+from flexstage.explore.workers import Workers
 from flexstage.progress import listen, update
 from flexstage.virtual.imperfections import Scatter
-
-if TYPE_CHECKING:
-    from flexstage.explore.workers import Workers
 
 #: Finest and coarsest scatter that is thought of, as parts of the given one.
 FINEST, COARSEST = 0.02, 3.0
@@ -68,7 +66,7 @@ def choose_tolerances(
     target: float,
     *,
     weights: Mapping[str, float] | None = None,
-    workers: "Workers | None" = None,
+    workers: Workers | None = None,
 ) -> ToleranceChoice:
     r"""Find the cheapest tolerances that reach a yield.
 
@@ -109,8 +107,6 @@ def choose_tolerances(
     Validity: a cost in parts of the usual one, not money. From 0.02 to 3 times the usual scatter is
     thought of.
     """
-    from flexstage.explore.workers import Workers
-
     requirements = study.requirements
     if not requirements:
         raise ModelError("a yield is that of a requirement: name one")
@@ -164,7 +160,7 @@ class _Search:
         study: ToleranceStudy,
         target: float,
         weights: Mapping[str, float],
-        workers: "Workers",
+        workers: Workers,
     ) -> None:
         self.study, self.target, self.workers = study, target, workers
         self.kinds = study.lot.kinds

@@ -20,6 +20,8 @@ _HOW = (
     'expected NAME=LOW..HIGH, such as {0}="{1}", with /6 behind it for six values, or {0}="20 %" '
     "for the value that it has and 20 % to either side"
 )
+# names that a sentence has at most
+_NAMED = 12
 # the part of a name behind which the data sheet of an actuator stands
 _ACTUATOR = "actuator"
 #: Share of its value by which a parameter is varied to either side where nothing is said.
@@ -76,6 +78,12 @@ class Variable:
         unit = re.sub(r"\bu(?=m|rad)", "µ", self.unit)
         return f"{self.name} [{unit}]" if unit else self.name
 
+    @property
+    def range_text(self) -> str:
+        """Its bounds as a range is given, to three digits."""
+        low, high = (f"{bound * self.factor:.3g}" for bound in (self.low, self.high))
+        return f"{low}..{high} {self.unit}".strip()
+
     def text(self, value: float) -> str:
         """Write a value with its unit, as a file has it."""
         if not self.dimension or not math.isfinite(value):
@@ -125,9 +133,9 @@ def variables_of(template: StageTemplate, texts: Sequence[str]) -> tuple[Variabl
                 names = [n for n in names if not is_data_sheet(n)]
         if not names:
             raise ModelError(
-                f"{template.source} has no parameter '{name[:60]}' that can be varied"
-                f"{did_you_mean(name, known)}; its parameters are "
-                f"{_some([n for n in known if _value(known[n]) is not None])}"
+                f"{template.source} has no parameter '{name[:60]}' that can be varied; its "
+                f"parameters are {listed([n for n in known if _value(known[n]) is not None])}"
+                f"{did_you_mean(name, known)}"
             )
         for each in names:
             if each in found:
@@ -160,8 +168,8 @@ def matching_names(
         names = [pattern] if pattern in known else [n for n in known if fnmatchcase(n, pattern)]
         if not names:
             raise ModelError(
-                f"{source} has no {noun} '{pattern[:60]}'{did_you_mean(pattern, known)}; there is "
-                f"{_some(list(known))}"
+                f"{source} has no {noun} '{pattern[:60]}'; there is {listed(list(known))}"
+                f"{did_you_mean(pattern, known)}"
             )
         found += names
     return found
@@ -228,6 +236,7 @@ def _around(
         high=high,
         usual=value,
         dimension=parameter.dimension,
+        count=count,
         description=parameter.description,
     )
 
@@ -244,12 +253,11 @@ def _how(parameters: Iterable[StageParameter]) -> str:
     for parameter in parameters:
         value = _value(parameter)
         if value and parameter.dimension in DIMENSIONS:
-            around = _around(parameter, value, USUAL_SHARE)
-            low, high = (f"{v * around.factor:.3g}" for v in (around.low, around.high))
-            return _HOW.format(parameter.name, f"{low}..{high} {around.unit}".strip())
+            return _HOW.format(parameter.name, _around(parameter, value, USUAL_SHARE).range_text)
     return _HOW.format("neck", "0.3..0.8 mm")
 
 
-def _some(names: list[str]) -> str:
-    more = f" and {len(names) - 12} more" if len(names) > 12 else ""
-    return (", ".join(names[:12]) or "none") + more
+def listed(names: Sequence[str]) -> str:
+    """Return names as a sentence has them, twelve at most."""
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return (", ".join(names[:_NAMED]) or "none") + more

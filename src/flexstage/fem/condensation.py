@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
-from flexstage.fem.constrained import Constrained, PlanePart, edge_means, neck_rows
+from flexstage.fem.constrained import Constrained, PlanePart
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
 from flexstage.fem.mesh import sound_mesh
+from flexstage.fem.neck_rows import edge_means, neck_rows
 from flexstage.fem.necks import NeckPoints, neck_points
 from flexstage.fem.ports import body_motion, drive_vector
 from flexstage.fem.substructure import BODY, PointReading, Substructure

@@ -9,10 +9,11 @@ from netgen.occ import TopoDS_Shape
 from flexstage.arrays import Array
 from flexstage.elasticity import face
 from flexstage.elasticity.shapes import METRE
-from flexstage.fem.constrained import edge_means, factorised, neck_weights
+from flexstage.fem.constrained import factorised
 from flexstage.fem.geometry import STRAINED, neck_edge
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import MeshSettings, face_mesh
+from flexstage.fem.neck_rows import edge_means, neck_weights
 from flexstage.fem.substructure import REFERENCE, CutNeck
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile

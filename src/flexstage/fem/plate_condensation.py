@@ -14,10 +14,11 @@ from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem.condensation import Condensed, reading_row, seam, slopes_at
-from flexstage.fem.constrained import Constrained, edge_means
+from flexstage.fem.constrained import Constrained
 from flexstage.fem.geometry import MOUNTING, StageFaces, exactly, notch_region, stage_faces
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import sound_mesh
+from flexstage.fem.neck_rows import edge_means
 from flexstage.fem.necks import NeckPoints, neck_points
 from flexstage.fem.notch_tractions import motion_rows, neck_motions, neck_tractions
 from flexstage.fem.ports import drive_vector, rigid_regions

@@ -21,7 +21,7 @@ from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 from flexstage.stage import Body, Force, Hinge, Loop, Stage
 from flexstage.system import Analysis, AxisAnalysis
-from flexstage.system.analysis import axis_mode
+from flexstage.system.characteristics import axis_mode
 
 _STEPS = 7
 

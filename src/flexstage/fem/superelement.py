@@ -1,31 +1,27 @@
 """A stage of condensed bodies: as exact as its mesh in the plane, in small matrices."""
 
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from flexstage import progress
 from flexstage.arrays import Array
-from flexstage.cache.cache import Cache, open_cache
+from flexstage.cache.cache import Cache
 from flexstage.elasticity import Continuum
 from flexstage.errors import ModelError
-from flexstage.fem.condensation import Condensed, condense, recover
+from flexstage.fem.condensation import Condensed, recover
+from flexstage.fem.condensed_bodies import condense_all
 from flexstage.fem.coupling import Joint, join, lowest, stacked
 from flexstage.fem.cutting import Placed, cut_free, in_space
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.plane import common_validity
-from flexstage.fem.plate_condensation import condense_plate
 from flexstage.fem.ports import Supports
-from flexstage.fem.substructure import REFERENCE, Substructure
+from flexstage.fem.substructure import REFERENCE
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, Stage
@@ -41,9 +37,6 @@ from flexstage.system.mechanical import (
 
 #: Modes of each body with held interfaces, and modes of the stage that its system keeps.
 MODES, KEPT = 3, 16
-
-# bodies in space whose factors are in memory at once, some hundred megabytes each
-_THREADS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -227,7 +220,7 @@ def superelement_model(
     cut = cut_free(stage, settings, plane=plane, modes=modes, supports=supports)
     ways = in_space(stage, cut) if space else (cut,)
     together = [p for bodies in zip(*ways, strict=True) for p in bodies]
-    condensed, new = _condensed([p.part for p in together], cache)
+    condensed, new = condense_all([p.part for p in together], cache)
     of_ways = [condensed[k :: len(ways)] for k in range(len(ways))]
     joints = [join(stage, bodies, found) for bodies, found in zip(ways, of_ways, strict=True)]
     placed = [p for bodies in ways for p in bodies]
@@ -300,62 +293,6 @@ def _stacked(joints: Sequence[Joint], kept: int) -> tuple[Joint, Array, Array, t
         bases.append(basis)
         omegas.append(omega)
     return stacked(joints), np.asarray(block_diag(*bases)), np.concatenate(omegas), tuple(names)
-
-
-def _condensed(
-    parts: Sequence[Substructure], cache: Cache | Path | str | bool | None
-) -> tuple[list[Condensed], list[int]]:
-    """Condense bodies, each only once, or find them in the cache; say which were new."""
-    store = open_cache(cache)
-    ready: dict[str, Condensed] = {}
-    missing: dict[str, Substructure] = {}
-    keys = [part.key() for part in parts]
-    for key, part in zip(keys, parts, strict=True):
-        if key in ready or key in missing:
-            continue
-        entry = None if store is None else store.load(key)
-        if entry is None:
-            missing[key] = part
-        else:
-            ready[key] = _from_arrays(entry)
-    # factors of two bodies are found side by side, by threads that share the mesher
-    in_space = any(p.through is not None for p in missing.values())
-    with ThreadPoolExecutor(min(os.cpu_count() or 1, _THREADS) if in_space else 1) as workers:
-        made = workers.map(_condense, missing.values())
-        for i, (key, found) in enumerate(zip(missing, made, strict=True)):
-            progress.update("bodies", i / len(missing))
-            ready[key] = found
-            if store is not None:
-                store.store(key, _to_arrays(found))
-    if store is not None:
-        store.trim()
-    return [ready[key] for key in keys], [keys.index(key) for key in missing]
-
-
-def _condense(part: Substructure) -> Condensed:
-    return condense(part) if part.through is None else condense_plate(part)
-
-
-def _to_arrays(condensed: Condensed) -> dict[str, NDArray]:
-    arrays = {}
-    for f in fields(Condensed):
-        value = getattr(condensed, f.name)
-        if isinstance(value, str):
-            value = np.frombuffer(value.encode(), dtype=np.uint8)
-        arrays[f.name] = np.asarray(value)
-    return arrays
-
-
-def _from_arrays(arrays: Mapping[str, NDArray]) -> Condensed:
-    plain = {
-        "interfaces": int(arrays["interfaces"]),
-        "elements": int(arrays["elements"]),
-        "unknowns": int(arrays["unknowns"]),
-        "inertia": tuple(arrays["inertia"].tolist()),
-        "held": arrays["held"].tobytes().decode(),
-    }
-    rest = {f.name: arrays[f.name] for f in fields(Condensed) if f.name not in plain}
-    return Condensed(**rest, **plain)
 
 
 def _system(

@@ -6,25 +6,21 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.lumped.assemble import hinge_springs, lumped_system
-    from flexstage.lumped.batch import (
-        StageArrays,
-        assemble_batch,
-        lumped_characteristics,
-        stage_arrays,
-    )
-    from flexstage.lumped.batch_tangents import (
-        StageTangents,
-        hinge_tangents,
-        parameter_tangents,
-        system_tangents,
-    )
+    from flexstage.lumped.batch import assemble_batch, lumped_characteristics
     from flexstage.lumped.finite_rotation import nonlinear
     from flexstage.lumped.large_displacement import equilibrium, stroke_path
     from flexstage.lumped.latex import mathml
     from flexstage.lumped.reduction import condense, reduce_by_symmetry
     from flexstage.lumped.rigid_bodies import Mechanism, RigidBody, Sight, SpringHinge, mechanism
     from flexstage.lumped.sheet import equation_sheet
+    from flexstage.lumped.stage_arrays import StageArrays, stage_arrays
+    from flexstage.lumped.stage_tangents import (
+        StageTangents,
+        hinge_tangents,
+        parameter_tangents,
+    )
     from flexstage.lumped.symbolic import SymbolicModel, symbolic_model
+    from flexstage.lumped.system_tangents import system_tangents
     from flexstage.lumped.time_integration import Motion, motion
     from flexstage.lumped.transfer import TransferFunction, transfer_function
 

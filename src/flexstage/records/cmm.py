@@ -20,7 +20,7 @@ from flexstage.records.cmm_words import (
     printed_unit,
     role,
 )
-from flexstage.records.columns import Column, FileColumns
+from flexstage.records.columns import FileColumn, FileColumns
 from flexstage.records.text_heading import split_line
 from flexstage.records.text_rows import text_lines
 
@@ -124,7 +124,7 @@ def _chosen(readings: Sequence[CoordinateReading], dataset: str | None) -> list[
     return [r for r in readings if r.feature in wanted]
 
 
-def _columns(readings: Sequence[CoordinateReading]) -> tuple[list[Column], list[str]]:
+def _columns(readings: Sequence[CoordinateReading]) -> tuple[list[FileColumn], list[str]]:
     """Return measured and nominal values of each feature and axis, row by row."""
     series: dict[tuple[str, str], list[CoordinateReading]] = {}
     for reading in readings:
@@ -135,14 +135,14 @@ def _columns(readings: Sequence[CoordinateReading]) -> tuple[list[Column], list[
             )
         series.setdefault((reading.feature, reading.axis), []).append(reading)
     _require_equal(series)
-    columns: list[Column] = []
+    columns: list[FileColumn] = []
     for (feature, axis), found in series.items():
         unit = _unit(feature, axis, found)
         name = f"{feature}.{axis}"
         measured = np.array([r.measured for r in found])
         nominal = np.array([r.nominal for r in found])
-        columns.append(Column(name=name, values=measured, unit=unit))
-        columns.append(Column(name=f"{name} nominal", values=nominal, unit=unit))
+        columns.append(FileColumn(name=name, values=measured, unit=unit))
+        columns.append(FileColumn(name=f"{name} nominal", values=nominal, unit=unit))
     count = len(next(iter(series.values())))
     return columns, [f"{len(series)} coordinates, each measured {count} times"]
 
@@ -175,11 +175,11 @@ def _unit(feature: str, axis: str, found: Sequence[CoordinateReading]) -> str:
     return "deg" if axis in ANGLES and unit not in ("rad", "mrad") else unit
 
 
-def _feature(column: Column) -> str:
+def _feature(column: FileColumn) -> str:
     return column.name.removesuffix(" nominal").rpartition(".")[0]
 
 
-def _axis(column: Column) -> str:
+def _axis(column: FileColumn) -> str:
     return column.name.removesuffix(" nominal").rpartition(".")[2]
 
 

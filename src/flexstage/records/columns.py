@@ -27,7 +27,7 @@ _LAST_EXACT = 2**53
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Column:
+class FileColumn:
     """One column as the file has it."""
 
     name: str
@@ -50,7 +50,7 @@ class Column:
 class FileColumns:
     """Equally long columns of one file."""
 
-    columns: tuple[Column, ...]
+    columns: tuple[FileColumn, ...]
     """The columns, in the order of the file."""
     sample_rate_hz: float | None = None
     """The sample rate that the file says [Hz]."""
@@ -173,7 +173,7 @@ def _unwrapped(text: str) -> str:
     return text[1:-1].strip() if whole else text
 
 
-def labelled(label: str, values: NDArray[np.float64], unit: str = "") -> Column:
+def labelled(label: str, values: NDArray[np.float64], unit: str = "") -> FileColumn:
     """Return a column by its heading, which may hold a unit in brackets.
 
     ``Voltage (V)``, ``pos [um]`` and ``U / V`` are understood. What stands in brackets and is no
@@ -186,17 +186,17 @@ def labelled(label: str, values: NDArray[np.float64], unit: str = "") -> Column:
     """
     label = " ".join(label.split())
     if unit:
-        return Column(name=label, values=values, unit=unit)
+        return FileColumn(name=label, values=values, unit=unit)
     name, found = _split(label)
     if not found:
         # empty brackets say that there is no unit, and are no part of the name
-        return Column(name=name or label, values=values)
+        return FileColumn(name=name or label, values=values)
     try:
         measured_unit(found)
     except UnitError:
         if gravity_unit(found, name) is None:
-            return Column(name=label, values=values)
-    return Column(name=name or label, values=values, unit=found)
+            return FileColumn(name=label, values=values)
+    return FileColumn(name=name or label, values=values, unit=found)
 
 
 def _split(label: str) -> tuple[str, str]:
@@ -247,7 +247,9 @@ def gravity_unit(unit: str, name: str) -> tuple[float, str] | None:
     return factor / divisor, f"m/s^2/({per})" if "/" in per else f"m/s^2/{per}"
 
 
-def complex_parts(column: Column, imaginary: NDArray[np.float64]) -> tuple[Column, Column]:
+def complex_parts(
+    column: FileColumn, imaginary: NDArray[np.float64]
+) -> tuple[FileColumn, FileColumn]:
     """Return a column of complex values as two, ``NAME real`` and ``NAME imaginary``."""
     return (
         replace(column, name=f"{column.name} real"),

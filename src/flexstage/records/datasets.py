@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Column, FileColumns, as_float, complex_parts, labelled
+from flexstage.records.columns import FileColumn, FileColumns, as_float, complex_parts, labelled
 
 _RATE_NAMES = frozenset(
     ("fs", "samplerate", "sampleratehz", "samplingrate", "samplingratehz", "samplingfrequency")
@@ -110,7 +110,7 @@ def chosen_columns(tree: Tree, dataset: str | None) -> FileColumns:
         raise RecordError(f"the datasets {listed} differ in length: choose equally long ones")
     size = 8 * sum(leaf.samples * leaf.width for leaf in leaves)
     require_unpacked(size, tree.file_size, _some(leaves))
-    columns: list[Column] = []
+    columns: list[FileColumn] = []
     notes: list[str] = []
     for leaf in leaves:
         notes += _append(columns, leaf, tree)
@@ -193,7 +193,7 @@ def _only(leaves: Sequence[StoredArray]) -> list[StoredArray]:
     )
 
 
-def _append(columns: list[Column], leaf: StoredArray, tree: Tree) -> list[str]:
+def _append(columns: list[FileColumn], leaf: StoredArray, tree: Tree) -> list[str]:
     """Add the columns of an array; return what to note about it."""
     label = leaf.label or _text_beside(tree, "names", leaf) or leaf.name
     unit = leaf.unit or _text_beside(tree, "units", leaf)
@@ -213,7 +213,7 @@ def _append(columns: list[Column], leaf: StoredArray, tree: Tree) -> list[str]:
 
 
 def _real_columns(
-    columns: list[Column], leaf: StoredArray, label: str, unit: str, array: NDArray
+    columns: list[FileColumn], leaf: StoredArray, label: str, unit: str, array: NDArray
 ) -> list[str]:
     values = as_float(array, f"'{leaf.path}'")
     notes = []
@@ -228,7 +228,7 @@ def _real_columns(
         matrix = matrix.T
         notes.append(f"the samples of '{leaf.path}' run along its rows")
     columns += (
-        Column(name=f"{label} {j}", values=np.ascontiguousarray(matrix[:, j]), unit=unit)
+        FileColumn(name=f"{label} {j}", values=np.ascontiguousarray(matrix[:, j]), unit=unit)
         for j in range(matrix.shape[1])
     )
     return notes

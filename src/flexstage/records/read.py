@@ -14,7 +14,7 @@ from flexstage.errors import RecordError, UnitError
 from flexstage.records.cmm import read_coordinates
 from flexstage.records.columns import (
     GRAVITY,
-    Column,
+    FileColumn,
     FileColumns,
     gravity_unit,
     is_acceleration,
@@ -308,7 +308,7 @@ def _in_si(
     return channels, notes
 
 
-def _weighed(column: Column, accelerations: str) -> tuple[Column, list[str]]:
+def _weighed(column: FileColumn, accelerations: str) -> tuple[FileColumn, list[str]]:
     """Return a column in g with what that is, and a note where its unit does not say it."""
     unit = column.unit.strip()
     if gravity_unit(unit, "") is not None:
@@ -336,7 +336,7 @@ def _scaled(values: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
     return values / whole if whole > 1 and 1.0 / whole == factor else values * factor
 
 
-def _si(column: Column, text: str, given: bool) -> tuple[float, str]:
+def _si(column: FileColumn, text: str, given: bool) -> tuple[float, str]:
     """Return what the unit of a column is in SI: as given, as its format says, by its name."""
     if column.si is not None and not given:
         return column.si
@@ -365,7 +365,7 @@ def _used(raw: FileColumns, wanted: Sequence[str | int] | None) -> set[int]:
     }
 
 
-def _is_text(column: Column) -> bool:
+def _is_text(column: FileColumn) -> bool:
     """Say whether a column holds text alone, and none that was meant as a number."""
     if column.words is None or np.isfinite(column.values).any():
         return False

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.records.columns import Column, FileColumns, complex_parts, labelled
+from flexstage.records.columns import FileColumn, FileColumns, complex_parts, labelled
 from flexstage.records.text_heading import COMMENT_MARKS, X_VALUE, Heading, heading_of
 from flexstage.records.text_rows import (
     COMPLEX,
@@ -229,7 +229,7 @@ def _columns(table: _Table, heading: Heading, layout: RowLayout) -> FileColumns:
     names: Sequence[str] = _x_named(heading.names, table.values) or [""] * layout.width
     units: Sequence[str] = heading.units or [""] * layout.width
     notes = _remarks(table)
-    columns: list[Column] = []
+    columns: list[FileColumn] = []
     for j in range(layout.width):
         numbers = np.ascontiguousarray(table.values[:, j])
         if heading.empty_first and j == 0 and np.isnan(numbers).all():
@@ -237,7 +237,7 @@ def _columns(table: _Table, heading: Heading, layout: RowLayout) -> FileColumns:
         column = labelled(names[j] or f"column {j}", numbers, units[j])
         if j in layout.stamps:
             origin = numbers[np.isfinite(numbers).argmax()]
-            column = Column(name=column.name, values=numbers - origin, unit="s")
+            column = FileColumn(name=column.name, values=numbers - origin, unit="s")
             notes.append(f"dates of '{column.name}' are taken as seconds after the first")
         words = {row: text for (row, at), text in table.words.items() if at == j}
         if words and all(map(COMPLEX.fullmatch, words.values())):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Column, FileColumns, complex_parts
+from flexstage.records.columns import FileColumn, FileColumns, complex_parts
 from flexstage.records.text_rows import text_lines
 
 _OPTIONS = re.compile(
@@ -81,7 +81,7 @@ def read_touchstone(path: Path) -> FileColumns:
         )
     table, notes = _table(rows, ports)
     form = said.get("form", "ma").lower()
-    columns: list[Column] = []
+    columns: list[FileColumn] = []
     for at in range(ports * ports):
         first, second = table[:, 1 + 2 * at], table[:, 2 + 2 * at]
         values = first + 1j * second
@@ -90,7 +90,9 @@ def read_touchstone(path: Path) -> FileColumns:
         # of two ports the first column of the matrix comes first, of all others the first row
         row, column = (at % 2, at // 2) if ports == 2 else divmod(at, ports)
         name = f"{row + 1}/{column + 1}"
-        columns += complex_parts(Column(name=name, values=values.real.copy()), values.imag.copy())
+        columns += complex_parts(
+            FileColumn(name=name, values=values.real.copy()), values.imag.copy()
+        )
     kind = said.get("kind", "s").upper()
     if kind != "S":
         notes.append(f"its {kind} parameters are read as they stand, over the reference")

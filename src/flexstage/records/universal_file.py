@@ -13,7 +13,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError, UnitError
-from flexstage.records.columns import GRAVITY, Column, FileColumns, measured_unit
+from flexstage.records.columns import GRAVITY, FileColumn, FileColumns, measured_unit
 from flexstage.records.universal_sets import KINDS, Function, FunctionAxis, UnitSystem, read_sets
 
 Domain = Literal["time", "frequency"]
@@ -79,7 +79,7 @@ def read_universal(path: Path, dataset: str | None = None) -> FileColumns:
     chosen = _chosen(names, dataset)
     tables = {i: _values(functions[i], names[i]) for i in chosen}
     domain, axis = _abscissa(functions, names, tables)
-    columns: list[Column] = []
+    columns: list[FileColumn] = []
     groups: dict[str, tuple[int, ...]] = {}
     notes: list[str] = []
     attributes: dict[str, str] = {}
@@ -92,14 +92,14 @@ def read_universal(path: Path, dataset: str | None = None) -> FileColumns:
         parts = (name,) if values.shape[1] == 1 else (f"{name} real", f"{name} imaginary")
         groups[name] = tuple(range(len(columns), len(columns) + len(parts)))
         columns += (
-            Column(name=p, values=np.ascontiguousarray(v), unit=units.text, si=units.si)
+            FileColumn(name=p, values=np.ascontiguousarray(v), unit=units.text, si=units.si)
             for p, v in zip(parts, values.T, strict=True)
         )
         attributes |= _attributes(function, name, units.output, units.input)
     even = all(not functions[i].layout.uneven for i in chosen)
     step = float(axis[1] - axis[0])
     if domain == "time" and not even:
-        columns.append(Column(name="time", values=axis, unit="s"))
+        columns.append(FileColumn(name="time", values=axis, unit="s"))
     return FileColumns(
         columns=tuple(columns),
         sample_rate_hz=1.0 / step if domain == "time" and even else None,

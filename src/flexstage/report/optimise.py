@@ -10,7 +10,9 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.optimise.front import Front
+from flexstage.explore.optimise.multipliers import round_step
 from flexstage.explore.optimise.optimum import TOLERANCE, Optimum
+from flexstage.explore.optimise.usual import walls_note
 from flexstage.explore.variables import Variable
 from flexstage.lazy import require_extra
 from flexstage.quantities import number
@@ -20,26 +22,32 @@ from flexstage.report.sweep import parallel_coordinates
 from flexstage.section import Picture, Section
 from flexstage.table import Column, Table, table
 
-# limits that are named
-_HELD = 8
+# limits that are named, and what the table says of a bound
+_HELD, _BOUND = 8, {"low": "lower", "high": "upper"}
 
 
 def optimum_tables(found: Optimum) -> Iterator[Table]:
     """Yield what people read of an optimum: its figures, then its dimensions."""
     yield _figures(found)
+    if found.problem.exchanged:
+        yield _exchange(found)
     yield _variables(found)
 
 
 def optimum_notes(found: Optimum) -> tuple[str, ...]:
     """Return in sentences what was reached, what holds it and what it took."""
     problem = found.problem
-    notes = [_reached(found), *(held.text for held in found.held[:_HELD])]
-    if len(found.held) > _HELD:
-        notes.append(f"held by {len(found.held) - _HELD} more, each of which matters less")
+    # what goals exchange has a table of its own
+    holding = [held for held in found.held if held.kind != "goal"]
+    notes = [_reached(found), *(held.text for held in holding[:_HELD])]
+    if len(holding) > _HELD:
+        notes.append(f"held by {len(holding) - _HELD} more, each of which matters less")
     unasked = [*(["check"] if problem.checked else []), *(r.text for r in problem.usual)]
     if unasked:
         asked = ", ".join(unasked)
         notes.append(f"required without being asked (--without NAME leaves one out): {asked}")
+    if walls := walls_note(problem.usual):
+        notes.append(walls)
     notes += found.notes
     notes.append(f"evaluations: {_work(found)}")
     return tuple(notes)
@@ -133,7 +141,8 @@ def _work(found: Optimum) -> str:
 
 def _figures(found: Optimum) -> Table:
     problem, last = found.problem, found.levels[-1]
-    goals = {goal.figure: goal.way for goal in problem.goals}
+    others = (held.goal for held in problem.exchanged)
+    goals = {goal.figure: goal.way for goal in (*problem.goals, *others)}
     columns = [
         Column("figure", "title"),
         Column("unit", "words"),
@@ -157,6 +166,25 @@ def _figures(found: Optimum) -> Table:
     return table(f"{found.problem.family.template.source}: figures", columns, rows)
 
 
+def _exchange(found: Optimum) -> Table:
+    """Tell what the first goal gains for a little less of each other one."""
+    gained = found.problem.goals[0].figure
+    rows = []
+    for held, rate in zip(found.problem.exchanged, found.exchange, strict=True):
+        figure = held.goal.figure
+        step = round_step(abs(held.value) * figure.shown.factor) / figure.shown.factor
+        worse = step if held.goal.way == "minimise" else -step
+        told = "0"
+        if rate is not None:
+            told = f"{rate.rate * worse * gained.shown.factor:+.2g}".replace("-", "−")
+        sign = "+" if worse > 0.0 else "−"
+        at = figure.shown.text(held.value)
+        given = f"{sign}{number(step * figure.shown.factor)}"
+        rows.append((figure.label, figure.shown.shown_unit, at, given, told))
+    heads = ("goal", "<unit", "chosen point", "given up", f"gives {gained.heading}")
+    return table("rates of exchange between goals at the chosen point", heads, rows)
+
+
 def _limit(requirement: Requirement) -> str:
     """Write a requirement without the name of its figure."""
     shown = requirement.figure.shown
@@ -168,12 +196,16 @@ def _limit(requirement: Requirement) -> str:
 
 
 def _variables(found: Optimum) -> Table:
+    at_bound = {h.name: _BOUND[h.side] for h in found.held if h.kind == "bound"}
     rows = [
         (
             variable.name,
             variable.unit,
-            *(_length(variable, v) for v in (variable.low, start, best, variable.high)),
-            _at_bound(variable, best),
+            _length(variable, variable.low),
+            _length(variable, start),
+            _every_digit(variable, best),
+            _length(variable, variable.high),
+            at_bound.get(variable.name, ""),
         )
         for variable, start, best in zip(
             found.problem.family.variables, found.start, found.point, strict=True
@@ -183,29 +215,33 @@ def _variables(found: Optimum) -> Table:
     return table("parameters", heads, rows)
 
 
+def _every_digit(variable: Variable, value: float) -> str:
+    """Write a value as it stands in the file; with three decimals what a drawing has so."""
+    shown = value * variable.factor
+    rounded = f"{shown:.3f}"
+    decimals = variable.unit in ("mm", "deg") and abs(float(rounded) - shown) < 1e-9
+    return rounded if decimals else f"{shown:.12g}"
+
+
 def _length(variable: Variable, value: float) -> str:
     return number(value * variable.factor)
-
-
-def _at_bound(variable: Variable, value: float) -> str:
-    near = 1e-6 * (variable.high - variable.low)
-    if value <= variable.low + near:
-        return "lower"
-    return "upper" if value >= variable.high - near else ""
 
 
 def _front(found: Front) -> Table:
     goals = [goal.figure for goal in found.problem.goals]
     at = [found.figures.index(figure) for figure in goals]
+    models = list(dict.fromkeys(("lumped", found.model)))
     columns = [
         Column("point", "title"),
-        *(Column(figure.heading, group="lumped") for figure in goals),
-        *(Column(figure.heading, group=found.model) for figure in goals),
+        *(Column(f.heading, group=model) for model in models for f in goals),
     ]
     rows = []
     for k, i in enumerate(found.asked):
         name = f"{i + 1} (chosen)" if i == found.chosen else f"{i + 1}"
-        rows.append([name, *_cells(goals, found.values[i, at]), *_cells(goals, found.found[k, at])])
+        cells = _cells(goals, found.values[i, at])
+        if found.model in models[1:]:
+            cells += _cells(goals, found.found[k, at])
+        rows.append([name, *cells])
     source = found.problem.family.template.source
     return table(f"{source}: Pareto front of {len(found.points)} stages", columns, rows)
 

@@ -1,6 +1,7 @@
 """Which parameter moves what, as a table."""
 
 from collections.abc import Iterator
+from itertools import combinations
 
 import numpy as np
 
@@ -8,17 +9,17 @@ from flexstage.arrays import Array
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.explore.figures import ALIASES, Figure
 from flexstage.explore.sensitivity import LENGTH, SHARE, Sensitivities
+from flexstage.explore.variables import listed
 from flexstage.quantities import number
-from flexstage.report.tables import LUMPED_NOTE
+from flexstage.report.tables import LUMPED_ALONE_NOTE, LUMPED_NOTE, value_text
 from flexstage.table import Cell, Column, Table, table
-from flexstage.units import readable_text
 
 # per cent of a figure, or parts of the largest change of it, below which a parameter moves nothing
 _NOTHING = 0.005
+# frequencies that differ by less than this are one [1]
+_EQUAL = 1e-4
 # where the short names of figures are too long above a column of numbers
 _SHORTER = {"natural_frequency_hz": "freq.", "rotation_stroke": "stroke"}
-# parameters that a note names
-_NAMED = 12
 
 
 def shown_changes(
@@ -62,14 +63,17 @@ def moving(found: Sensitivities, length: float | None = None) -> tuple[list[int]
 def parameter_label(found: Sensitivities, index: int) -> str:
     """Return what a parameter is called, with how many hinges it stands for."""
     alike = found.alike[index]
-    return alike[0] if len(alike) == 1 else f"{alike[0]} (and {len(alike) - 1} like it)"
+    return alike[0] if len(alike) == 1 else f"{alike[0]} (×{len(alike)})"
 
 
-def step_words(length: float | None = None) -> str:
+def step_words(found: Sensitivities, length: float | None = None) -> str:
     """Say by what parameters change."""
     if length is None:
         return f"+{100.0 * SHARE:g} % of each parameter"
-    return f"+{_printed(length, 'length')} of each length, +{100.0 * SHARE:g} % of all else"
+    lengths = f"+{value_text(length, 'length')} of each length"
+    if all(variable.dimension == "length" for variable in found.variables):
+        return lengths
+    return f"{lengths}, +{100.0 * SHARE:g} % of all else"
 
 
 def sensitivity_table(
@@ -98,15 +102,16 @@ def sensitivity_table(
     rows: list[list[str | Cell]] = [now]
     for k in order:
         v = found.variables[k]
-        usual = _printed(v.usual, v.dimension) if v.usual else ""
+        usual = value_text(v.usual, v.dimension) if v.usual else ""
         row: list[str | Cell] = [parameter_label(found, k), usual]
         for i in kept:
             value = float(shown[i, k])
             row.append(Cell(change_text(value, in_units=plain[i]), value=value))
         rows.append(row)
     what = "in their units" if in_units else "in per cent of them"
+    steps = step_words(found, length)
     return table(
-        f"{found.stage}, {found.model}: change of the figures {what} for {step_words(length)}",
+        f"{found.stage}, {found.model}: change of the figures {what} for {steps}",
         columns,
         rows,
         notes=tuple(_notes(found, length, rest, kept)),
@@ -133,17 +138,9 @@ def change_text(value: float, *, in_units: bool = False) -> str:
     if value == 0.0:
         return "·"
     if in_units or abs(value) >= 1000.0:
-        digits = 3 if abs(value) >= 1e-3 else 2
+        digits = 3 if abs(value) >= 0.01 else 2
         return ("+" if value > 0.0 else "-") + number(abs(value), digits)
     return f"{value:+.2f}"
-
-
-def _printed(value: float, dimension: str) -> str:
-    """A value with its unit, to five digits."""
-    if not dimension:
-        return f"{value:.5g}"
-    text, _, unit = readable_text(value, dimension).partition(" ")
-    return f"{float(text):.5g} {unit.replace('um', 'µm')}"
 
 
 def _notes(
@@ -161,29 +158,32 @@ def _notes(
         if v.usual == 0.0 and v.dimension == "length"
     ]
     if length is None and zero and not all(name in rest for name in zero):
-        yield f"a length that is 0 changes by {_printed(LENGTH, 'length')}"
+        yield f"a length that is 0 changes by {value_text(LENGTH, 'length')}"
     if any(len(alike) > 1 for alike in found.alike):
-        yield "hinges that one row stands for do the same, but for signs"
+        yield "×2: the row stands for two hinges, which do the same but for signs"
     if rest:
-        yield f"{_listed(rest)} {'moves' if len(rest) == 1 else 'move'} none of them"
+        yield f"{listed(rest)} {'moves' if len(rest) == 1 else 'move'} none of them"
 
 
-def left_out_notes(found: Sensitivities) -> Iterator[str]:
+def left_out_notes(found: Sensitivities, *, hinges: bool = False) -> Iterator[str]:
     """Say what the slopes are where they are no derivatives, and what is not among them, and why.
 
-    Parameters of one reason stand together.
+    Parameters of one reason stand together. No other model moves `hinges` by themselves.
     """
     if found.model == "lumped":
-        yield LUMPED_NOTE
+        yield LUMPED_ALONE_NOTE if hinges else LUMPED_NOTE
     else:
         yield f"slopes are {found.provenance.settings['slopes']}"
+    for one, other in combinations(found.figures, 2):
+        if one.quantity == other.quantity == "natural_frequency_hz":
+            values = [float(found.values[found.figures.index(f)]) for f in (one, other)]
+            if abs(values[0] - values[1]) <= _EQUAL * max(values):
+                yield (
+                    f"{one.name} and {other.name} are equal: what changes them differently mixes "
+                    "their modes, and which of them it moves is open"
+                )
     reasons: dict[str, list[str]] = {}
     for name, reason in found.left_out.items():
         reasons.setdefault(reason, []).append(name)
     for reason, names in reasons.items():
-        yield f"left out: {_listed(names)}: {reason}"
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more
+        yield f"left out: {listed(names)}: {reason}"

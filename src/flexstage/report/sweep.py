@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import flexstage
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.explore.figures import Figure
+from flexstage.explore.sobol_indices import SobolIndices
 from flexstage.explore.sweep import Sweep
 from flexstage.lazy import require_extra
-from flexstage.quantities import Quantity
 from flexstage.report.figures.style import CYCLE, INK, PAPER
 from flexstage.report.figures.sweep import draw_indices, draw_sweep
 from flexstage.report.page import page_html
-from flexstage.report.tables import LUMPED_NOTE
+from flexstage.report.tables import LUMPED_NOTE, value_text
 from flexstage.section import Definitions, Picture, Section
 from flexstage.table import Table, table
 
@@ -38,7 +38,7 @@ _SHARE = 0.01
 
 def sweep_tables(sweep: Sweep) -> Iterator[Table]:
     """Yield what people read of a sweep first."""
-    if len(sweep.variables) == 1:
+    if len(sweep.variables) == 1 and sweep.moving:
         yield _rows(sweep)
     yield _ranges(sweep)
     if 1 < len(sweep.variables) <= _VARIABLES:
@@ -52,7 +52,8 @@ def sweep_notes(sweep: Sweep) -> tuple[str, ...]:
     notes = list(sweep.notes)
     gone = int((~sweep.possible).sum())
     if gone:
-        notes.append(f"{gone} of {len(sweep.points)} points are no possible stage")
+        are = "is" if gone == 1 else "are"
+        notes.append(f"{gone} of {len(sweep.points)} points {are} no possible stage")
         notes += [f"{reason.count} of them: {reason.text}" for reason in sweep.reasons[:3]]
         if sweep.advice:
             notes.append(sweep.advice)
@@ -64,9 +65,23 @@ def sweep_notes(sweep: Sweep) -> tuple[str, ...]:
             f"Sobol' indices without {sweep.indices.left_out} base samples, which hold an "
             "impossible stage"
         )
+    if sweep.indices is not None and _beyond(sweep.indices, sweep.moving):
+        notes.append(
+            "an index lies from 0 to 1: an interval that goes beyond shows how much chance is in "
+            "its estimate, and more --samples narrow it"
+        )
     if sweep.model == "lumped":
         notes.append(LUMPED_NOTE)
     return tuple(notes)
+
+
+def _beyond(found: SobolIndices, moving: Sequence[int]) -> bool:
+    """Say whether an interval that is listed, with two decimals, leaves 0 to 1."""
+    rows = list(moving)
+    listed = found.total[rows] >= _SHARE
+    low = np.minimum(found.first_low, found.total_low)[rows][listed].min(initial=0.0)
+    high = np.maximum(found.first_high, found.total_high)[rows][listed].max(initial=0.0)
+    return bool(low < -0.005 or high > 1.005)
 
 
 def sweep_title(sweep: Sweep) -> str:
@@ -120,7 +135,10 @@ def _sections(sweep: Sweep) -> Iterator[Section]:
             caption="Shares of the variance of each figure between the bounds of all variables.",
         )
         yield Section(key="indices", title="Sobol' indices", content=(bars, _indices(sweep)))
-    ranges = {v.name: f"{v.text(v.low)} to {v.text(v.high)}" for v in sweep.variables}
+    ranges = {
+        v.name: f"{value_text(v.low, v.dimension)} to {value_text(v.high, v.dimension)}"
+        for v in sweep.variables
+    }
     made = sweep.provenance
     settings = Definitions(
         {
@@ -168,8 +186,8 @@ def _coordinates(sweep: Sweep) -> "Markup":
     ]
     first = len(axes) if sweep.moving else 0
     for k in sweep.moving:
-        shown = _shown(sweep, k)
-        axes.append((_heading(sweep.figures[k], shown), sweep.values[rows, k] * shown.factor))
+        shown = sweep.shown(k)
+        axes.append((sweep.figures[k].heading_in(shown), sweep.values[rows, k] * shown.factor))
     return parallel_coordinates(axes, first)
 
 
@@ -210,7 +228,7 @@ def parallel_coordinates(axes: Sequence[tuple[str, np.ndarray]], first: int) -> 
         "active": first, "x": 0.0, "xanchor": "left", "y": 1.33, "yanchor": "top",
     }  # fmt: skip
     figure.update_layout(
-        updatemenus=[choice], height=520, width=max(1120, 108 * len(axes) + 200),
+        updatemenus=[choice], height=520, width=max(1120, 122 * len(axes) + 200),
         margin={"l": 70, "r": 40, "t": 130, "b": 30},
         paper_bgcolor=PAPER, font={"family": "DejaVu Sans, Verdana, Arial", "color": INK},
     )  # fmt: skip
@@ -245,8 +263,8 @@ def _rows(sweep: Sweep) -> Table:
     count = min(_ROWS, len(order))
     chosen = order[np.unique(np.round(np.linspace(0, len(order) - 1, count)).astype(int))]
     shown = sweep.moving[:_COLUMNS]
-    quantities = [_shown(sweep, k) for k in shown]
-    headings = [_heading(sweep.figures[k], q) for k, q in zip(shown, quantities, strict=True)]
+    quantities = [sweep.shown(k) for k in shown]
+    headings = [sweep.figures[k].heading_in(q) for k, q in zip(shown, quantities, strict=True)]
     rows = []
     for row in chosen:
         cells = [
@@ -264,20 +282,20 @@ def _ranges(sweep: Sweep) -> Table:
     headings = ["figure", "<unit", "as described", "least", "greatest"]
     headings.append("rank correlation" if one else "<moved most by (rank correlation)")
     rows = []
+    correlations, least, greatest = sweep.correlations, sweep.least, sweep.greatest
     for k, figure in enumerate(sweep.figures):
-        shown = _shown(sweep, k)
-        ends = [sweep.values[row, k] for row in (sweep.least[k], sweep.greatest[k])]
+        shown = sweep.shown(k)
+        ends = [sweep.values[row, k] for row in (least[k], greatest[k])]
         described = sweep.described[k]
         texts = [
             "–" if np.isnan(value) else shown.text(float(value)) for value in (described, *ends)
         ]
-        rows.append([figure.label, shown.shown_unit, *texts, _trend(sweep, k)])
+        rows.append([figure.label, shown.shown_unit, *texts, _trend(sweep, correlations[k])])
     return table(sweep_title(sweep), headings, rows)
 
 
-def _trend(sweep: Sweep, k: int) -> str:
-    """Which variables move a figure most, and which way."""
-    found = sweep.correlations[k]
+def _trend(sweep: Sweep, found: Array) -> str:
+    """Which variables move a figure most, and which way, by its correlations."""
     if np.isnan(found).all():
         return "–"
     if len(found) == 1:
@@ -290,14 +308,15 @@ def _trend(sweep: Sweep, k: int) -> str:
 def _extremes(sweep: Sweep) -> Table:
     """Where each figure is least and greatest."""
     rows = []
+    least, greatest = sweep.least, sweep.greatest
     for k in sweep.moving:
-        figure, shown = sweep.figures[k], _shown(sweep, k)
-        for word, row in (("least", sweep.least[k]), ("greatest", sweep.greatest[k])):
+        figure, shown = sweep.figures[k], sweep.shown(k)
+        for word, row in (("least", least[k]), ("greatest", greatest[k])):
             at = (_place(sweep, row, i) for i in range(len(sweep.variables)))
             value = f"{shown.text(float(sweep.values[row, k]))} {shown.shown_unit}".strip()
             rows.append([figure.label, word, value, *at])
     heads = ["figure", "<", "value", *(variable.heading for variable in sweep.variables)]
-    return table("where figures are least and greatest", heads, rows, divided=True)
+    return table("Where figures are least and greatest.", heads, rows, divided=True)
 
 
 def _indices(sweep: Sweep) -> Table:
@@ -332,13 +351,3 @@ def _indices(sweep: Sweep) -> Table:
 def _place(sweep: Sweep, row: int, i: int) -> str:
     """Write the value of a variable, without zeros at its end, as on a grid it is a round one."""
     return f"{float(f'{sweep.points[row, i] * sweep.variables[i].factor:.4g}'):.10g}"
-
-
-def _shown(sweep: Sweep, k: int) -> Quantity:
-    """Return the quantity of a figure in a unit that suits what was found."""
-    return sweep.figures[k].shown.fitting(float(np.nanmax(np.abs(sweep.values[:, k]))))
-
-
-def _heading(figure: Figure, shown: Quantity) -> str:
-    unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
-    return f"{figure.label}{unit}"

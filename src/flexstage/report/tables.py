@@ -10,16 +10,18 @@ from flexstage.hinges import Profile
 from flexstage.quantities import Quantity, display, number
 from flexstage.stage import Stage
 from flexstage.table import Cell, Column, Table, table
-from flexstage.units import DIMENSIONS
+from flexstage.units import DIMENSIONS, readable_text
 
 if TYPE_CHECKING:
     from flexstage.lumped.assemble import HingeSpring
 
 #: What the figures of a lumped model are against those of the other commands.
-LUMPED_NOTE = (
+LUMPED_ALONE_NOTE = (
     "figures are those of the lumped model, some per cent from those of superelements that "
-    "analyse and tolerance give; --model superelement has them, and takes longer"
+    "analyse and tolerance give"
 )
+#: The same where another model can be asked for.
+LUMPED_NOTE = f"{LUMPED_ALONE_NOTE}; --model superelement has them, and takes longer"
 
 _TITLES = {
     "published-analytic": "analytic",
@@ -36,6 +38,20 @@ _PAIRS = (
     ("published-measured", "published-fem"),
     ("published-fem", "published-analytic"),
 )
+
+
+def value_text(value: float, dimension: str, digits: int = 5) -> str:
+    """Write a value with the unit in which it is easily read; a plain number has none.
+
+    Examples
+    --------
+    >>> value_text(0.35 / 3e3, "length"), value_text(0.3, "")
+    ('0.11667 mm', '0.3')
+    """
+    if not dimension:
+        return f"{value:.{digits}g}"
+    number_, _, unit = readable_text(float(f"{value:.{digits}g}"), dimension).partition(" ")
+    return f"{float(number_):.{digits}g} {unit.replace('um', 'µm')}"
 
 
 def column_title(column: str) -> str:

@@ -6,21 +6,22 @@ from dataclasses import fields
 from typing import get_type_hints
 
 import flexstage
-from flexstage.explore.deviations import KINDS
+from flexstage.explore.deviations import KINDS, LABELS
 from flexstage.explore.figures import Figure
 from flexstage.explore.spread import Spread, Yield, samples_for
 from flexstage.explore.tolerance import VALIDITY, ToleranceStudy
 from flexstage.explore.tolerance_choice import COARSEST, FINEST, ToleranceChoice
-from flexstage.quantities import beside
+from flexstage.quantities import number
 from flexstage.report.page import page_html
+from flexstage.report.tables import value_text
 from flexstage.section import Bullets, Picture, Section
 from flexstage.table import Table, table
-from flexstage.units import Dimension, readable_text
+from flexstage.units import Dimension
 from flexstage.virtual.imperfections import Scatter
 
-_LABELS = {kind.name: kind.label for kind in KINDS}
 _LEAST = 0.01  # share of the variance that is told [1]
 _MOST = 3  # hinges that are named
+_DECIMALS = 9  # that a figure has at most
 
 
 def spread_table(study: ToleranceStudy) -> Table:
@@ -44,22 +45,27 @@ def _few(study: ToleranceStudy) -> Iterator[str]:
 def _cells(spread: Spread) -> tuple[str, ...]:
     shown = spread.figure.shown
     deviation = spread.standard_deviation * shown.factor
-    if spread.standard_deviation <= max(shown.zero, 1e-9 * abs(spread.nominal)):
+    if spread.still:
         same = shown.text(spread.nominal)
         return (same, same, same, same, "≈ 0", "")
     # what is known of a standard deviation, in parts: 1 / sqrt(2 (n - 1)) of normal values
     known = 1.0 / math.sqrt(2.0 * max(spread.count - 1, 1))
     digits = 1 if known > 0.1 else 2 if known > 0.01 else 3
-    shown_deviation = 10.0 * deviation if digits == 1 else deviation
-    texts = [
-        beside(value * shown.factor, shown_deviation)[0] if math.isfinite(value) else "–"
-        for value in (spread.nominal, spread.mean, *spread.middle)
-    ]
+    # the same decimals in all of a row, of which the deviation has one digit or two
+    last = math.floor(math.log10(float(f"{deviation:.1e}"))) - (digits > 1)
+    decimals = min(max(-last, 0), _DECIMALS)
+    plain = 1e-3 <= abs(spread.nominal * shown.factor) < 1e6
+
+    def text(value: float) -> str:
+        if not math.isfinite(value):
+            return "–"
+        return f"{value * shown.factor:.{decimals}f}" if plain else number(value * shown.factor)
+
+    texts = [text(value) for value in (spread.nominal, spread.mean, *spread.middle)]
     share = "" if shown.zero else _percent(spread.standard_deviation / abs(spread.nominal), digits)
-    spread_text = f"{float(f'{deviation:.1g}'):g}"
-    if digits > 1:
-        spread_text = beside(spread.nominal * shown.factor, deviation)[1]
-    return (*texts, spread_text, share)
+    if digits == 1:
+        return (*texts, f"{float(f'{deviation:.1g}'):g}", share)
+    return (*texts, f"{deviation:.{decimals}f}" if plain else number(deviation, 2), share)
 
 
 def yield_table(yields: tuple[Yield, ...], caption: str = "Yield.") -> Table:
@@ -94,7 +100,7 @@ def share_table(study: ToleranceStudy) -> Table:
             rows.append(
                 (
                     of.figure.label if i == 0 else "",
-                    _LABELS[part.kind],
+                    LABELS[part.kind],
                     scatter_text(study.scatter, part.kind),
                     f"{100.0 * part.share:.1f} %",
                     _change(of.figure, part.slope, deviations[of.figure]),
@@ -127,7 +133,7 @@ def choice_table(choice: ToleranceChoice) -> Table:
         ("deviation", "now", "allowed", "in parts of now"),
         [
             (
-                _LABELS[kind],
+                LABELS[kind],
                 scatter_text(choice.usual, kind),
                 scatter_text(choice.chosen, kind),
                 f"{choice.factor(kind):.2f}",
@@ -153,9 +159,7 @@ def scatter_table(scatter: Scatter) -> Table:
 def scatter_text(scatter: Scatter, name: str) -> str:
     """Return a field of a scatter with its unit."""
     value, dimension = getattr(scatter, name), scatter_dimensions()[name]
-    if dimension is None:
-        return _percent(value)
-    return readable_text(float(f"{value:.3g}"), dimension.name).replace("um", "µm")
+    return _percent(value) if dimension is None else value_text(value, dimension.name, 3)
 
 
 def scatter_dimensions() -> dict[str, Dimension | None]:
@@ -185,7 +189,8 @@ def tolerance_page(study: ToleranceStudy, choice: ToleranceChoice | None = None)
         ),
         version=flexstage.__version__,
         sections=_sections(study, choice),
-        notes=(*study.notes, *study.stage.notes),
+        # the first says what the description is, such as a reconstruction
+        notes=(*study.notes, *study.stage.notes[:1]),
     )
 
 
@@ -207,21 +212,13 @@ def _sections(study: ToleranceStudy, choice: ToleranceChoice | None) -> Iterator
             caption="What the variance of every figure consists of.",
         )
         yield Section(key="shares", title="What spreads them", content=(bars, share_table(study)))
-    if choice is not None and not choice.found:
+    if choice is not None:
+        verdict = choice.verdict[0].upper() + choice.verdict[1:] + "."
+        tables = (choice_table(choice), yield_table(choice.after, "Yield with these."))
         yield Section(
             key="tighten",
             title=f"Tolerances for {_percent(choice.target)}",
-            content=(choice.verdict[0].upper() + choice.verdict[1:] + ".",),
-        )
-    elif choice is not None:
-        yield Section(
-            key="tighten",
-            title=f"Tolerances for {_percent(choice.target)}",
-            content=(
-                choice.verdict[0].upper() + choice.verdict[1:] + ".",
-                choice_table(choice),
-                yield_table(choice.after, "Yield with these."),
-            ),
+            content=(verdict, *(tables if choice.found else ())),
         )
     yield Section(
         key="process",

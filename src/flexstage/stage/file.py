@@ -7,6 +7,7 @@ names a parametric design. ``length_unit: mm`` at the top gives lengths without 
 import os
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,8 @@ from flexstage.units import DIMENSIONS
 DesignBuilder = Callable[[str, Mapping[str, object]], Stage]
 
 _HEAD = ("flexstage", "length_unit", "parameters", "design")
+# what a file may call the stage of a design
+_CALLED = ("name", "title")
 _NAMED = {"hinge": "hinges", "drive": "drives", "probe": "probes", "axis": "axes"}
 
 
@@ -118,8 +121,12 @@ def stage_from_text(
     """
     decoder, root = read(text, source, STAGE_FILE, settings_of(set or {}, StageError))
     if "design" in root.items:
-        decoder.check_keys(root, "", _HEAD)
-        return _from_design(decoder, root.items["design"], designs)
+        decoder.check_keys(root, "", (*_HEAD, *_CALLED))
+        found = _from_design(decoder, root.items["design"], designs)
+        words = {key: decoder.text(root.items[key], key) for key in _CALLED if key in root.items}
+        if "name" in words:
+            check_name(words["name"], lambda text: decoder.refuse(root.items["name"], "name", text))
+        return replace(found, **words) if words else found
     for name in decoder.settings.items:
         require_known(source, name, decoder.parameters, StageError)
     also = (*_HEAD, PROFILES, *COPIES)

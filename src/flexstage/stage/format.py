@@ -209,7 +209,7 @@ def stage_schema() -> dict[str, Any]:
         for key, kind in COPIES.items()
     }
     rest = {key: value for key, value in properties.items() if key not in head}
-    only = [*head, "design"]
+    only = [*head, "design", "name", "title"]
     definitions = {**builder.definitions, **schema["$defs"]}
     # a hinge has a profile of its own, or one of those by name
     definitions["Hinge"]["properties"]["profile"] = {

@@ -74,7 +74,7 @@ def narrowest_slot(stage: Stage) -> float:
     return float(narrowest)
 
 
-def thinnest_wall(stage: Stage) -> float:
+def thinnest_wall(stage: Stage, body: str | None = None) -> float:
     """Return the thickness of the thinnest place of a body, between two sides that face away [m].
 
     Necks are no part of it; sharp corners are none either.
@@ -83,6 +83,8 @@ def thinnest_wall(stage: Stage) -> float:
     ----------
     stage : Stage
         The stage.
+    body : str, optional
+        The body that is looked at; all where not given.
 
     Returns
     -------
@@ -100,15 +102,16 @@ def thinnest_wall(stage: Stage) -> float:
     >>> round(1e3 * thinnest_wall(design("vgtu-piezo")), 3)
     2.4
     """
-    return float(
-        min(
-            (
-                wall_of(body, shape.polygon)
-                for body, shape in zip(stage.bodies, _bodies(stage), strict=True)
-            ),
-            default=np.inf,
-        )
-    )
+    looked_at = [
+        (one, shape.polygon)
+        for one, shape in zip(stage.bodies, _bodies(stage), strict=True)
+        if body in (None, one.name)
+    ]
+    thinnest = np.inf
+    # the smallest bodies first, as nothing thicker is looked for in those that follow
+    for one, polygon in sorted(looked_at, key=lambda pair: float(pair[1].area)):
+        thinnest = min(thinnest, wall_of(one, polygon, thinnest))
+    return float(thinnest)
 
 
 def wall_of(body: Body, polygon: Any, reach: float = np.inf) -> float:

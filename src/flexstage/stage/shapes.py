@@ -69,17 +69,21 @@ def drawn_openings(body: Body, narrower_than: float = 0.0) -> Any:
 
 def body_shapes(stage: Stage) -> tuple[list[Shape], list[Issue]]:
     """Return the polygons of bodies with proper outlines, and what is wrong with the others."""
-    shapes: list[Shape] = []
-    issues: list[Issue] = []
-    for body in stage.bodies:
-        faults = list(_outline_faults(body))
-        issues += faults
-        if not faults:
-            polygon = ring(body.outline)
-            for hole in (*body.holes, *body.mounting_holes):
-                polygon = polygon.difference(ring(hole))
-            shapes.append(Shape(body.name, polygon, (body.name,), False))
-    return shapes, issues
+    found = [_body_shape(body) for body in stage.bodies]
+    shapes = [shape for shape, _ in found if shape is not None]
+    return shapes, [issue for _, issues in found for issue in issues]
+
+
+# checks and figures of one stage ask for the same bodies
+@lru_cache(maxsize=256)
+def _body_shape(body: Body) -> tuple[Shape | None, tuple[Issue, ...]]:
+    faults = tuple(_outline_faults(body))
+    if faults:
+        return None, faults
+    polygon = ring(body.outline)
+    for hole in (*body.holes, *body.mounting_holes):
+        polygon = polygon.difference(ring(hole))
+    return Shape(body.name, polygon, (body.name,), False), ()
 
 
 def notch_shapes(hinges: list[Hinge]) -> list[Shape]:

@@ -24,7 +24,7 @@ from flexstage.studies.traditional_stages import (
     traditional_axes,
 )
 from flexstage.system import MechanicalSystem, modes, static_displacements, static_loads
-from flexstage.system.analysis import axis_mode
+from flexstage.system.characteristics import axis_mode
 from flexstage.virtual.imperfections import Scatter
 from flexstage.virtual.scattered_motion import drive_of
 

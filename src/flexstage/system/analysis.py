@@ -1,263 +1,22 @@
 """Everything that is said of a stage by one model: statics, modes, responses, characteristics."""
 
-import math
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
-from flexstage.characteristic import WHOLE_STAGE, Characteristic, Characteristics
-from flexstage.errors import ModelError
-from flexstage.material import Material
+from flexstage.characteristic import Characteristics
 from flexstage.provenance import Provenance, provenance
-from flexstage.quantities import QUANTITIES, number
 from flexstage.short_repr import short_repr
-from flexstage.stage import Stage, mass_properties
-from flexstage.stage.mass import outer_size
-from flexstage.system.coupled_axes import CoupledAxes, coupled_axes, decoupled_axis, stress_anywhere
-from flexstage.system.linalg import generalized_modes
+from flexstage.stage import Stage
+from flexstage.system.axis_states import axis_states
+from flexstage.system.characteristics import MODES_SEARCHED, every_characteristic
+from flexstage.system.coupled_axes import CoupledAxes
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 from flexstage.system.modes import Modes, modes
 from flexstage.system.response import (
     FrequencyResponse,
     default_frequencies_hz,
-    frequency_response,
+    response_of_modes,
 )
-from flexstage.system.statics import AxisAnalysis, analyse_axis, probe_stiffness, static_loads
-
-#: Natural frequencies that differ by less are one [1].
-ALIKE = 1e-3
-#: An axis that moves by less than this of what another does is not moved by its drive.
-NOTHING = 0.1
-
-
-def axis_mode(
-    system: MechanicalSystem, result: Modes, drive: str | Mapping[str, float], probe: str
-) -> int:
-    r"""Return the mode by which a drive, or drives with their forces, moves a probe.
-
-    It is the one that gives most of the static response, by
-    :math:`|p^T\phi\,\phi^T d|/\omega^2`.
-    """
-    forces = {drive: 1.0} if isinstance(drive, str) else drive
-    p = system.probe(probe).vector @ result.shapes
-    d = sum(force * system.drive(name).vector for name, force in forces.items()) @ result.shapes
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return int(np.nanargmax(np.abs(p * d) / result.omega**2))
-
-
-def axis_characteristics(
-    stage: Stage,
-    system: MechanicalSystem,
-    axis: AxisAnalysis,
-    removed: Modes,
-    coupled: CoupledAxes | None = None,
-) -> list[Characteristic]:
-    """Return the characteristics of one axis.
-
-    `axis` is at full stroke, `removed` has the modes with the drives removed; `coupled` is given
-    where all drives together make the motion of the axis.
-    """
-    others = [a for a in system.axes if a.name != axis.axis]
-    static, turns = axis.static, system.probe(axis.probe).unit == "rad"
-    ports = {name: system.drive(name) for name in axis.drives}
-    add = _Rows(system.model, axis.axis)
-
-    alone = coupled is None
-    if alone:
-        pushed = "imposed" if ports[axis.drive].stroke is not None else "at its largest force"
-        pushed, rest = f"elongation of the drive, {pushed}", "other drives removed"
-    else:
-        largest = max(axis.drives, key=lambda name: abs(axis.drives[name]))
-        pushed = f"largest elongation of a drive ('{largest}') in a motion of this axis alone"
-        rest = "this axis alone, all drives within their strokes"
-    add("input_displacement", axis.input_displacement, pushed)
-    stroke = "rotation_stroke" if turns else "output_displacement"
-    add(stroke, axis.output_displacement, f"probe '{axis.probe}', {rest}")
-    if not turns:
-        ratio = axis.output_displacement / axis.input_displacement
-        add("transmission_ratio", ratio, "output over input displacement")
-    if static.hinge_stress:
-        worst = max(static.hinge_stress, key=lambda k: static.hinge_stress[k])
-        stress = static.hinge_stress[worst]
-        scatter = None if system.stress is None else system.stress.scatter(static.q)[worst]
-        # nothing is known of its scatter where the stress comes from no mesh
-        where = "full stroke" if alone else "change from end to end (the largest is of the stage)"
-        add.stress(stage.material, stress, f"hinge '{worst}', {where}", scatter or None)
-    steps = {n: p.smallest_displacement for n, p in ports.items() if p.smallest_displacement}
-    if steps:
-        gains = (
-            {axis.drive: axis.output_displacement / axis.input_displacement}
-            if coupled is None
-            else coupled.gains(axis.axis)
-        )
-        add(
-            "rotation_resolution" if turns else "resolution",
-            max(abs(gains[name]) * step for name, step in steps.items()),
-            "smallest step of the drive times ratio" + ("" if alone else ", the largest"),
-        )
-    mode = axis_mode(system, removed, static.drive_force, axis.probe)
-    add("natural_frequency_hz", removed.frequency_hz[mode], f"mode {mode + 1}, drives removed")
-    for quantity, value, note in _cross(system, axis, [a.probe for a in others]):
-        add(quantity, value, note)
-    body = system.probe(axis.probe).body
-    if body in static.body_motion and not turns:
-        add("parasitic_rotation", static.body_motion[body][2], f"of body '{body}' at full stroke")
-    add(
-        "input_stiffness",
-        axis.input_stiffness,
-        "force of the drive over its elongation"
-        if alone
-        else "twice the energy of the motion over the square of the input displacement",
-    )
-    stiffness = probe_stiffness(system, axis.probe, drives="in place")
-    if stiffness < math.inf:
-        load = "moment" if turns else "force"
-        where = f"against a {load} at probe '{axis.probe}', drives in place (rigid ones locked)"
-        add("rotational_stiffness" if turns else "output_stiffness", stiffness, where)
-    # of modes of one frequency any mixture is one: what they do together is sure
-    alike = np.abs(removed.frequency_hz / removed.frequency_hz[mode] - 1.0) < ALIKE
-    shown = np.sum((system.probe(axis.probe).vector @ removed.shapes[:, alike]) ** 2)
-    if shown:
-        which = "mode" if alike.sum() == 1 else f"the {alike.sum()} modes like"
-        add(
-            "effective_inertia" if turns else "effective_mass",
-            1.0 / shown,
-            f"modal mass of {which} {mode + 1} (drives removed) where the probe moves by one",
-        )
-    for quantity, value, note in _loaded(stage, system, axis.probe):
-        add(quantity, value, note)
-    return add.rows
-
-
-class _Rows:
-    """Rows of one model and axis, as they are added."""
-
-    def __init__(self, model: str, axis: str) -> None:
-        self.rows: list[Characteristic] = []
-        self._from = (model, axis)
-
-    def __call__(
-        self, quantity: str, value: float, note: str, uncertainty: float | None = None
-    ) -> None:
-        model, axis = self._from
-        self.rows.append(
-            Characteristic(
-                quantity=quantity,
-                axis=axis,
-                origin=model,
-                value=float(value),
-                unit=QUANTITIES[quantity].unit,
-                uncertainty=uncertainty,
-                note=note,
-            )
-        )
-
-    def stress(
-        self, material: Material, stress: float, where: str, scatter: float | None = None
-    ) -> None:
-        """Add a largest stress, and how far it is from yield and from fatigue."""
-        self("max_stress", stress, f"equivalent stress at {where}", scatter)
-        if material.yield_strength is not None and stress > 0.0:
-            self("safety_factor", material.yield_strength / stress, "against yield")
-        fatigue = _fatigue(material, stress)
-        if fatigue is not None:
-            self("fatigue_safety", *fatigue)
-
-
-def _cross(
-    system: MechanicalSystem, axis: AxisAnalysis, others: list[str]
-) -> Iterator[tuple[str, float, str]]:
-    """Give what the other axes read over the stroke of one.
-
-    In parts of its own motion where that is of the same kind, and not nothing beside theirs; as it
-    is otherwise.
-    """
-    own, unit = axis.output_displacement, system.probe(axis.probe).unit
-    alike = [axis.static.readings[p] for p in others if system.probe(p).unit == unit]
-    unlike = [axis.static.readings[p] for p in others if system.probe(p).unit != unit]
-    worst = max(alike, key=abs, default=0.0)
-    ways = ("cross_rotation", "cross_displacement")
-    how = "after decoupling" if len(axis.drives) > 1 else "at full stroke"
-    if alike and abs(own) >= NOTHING * abs(worst) and own != 0.0:
-        note = "displacement of the other axis over that of this one"
-        yield "cross_coupling", worst / own, note + f", {how}" * (len(axis.drives) > 1)
-    elif alike:
-        note = f"largest of the other axes, {how}; this axis hardly moves beside it"
-        yield ways[unit == "m"], worst, note
-    if unlike:
-        yield ways[unit == "rad"], max(unlike, key=abs), f"largest of the other axes, {how}"
-
-
-def _fatigue(material: Material, stress: float) -> tuple[float, str] | None:
-    r"""Safety against fatigue when the stroke is gone through again and again.
-
-    Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the stress as
-    its mean and half as its amplitude: 1/n = sigma_a/sigma_f + sigma_m/sigma_y.
-    """
-    allowed = pulsating_limit(material)
-    if allowed is None or stress <= 0.0:
-        return None
-    cycles = f", {material.fatigue_cycles:.0e} cycles" if material.fatigue_cycles else ""
-    note = f"stroke from zero to full and back, Soderberg line{cycles}"
-    return allowed / stress, note
-
-
-def pulsating_limit(material: Material) -> float | None:
-    r"""Return the peak stress that fatigue allows when it goes from zero to it and back.
-
-    Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the peak as
-    mean and half as amplitude: 1/sigma = (1/sigma_f + 1/sigma_y)/2.
-
-    The peak is in Pa, and None if fatigue limit or yield strength is unknown.
-
-    Examples
-    --------
-    >>> from flexstage.material import material
-    >>> print(f"{pulsating_limit(material('Al 7075-T6')) / 1e6:.0f} MPa")
-    242 MPa
-    """
-    limit, strength = material.fatigue_limit, material.yield_strength
-    if limit is None or strength is None:
-        return None
-    return 2.0 / (1.0 / limit + 1.0 / strength)
-
-
-def _loaded(stage: Stage, system: MechanicalSystem, probe: str) -> Iterator[tuple[str, float, str]]:
-    """Give what weight and temperature do to a probe, where the model knows."""
-    known = {load.name for load in system.loads}
-    if system.probe(probe).unit == "rad":
-        return
-    if {"gravity x", "gravity y"} <= known:
-        c, s = stage.probe(probe).along
-        weight = {"gravity x": c, "gravity y": s}
-        sag = static_loads(system, weight, drives="in place").readings[probe]
-        yield "gravity_sag", sag, "1 g along the axis, drives in place (rigid ones locked)"
-    if "temperature" in known:
-        drift = static_loads(system, {"temperature": 1.0}).readings[probe]
-        yield (
-            "thermal_drift",
-            drift,
-            "uniform temperature change, drives removed, base without expansion; for another base, "
-            "multiply by (stage coefficient - base coefficient) / stage coefficient",
-        )
-    body = system.probe(probe).body
-    lift = f"{body} out of plane"
-    if any(p.name == lift for p in system.probes):
-        yield (
-            "out_of_plane_stiffness",
-            probe_stiffness(system, lift),
-            f"against a force on '{body}', normal to the plate",
-        )
-        index = [i for i, c in enumerate(system.coordinates) if c.startswith("out of plane")]
-        omega, _ = generalized_modes(
-            system.K[np.ix_(index, index)],
-            system.M[np.ix_(index, index)],
-            np.zeros((len(index), 0)),
-            1,
-        )
-        yield "out_of_plane_frequency_hz", omega[0] / (2.0 * math.pi), "drives removed or locked"
-
+from flexstage.system.statics import AxisAnalysis
 
 _CONDITIONS: tuple[DriveCondition, ...] = ("removed", "in place", "locked")
 
@@ -293,88 +52,6 @@ class Analysis:
         return {a.axis: a.static.hinge_stress for a in self.axes}
 
 
-def stage_characteristics(
-    stage: Stage, system: MechanicalSystem, coupling: CoupledAxes | None
-) -> list[Characteristic]:
-    """Return the characteristics of the whole: size, mass, and what its drives reach together."""
-    model = system.model
-    add = _Rows(model, WHOLE_STAGE)
-    masses = {name: found.mass for name, found in mass_properties(stage).items()}
-    add("mass", sum(masses.values()), "all bodies and what is mounted on them")
-    moving = sum(masses[body.name] for body in stage.bodies if not body.fixed)
-    add("moving_mass", moving, "all bodies that are not fixed")
-    for quantity, value in zip(("width", "height", "thickness"), outer_size(stage), strict=True):
-        add(quantity, value, "outlines of all bodies, without drives")
-    if coupling is None or len(coupling.axes) < 2:
-        return add.rows
-    if coupling.independent:
-        scaled = "displacements per elongation, other drives held"
-        if coupling.length is not None:
-            scaled += f"; rotations times {number(1e3 * coupling.length)} mm"
-        add("condition_number", coupling.condition_number, scaled)
-        add("isotropy", coupling.isotropy, scaled)
-    if coupling.coupled and (stress := stress_anywhere(system, coupling)):
-        worst = max(stress, key=lambda hinge: stress[hinge])
-        add.stress(
-            stage.material, stress[worst], f"hinge '{worst}', drives anywhere in their strokes"
-        )
-    reached = coupling.workspace
-    if reached is not None:
-        over = _Rows(model, "".join(reached.axes[:2]))
-        at = " at the middle rotation" if len(reached.axes) > 2 else ""
-        over("workspace_area", reached.area, f"all drives over their strokes{at}")
-        add.rows += over.rows
-    return add.rows
-
-
-def _coupling(stage: Stage, system: MechanicalSystem) -> CoupledAxes | None:
-    """What all drives do to all axes; None where it says nothing, or cannot be found."""
-    if len({drive for axis in system.axes for drive in axis.drives}) < 2:
-        return None
-    try:
-        found = coupled_axes(stage, system)
-    except ModelError:
-        # drives that hold the same: then each is looked at by itself
-        if any(len(axis.drives) > 1 for axis in system.axes):
-            raise
-        return None
-    return found
-
-
-def axis_states(
-    stage: Stage, system: MechanicalSystem
-) -> tuple[CoupledAxes | None, CoupledAxes | None, tuple[AxisAnalysis, ...]]:
-    """Return what all drives do to all axes, whether that moves the axes, and each at full stroke.
-
-    The second is the first where all drives together make the motion of an axis, and None where
-    each is moved by its drive alone.
-
-    Raises
-    ------
-    ModelError
-        The stage is a mechanism, or a drive has no stroke.
-    """
-    coupling = _coupling(stage, system)
-    together = coupling if coupling is not None and coupling.coupled else None
-    if (
-        together is not None
-        and not together.independent
-        and all(len(axis.drives) == 1 for axis in system.axes)
-    ):
-        # no way to move one axis alone: each drive by itself, as it is
-        together = None
-    return (
-        coupling,
-        together,
-        tuple(
-            analyse_axis(system, axis)
-            if together is None
-            else decoupled_axis(system, together, axis.name)
-            for axis in system.axes
-        ),
-    )
-
-
 def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     """Analyse a stage by one of its systems.
 
@@ -395,33 +72,30 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     ModelError
         The stage is a mechanism, or a drive has no stroke.
     """
-    coupling, together, axes = axis_states(stage, system)
+    states = axis_states(stage, system)
     # without drives the three conditions are one
     conditions = _CONDITIONS if system.drives else _CONDITIONS[:1]
-    found: dict[DriveCondition, Modes] = {c: modes(system, drives=c, count=12) for c in conditions}
+    every = {c: modes(system, drives=c, count=None) for c in conditions}
+    found: dict[DriveCondition, Modes] = {c: every[c].lowest(MODES_SEARCHED) for c in conditions}
     responses = []
     for axis in system.axes:
         for condition in conditions[:2]:
             f = default_frequencies_hz(found[condition])
             responses += [
-                frequency_response(system, f, drive, axis.probe, drives=condition)
+                response_of_modes(system, every[condition], f, drive, axis.probe)
                 for drive in axis.drives
             ]
-    rows: list[Characteristic] = []
-    for axis in axes:
-        rows += axis_characteristics(stage, system, axis, found["removed"], together)
-    if axes:
-        rows += stage_characteristics(stage, system, coupling)
+    rows = every_characteristic(stage, system, states, found["removed"])
     return Analysis(
         stage=stage,
         system=system,
-        axes=axes,
+        axes=states.axes,
         modes=found,
         responses=tuple(responses),
         characteristics=Characteristics(rows),
         validity=(*system.validity, *_missing(system, found["removed"])),
         provenance=provenance(stage, system.settings),
-        coupling=coupling,
+        coupling=states.coupling,
     )
 
 

@@ -10,10 +10,11 @@ from flexstage.arrays import Array
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
 from flexstage.system.batch import SystemBatch, namespace_of, samples_last
-from flexstage.system.batch_figures import Decisions, Key, StageFigures, added, decisions
+from flexstage.system.batch_figures import Decisions, StageFigures, decisions
 from flexstage.system.batch_modes import DrivenReading, Form, applied, axis_modes, total
 from flexstage.system.block_cholesky import factorise
 from flexstage.system.coupled_axes import COUPLED
+from flexstage.system.figure_source import Key, added
 from flexstage.system.forward_mode import root
 
 # Figures that say nothing of how a stage moves: a mechanism has them as well.

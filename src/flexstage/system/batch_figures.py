@@ -1,92 +1,31 @@
 """The figures of the axes of a stage, each from what unit forces of the drives do.
 
-The formulas are those of `flexstage.system.analysis` and `flexstage.system.coupled_axes`, written
-for values over many samples, or for values with their derivatives: a source gives either. What an
-engineer would decide by looking is decided on the nominal stage, for all.
+They are those of `flexstage.system.characteristics` and `flexstage.system.coupled_axes`, which read
+them off the states of any model, whose stress need not be linear. Here they are written in what
+unit forces do, for values over many samples or values with derivatives: a source gives either. What
+an engineer would decide by looking is decided on the nominal stage, for all.
 """
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import combinations, product
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.stage import Stage
-from flexstage.system.analysis import NOTHING, axis_states
+from flexstage.system.axis_states import axis_states
 from flexstage.system.batch_modes import start_shapes
+from flexstage.system.characteristics import axis_quantity, cross_figures
 from flexstage.system.coupled_axes import CoupledAxes
-from flexstage.system.forward_mode import (
-    largest,
-    largest_row,
-    magnitude,
-    power,
-    root,
-    singular_values,
-    solved,
-    where_larger,
-)
+from flexstage.system.coupling_figures import CouplingFigures
+from flexstage.system.figure_source import Key, Source, added, stress_at, stress_rows
+from flexstage.system.forward_mode import largest, largest_row, magnitude, root, solved
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.statics import AxisAnalysis, probe_stiffness
-from flexstage.system.zonotope import MOST_DRIVES
-
-#: A figure: its quantity and its axis.
-Key = tuple[str, str]
-
-
-class Source(Protocol):
-    """What figures are made of, as values over samples or as values with derivatives.
-
-    Drives and probes are numbered as the system has them.
-    """
-
-    def gram(self, i: int, j: int) -> Any:
-        """Elongation of drive i for a unit force of drive j [m/N]."""
-
-    def reach(self, probe: int, drive: int) -> Any:
-        """Reading of a probe for a unit force of a drive."""
-
-    def own(self, probe: int) -> Any:
-        """Reading of a probe for a unit force along itself."""
-
-    def sag(self, probe: int) -> Any:
-        """Reading of a probe for the weight along its direction."""
-
-    def sag_drive(self, probe: int, drive: int) -> Any:
-        """Elongation of a drive for the weight along the direction of a probe."""
-
-    def stress(self, drive: int) -> Any:
-        """Stress at each place for a unit force of a drive [Pa/N], shape (r, ...)."""
-
-    def rotation(self, probe: int, drive: int) -> Any:
-        """Rotation of the body of a probe for a unit force of a drive [rad/N]."""
-
-    def mode(self, axis: int) -> tuple[Any, Any]:
-        """Squared frequency, and one over effective mass, of the mode of an axis."""
-        ...
-
-    def of_drive(self, field: str, drive: int) -> Any:
-        """A field of the batch that is given by drive."""
-
-    def strength(self, which: int) -> Any:
-        """Yield strength, or largest pulsating stress [Pa]."""
-
-    def length(self, drives: tuple[int, ...], probe: int) -> Any:
-        """Mean distance of the pushed points of drives from a probe [m]."""
-
-    def masses(self) -> list[Any]:
-        """Mass of every body [kg]."""
-        ...
-
-    def size(self, which: int) -> Any:
-        """Width, height and thickness of the plate [m]."""
-
-    def fine(self) -> Any:
-        """Samples whose stiffness is regular; None where no other comes up."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -140,7 +79,11 @@ class StageFigures:
         self.axes: list[AxisFigures] = []
         self.rows: dict[Key, Callable[[], Any]] = {}
         coupling, together = decided.coupling, decided.together
-        self.coupling = None if coupling is None else CouplingFigures(self, coupling)
+        self.coupling = (
+            None
+            if coupling is None
+            else CouplingFigures(decided.stage, decided.system, coupling, source)
+        )
         # with more drives than axes the longest motion is a linear programme for each sample
         if together is None or len(together.drives) == len(together.axes):
             self.axes = [AxisFigures(self, i, axis) for i, axis in enumerate(decided.axes)]
@@ -166,41 +109,26 @@ class StageFigures:
         }
         return rows if self.coupling is None else rows | self.coupling.rows()
 
-    def stresses(self, weights: Mapping[int, Any]) -> Any:
-        """Stress at each place for forces of drives."""
-        return added([force * self.source.stress(j) for j, force in weights.items()])
-
-    def stress_rows(self, stress: Callable[[], Any]) -> list[tuple[str, Callable[[], Any]]]:
-        """Rows of a largest stress: it, and how far it is from yield and from fatigue."""
-        rows = [("max_stress", stress)]
-        material, source = self.decided.stage.material, self.source
-        if material.yield_strength is not None:
-            rows.append(("safety_factor", lambda: source.strength(0) / stress()))
-            if material.fatigue_limit is not None:
-                rows.append(("fatigue_safety", lambda: source.strength(1) / stress()))
-        return rows
-
 
 class AxisFigures:
     """Figures of one axis."""
 
-    def __init__(self, all_: StageFigures, index: int, nominal: AxisAnalysis) -> None:
-        self.all, self.source, self.index, self.nominal = all_, all_.source, index, nominal
+    def __init__(self, stage: StageFigures, index: int, nominal: AxisAnalysis) -> None:
+        self.stage, self.source, self.index, self.nominal = stage, stage.source, index, nominal
         self.name = nominal.axis
-        self.probe = all_.probe[nominal.probe]
-        system = all_.decided.system
+        self.probe = stage.probe[nominal.probe]
+        system = stage.decided.system
         self.port = system.probes[self.probe]
-        self.turns = self.port.unit == "rad"
-        self.together = all_.coupling if all_.decided.together is not None else None
+        self.together = stage.coupling if stage.decided.together is not None else None
 
     @cached_property
     def motion(self) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any]]:
         """Elongations, forces, and forces with those of drives that only hold, by drive."""
         if self.together is not None:
             return self.together.motion(self.index)
-        drive = self.all.drive[self.nominal.drive]
+        drive = self.stage.drive[self.nominal.drive]
         against = self.source.gram(drive, drive)
-        if self.all.decided.system.drives[drive].stroke is None:
+        if self.stage.decided.system.drives[drive].stroke is None:
             moved = self.source.of_drive("largest_force", drive) * against
         else:
             moved = self.source.of_drive("stroke", drive)
@@ -225,12 +153,12 @@ class AxisFigures:
     @cached_property
     def stress(self) -> Any:
         """Largest equivalent stress."""
-        return largest_row(magnitude(self.all.stresses(self.motion[2])))
+        return largest_row(magnitude(stress_at(self.source, self.motion[2])))
 
     @cached_property
     def held(self) -> tuple[Any, dict[int, Any]]:
         """Reading for a unit force on the probe, drives in place, and the forces that they hold."""
-        system, source = self.all.decided.system, self.source
+        system, source = self.stage.decided.system, self.source
         drives = [j for j, d in enumerate(system.drives) if d.stiffness != 0.0]
         soft = source.own(self.probe)
         if not drives:
@@ -250,31 +178,31 @@ class AxisFigures:
 
     def rows(self) -> list[tuple[str, Callable[[], Any]]]:
         """Its figures, in the order of `flexstage.system.analyse`."""
-        source, system, nominal = self.source, self.all.decided.system, self.nominal
-        turns = self.turns
+        source, system, nominal = self.source, self.stage.decided.system, self.nominal
+        turns, unit = self.port.unit == "rad", self.port.unit
         rows: list[tuple[str, Callable[[], Any]]] = [
             ("input_displacement", lambda: self.input),
-            ("rotation_stroke" if turns else "output_displacement", lambda: self.output),
+            (axis_quantity("output_displacement", unit), lambda: self.output),
         ]
         if not turns:
             rows.append(("transmission_ratio", lambda: self.output / self.input))
         if nominal.static.hinge_stress:
-            rows += self.all.stress_rows(lambda: self.stress)
-        steps = [self.all.drive[n] for n in nominal.drives if system.drive(n).smallest_displacement]
+            rows += stress_rows(source, self.stage.decided.stage.material, lambda: self.stress)
+        steps = [
+            self.stage.drive[n] for n in nominal.drives if system.drive(n).smallest_displacement
+        ]
         if steps:
-            name = "rotation_resolution" if turns else "resolution"
-            rows.append((name, lambda: self._resolution(steps)))
+            rows.append((axis_quantity("resolution", unit), lambda: self._resolution(steps)))
         rows.append(("natural_frequency_hz", lambda: root(source.mode(self.index)[0]) / math.tau))
         rows += self._cross()
         if not turns:
             rows.append(("parasitic_rotation", self._parasitic))
         rows.append(("input_stiffness", self._input_stiffness))
         if math.isfinite(probe_stiffness(system, nominal.probe, drives="in place")):
-            name = "rotational_stiffness" if turns else "output_stiffness"
-            rows.append((name, lambda: 1.0 / self.held[0]))
+            rows.append((axis_quantity("output_stiffness", unit), lambda: 1.0 / self.held[0]))
         if np.any(self.port.vector):
-            name = "effective_inertia" if turns else "effective_mass"
-            rows.append((name, lambda: 1.0 / source.mode(self.index)[1]))
+            inertia = axis_quantity("effective_mass", unit)
+            rows.append((inertia, lambda: 1.0 / source.mode(self.index)[1]))
         if not turns and {"gravity x", "gravity y"} <= {load.name for load in system.loads}:
             rows.append(("gravity_sag", self._sag))
         return rows
@@ -289,25 +217,19 @@ class AxisFigures:
         return largest([magnitude(gains[j]) * self.source.of_drive(step, j) for j in steps])
 
     def _cross(self) -> list[tuple[str, Callable[[], Any]]]:
-        system, own = self.all.decided.system, self.nominal.output_displacement
+        system = self.stage.decided.system
         others = [axis.probe for axis in system.axes if axis.name != self.name]
-        alike = [p for p in others if system.probe(p).unit == self.port.unit]
-        unlike = [p for p in others if system.probe(p).unit != self.port.unit]
-        ways = ("cross_rotation", "cross_displacement")
-        rows: list[tuple[str, Callable[[], Any]]] = []
 
         def worst(probes: list[str]) -> Any:
-            readings = [self.reading(self.all.probe[p]) for p in probes]
+            readings = [self.reading(self.stage.probe[p]) for p in probes]
             return largest(readings, by_magnitude=True)
 
-        readings = [abs(self.nominal.static.readings[p]) for p in alike]
-        if alike and abs(own) >= NOTHING * max(readings) and own != 0.0:
-            rows.append(("cross_coupling", lambda: worst(alike) / self.output))
-        elif alike:
-            rows.append((ways[not self.turns], lambda: worst(alike)))
-        if unlike:
-            rows.append((ways[self.turns], lambda: worst(unlike)))
-        return rows
+        def row(quantity: str, probes: list[str]) -> Callable[[], Any]:
+            if quantity == "cross_coupling":
+                return lambda: worst(probes) / self.output
+            return lambda: worst(probes)
+
+        return [(q, row(q, probes)) for q, probes in cross_figures(system, self.nominal, others)]
 
     def _parasitic(self) -> Any:
         return added([f * self.source.rotation(self.probe, j) for j, f in self.motion[2].items()])
@@ -325,172 +247,3 @@ class AxisFigures:
         parts = [f * source.sag_drive(self.probe, j) for j, f in self.held[1].items()]
         sag = source.sag(self.probe)
         return sag - added(parts) if parts else sag
-
-
-class CouplingFigures:
-    """What all drives do to all axes."""
-
-    def __init__(self, all_: StageFigures, nominal: CoupledAxes) -> None:
-        self.all, self.source, self.nominal = all_, all_.source, nominal
-        self.drives = [all_.drive[name] for name in nominal.drives]
-        self.probes = [all_.probe[axis.probe] for axis in nominal.axes]
-        system = all_.decided.system
-        self.stiff = [j for j in self.drives if system.drives[j].stiffness != 0.0]
-        # drives of no axis are held, where they hold
-        self.rest = [
-            j
-            for j, drive in enumerate(system.drives)
-            if j not in self.drives and drive.stiffness != 0.0
-        ]
-
-    @cached_property
-    def forces(self) -> dict[int, dict[int, Any]]:
-        """Forces of all drives for a unit elongation of each, the others held."""
-        gram, out = self.source.gram, {}
-        for j in self.drives:
-            held = [*dict.fromkeys([*self.stiff, j]), *self.rest]
-            unit = [float(i == j) for i in held]
-            found = solved([[gram(a, b) for b in held] for a in held], unit)
-            out[j] = dict(zip(held, found, strict=True))
-        return out
-
-    @cached_property
-    def jacobian(self) -> list[list[Any]]:
-        """What each axis reads for a unit of each drive."""
-        reach = self.source.reach
-        return [
-            [added([f * reach(p, i) for i, f in self.forces[j].items()]) for j in self.drives]
-            for p in self.probes
-        ]
-
-    @cached_property
-    def scaled(self) -> list[list[Any]]:
-        """The same with rotations times the characteristic length."""
-        units = self.nominal.units
-        if "rad" not in units:
-            return self.jacobian
-        probe = self.probes[units.index("rad")]
-        length = self.source.length(tuple(self.drives), probe)
-        return [
-            [length * x for x in row] if unit == "rad" else row
-            for row, unit in zip(self.jacobian, units, strict=True)
-        ]
-
-    def gains(self, axis: int) -> dict[int, Any]:
-        """What an axis reads for a unit of each drive."""
-        return dict(zip(self.drives, self.jacobian[axis], strict=True))
-
-    @cached_property
-    def ranges(self) -> list[tuple[Any, Any]]:
-        """Least and greatest elongation of each drive."""
-        out = []
-        for j in self.drives:
-            if self.all.decided.system.drives[j].stroke is None:
-                reach = self.source.of_drive("largest_force", j) / self.forces[j][j]
-                out.append((-reach, reach))
-            else:
-                stroke = self.source.of_drive("stroke", j)
-                out.append((0.0 * stroke, stroke))
-        return out
-
-    def motion(self, axis: int) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any]]:
-        """Elongations, forces, and those with drives that only hold, of one axis alone."""
-        # pivots as a plain elimination of the nominal J has them, the same ones for all samples
-        order = _pivot_rows(self.nominal.scaled)
-        unit = [float(row == axis) for row in order]
-        direction = solved([self.jacobian[row] for row in order], unit)
-        parts = [
-            magnitude(w) / (high - low)
-            for w, (low, high) in zip(direction, self.ranges, strict=True)
-        ]
-        longest = largest(parts)
-        moved = {j: w / longest for j, w in zip(self.drives, direction, strict=True)}
-        every: dict[int, Any] = {}
-        for j, elongation in moved.items():
-            for i, f in self.forces[j].items():
-                every[i] = every[i] + f * elongation if i in every else f * elongation
-        return moved, {j: every[j] for j in self.drives}, every
-
-    def rows(self) -> dict[Key, Callable[[], Any]]:
-        """Its figures, in the order of `flexstage.system.analyse`."""
-        rows: dict[Key, Callable[[], Any]] = {}
-        nominal = self.nominal
-        if len(nominal.axes) < 2:
-            return rows
-        if nominal.independent:
-            rows["condition_number", WHOLE_STAGE] = lambda: self.sigma[0] / self.sigma[-1]
-            rows["isotropy", WHOLE_STAGE] = self._isotropy
-        known = self.all.decided.system.stress is not None and len(self.drives) <= MOST_DRIVES
-        if nominal.coupled and known:
-            found = self.all.stress_rows(lambda: self._stress_anywhere)
-            rows |= {(name, WHOLE_STAGE): row for name, row in found}
-        reached = nominal.workspace
-        if reached is not None and (len(reached.axes) == 2 or len(self.drives) == 3):
-            rows["workspace_area", "".join(reached.axes[:2])] = self._area
-        return rows
-
-    @cached_property
-    def sigma(self) -> list[Any]:
-        """Singular values of the scaled J."""
-        return singular_values(self.scaled, self.source.fine())
-
-    def _isotropy(self) -> Any:
-        squares = [s * s for s in self.sigma]
-        whole = squares[0]
-        for square in squares[1:]:
-            whole = whole * square
-        return power(whole, 1.0 / len(squares)) / (added(squares) / len(squares))
-
-    @cached_property
-    def _stress_anywhere(self) -> Any:
-        each = [self.all.stresses(self.forces[j]) for j in self.drives]
-        ends = []
-        for corner in product(*self.ranges):
-            stress = added([w * s for w, s in zip(corner, each, strict=True)])
-            ends.append(largest_row(magnitude(stress)))
-        return largest(ends)
-
-    def _area(self) -> Any:
-        """Area of the workspace, with a rotation that at its middle."""
-        units = self.nominal.units
-        straight = [i for i, unit in enumerate(units) if unit == "m"][:2]
-        turning = [i for i, unit in enumerate(units) if unit == "rad"]
-        spans = [high - low for low, high in self.ranges]
-        reach = [
-            [x * span for x, span in zip(self.jacobian[i], spans, strict=True)]
-            for i in (*straight, *turning)
-        ]
-        (x, y), pairs = reach[:2], list(combinations(range(len(spans)), 2))
-        minors = {(i, j): x[i] * y[j] - x[j] * y[i] for i, j in pairs}
-        if not turning:
-            return added([magnitude(minor) for minor in minors.values()])
-        # a parallelepiped: its volume, times how likely the middle is for a sum of uniform parts
-        z = reach[2]
-        volume = z[0] * minors[1, 2] - z[1] * minors[0, 2] + z[2] * minors[0, 1]
-        a, b, c = (magnitude(part) for part in z)
-        most = largest([a, b, c])
-        four = 2.0 * (a * b + b * c + c * a) - a * a - b * b - c * c
-        # 1/most where one part is as large as the others together; else none of them is nothing
-        alone = where_larger(most + most, a + b + c, 4.0 * a * b * c * 0.0 + 1.0, 4.0 * a * b * c)
-        return magnitude(volume) * where_larger(most + most, a + b + c, 1.0 / most, four / alone)
-
-
-def added(parts: list[Any]) -> Any:
-    """Sum, one after the other."""
-    out = parts[0]
-    for part in parts[1:]:
-        out = out + part
-    return out
-
-
-def _pivot_rows(matrix: Array) -> list[int]:
-    """Order of rows by which elimination never meets a small pivot."""
-    left, order = matrix / np.abs(matrix).max(), []
-    rows = list(range(len(matrix)))
-    for column in range(len(matrix)):
-        best = max(rows, key=lambda r: abs(left[r, column]))
-        rows.remove(best)
-        order.append(best)
-        for r in rows:
-            left[r] -= left[r, column] / left[best, column] * left[best]
-    return order

@@ -16,15 +16,12 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from flexstage.arrays import Array
-from flexstage.system.analysis import ALIKE
 from flexstage.system.batch import samples_first, samples_last
 from flexstage.system.block_cholesky import BlockFactor
+from flexstage.system.characteristics import ALIKE, MODES_SEARCHED
 from flexstage.system.forward_mode import root
 from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import MechanicalSystem
-
-#: Modes among which that of an axis is sought, as `flexstage.system.analyse` does.
-MODES_SEARCHED = 12
 
 # A subspace of more than this part of all coordinates costs more than all modes.
 _LARGEST_SHARE = 0.25

@@ -10,16 +10,18 @@ Samples are the last axis of every array here, so that they lie next to each oth
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 from flexstage.arrays import Array
 
-# a pivot smaller than this of its diagonal is none: the same limit as for a single stage
-_PIVOT = 1e-13
-# and so is one that the rounding of those before it, 1e-16 over the smallest of them, may have left
-_ROUNDING = 1e-15
+# How far forces of about 1 move coordinates of a stage that is no mechanism, at most, where K
+# has a unit diagonal. Rounding leaves 1e-16 of stiffness in a mechanism, and 3e15 or more comes out
+# of thousands of them; of designs up to 1e4, with necks of a thousandth of theirs up to 7e9.
+_FURTHEST = 1e13
+# a pivot that is less than this of its diagonal is nothing but rounding
+_PIVOT = 1e-16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,20 +155,13 @@ def factorise(xp: Any, count: int, blocks: Mapping[tuple[int, int], Array]) -> B
     k: dict[tuple[int, int], Array] = dict(blocks)
     diagonal = {i: k[i, i] for i in range(count)}
     regular: Any = None
-    least: Any = None
     pivots: list[tuple[Array, ...]] = [()] * count
     panels: list[Array | None] = [None] * count
 
     def root(value: Array, full: Array) -> Array:
-        nonlocal regular, least
-        share = value / xp.where(full > 0.0, full, xp.ones_like(full))
-        fine = share > _PIVOT
-        if least is not None:
-            # small pivots before this one have left so much rounding in it
-            fine = xp.logical_and(fine, share * least > _ROUNDING)
+        nonlocal regular
+        fine = value > _PIVOT * full
         regular = fine if regular is None else xp.logical_and(regular, fine)
-        share = xp.where(fine, share, xp.ones_like(share))
-        least = share if least is None else xp.minimum(least, share)
         one = xp.ones_like(value)
         return 1.0 / xp.sqrt(xp.where(fine, value, xp.where(full > 0.0, full, one)))
 
@@ -203,6 +198,19 @@ def factorise(xp: Any, count: int, blocks: Mapping[tuple[int, int], Array]) -> B
                 else:
                     k[j, m] = -part
     assert regular is not None
-    return BlockFactor(
+    factor = BlockFactor(
         xp=xp, plan=plan, pivots=tuple(pivots), panels=tuple(panels), regular=regular
     )
+    return replace(factor, regular=xp.logical_and(regular, _furthest(factor, diagonal) < _FURTHEST))
+
+
+def _furthest(factor: BlockFactor, diagonal: Mapping[int, Array]) -> Array:
+    """How far a force of the order of 1 on each coordinate moves one, scaled to a unit diagonal."""
+    xp, count = factor.xp, len(diagonal)
+    size = xp.stack([xp.stack([diagonal[i][c, c, ...] for c in range(3)]) for i in range(count)])
+    size = xp.sqrt(xp.clip(size, 0.0, None))
+    # signs by turns and sizes from 1 to 2, as N. J. Higham, ACM Trans. Math. Softw. 14 (1988) 381
+    forces = [(-1.0) ** k * (1.0 + k / (3 * count)) for k in range(3 * count)]
+    force = size * xp.reshape(xp.asarray(forces, dtype=size.dtype), (count, 3, 1))
+    shape = factor.solve([force[i, :, None, :] for i in range(count)])
+    return xp.max(xp.abs(shape[:, :, 0, :] * size), axis=(0, 1))

@@ -1,9 +1,8 @@
-"""Axes that drives move together: Jacobian, conditioning, decoupling, stroke and workspace."""
+"""Axes that drives move together: Jacobian, conditioning, decoupling and stroke."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
@@ -12,14 +11,8 @@ from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system.mechanical import AxisPort, DrivePort, MechanicalSystem
-from flexstage.system.statics import AxisAnalysis, static_displacements, static_state
-from flexstage.system.zonotope import (
-    MOST_DRIVES,
-    box_section,
-    polygon_area,
-    zonogon_outline,
-    zonotope_volume,
-)
+from flexstage.system.reachable_area import ReachableArea
+from flexstage.system.statics import static_displacements
 
 #: Of the largest singular value, less is none.
 SINGULAR = 1e-9
@@ -224,7 +217,7 @@ class CoupledAxes:
         return straight[0], straight[1], turning
 
     @property
-    def workspace(self) -> "ReachableArea | None":
+    def workspace(self) -> ReachableArea | None:
         """What all drives reach together; None where no two displacements are axes."""
         try:
             first, second, turning = self._plane()
@@ -239,71 +232,6 @@ class CoupledAxes:
             lowest=self.jacobian[rows] @ self.strokes[:, 0],
             middle=self.jacobian[rows] @ self.strokes.mean(axis=1),
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ReachableArea:
-    """The positions that all drives reach together, and the angles with them.
-
-    It is the sum of the strokes of the drives, each along its column of the Jacobian: a polygon, or
-    with a rotation a polyhedron, whose points opposite of the middle are alike.
-    """
-
-    axes: tuple[str, ...]
-    """The two displacements, and the rotation where there is one."""
-    drives: tuple[str, ...]
-    """The drives."""
-    generators: Array
-    """What the stroke of each drive does [m, m, rad], shape (2, d) or (3, d)."""
-    lowest: Array
-    """Where all drives are at the lower end of their strokes [m, m, rad], shape (2,) or (3,)."""
-    middle: Array
-    """Where all drives are in the middle of their strokes [m, m, rad], shape (2,) or (3,)."""
-
-    __repr__ = short_repr
-
-    @property
-    def projection(self) -> Array:
-        """Corners of the positions reached at any angle, counterclockwise [m], shape (k, 2)."""
-        return zonogon_outline(self.generators[:2]) + self.middle[:2]
-
-    def section(self, angle: float | None = None) -> Array:
-        """Return the corners of the positions that are reached at one angle.
-
-        Parameters
-        ----------
-        angle : float, optional
-            The reading of the rotation [rad], 0 where all drives are at no elongation; that of the
-            middle, where the area is largest, if not given. Without a rotation there is none.
-
-        Returns
-        -------
-        numpy.ndarray
-            The corners, counterclockwise [m], shape (k, 2); fewer than 3 where it has no area.
-
-        Notes
-        -----
-        Validity: exact for linear stages.
-        """
-        if len(self.axes) < 3:
-            return self.projection
-        level = 0.0 if angle is None else angle - float(self.middle[2])
-        return box_section(self.generators, level) + self.middle[:2]
-
-    @property
-    def area(self) -> float:
-        """Area reached at the angle of the middle [m^2]."""
-        return polygon_area(self.section())
-
-    @property
-    def projected_area(self) -> float:
-        """Area reached at any angle [m^2]."""
-        return zonotope_volume(self.generators[:2])
-
-    @property
-    def volume(self) -> float:
-        """Area or volume of all that is reached [m^2, or m^2 rad]."""
-        return zonotope_volume(self.generators)
 
 
 def characteristic_length(stage: Stage, drives: Sequence[str], probe: str) -> float:
@@ -426,79 +354,3 @@ def _range(port: DrivePort, stiffness: float) -> tuple[float, float]:
         raise ModelError(f"drive '{port.name}' has neither a stroke nor a largest force")
     reach = port.largest_force / stiffness
     return -reach, reach
-
-
-def decoupled_axis(system: MechanicalSystem, coupled: CoupledAxes, axis: str) -> AxisAnalysis:
-    """Return the longest motion along an axis alone, made by all drives together.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        The system.
-    coupled : CoupledAxes
-        What its drives do to its axes.
-    axis : str
-        Name of the axis.
-
-    Returns
-    -------
-    AxisAnalysis
-        The motion from its beginning to its end, and the stress that it adds on the way.
-
-    Raises
-    ------
-    ModelError
-        The drives cannot move every axis alone.
-    """
-    moved = coupled.elongations(axis)
-    force = coupled.forces @ moved
-    state = static_state(
-        system, coupled.shapes @ moved, dict(zip(coupled.drives, force.tolist(), strict=True))
-    )
-    largest = float(np.abs(moved).max())
-    probe = coupled.axes[coupled.names.index(axis)].probe
-    return AxisAnalysis(
-        axis=axis,
-        drives=dict(zip(coupled.drives, moved.tolist(), strict=True)),
-        probe=probe,
-        input_displacement=largest,
-        output_displacement=state.readings[probe],
-        input_stiffness=float(moved @ force) / largest**2,
-        static=state,
-    )
-
-
-def stress_anywhere(system: MechanicalSystem, coupled: CoupledAxes) -> dict[str, float]:
-    """Return the largest stress of each hinge with the drives anywhere within their strokes.
-
-    Stress is convex in the elongations, so that it is largest where each drive is at an end of its
-    stroke.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        The system.
-    coupled : CoupledAxes
-        What its drives do to its axes.
-
-    Returns
-    -------
-    dict of str to float
-        Largest equivalent stress by hinge [Pa]; empty where the system knows no stress.
-
-    Raises
-    ------
-    ModelError
-        There are more than 12 drives.
-    """
-    if system.stress is None:
-        return {}
-    if len(coupled.drives) > MOST_DRIVES:
-        raise ModelError(
-            f"the ends of at most {MOST_DRIVES} drives are gone through, got {len(coupled.drives)}"
-        )
-    ends = (system.stress.largest(coupled.shapes @ np.array(w)) for w in product(*coupled.strokes))
-    worst: dict[str, float] = {}
-    for stress in ends:
-        worst = {hinge: max(size, worst.get(hinge, 0.0)) for hinge, size in stress.items()}
-    return worst

@@ -35,11 +35,11 @@ from scipy.linalg import eigh
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.system.analysis import ALIKE
 from flexstage.system.batch import SystemBatch
 from flexstage.system.batch_analysis import require_known
-from flexstage.system.batch_figures import Key, StageFigures, added, decisions
-from flexstage.system.batch_modes import MODES_SEARCHED
+from flexstage.system.batch_figures import StageFigures, decisions
+from flexstage.system.characteristics import ALIKE, MODES_SEARCHED
+from flexstage.system.figure_source import Key, added
 from flexstage.system.forward_mode import Dual, root
 from flexstage.system.linalg import solve_stiffness
 

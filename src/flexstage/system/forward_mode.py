@@ -28,9 +28,6 @@ class Dual:
     def __init__(self, value: Array, tangent: Array) -> None:
         self.value, self.tangent = value, tangent
 
-    def __getitem__(self, at: Any) -> "Dual":
-        return Dual(self.value[at], self.tangent[at])
-
     def __neg__(self) -> "Dual":
         return Dual(-self.value, -self.tangent)
 

@@ -1,6 +1,6 @@
 """Natural modes, always with the condition of the drives that they belong to."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,26 @@ class Modes:
     def omega(self) -> Array:
         """Angular natural frequencies [rad/s], shape (k,)."""
         return 2.0 * np.pi * self.frequency_hz
+
+    def lowest(self, count: int) -> "Modes":
+        """Return the lowest of these modes.
+
+        Parameters
+        ----------
+        count : int
+            How many; all where there are fewer.
+
+        Returns
+        -------
+        Modes
+            These modes.
+        """
+        return replace(
+            self,
+            frequency_hz=self.frequency_hz[:count],
+            shapes=self.shapes[:, :count],
+            damping_ratio=self.damping_ratio[:count],
+        )
 
 
 def modes(

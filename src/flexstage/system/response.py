@@ -118,8 +118,14 @@ def frequency_response(
         raise ModelError(
             f"a frequency response needs the drives removed or in place, got '{drives}'"
         )
-    port, reader = system.drive(drive), system.probe(probe)
-    result = modes(system, drives=drives, count=None)
+    return response_of_modes(system, modes(system, drives=drives, count=None), f, drive, probe)
+
+
+def response_of_modes(
+    system: MechanicalSystem, result: Modes, f: Array, drive: str, probe: str
+) -> FrequencyResponse:
+    """Return the response of a probe to a drive by all modes, drives removed or in place."""
+    port, reader, drives = system.drive(drive), system.probe(probe), result.drives
     if drives == "in place" and port.stiffness is None:
         value = _imposed(system, port, reader.vector, f, result)
         kind, unit = "free displacement", f"{reader.unit}/m"

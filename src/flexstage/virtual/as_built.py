@@ -28,7 +28,7 @@ from flexstage.stage.assumptions import (
     VIRTUAL_DAMPING_RATIO,
 )
 from flexstage.system import AxisAnalysis, MechanicalSystem, ModalDamping, analyse, modes
-from flexstage.system.analysis import axis_mode
+from flexstage.system.characteristics import axis_mode
 from flexstage.virtual.imperfections import (
     GuideErrors,
     Scatter,

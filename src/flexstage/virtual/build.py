@@ -25,7 +25,7 @@ from flexstage.stage.assumptions import (
 )
 from flexstage.stage.limits import AxisLimits, stage_limits
 from flexstage.system import MechanicalSystem, modes
-from flexstage.system.analysis import axis_mode
+from flexstage.system.characteristics import axis_mode
 from flexstage.virtual.as_built import AsBuilt, as_built
 from flexstage.virtual.default_servo import delivered_settings
 from flexstage.virtual.hammer import Hammer

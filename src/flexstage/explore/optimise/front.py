@@ -12,11 +12,17 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.batches import Job
 from flexstage.explore.family import evaluate
-from flexstage.explore.figures import Figure, Requirement
-from flexstage.explore.optimise.ladder import SearchOptions, find_optimum
-from flexstage.explore.optimise.local_search import FEASIBLE, local_search, violation_of
+from flexstage.explore.figures import Figure
+from flexstage.explore.optimise.ladder import SearchOptions, find_optimum, start_notes
+from flexstage.explore.optimise.local_search import (
+    FEASIBLE,
+    LocalOptimum,
+    local_search,
+    violation_of,
+)
 from flexstage.explore.optimise.optimum import Optimum
-from flexstage.explore.optimise.problem import Problem, StageProgram
+from flexstage.explore.optimise.problem import HeldGoal, Problem, StageProgram
+from flexstage.explore.optimise.rounding import drawn
 from flexstage.explore.optimise.walls import Bools
 from flexstage.explore.workers import Workers
 from flexstage.lazy import require_extra
@@ -191,7 +197,7 @@ class _FrontSearch:
             found = evaluate_with(self.workers, problem, points[list(asked)], model)
             self.counts[model] += len(asked)
         with progress.subtask(0.8, 1.0):
-            optimum = self._choose(points[chosen], found[asked.index(chosen)])
+            optimum = self._choose(x[chosen], values[chosen])
         kept = self._feasible()
         return Front(
             problem=problem,
@@ -212,17 +218,9 @@ class _FrontSearch:
     def _program(self, goal: int, held: Mapping[int, float]) -> StageProgram:
         """Return the problem of one goal, the others no worse than some values."""
         problem = self.problem
-        others = tuple(self._no_worse(i, value) for i, value in held.items())
-        one = replace(
-            problem, goals=(problem.goals[goal],), requirements=(*problem.requirements, *others)
-        )
+        others = tuple(HeldGoal(goal=problem.goals[i], value=value) for i, value in held.items())
+        one = replace(problem, goals=(problem.goals[goal],), exchanged=others)
         return StageProgram(problem=one, nearest_to=self.start, counts=self.counts)
-
-    def _no_worse(self, goal: int, value: float) -> Requirement:
-        wanted = self.problem.goals[goal]
-        if wanted.way == "maximise":
-            return Requirement(figure=wanted.figure, low=value)
-        return Requirement(figure=wanted.figure, high=value)
 
     def _all(self) -> StageProgram:
         """Return the problem as a program, for its requirements alone."""
@@ -338,11 +336,16 @@ class _FrontSearch:
         evenly = np.linspace(0, count - 1, min(_ASKED, count)).round().astype(int)
         return tuple(sorted({chosen, *map(int, evenly)}))
 
-    def _choose(self, point: Array, found: Array) -> Optimum:
+    def _choose(self, x: Array, values: Array) -> Optimum:
         """Climb the ladder from a point, the other goals held at what the finer model says."""
-        held = {i: float(found[self.columns[i]]) for i in range(1, len(self.columns))}
+        model, others = self.options.model, range(1, len(self.columns))
+        program = self._program(0, {i: float(values[self.columns[i]]) for i in others})
+        point = self.problem.point(self._drawn(program, x))
+        found = evaluate_with(self.workers, self.problem, point[None], model)[0]
+        self.counts[model] += 1
+        held = {i: float(found[self.columns[i]]) for i in others}
         if not np.all(np.isfinite(list(held.values()))):
-            raise ModelError(f"the {self.options.model} model has no figures of the chosen stage")
+            raise ModelError(f"the {model} model has no figures of the chosen stage")
         problem = self._program(0, held).problem
         optimum = find_optimum(problem, replace(self.options, starts=0), point)
         # what was gained counts from the start of the whole search
@@ -351,4 +354,16 @@ class _FrontSearch:
         for level in optimum.levels:
             at_start = evaluate(problem.family, start[None], optimum.figures, level.model)
             levels.append(replace(level, start=at_start.values[0]))
-        return replace(optimum, start=start, levels=tuple(levels))
+        notes = (*start_notes(self.problem, self.options), *optimum.notes)
+        return replace(optimum, start=start, levels=tuple(levels), notes=notes)
+
+    def _drawn(self, program: StageProgram, x: Array) -> Array:
+        """Return a point as a drawing has it; as it is where that is no stage."""
+        values, slopes = program.slopes(x)
+        if not (np.all(np.isfinite(values)) and np.all(np.isfinite(slopes))):
+            return x
+        off = violation_of(values[1:], program.low, program.high).sum()
+        here = LocalOptimum(
+            point=x, values=values, violation=float(off), slopes=slopes, converged=False
+        )
+        return drawn(program, here)[1].point

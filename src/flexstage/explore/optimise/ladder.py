@@ -1,5 +1,6 @@
 """The ladder: a quick model is searched, finer ones correct it and confirm what is found."""
 
+import math
 import time
 from collections import defaultdict
 from collections.abc import Iterator
@@ -21,8 +22,9 @@ from flexstage.explore.optimise.local_search import (
     violation_of,
 )
 from flexstage.explore.optimise.multipliers import held_by
-from flexstage.explore.optimise.optimum import TOLERANCE, Level, Optimum, Rung, Trace
+from flexstage.explore.optimise.optimum import TOLERANCE, Level, Optimum, Rung, Trace, new_names
 from flexstage.explore.optimise.problem import Problem, StageProgram
+from flexstage.explore.optimise.rounding import drawn, drawn_point, is_drawn
 from flexstage.explore.optimise.walls import Wall
 from flexstage.provenance import provenance
 from flexstage.stage import Stage, check
@@ -34,8 +36,21 @@ Start = Literal["described", "middle"]
 OTHER_STARTS, TURNS, EVALUATIONS = 3, 12, 250
 # steps of a search at most and at least; share of the evaluations that is kept for the ladder
 _STEPS, _FEWEST, _RESERVE = 60, 4, 0.4
+# share of the evaluations left that a turn of the ladder may use
+_AGAIN = 0.4
 # points that starts are chosen from; agreement of two models at which the ladder ends
 _SAMPLE, _AGREED = 64, 1e-3
+# turns after which the correction has seen how the models differ nearby
+_ALIKE = 2
+# what a turn leaves of the work that is left, as it is shown
+_LEFT = 0.67
+_ROUNDED_OFF = (
+    "rounded to 0.001 mm and 0.001 deg the stage misses what is required, and so do those beside it"
+)
+_UNROUNDED = (
+    "no stage nearby of whole 0.001 mm and 0.001 deg is possible: the dimensions are as they were "
+    "found, with all their digits"
+)
 # how far the second turn may go, in parts of the bounds, and the agreement that widens it again
 _REACH, _NEAR = 0.4, 1e-2
 
@@ -121,6 +136,17 @@ def find_optimum(
     return _Climb(problem, options or SearchOptions(), start).run()
 
 
+def start_notes(problem: Problem, options: SearchOptions) -> tuple[str, ...]:
+    """Say where the middle of the bounds is the stage as it is described."""
+    family = problem.family
+    if options.start != "middle" or not np.allclose(family.middle, family.usual, rtol=1e-9):
+        return ()
+    return (
+        "--start middle begins where the stage is already: bounds in per cent lie evenly about the "
+        "described values, so give ranges such as NAME=LOW..HIGH for another start",
+    )
+
+
 @dataclass(slots=True, kw_only=True, eq=False)
 class _Visited:
     """A point that the finest model was asked about."""
@@ -142,7 +168,9 @@ class _Climb:
 
     def __init__(self, problem: Problem, options: SearchOptions, start: Array | None) -> None:
         self.problem, self.options = problem, options
+        self.notes: list[str] = [*problem.notes]
         if start is None:
+            self.notes += start_notes(problem, options)
             family = problem.family
             start = family.usual if options.start == "described" else family.middle
         self.start = problem.position(start)
@@ -166,17 +194,24 @@ class _Climb:
         self.known: dict[tuple[str, bytes], Array] = {}
         self.why: dict[str, str] = {}
         self.walls: tuple[Wall, ...] = ()
-        self.notes: list[str] = list(problem.notes)
+        self.undrawn: dict[bytes, LocalOptimum] = {}
+        # what is said of progress: the rung, evaluations before it and in it, and the best so far
+        self.stage_of_work, self.before, self.share, self.seen = "", 0, 1.0, math.inf
 
     def run(self) -> Optimum:
-        with progress.subtask(0.0, 0.3):
-            progress.update("search")
-            best = self._first()
-        visited = [self._visit(best)] if self.options.model == "lumped" else self._climb(best)
-        chosen = self._or_start(min(visited, key=self._rank) if visited else None)
+        lumped = self.options.model == "lumped"
+        ends = (0.9 if lumped else 0.5), (0.9 if self.options.confirm is None else 0.6)
+        with progress.subtask(0.0, ends[0]):
+            best = self._drawn(self._first())
+        with progress.subtask(*ends):
+            visited = [self._visit(best)] if lumped else self._climb(best)
+        with progress.subtask(ends[1], ends[1] + 0.1):
+            chosen = self._or_start(min(visited, key=self._rank) if visited else None)
         if self.options.confirm is not None:
-            with progress.subtask(0.7, 1.0):
-                chosen = self._or_start(self._confirm(chosen))
+            with progress.subtask(ends[1] + 0.1, 0.9):
+                chosen = self._confirm(chosen)
+            with progress.subtask(0.9, 1.0):
+                chosen = self._or_start(chosen)
         return self._optimum(chosen)
 
     # ------------------------------------------------------------------ searching the quick model
@@ -186,8 +221,10 @@ class _Climb:
         wanted = 1 + (self.options.starts if self.problem.goals else 0)
         reserve = 0.0 if self.options.model == "lumped" else _RESERVE * self.budget
         found: list[LocalOptimum] = []
+        self._begin(self.budget - reserve)
         for start in self._starts():
             share = (self._left() - reserve) / max(wanted - len(found), 1)
+            self.stage_of_work = f"lumped search {len(found) + 1} of {wanted}"
             one = None if self.program.fault(start) else self._search(start, share)
             if one is not None:
                 found.append(one)
@@ -244,6 +281,7 @@ class _Climb:
         number = self.searches - 1
 
         def told(iterate: Iterate) -> None:
+            self._tell(iterate)
             self.trace.append(
                 Trace(
                     search=number,
@@ -269,6 +307,30 @@ class _Climb:
             self.walls = found.walls
         return found
 
+    def _tell(self, iterate: Iterate) -> None:
+        """Say how far the work has come, and the figure that it has come to."""
+        if iterate.violation <= TOLERANCE:
+            self.seen = min(self.seen, float(iterate.values[0]))
+        text = self.stage_of_work
+        if not np.isfinite(self.seen):
+            text += f", requirements missed by {100.0 * iterate.violation:.2g} %"
+        elif self.problem.goals:
+            figure = self.problem.goals[0].figure
+            best = float(self.program.goal_figure(self.seen))
+            text += f", best {figure.name} {figure.text(best)}"
+        progress.update(text, (self.program.counts["lumped"] - self.before) / self.share)
+
+    def _begin(self, evaluations: float) -> None:
+        """Begin a rung on which so many evaluations may be used."""
+        self.before, self.share = self.program.counts["lumped"], max(evaluations, 1.0)
+        self.seen = math.inf  # what another model found best is none of this one
+
+    def _drawn(self, found: LocalOptimum) -> LocalOptimum:
+        """Return an optimum as a drawing has it, and keep it as it was found."""
+        kept, drawing = drawn(self.program, found)
+        self.undrawn[drawing.point.tobytes()] = kept
+        return drawing
+
     def _shown(self, iterate: Iterate) -> float:
         if not self.problem.goals:
             return float(np.sqrt(2.0 * iterate.values[0]))
@@ -285,7 +347,7 @@ class _Climb:
         key = (model, x.tobytes())
         if key not in self.known:
             began = time.perf_counter()
-            point, figures = self.problem.point(x)[None], self.problem.figures
+            point, figures = drawn_point(self.problem, x)[None], self.problem.figures
             found = evaluate(self.problem.family, point, figures, model)
             self.known[key] = found.values[0]
             if not np.all(np.isfinite(found.values)):
@@ -305,9 +367,13 @@ class _Climb:
         correction = Correction.none(len(best.point), len(self.problem.figures))
         reach = _REACH
         for turn in range(TURNS):
-            with progress.subtask(0.3 + 0.4 * turn / TURNS, 0.3 + 0.4 * (turn + 1) / TURNS):
-                progress.update(f"ladder, turn {turn + 1}")
-                fine = self._fine(model, best.point)
+            # most end within some turns: each takes a third of what is left
+            with progress.subtask(1.0 - _LEFT**turn, 1.0 - _LEFT ** (turn + 1)):
+                self.stage_of_work = f"ladder, turn {turn + 1}, corrected by {model}"
+                self._begin(_AGAIN * self._left())
+                with progress.subtask(0.0, 0.5):
+                    progress.update(f"ladder, turn {turn + 1}, {model}")
+                    fine = self._fine(model, best.point)
                 expected, coarse = self._expected(best.point)
                 self._rung(model, best, expected, fine)
                 possible = bool(np.all(np.isfinite(fine)))
@@ -322,8 +388,11 @@ class _Climb:
                     break
                 # a prediction that was far off is not to be followed far
                 near = possible and self._agree(expected, fine, _NEAR)
-                reach = min(1.0, 2.0 * reach) if near else 0.5 * reach
-                again = self._again(best if possible else None, visited, kept, seen, reach)
+                # nor one by which a requirement was missed, once the models are alike
+                wider = near and (kept or turn < _ALIKE)
+                reach = min(1.0, 2.0 * reach) if wider else (0.3 if near else 0.5) * reach
+                with progress.subtask(0.5, 1.0):
+                    again = self._again(best if possible else None, visited, kept, seen, reach)
                 if again is None:
                     break
                 best = again
@@ -349,7 +418,8 @@ class _Climb:
             ways += [(x, 0.5 * reach) for x in before if best is None or x is not best.point]
             ways.append((self.start, reach if best is None else 1.0))
         for x, far in ways:
-            found = self._search(x, 0.4 * self._left(), far)
+            found = self._search(x, _AGAIN * self._left(), far)
+            found = None if found is None else self._drawn(found)
             if found is not None and not any(_same(found.point, other) for other in seen):
                 return found
         return None
@@ -449,18 +519,24 @@ class _Climb:
         """Ask the finest model; where it finds a requirement missed, feed that back once."""
         model = self.options.confirm
         assert model is not None
-        progress.update(f"confirm by {model}")
-        fine = self._fine(model, chosen.optimum.point)
+        with progress.subtask(0.0, 0.4):
+            progress.update(f"confirm by {model}")
+            fine = self._fine(model, chosen.optimum.point)
         self._rung(model, chosen.optimum, chosen.fine, fine)
         confirmed = self._confirmed(chosen, fine)
         if confirmed.violation <= TOLERANCE or not np.all(np.isfinite(fine)):
             return confirmed
-        again = self._search(chosen.optimum.point, max(self._left(), 0.0))
+        self.stage_of_work = f"corrected by {model}"
+        self._begin(self._left())
+        with progress.subtask(0.4, 0.6):
+            again = self._search(chosen.optimum.point, max(self._left(), 0.0))
         if again is None:
             return confirmed
-        progress.update(f"confirm by {model}", 0.5)
-        expected = self.program.figures(again.point[None])[0]
-        fine = self._fine(model, again.point)
+        again = self._drawn(again)
+        with progress.subtask(0.6, 1.0):
+            progress.update(f"confirm by {model}")
+            expected = self.program.figures(again.point[None])[0]
+            fine = self._fine(model, again.point)
         self._rung(model, again, expected, fine)
         better = self._confirmed(replace(chosen, optimum=again), fine)
         return min(confirmed, better, key=self._rank)
@@ -482,13 +558,19 @@ class _Climb:
         if chosen.correction is not None:
             self.program = self.program.corrected(chosen.correction)
         x = chosen.optimum.point
-        values, slopes = self.program.slopes(x)
-        at = replace(chosen.optimum, values=values, slopes=slopes)
-        held, free, left = held_by(self.program, at)
+        # what holds it is told of the optimum itself: rounded, it stands beside its limits
+        exact = self.undrawn.get(x.tobytes(), chosen.optimum)
+        values, slopes = self.program.slopes(exact.point)
+        held, free, left = held_by(self.program, replace(exact, values=values, slopes=slopes))
         if x is self.start:
             self.notes.append("no better stage was found than the one that it began with")
-        point = problem.point(x)
-        stage = problem.family.stage(point)
+        elif chosen.optimum.violation > TOLERANCE >= exact.violation:
+            self.notes.append(_ROUNDED_OFF)
+        point = drawn_point(problem, x)
+        if x is not self.start and not is_drawn(problem, point):
+            self.notes.append(_UNROUNDED)
+        name, title = new_names(problem)
+        stage = replace(problem.family.stage(point), name=name, title=title)
         self._faults(stage)
         models = [m for m in ("lumped", self.options.model, self.options.confirm) if m is not None]
         levels = []
@@ -498,7 +580,7 @@ class _Climb:
             levels.append(Level(model=model, start=start, best=best))
         settings = {
             "goals": "; ".join(g.text for g in problem.goals),
-            "requirements": "; ".join(r.text for r in problem.all_requirements),
+            "requirements": "; ".join(r.text for r in problem.limits),
             "start": self.options.start,
             "model": self.options.model,
             "confirm": self.options.confirm or "",
@@ -508,8 +590,8 @@ class _Climb:
         return Optimum(
             problem=problem,
             stage=stage,
-            text=problem.family.text(point),
-            start=problem.point(self.start),
+            text=problem.family.text(point, name=name, title=title),
+            start=drawn_point(problem, self.start),
             point=point,
             levels=tuple(levels),
             held=held,

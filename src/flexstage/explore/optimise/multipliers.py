@@ -1,5 +1,7 @@
 """Which limits hold an optimum, and what it would give to move each (Lagrange multipliers)."""
 
+from typing import Literal
+
 import numpy as np
 
 from flexstage.arrays import Array
@@ -86,8 +88,10 @@ def held_by(program: StageProgram, optimum: LocalOptimum) -> tuple[tuple[Held, .
         if kind == "requirement" and low[i] == high[i] and not problem.goals:
             continue
         if kind == "requirement":
-            asked = problem.all_requirements[i]
-            held.append(_requirement(program, asked, side, per * float(multipliers[n])))
+            of_goal = i >= len(problem.all_requirements)
+            asked = problem.limits[i]
+            rate = per * float(multipliers[n])
+            held.append(_requirement(program, asked, side, rate, of_goal=of_goal))
         elif kind == "bound":
             held.append(_bound(program, i, side, per * float(multipliers[n])))
         else:
@@ -107,21 +111,24 @@ def _per_objective(program: StageProgram, objective: float) -> float:
     return program.problem.goals[0].sign / float(scale.slope(best))
 
 
-def _requirement(program: StageProgram, asked: Requirement, side: Side, multiplier: float) -> Held:
+def _requirement(
+    program: StageProgram, asked: Requirement, side: Side, multiplier: float, *, of_goal: bool
+) -> Held:
     limit = asked.high if side == "high" else asked.low
     assert limit is not None
     outwards = 1.0 if side == "high" else -1.0
     # the objective falls by the multiplier for each unit by which the scaled limit moves out
     rate = -outwards * multiplier * float(Scale.of(asked).slope(np.array(limit)))
     shown = asked.figure.shown
-    step = _round_step(abs(limit) * shown.factor) / shown.factor
+    step = round_step(abs(limit) * shown.factor) / shown.factor
     text = f"held by {asked.figure.name} {'<=' if side == 'high' else '>='} "
     text += asked.figure.text(limit)
+    if of_goal:
+        text = f"rate of exchange at {asked.figure.name} {asked.figure.text(limit)}"
     if program.problem.goals:
         text += _relaxed(program.problem.goals[0], asked.figure.text(step), rate * outwards * step)
-    return Held(
-        kind="requirement", name=asked.figure.name, side=side, limit=limit, rate=rate, text=text
-    )
+    kind: Literal["goal", "requirement"] = "goal" if of_goal else "requirement"
+    return Held(kind=kind, name=asked.figure.name, side=side, limit=limit, rate=rate, text=text)
 
 
 def _bound(program: StageProgram, i: int, side: Side, multiplier: float) -> Held:
@@ -132,7 +139,7 @@ def _bound(program: StageProgram, i: int, side: Side, multiplier: float) -> Held
     text += variable.text(limit)
     rate = -outwards * multiplier / (variable.high - variable.low)
     if program.problem.goals:
-        step = _round_step((variable.high - variable.low) * variable.factor) / variable.factor
+        step = round_step((variable.high - variable.low) * variable.factor) / variable.factor
         text += _relaxed(program.problem.goals[0], variable.text(step), rate * outwards * step)
     return Held(kind="bound", name=variable.name, side=side, limit=limit, rate=rate, text=text)
 
@@ -144,7 +151,7 @@ def _relaxed(goal: Goal, step: str, gain: float) -> str:
     return f"; relaxing it by {step} would give {value} of {goal.figure.name}"
 
 
-def _round_step(size: float) -> float:
+def round_step(size: float) -> float:
     """Return a round hundredth of a size: 1, 2 or 5 times a power of ten."""
     if size == 0.0:
         return 1.0

@@ -1,5 +1,6 @@
 """The best stage that was found: its figures by each model, and what holds it."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -17,14 +18,35 @@ Side = Literal["low", "high"]
 
 #: Share of its limit by which a figure may be beyond it and still count as kept [1].
 TOLERANCE = 2e-3
+# longest name of a stage, how the name of an optimised one ends, and what its title is told by
+_LONGEST, _OPTIMISED, _SOUGHT = 80, re.compile(r"(.+)-optimised(?:-(\d+))?"), ", optimised: "
+
+
+def new_names(problem: Problem) -> tuple[str, str]:
+    """Return name and title of the best stage, which tell it from the one that it was made of."""
+    stage = problem.family.template.stage()
+    before = _OPTIMISED.fullmatch(stage.name)
+    name, count = (before[1], int(before[2] or 1) + 1) if before else (stage.name, 1)
+    ending = "-optimised" + (f"-{count}" if count > 1 else "")
+    goals = (*problem.goals, *(held.goal for held in problem.exchanged))
+    sought = ", ".join(goal.text for goal in goals)
+    if not goals:
+        asked = list(problem.requirements)
+        targets = [r for r in asked if r.low == r.high] or asked
+        more = f" and {len(targets) - 1} more" if len(targets) > 1 else ""
+        sought = f"{targets[0].text}{more}"
+    title = (stage.title or name).partition(_SOUGHT)[0].rstrip(". ")
+    return name[: _LONGEST - len(ending)] + ending, f"{title}{_SOUGHT}{sought}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Held:
     """A limit that the best stage is at, and what it would give to move it."""
 
-    kind: Literal["requirement", "bound", "wall"]
-    """``requirement`` of a figure, ``bound`` of a variable, or ``wall``: no stage beyond."""
+    kind: Literal["requirement", "bound", "wall", "goal"]
+    """``requirement`` of a figure, ``bound`` of a variable, ``wall``: no stage beyond; or another
+    ``goal`` of a front, held at the chosen point: then `rate` is what the two goals exchange.
+    """
     name: str
     """Name of the figure or of the variable; empty for a wall."""
     side: Side
@@ -122,6 +144,12 @@ class Optimum:
     def figures(self) -> tuple[Figure, ...]:
         """Goals and requirements, in the order of the figures of each level."""
         return self.problem.figures
+
+    @property
+    def exchange(self) -> tuple[Held | None, ...]:
+        """What each other goal of a front exchanges for the first; None where it costs nothing."""
+        rates = {held.name: held for held in self.held if held.kind == "goal"}
+        return tuple(rates.get(held.goal.figure.name) for held in self.problem.exchanged)
 
     @property
     def excess(self) -> Array:

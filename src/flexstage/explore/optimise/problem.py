@@ -39,6 +39,23 @@ class Goal:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class HeldGoal:
+    """A goal of a front that is held while another one is made better."""
+
+    goal: Goal
+    """The goal."""
+    value: float
+    """What its figure shall be no worse than, in the unit of it."""
+
+    @property
+    def requirement(self) -> Requirement:
+        """What holds it."""
+        if self.goal.way == "maximise":
+            return Requirement(figure=self.goal.figure, low=self.value)
+        return Requirement(figure=self.goal.figure, high=self.value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
     """What is sought: a stage of a family.
 
@@ -54,6 +71,8 @@ class Problem:
     """What is required."""
     usual: tuple[Requirement, ...] = ()
     """What is required without being asked: what can be stressed and driven."""
+    exchanged: tuple[HeldGoal, ...] = ()
+    """Other goals of a front, held at a point of it: nobody requires these values."""
     checked: bool = True
     """Whether a stage that `flexstage.stage.check` finds at fault is no stage: what can be made."""
     notes: tuple[str, ...] = ()
@@ -71,9 +90,14 @@ class Problem:
         return (*self.requirements, *self.usual)
 
     @property
+    def limits(self) -> tuple[Requirement, ...]:
+        """What a search keeps: all requirements, then what holds other goals."""
+        return (*self.all_requirements, *(held.requirement for held in self.exchanged))
+
+    @property
     def figures(self) -> tuple[Figure, ...]:
         """The figures of goals and requirements, each once."""
-        found = (*(g.figure for g in self.goals), *(r.figure for r in self.all_requirements))
+        found = (*(g.figure for g in self.goals), *(r.figure for r in self.limits))
         return tuple(dict.fromkeys(found))
 
     @property
@@ -154,7 +178,7 @@ class StageProgram(Program):
 
     def __post_init__(self) -> None:
         self._figures = self.problem.figures
-        self._asked = self.problem.all_requirements
+        self._asked = self.problem.limits
         at = {figure: i for i, figure in enumerate(self._figures)}
         self._rows = [at[r.figure] for r in self._asked]
         self._scales = [Scale.of(r) for r in self._asked]

@@ -38,7 +38,16 @@ def optimum_results(found: Optimum) -> dict[str, Any]:
             r.text: plain(float(e))
             for r, e in zip(found.problem.all_requirements, found.excess, strict=True)
         },
-        "held": [plain(held) for held in found.held],
+        "held": [plain(held) for held in found.held if held.kind != "goal"],
+        "rates_of_exchange": [
+            {
+                "goal": held.goal.text,
+                "value": held.value,
+                "rate": 0.0 if rate is None else rate.rate,
+                "of": found.problem.goals[0].figure.name,
+            }
+            for held, rate in zip(found.problem.exchanged, found.exchange, strict=True)
+        ],
         "ladder": [
             {
                 **picked(rung, "model", "evaluations"),

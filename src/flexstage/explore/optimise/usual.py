@@ -1,5 +1,6 @@
 """What is required of every stage without being asked, and figures that were published."""
 
+import math
 from collections.abc import Collection, Iterable
 
 from flexstage.choose import did_you_mean
@@ -8,9 +9,16 @@ from flexstage.errors import ModelError
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.variables import Variable, every_variable, is_data_sheet
 from flexstage.stage import PiezoStack, Stage
+from flexstage.stage.narrowest import thinnest_wall
 
 #: Safety against yield that machine parts under static load usually have [1].
 SAFETY = 1.5
+#: Thinnest wall of a body [m]: shops that cut and mill aluminium name 0.5 mm by wire at best, and
+#: 0.8 to 1 mm as what they take without asking back, in guidelines for their customers.
+THINNEST_WALL = 1e-3
+#: Thinnest wall of a body that something is bolted to [m]: what takes an M2 thread (least boss in
+#: TR Fastenings' table of screws for aluminium: 3.32 mm).
+BOLTED = 3.3e-3
 #: What stands for the checks of `flexstage.stage.check` where they are not to be required.
 CHECK = "check"
 #: Share by which every dimension is varied to either side where nothing is said [1].
@@ -36,7 +44,9 @@ def usual_requirements(
 ) -> tuple[Requirement, ...]:
     """Return what is required without being asked: what can be stressed and driven.
 
-    The safety against yield is `SAFETY`. At the input the stage is no stiffer than its actuator, so
+    The safety against yield is `SAFETY`. Walls of bodies are no thinner than `THINNEST_WALL`, those
+    of an output body, to which something is bolted, no thinner than `BOLTED`, or than they are
+    described where that is less. At the input the stage is no stiffer than its actuator, so
     that half of the free stroke is left, and its full stroke takes no more than the blocking force
     of a stack. A requirement that is asked for takes the place of one of these, of stress that of
     the safety of its axis.
@@ -65,6 +75,7 @@ def usual_requirements(
             if (stiffest := _stiffest(stage, f.axis)) is not None
         ),
     ]
+    usual += _walls(stage, known)
     dropped = list(without)
     names = {CHECK, *(name for r in usual for name in (r.figure.name, r.figure.quantity))}
     for name in dropped:
@@ -82,6 +93,31 @@ def usual_requirements(
         if r.figure.key not in said
         and not (r.figure.quantity in _STRESS and r.figure.axis in stressed)
         and not {r.figure.name, r.figure.quantity} & set(dropped)
+    )
+
+
+def _walls(stage: Stage, known: Collection[tuple[str, str]]) -> list[Requirement]:
+    """Return what walls may be: no more is asked than the stage has."""
+    outputs = {axis.name: stage.probe(axis.probe).body for axis in stage.axes}
+    found: dict[str | None, Requirement] = {}
+    for quantity, least in (("smallest_wall", THINNEST_WALL), ("output_wall", BOLTED)):
+        for figure in _figures(quantity, known):
+            body = outputs.get(figure.axis)
+            # whole um, downwards: the stage itself keeps it
+            own = float(f"{1e-6 * math.floor(1e6 * thinnest_wall(stage, body) + 1e-3):.9g}")
+            if own > 0.0 and body not in found:  # axes that share a body share its wall
+                found[body] = Requirement(figure=figure, low=min(least, own))
+    return list(found.values())
+
+
+def walls_note(usual: Iterable[Requirement]) -> str:
+    """Return in a sentence where the limits of walls come from; empty where there are none."""
+    if not any(r.figure.quantity in ("smallest_wall", "output_wall") for r in usual):
+        return ""
+    return (
+        f"walls: {1e3 * THINNEST_WALL:g} mm is what shops cut in aluminium without asking back, "
+        f"{1e3 * BOLTED:g} mm of the output body take an M2 thread; where the stage as described "
+        "has less, that is the limit"
     )
 
 

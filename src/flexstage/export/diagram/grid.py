@@ -8,7 +8,7 @@ between two rows. So lines cross one another, but never a cell, and never lie on
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from flexstage.export.diagram.shapes import Cell, Net, Point, Routed, Segment
+from flexstage.export.diagram.shapes import DiagramCell, Net, Point, Routed, Segment
 
 #: Distance between tracks [px].
 PITCH = 9.0
@@ -53,7 +53,7 @@ class ChannelRun:
 
 
 def route(
-    cells: Mapping[str, Cell],
+    cells: Mapping[str, DiagramCell],
     places: Mapping[str, tuple[int, int]],
     nets: Mapping[str, Net],
     *,
@@ -75,7 +75,7 @@ def route(
 class _Grid:
     def __init__(
         self,
-        cells: Mapping[str, Cell],
+        cells: Mapping[str, DiagramCell],
         places: Mapping[str, tuple[int, int]],
         nets: Mapping[str, Net],
         *,

@@ -6,7 +6,7 @@ from flexstage.export.diagram.graph import Block, BlockGroup, Diagram, SignalLin
 from flexstage.export.diagram.grid import route
 from flexstage.export.diagram.markup import SMALL, plain
 from flexstage.export.diagram.placing import Layered, layered
-from flexstage.export.diagram.shapes import Cell, Net, Pin, Routed, Segment, block_cell
+from flexstage.export.diagram.shapes import DiagramCell, Net, Pin, Routed, Segment, block_cell
 from flexstage.export.svg import text_width, wrapped
 
 _PAD = 10.0
@@ -43,7 +43,7 @@ class GroupLayout:
     """Lines below its title: those that it stands for."""
     cells: dict[str, tuple[float, float]]
     """Left top corner of each block [px]."""
-    shapes: dict[str, Cell]
+    shapes: dict[str, DiagramCell]
     """Cells of the blocks."""
     flipped: set[str]
     """Blocks that are drawn from right to left."""
@@ -76,7 +76,7 @@ def _shapes(
     inner: tuple[SignalLine, ...],
     enter: tuple[SignalLine, ...],
     order: Layered,
-) -> dict[str, Cell]:
+) -> dict[str, DiagramCell]:
     shapes = {}
     for b in blocks:
         sources = {x.port: x.source for x in inner if x.target == b.name}
@@ -104,10 +104,10 @@ class _Stack:
 def _with_ports(
     blocks: tuple[Block, ...],
     order: Layered,
-    shapes: dict[str, Cell],
+    shapes: dict[str, DiagramCell],
     enter: tuple[SignalLine, ...],
     leave: tuple[SignalLine, ...],
-) -> tuple[dict[str, Cell], dict[str, tuple[int, int]], list[_Stack]]:
+) -> tuple[dict[str, DiagramCell], dict[str, tuple[int, int]], list[_Stack]]:
     """Add a column of ports on either side."""
     last = 2 + max((c for c, _ in order.places.values()), default=0)
     cells = dict(shapes)
@@ -154,8 +154,8 @@ def _room(inner: tuple[SignalLine, ...], places: dict[str, tuple[int, int]]) -> 
 
 
 def _port_cell(
-    found: dict[str, SignalLine], shapes: dict[str, Cell], side: str, labels: dict[str, str]
-) -> Cell:
+    found: dict[str, SignalLine], shapes: dict[str, DiagramCell], side: str, labels: dict[str, str]
+) -> DiagramCell:
     """Return the cell of the ports of a row, each level with the pin that it leads to."""
     offsets: dict[str, float] = {}
     for source, x in found.items():
@@ -173,7 +173,7 @@ def _port_cell(
     top = SMALL + 6.0 - min(taken)
     width = max((text_width(plain(t), SMALL) for t in labels.values()), default=0.0) + 12.0
     other = "R" if side == "L" else "L"
-    return Cell(
+    return DiagramCell(
         width=width,
         height=top + max(taken) + 4.0,
         axis=top,
@@ -203,8 +203,8 @@ def _nets(
 def _finished(
     group: BlockGroup,
     routed: Routed,
-    cells: dict[str, Cell],
-    shapes: dict[str, Cell],
+    cells: dict[str, DiagramCell],
+    shapes: dict[str, DiagramCell],
     order: Layered,
     stacks: list[_Stack],
     named: tuple[SignalLine, ...],

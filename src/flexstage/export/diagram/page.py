@@ -6,7 +6,7 @@ from flexstage.export.diagram.graph import Block, BlockGroup, Diagram
 from flexstage.export.diagram.grid import route
 from flexstage.export.diagram.group_layout import GroupLayout, group_layout
 from flexstage.export.diagram.placing import Thing, place_groups
-from flexstage.export.diagram.shapes import Cell, Net, Pin, Segment
+from flexstage.export.diagram.shapes import DiagramCell, Net, Pin, Segment
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,7 +19,7 @@ class PlacedBlock:
     """Left edge of its cell [px]."""
     y: float
     """Top of its cell [px]."""
-    cell: Cell
+    cell: DiagramCell
     """Its size and pins."""
     flipped: bool
     """Whether it is drawn from right to left."""
@@ -148,9 +148,9 @@ def layout(diagram: Diagram) -> PageLayout:
     )
 
 
-def _cell(tile: GroupLayout) -> Cell:
+def _cell(tile: GroupLayout) -> DiagramCell:
     pins = {f"{p.side}:{p.block}": Pin(p.side, p.y) for p in tile.ports}
-    return Cell(width=tile.width, height=tile.height, axis=0.0, pins=pins)
+    return DiagramCell(width=tile.width, height=tile.height, axis=0.0, pins=pins)
 
 
 def _nets(diagram: Diagram) -> dict[str, Net]:

@@ -22,7 +22,7 @@ class Pin:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cell:
+class DiagramCell:
     """A thing in the grid."""
 
     width: float
@@ -116,7 +116,7 @@ def block_cell(
     straight: int | None = None,
     lower: Mapping[int, bool] | None = None,
     long: bool = False,
-) -> Cell:
+) -> DiagramCell:
     """Return the cell of a block, with pins ``out``, ``in0``, ``in1`` and so on.
 
     A flipped one is drawn from right to left. Of a sum, the input `straight` lies on its axis (the
@@ -131,14 +131,14 @@ def block_cell(
             pins = {f"in{k}": Pin(into, _END + _APART * k) for k in range(len(block.signs))}
             axis = 0.5 * height if straight is None else pins[f"in{straight}"].y
             pins["out"] = Pin(out, axis)
-            return Cell(width=width, height=height, axis=axis, pins=pins)
+            return DiagramCell(width=width, height=height, axis=axis, pins=pins)
         pins = {"out": Pin(out, SUM_RADIUS)}
         for k in range(len(block.signs)):
             offset = _ROUND[k != (straight or 0)]
             if not (lower or {}).get(k, True):
                 offset = -offset
             pins[f"in{k}"] = Pin(into, SUM_RADIUS + offset)
-        return Cell(width=width, height=2.0 * SUM_RADIUS, axis=SUM_RADIUS, pins=pins)
+        return DiagramCell(width=width, height=2.0 * SUM_RADIUS, axis=SUM_RADIUS, pins=pins)
     height, caption = {
         "integrator": (36.0, 0.0),
         "input": (26.0, 0.0),
@@ -148,4 +148,4 @@ def block_cell(
     if caption:
         width = max(width, text_width(plain(block.label), SMALL))
     pins = {"out": Pin(out, 0.5 * height), "in0": Pin(into, 0.5 * height)}
-    return Cell(width=width, height=height + caption, axis=0.5 * height, pins=pins)
+    return DiagramCell(width=width, height=height + caption, axis=0.5 * height, pins=pins)

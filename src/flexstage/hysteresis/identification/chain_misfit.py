@@ -19,7 +19,7 @@ from flexstage.hysteresis.identification.fit_rows import (
     filtered_whole,
     rows_of,
 )
-from flexstage.hysteresis.identification.measurement import IdentificationData, Section
+from flexstage.hysteresis.identification.measurement import IdentificationData, RecordSection
 from flexstage.hysteresis.identification.misfit import jackknife
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
@@ -78,7 +78,7 @@ class ChainMisfit:
         self._both: dict[int, Array] = {}
         self._products: dict[tuple[int, int], Normal] = {}
 
-    def _crept(self, i: int, section: Section) -> Array:
+    def _crept(self, i: int, section: RecordSection) -> Array:
         """What creep adds to the columns of a section, with the modes that are known."""
         added = filtered_whole(self._quasi[i], section, self._unit) - self._quasi[i]
         added = np.asfortranarray(added)
@@ -276,7 +276,7 @@ def _lowest(around: Array, cost: Array) -> Array:
 
 
 def _used_rows(
-    rows: Rows, section: Section, every: int, train: tuple[int, int] | None
+    rows: Rows, section: RecordSection, every: int, train: tuple[int, int] | None
 ) -> NDArray[np.bool_]:
     """Which rows of an averaged section are looked at; what is held out must not be.
 
@@ -289,5 +289,5 @@ def _used_rows(
     return (first >= train[0]) & (first + every <= train[1])
 
 
-def _behind_modes(columns: Array, section: Section, known: ChainValues) -> Array:
+def _behind_modes(columns: Array, section: RecordSection, known: ChainValues) -> Array:
     return np.asfortranarray(filtered_whole(columns, section, known))

@@ -15,7 +15,7 @@ from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.jump_response import JumpResponse, jump_response
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,
-    Section,
+    RecordSection,
     without_history,
 )
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
@@ -340,7 +340,9 @@ def _unexplained(jumped: JumpResponse | None) -> tuple[str, ...]:
     )
 
 
-def _looked_at(data: IdentificationData, train: tuple[int, int] | None) -> tuple[Section, ...]:
+def _looked_at(
+    data: IdentificationData, train: tuple[int, int] | None
+) -> tuple[RecordSection, ...]:
     """What was measured of the records, without what is held out."""
     found = []
     for s in data.sections:
@@ -351,13 +353,13 @@ def _looked_at(data: IdentificationData, train: tuple[int, int] | None) -> tuple
     return tuple(found)
 
 
-def _seen(sections: tuple[Section, ...]) -> Resonance | None:
+def _seen(sections: tuple[RecordSection, ...]) -> Resonance | None:
     """The best determined of the resonances that parts of records were made to show."""
     found = [r for r in map(find_resonance, sections) if r is not None]
     return min(found, key=lambda r: r.frequency_error_hz / r.frequency_hz, default=None)
 
 
-def _jumped(sections: tuple[Section, ...]) -> JumpResponse | None:
+def _jumped(sections: tuple[RecordSection, ...]) -> JumpResponse | None:
     """What jumps show best: a mode before a delay alone."""
     found = [r for r in map(jump_response, sections) if r is not None]
     return min(found, key=lambda r: (r.frequency_hz == 0.0, r.delay_error), default=None)

@@ -10,7 +10,7 @@ from flexstage.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum
 from flexstage.hysteresis.identification.chain_misfit import dictionary, short_data
 from flexstage.hysteresis.identification.fit_rows import ChainValues, Rows, filtered
-from flexstage.hysteresis.identification.measurement import IdentificationData, Section
+from flexstage.hysteresis.identification.measurement import IdentificationData, RecordSection
 from flexstage.hysteresis.identification.model_fit import equations, folds_of
 from flexstage.hysteresis.identification.projection import (
     Normal,
@@ -110,7 +110,7 @@ class _Fit:
         ]
         self.whole = equations(self._behind, self._data)
 
-    def _at_rows(self, columns: Array, section: Section, rows: Rows) -> Array:
+    def _at_rows(self, columns: Array, section: RecordSection, rows: Rows) -> Array:
         """Columns, and those behind each lag and behind the creep that is known, side by side."""
         plain = filtered(columns, section, rows, self._bare)
         lags = [

@@ -15,7 +15,7 @@ from flexstage.records.quality import difference_noise, quantisation_step
 from flexstage.units import readable
 
 if TYPE_CHECKING:
-    from flexstage.hysteresis.identification.measurement import Section
+    from flexstage.hysteresis.identification.measurement import RecordSection
 
 
 #: A spike is this many samples long at most, ...
@@ -205,7 +205,11 @@ def butterfly_text(turned: tuple[float, float, float], unit: str) -> str:
 
 
 def findings_of_record(
-    number: int, section: "Section", spikes: NDArray[np.intp], sign: float, units: tuple[str, str]
+    number: int,
+    section: "RecordSection",
+    spikes: NDArray[np.intp],
+    sign: float,
+    units: tuple[str, str],
 ) -> tuple[RecordFault, ...]:
     """What a record shows by itself, its spikes taken out already.
 

@@ -15,7 +15,7 @@ from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.drive_model import creep_start
 from flexstage.hysteresis.identification.measurement import (
-    Section,
+    RecordSection,
     with_history,
     without_history,
 )
@@ -34,7 +34,7 @@ _MOST_ROWS = 30_000
 _BLOCK = 4_000_000
 
 
-def averaged(section: Section, most: int, loose: float = 1.0) -> Section:
+def averaged(section: RecordSection, most: int, loose: float = 1.0) -> RecordSection:
     """Take the mean of so many neighbouring samples that a long record becomes short.
 
     Input and output are averaged alike, so that a linear chain does not see it and a delay stays
@@ -59,8 +59,8 @@ def averaged(section: Section, most: int, loose: float = 1.0) -> Section:
 
 
 def _means(
-    section: Section, every: int, noise: tuple[float, float], loose: float
-) -> Section | None:
+    section: RecordSection, every: int, noise: tuple[float, float], loose: float
+) -> RecordSection | None:
     """The section of means; None where they would not do."""
     u, y = (_blocks(x, every).mean(axis=1) for x in (section.u, section.y))
     straight = np.ones(u.size, dtype=bool)
@@ -187,7 +187,7 @@ class Rows:
     """Number of the cycle that each lies in, shape (r,)."""
 
 
-def rows_of(sections: Sequence[Section], most: int = _MOST_ROWS) -> tuple[Rows, ...]:
+def rows_of(sections: Sequence[RecordSection], most: int = _MOST_ROWS) -> tuple[Rows, ...]:
     """Choose the samples that a fit looks at, `most` of all: after the warm-up, evenly thinned."""
     total = sum(s.u.size - s.warm_up for s in sections)
     every = max(1, -(-total // most))
@@ -203,7 +203,7 @@ def rows_of(sections: Sequence[Section], most: int = _MOST_ROWS) -> tuple[Rows, 
     return tuple(chosen)
 
 
-def filtered(columns: Array, section: Section, rows: Rows, chain: ChainValues) -> Array:
+def filtered(columns: Array, section: RecordSection, rows: Rows, chain: ChainValues) -> Array:
     """Pass quasi-static columns, shape (n, m), through the chain, to the rows, shape (r, m)."""
     # what stands for the time before the record is memory, and no motion
     columns, first = columns[section.history :], rows.at - section.history
@@ -221,7 +221,7 @@ def filtered(columns: Array, section: Section, rows: Rows, chain: ChainValues) -
     return behind.T
 
 
-def filtered_whole(columns: Array, section: Section, chain: ChainValues) -> Array:
+def filtered_whole(columns: Array, section: RecordSection, chain: ChainValues) -> Array:
     """Pass quasi-static columns, shape (n, m), through the chain, to every sample."""
     at = np.arange(columns.shape[0])
     return filtered(columns, section, Rows(at=at, cycle=at), chain)
@@ -233,7 +233,7 @@ def _column_blocks(n: int, m: int) -> Iterator[slice]:
         yield slice(start, min(start + width, m))
 
 
-def _dynamic(columns: Array, section: Section, chain: ChainValues) -> Array:
+def _dynamic(columns: Array, section: RecordSection, chain: ChainValues) -> Array:
     """What creep and modes make of columns, each of them in a row, shape (m, n)."""
     dt, modes = section.dt, chain.modes
     if chain.creep_per_decade > 0.0:

@@ -20,7 +20,7 @@ from flexstage.hysteresis.identification.fit_rows import (
 )
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,
-    Section,
+    RecordSection,
     measurement,
     without_history,
 )
@@ -347,7 +347,7 @@ def _result(
     )
 
 
-def _as_measured(section: Section) -> Section:
+def _as_measured(section: RecordSection) -> RecordSection:
     """A section without what was not measured: the time before it, and gaps of its output."""
     bare = without_history(section)
     if bare.measured is None:

@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.optimize import least_squares, minimize_scalar
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import Section, without_history
+from flexstage.hysteresis.identification.measurement import RecordSection, without_history
 
 #: A jump moves over this share of the range within so many samples, ...
 _LEAST_JUMP = 0.02
@@ -137,7 +137,7 @@ def _whole(u: Array, start: int, stop: int) -> tuple[int, int]:
     return start, stop
 
 
-def jump_response(section: Section) -> JumpResponse | None:
+def jump_response(section: RecordSection) -> JumpResponse | None:
     r"""Find the delay and the lowest mode of an output that answers jumps of its input.
 
     About each jump the output is a slow motion, the jump itself, and the jump behind a mode of
@@ -179,7 +179,7 @@ def jump_response(section: Section) -> JumpResponse | None:
     return JumpResponse(delay=plain.delay, delay_error=plain.delay_error, unexplained_hz=at)
 
 
-def _windows(section: Section) -> list[_Window]:
+def _windows(section: RecordSection) -> list[_Window]:
     u = section.u
     at = jumps(u)
     size = np.abs(u[at[:, 1]] - u[at[:, 0]])
@@ -196,7 +196,7 @@ def _windows(section: Section) -> list[_Window]:
     return made
 
 
-def _window(section: Section, part: slice, first: int, last: int) -> _Window:
+def _window(section: RecordSection, part: slice, first: int, last: int) -> _Window:
     u, dt = section.u, section.dt
     t = (np.arange(part.start, part.stop) - first) * dt
     long, late = float(t[-1]), np.maximum(t, 0.0)

@@ -38,7 +38,7 @@ _SMALLEST, _LARGEST = 1e-60, 1e60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Section:
+class RecordSection:
     """One record's input and output."""
 
     u: Array
@@ -79,7 +79,7 @@ class Section:
 class IdentificationData:
     """What a model is identified from."""
 
-    sections: tuple[Section, ...]
+    sections: tuple[RecordSection, ...]
     """One of each record."""
     sign: float
     """1 if the output rises with the input, -1 if it falls."""
@@ -191,7 +191,7 @@ def measurement(
     )
 
 
-def _with_drift(section: Section) -> Section:
+def _with_drift(section: RecordSection) -> RecordSection:
     """Put a column beside the model that rises by 1 over the record."""
     rise = np.linspace(0.0, 1.0, section.u.size)
     return replace(section, nuisance=np.column_stack((section.nuisance, rise)))
@@ -260,7 +260,7 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
     return found[0]
 
 
-def _section(u: Array, y: Array, dt: float, source: str) -> Section:
+def _section(u: Array, y: Array, dt: float, source: str) -> RecordSection:
     first = first_moving(u)
     u, y = u[first:], y[first:]
     measured = np.isfinite(y)
@@ -280,7 +280,7 @@ def _section(u: Array, y: Array, dt: float, source: str) -> Section:
     # differences of third order pass noise and hardly pass a smooth motion
     noise = difference_noise(y, 3)
     return with_history(
-        Section(
+        RecordSection(
             u=np.ascontiguousarray(u),
             y=np.ascontiguousarray(y),
             dt=dt,
@@ -296,7 +296,7 @@ def _section(u: Array, y: Array, dt: float, source: str) -> Section:
     )
 
 
-def with_history(section: Section) -> Section:
+def with_history(section: RecordSection) -> RecordSection:
     """Return a section with both ends of its range before it, which leave their memory."""
     moves = section.cycles
     before = np.array([moves.range[1], moves.range[0]])
@@ -315,7 +315,7 @@ def with_history(section: Section) -> Section:
     )
 
 
-def without_history(section: Section) -> Section:
+def without_history(section: RecordSection) -> RecordSection:
     """Return a section as it was measured."""
     n, moves, straight = section.history, section.cycles, section.straight
     return replace(
@@ -331,7 +331,7 @@ def without_history(section: Section) -> Section:
     )
 
 
-def _require_order(sections: Sequence[Section], input_name: str, output_name: str) -> None:
+def _require_order(sections: Sequence[RecordSection], input_name: str, output_name: str) -> None:
     """Refuse an output that leads: the loop of a drive is always run with the output behind."""
     whole = [s for s in sections if s.measured is None]
     if not whole:
@@ -349,7 +349,7 @@ def _require_order(sections: Sequence[Section], input_name: str, output_name: st
         )
 
 
-def _loop_areas(section: Section) -> Array:
+def _loop_areas(section: RecordSection) -> Array:
     """Signed area of each large loop by that of its box; positive where the output lags."""
     c = section.cycles
     areas = []

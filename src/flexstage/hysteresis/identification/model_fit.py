@@ -18,7 +18,7 @@ from flexstage.hysteresis.identification.fit_rows import (
     filtered,
     rows_of,
 )
-from flexstage.hysteresis.identification.measurement import IdentificationData, Section
+from flexstage.hysteresis.identification.measurement import IdentificationData, RecordSection
 from flexstage.hysteresis.identification.projection import Normal, Solution, normal_equations, solve
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS, part
@@ -262,7 +262,7 @@ class LinearFit(ModelFit):
     """A model that is a sum of known columns, each times a parameter that is not negative."""
 
     @abstractmethod
-    def columns(self, section: Section, data: FitData) -> Iterator[Array]:
+    def columns(self, section: RecordSection, data: FitData) -> Iterator[Array]:
         """Give the quasi-static output per unit of each parameter, some parameters at a time."""
 
     @abstractmethod

@@ -8,7 +8,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     FitResult,
@@ -123,7 +123,7 @@ class RefinedFit(ModelFit):
         quasi = [self.changes(p, scale, section, data) for section in data.sections]
         return behind_chain(quasi, data)
 
-    def changes(self, p: Array, scale: Array, section: Section, data: FitData) -> Array:
+    def changes(self, p: Array, scale: Array, section: RecordSection, data: FitData) -> Array:
         """Return how the quasi-static output changes with each parameter over its scale, (n, k).
 
         Here by differences.

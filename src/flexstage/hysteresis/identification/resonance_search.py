@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.chain.stage_modes import StageModes
-from flexstage.hysteresis.identification.measurement import Section, without_history
+from flexstage.hysteresis.identification.measurement import RecordSection, without_history
 
 #: Content of the input counts as excitation of a resonance above this many times the fastest cycle.
 _ABOVE = 5.0
@@ -38,7 +38,7 @@ class Resonance:
     """Its standard error [s]."""
 
 
-def find_resonance(section: Section) -> Resonance | None:
+def find_resonance(section: RecordSection) -> Resonance | None:
     r"""Find the lowest resonance of an output where its input holds content that shows it.
 
     A small multisine or chirp about the resonance moves no memory: to it the hysteresis is a gain.
@@ -60,7 +60,7 @@ def find_resonance(section: Section) -> Resonance | None:
     return None if part is None else _seen_in(section, part, low)
 
 
-def _seen_in(section: Section, part: slice, low: float) -> Resonance | None:
+def _seen_in(section: RecordSection, part: slice, low: float) -> Resonance | None:
     f, H, weight = _response(section.u[part], section.y[part], 1.0 / section.dt, low)
     if f.size < _FEWEST_BINS:
         return None
@@ -80,7 +80,7 @@ def _longest_delay(low: float) -> float:
     return 0.1 / low
 
 
-def _refined(section: Section, part: slice, low: float, rough: Resonance) -> Resonance:
+def _refined(section: RecordSection, part: slice, low: float, rough: Resonance) -> Resonance:
     """Fit the mode to the samples of the part, both sides without what is slow."""
     dt = section.dt
     margin = int(3.0 / (low * dt))
@@ -120,7 +120,7 @@ def _refined(section: Section, part: slice, low: float, rough: Resonance) -> Res
     )
 
 
-def _excited(section: Section, low: float) -> slice | None:
+def _excited(section: RecordSection, low: float) -> slice | None:
     """The part of a record in which the input moves quickly and little."""
     quick = np.abs(_without_slow(section.u, low * section.dt))
     width = max(1, int(4.0 / (low * section.dt)))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     FitResult,
@@ -52,7 +52,7 @@ class SearchedFit(ModelFit):
     penalty: ClassVar[Array | None] = None
 
     @abstractmethod
-    def columns(self, section: Section, place: Array, data: FitData) -> Array:
+    def columns(self, section: RecordSection, place: Array, data: FitData) -> Array:
         """Return the quasi-static output per unit of each linear parameter, shape (n, m)."""
 
     @abstractmethod

@@ -19,7 +19,7 @@ from flexstage.hysteresis.identification.fit_rows import (
     filtered,
     rows_of,
 )
-from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.projection import normal_equations, solve
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
@@ -124,10 +124,10 @@ class _Fit:
         self.trends = self._own([_trend(r)[:, None] for r in self.rows])
         self._apart = [self._cycle(s, r) for _, s, r in self._each()]
 
-    def _each(self) -> list[tuple[Array, Section, Rows]]:
+    def _each(self) -> list[tuple[Array, RecordSection, Rows]]:
         return list(zip(self._quasi, self.sections, self.rows, strict=True))
 
-    def _crept(self, sections: Sequence[Section], spectrum: CreepSpectrum | None) -> Array:
+    def _crept(self, sections: Sequence[RecordSection], spectrum: CreepSpectrum | None) -> Array:
         """What a unit of creep adds to the columns."""
         unit = replace(self._bare, creep_per_decade=1.0, spectrum=spectrum)
         own = zip(self._quasi, sections, self.rows, strict=True)
@@ -142,7 +142,9 @@ class _Fit:
             for start in starts
             if any(s.start != start for s in self.sections)
         ]
-        every: list[tuple[Sequence[Section], CreepSpectrum | None]] = [(b, None) for b in begun]
+        every: list[tuple[Sequence[RecordSection], CreepSpectrum | None]] = [
+            (b, None) for b in begun
+        ]
         if chain.spectrum is not None and chain.creep.lag_gains[-1] <= _USUAL_CREEP:
             every.append((self.sections, chain.spectrum))
         for sections, spectrum in every:
@@ -160,7 +162,7 @@ class _Fit:
         return made
 
     @staticmethod
-    def _cycle(section: Section, rows: Rows) -> int:
+    def _cycle(section: RecordSection, rows: Rows) -> int:
         """Rows in a cycle."""
         every = int(np.median(np.diff(rows.at))) if rows.at.size > 1 else 1
         return max(int(np.median(np.diff(section.cycles.bounds))) // max(every, 1), 8)

@@ -20,7 +20,7 @@ _FEW_TABLES, _FEW_SAMPLES = 1, 1024
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Memory:
+class TableMemory:
     """Tables of a recorder or a wave generator."""
 
     tables: int
@@ -39,9 +39,9 @@ class Discovery:
     """Sensors."""
     base_rate_hz: float
     """Rate of the loop [Hz]."""
-    recorder: Memory | None
+    recorder: TableMemory | None
     """Tables of its recorder; None where there is none."""
-    waves: Memory | None
+    waves: TableMemory | None
     """Tables of its wave generator; None where there is none."""
 
 
@@ -190,7 +190,7 @@ def _sensor_unit(word: str, number: int, axes: Sequence[AxisFacts]) -> float:
     return unit.factor
 
 
-def _recorder(connection: Connection) -> Memory | None:
+def _recorder(connection: Connection) -> TableMemory | None:
     if not connection.profile.knows("DRC", "DRR?", "DRL?", "RTR", "DRT"):
         return None
     tables = (
@@ -200,15 +200,15 @@ def _recorder(connection: Connection) -> Memory | None:
     if capacity is None:
         most = connection.number_parameter("1", r"data recorder max points")
         capacity = _FEW_SAMPLES if most is None else most / tables
-    return Memory(tables=tables, capacity=int(capacity))
+    return TableMemory(tables=tables, capacity=int(capacity))
 
 
-def _waves(connection: Connection, axes: int) -> Memory | None:
+def _waves(connection: Connection, axes: int) -> TableMemory | None:
     if not connection.profile.knows("WAV", "WSL", "WGO", "WGC", "WTR"):
         return None
     tables = connection.number_parameter("1", r"number of waves")
     capacity = connection.number_parameter("1", r"max wave points")
-    return Memory(
+    return TableMemory(
         tables=axes if tables is None else int(tables),
         capacity=_FEW_SAMPLES * axes if capacity is None else int(capacity),
     )

@@ -21,7 +21,7 @@ from flexstage.system import (
     analyse_axis,
     modes,
 )
-from flexstage.system.analysis import axis_mode
+from flexstage.system.characteristics import axis_mode
 from flexstage.system.mechanical import AxisPort
 
 _MODAL = ("natural_frequency_hz", "damping_ratio")
@@ -106,7 +106,7 @@ def predict(
     return np.array([value(quantity, axes[name]) for quantity, name in wanted])
 
 
-class Problem:
+class UpdatingProblem:
     """Residuals in units of their uncertainty, over parameters in units of their spread.
 
     Everywhere x is parameters less what is expected, over their spreads [1], shape (p,); m values
@@ -198,7 +198,7 @@ def half_square(residual: Array, x: Array) -> float:
     return 0.5 * float(residual @ residual + x @ x)
 
 
-def most_probable(problem: Problem) -> tuple[Array, Array, Array, Array, int]:
+def most_probable(problem: UpdatingProblem) -> tuple[Array, Array, Array, Array, int]:
     """Search by Gauss and Newton's steps.
 
     Returned are the most probable parameters less what is expected, over their spreads; there the
@@ -221,7 +221,7 @@ def most_probable(problem: Problem) -> tuple[Array, Array, Array, Array, int]:
     raise ConvergenceError(_FAR)
 
 
-def _descended(problem: Problem, x: Array, r: Array, step: Array) -> tuple[Array, Array]:
+def _descended(problem: UpdatingProblem, x: Array, r: Array, step: Array) -> tuple[Array, Array]:
     """Take a step, halved until it descends."""
     least = half_square(r, x)
     for halvings in range(20):

@@ -22,7 +22,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
 from flexstage.measure.updating.parameters import UpdateParameter
-from flexstage.measure.updating.problem import Model, Problem, half_square, most_probable
+from flexstage.measure.updating.problem import Model, UpdatingProblem, half_square, most_probable
 from flexstage.stage import Stage
 from flexstage.system import DriveCondition
 
@@ -162,7 +162,7 @@ def update_stage(
     0.9850 +- 0.0002
     """
     _require(stage, measured, parameters)
-    problem = Problem(stage, measured, tuple(parameters), model, drives, model_uncertainty)
+    problem = UpdatingProblem(stage, measured, tuple(parameters), model, drives, model_uncertainty)
     x, r, jacobian, first, steps = most_probable(problem)
     p = len(parameters)
     information = jacobian.T @ jacobian
@@ -251,7 +251,7 @@ def _unidentified(parameters: Sequence[UpdateParameter], information: Array) -> 
 
 
 def _rows(
-    problem: Problem, r: Array, first: Array, last: Array, covariance: Array
+    problem: UpdatingProblem, r: Array, first: Array, last: Array, covariance: Array
 ) -> tuple[UpdatedRow, ...]:
     colour = np.linalg.inv(problem.whiten)
     before, after = problem.predicted(np.zeros(first.shape[1])), problem.y - colour @ r
@@ -272,7 +272,7 @@ def _rows(
     )
 
 
-def _curvature_error(problem: Problem, x: Array, least: float, covariance: Array) -> float:
+def _curvature_error(problem: UpdatingProblem, x: Array, least: float, covariance: Array) -> float:
     """How far Phi is from a parabola, one standard deviation from its least value."""
     rise = []
     for column in np.linalg.cholesky(covariance).T:

@@ -10,7 +10,7 @@ from flexstage.report.coupled_axes import cause_words
 from flexstage.report.figures.shapes import notch_contour
 from flexstage.report.figures.style import BODY, CYCLE, INK, MUTED, dress, entitle, new_figure
 from flexstage.system import Analysis
-from flexstage.system.analysis import pulsating_limit
+from flexstage.system.characteristics import pulsating_limit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.characteristic import WHOLE_STAGE
 from flexstage.errors import ModelError
 from flexstage.explore.sensitivity import LENGTH, Sensitivities
 from flexstage.report.figures.shapes import body_shapes, extent
@@ -20,7 +19,8 @@ from flexstage.report.figures.style import (
     entitle,
     new_figure,
 )
-from flexstage.report.sensitivity import change_text, shown_changes, step_words
+from flexstage.report.sensitivity import change_text, shown_changes
+from flexstage.report.tables import value_text
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
@@ -72,11 +72,10 @@ def draw_moving_necks(stage: Stage, found: Sensitivities, length: float = LENGTH
             for name in found.alike[k]
         }
         _panel(axes, stage, by_hinge)
-        axis = found.figures[i].axis
-        label = found.figures[i].shown.label
-        entitle(axes, label if axis == WHOLE_STAGE else f"{label} {axis}")
+        entitle(axes, found.figures[i].label)
     figure.supxlabel(
-        f"change of the figure [%] for {step_words(length).partition(' of ')[0]} of one neck",
+        f"change of the figure [%] for +{value_text(length, 'length')} of one neck; orange more, "
+        "blue less",
         fontsize=7.5, color=MUTED, x=0.02, ha="left",
     )  # fmt: skip
     return figure

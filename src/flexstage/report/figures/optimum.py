@@ -10,8 +10,8 @@ from flexstage.explore.figures import Figure
 from flexstage.explore.optimise.front import Front
 from flexstage.explore.optimise.optimum import Optimum
 from flexstage.report.figures.drawing import draw_bodies
-from flexstage.report.figures.shapes import body_shapes, extent
-from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
+from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
+from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from flexstage.stage import Stage
 
 _MM = 1e3
+# mean width of a sliver that is rounding [mm]; and of what is seen, in parts of the drawing
+_NOISE, _SEEN = 1e-3, 8e-3
+# figures are drawn to so many times their limit
+_FARTHEST = 3.0
 # violation that is drawn as none
 _NONE = 1e-8
 
@@ -27,7 +31,8 @@ _NONE = 1e-8
 def draw_history(found: Optimum) -> "Drawn":
     """Draw the goal and the violation of the requirements over the evaluations.
 
-    Each search is a line; crosses are what the finer model says of the optimum of each turn.
+    Searches of the lumped model have one colour, those of the corrected one another; crosses are
+    what the finer model says of the optimum of each turn.
     """
     figure = new_figure(6.6, 5.0)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
@@ -38,68 +43,143 @@ def draw_history(found: Optimum) -> "Drawn":
     for search in dict.fromkeys(step.search for step in found.trace):
         steps = [step for step in found.trace if step.search == search]
         at = [step.evaluations for step in steps]
-        look: dict[str, Any] = {"color": CYCLE[search % len(CYCLE)], "marker": ".", "ms": 3}
-        label = f"{'corrected' if at[0] > turned else 'search'} {search + 1}"
-        above.plot(at, [factor * s.objective for s in steps], lw=1.2, **look)
-        off = [max(s.violation, _NONE) for s in steps]
-        below.semilogy(at, off, lw=1.2, label=label, **look)
-    for k, rung in enumerate(found.rungs):
-        if goals:
-            above.plot(
-                rung.evaluations,
-                factor * rung.found[0],
-                marker="x",
-                color=INK,
-                ms=6,
-                ls="",
-                label=f"by {rung.model}" if k == 0 else None,
-            )
+        corrected = at[0] > turned
+        look: dict[str, Any] = {"color": CYCLE[int(corrected)], "marker": ".", "ms": 3, "lw": 1.2}
+        label = "corrected model" if corrected else "lumped model, each start a line"
+        above.plot(at, [factor * s.objective for s in steps], label=label, **look)
+        below.semilogy(at, [max(s.violation, _NONE) for s in steps], **look)
+    for rung in found.rungs if goals else ():
+        value, label = factor * rung.found[0], f"by {rung.model}"
+        above.plot(rung.evaluations, value, marker="x", color=INK, ms=6, ls="", label=label)
     for axes in (above, below):
         dress(axes)
-    above.set_ylabel(goals[0].figure.heading if goals else "distance from the start [bounds]")
-    below.set(ylabel="requirements missed by\n(sum, parts of the limits)", xlabel="evaluations")
+    above.set_ylabel(goals[0].figure.heading if goals else "distance from the start\n[bounds]")
+    below.set(ylabel="missed by\n[parts of limits]", xlabel="evaluations of the lumped model")
     below.set_ylim(0.5 * _NONE, None)
-    entitle(above, "Way to the optimum: lumped model, corrected after every turn")
-    if goals and found.rungs:
-        above.legend(frameon=False, fontsize=8)
-    handles, labels = below.get_legend_handles_labels()
+    figure.align_ylabels([above, below])
+    entitle(above, "Way to the optimum, and what the requirements are missed by on it")
+    named = dict(zip(*reversed(above.get_legend_handles_labels()), strict=True))
     place = "outside lower center"
-    figure.legend(handles, labels, frameon=False, fontsize=7, ncols=5, loc=place)
+    figure.legend(list(named.values()), list(named), frameon=False, fontsize=8, ncols=4, loc=place)
     return figure
 
 
 def draw_before_after(found: Optimum) -> "Drawn":
-    """Draw the outlines of the stage as it is described or began, and of the best one."""
-    from matplotlib.patches import PathPatch
+    """Draw the best stage, and the edges of the one that it began with where they differ.
 
+    Where they hardly do, colours say what was added and taken away, also in a detail.
+    """
     shapes = body_shapes(found.stage)
     before = _before(found)
     x0, y0, x1, y1 = (v * _MM for v in extent(shapes))
+    added: list[Any] = []
+    removed: list[Any] = []
+    edges: Any = None
     if before is not None:
         b0, c0, b1, c1 = (v * _MM for v in extent(body_shapes(before)))
         x0, y0, x1, y1 = min(x0, b0), min(y0, c0), max(x1, b1), max(y1, c1)
-    margin = 0.04 * max(x1 - x0, y1 - y0)
-    per_inch = max(x1 - x0, y1 - y0) / 6.0
-    figure = new_figure((x1 - x0) / per_inch + 1.2, (y1 - y0) / per_inch + 1.1)
-    axes = figure.subplots()
+        was, now = (_area(each) for each in (body_shapes(before), shapes))
+        added, removed = _pieces(now.difference(was)), _pieces(was.difference(now))
+        edges = was.boundary.difference(now.boundary.buffer(_NOISE))
+    size = max(x1 - x0, y1 - y0)
+    margin = 0.04 * size
+    detail = _detail(found.stage, [*added, *removed], size)
+    width, height = 6.0 * (x1 - x0) / size + 1.2, 6.0 * (y1 - y0) / size + 1.2
+    figure = new_figure(width + (0.0 if detail is None else height - 1.6), height)
+    axes = figure.add_subplot(1, 1 if detail is None else 2, 1)
+    _draw_best(axes, found, shapes)
+    axes.set(xlim=(x0 - margin, x1 + margin), ylim=(y0 - margin, y1 + margin))
+    entitle(axes, f"{found.problem.family.template.source}: before and after")
+    handles: list[Any] = []
+    if detail is not None:
+        beside = figure.add_subplot(1, 2, 2)
+        _draw_best(beside, found, shapes)
+        for place in (axes, beside):
+            handles = [
+                _fill(place, added, CYCLE[2], "added"),
+                _fill(place, removed, CYCLE[1], "taken away"),
+            ]
+        x, y, half = detail
+        beside.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
+        entitle(beside, f"the largest change, {0.5 * size / half:.0f} times larger")
+        axes.indicate_inset((x - half, y - half, 2.0 * half, 2.0 * half), edgecolor=INK, alpha=1.0)
+    elif edges is not None:
+        axes.add_patch(_outlines(edges, CYCLE[1]))
+        handles = [axes.plot([], [], color=INK, lw=1.0, label="best")[0]]
+        handles += axes.plot([], [], color=CYCLE[1], lw=1.2, label="start, where it differs")
+    if handles:
+        place = "outside lower center"
+        figure.legend(handles=handles, frameon=False, fontsize=8, ncols=2, loc=place)
+    return figure
+
+
+def _draw_best(axes: "Axes", found: Optimum, shapes: tuple[BodyShape, ...]) -> None:
     dress(axes, grid=False)
     draw_bodies(axes, found.stage, shapes)
-    for shape in () if before is None else body_shapes(before):
-        line = {"facecolor": "none", "edgecolor": CYCLE[1], "linewidth": 0.7, "zorder": 3}
-        axes.add_patch(PathPatch(shape.path(_MM), **line))
-    axes.set(
-        xlim=(x0 - margin, x1 + margin),
-        ylim=(y0 - margin, y1 + margin),
-        xlabel="x [mm]",
-        ylabel="y [mm]",
-        aspect="equal",
-    )
-    handles = [axes.plot([], [], color=INK, label="best")[0]]
-    if before is not None:
-        handles.append(axes.plot([], [], color=CYCLE[1], label="start")[0])
-    figure.legend(handles=handles, frameon=False, fontsize=8, ncols=2, loc="outside lower right")
-    entitle(axes, f"{found.problem.family.template.source}: before and after")
-    return figure
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+
+
+def _fill(axes: "Axes", pieces: list[Any], colour: str, label: str) -> Any:
+    """Fill areas, each edged so that the narrowest can be seen; return the entry of a legend."""
+    from matplotlib.patches import Patch, PathPatch
+    from matplotlib.path import Path
+
+    for piece in pieces:
+        rings = [
+            Path(np.asarray(r.coords), closed=True) for r in (piece.exterior, *piece.interiors)
+        ]
+        look = {"facecolor": colour, "edgecolor": colour, "linewidth": 1.0, "zorder": 3}
+        axes.add_patch(PathPatch(Path.make_compound_path(*rings), alpha=0.8, **look))
+    return Patch(color=colour, alpha=0.8, label=label)
+
+
+def _outlines(lines: Any, colour: str) -> Any:
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+    from shapely import get_parts
+
+    paths = [Path(np.asarray(line.coords)) for line in get_parts(lines) if not line.is_empty]
+    path = Path.make_compound_path(*paths) if paths else Path(np.zeros((0, 2)))
+    return PathPatch(path, facecolor="none", edgecolor=colour, linewidth=1.0, zorder=3)
+
+
+def _area(shapes: tuple[BodyShape, ...]) -> Any:
+    """Return all material of a stage as one area [mm]."""
+    from shapely import Polygon, unary_union
+
+    # a loop to the right is a hole
+    bodies = []
+    for shape in shapes:
+        parts = [Polygon(loop * _MM) for loop in shape.loops]
+        solid = unary_union([p.buffer(0.0) for p in parts if p.exterior.is_ccw])
+        cut = unary_union([p.buffer(0.0) for p in parts if not p.exterior.is_ccw])
+        bodies.append(solid.difference(cut))
+    return unary_union(bodies)
+
+
+def _pieces(area: Any) -> list[Any]:
+    """Return the polygons of a difference that are more than rounding."""
+    from shapely import get_parts
+
+    parts = [part for part in get_parts(area) if part.geom_type == "Polygon"]
+    return [part for part in parts if 2.0 * part.area > _NOISE * part.length]
+
+
+def _detail(stage: "Stage", pieces: list[Any], size: float) -> tuple[float, float, float] | None:
+    """Return middle and half width of what is drawn larger; None where changes can be seen."""
+    from shapely import Point
+
+    depths = [2.0 * piece.area / piece.length for piece in pieces]
+    if not depths or max(depths) > _SEEN * size:
+        return None
+    most = pieces[int(np.argmax(depths))]
+    low_x, low_y, high_x, high_y = most.bounds
+    necks = [(most.distance(Point(h.at[0] * _MM, h.at[1] * _MM)), h) for h in stage.hinges]
+    distance, neck = min(necks, key=lambda one: one[0], default=(np.inf, None))
+    if neck is not None and distance < neck.profile.length * _MM:
+        return neck.at[0] * _MM, neck.at[1] * _MM, 1.2 * neck.profile.length * _MM
+    half = min(max(0.6 * max(high_x - low_x, high_y - low_y), 0.008 * size), 0.05 * size)
+    return *most.representative_point().coords[0], half
 
 
 def _before(found: Optimum) -> "Stage | None":
@@ -124,15 +204,21 @@ def draw_figures(found: Optimum) -> "Drawn":
     ]
     height = 0.8 / len(bars)
     for k, (label, values, colour) in enumerate(bars):
-        shares = [values[i] / reference for i, _, reference in rows]
+        shares = np.array([values[i] / reference for i, _, reference in rows])
         offset = 0.4 - (k + 0.5) * height
         axes.barh(at + offset, shares, height=0.9 * height, color=colour, label=label)
+        for y, share in zip(at + offset, shares, strict=True):
+            if share > _FARTHEST:  # its length is written where its end is not seen
+                look = {"ha": "right", "va": "center", "fontsize": 7, "color": PAPER}
+                axes.text(0.99 * _FARTHEST, y, f"{share:.3g}", **look)
+    if axes.get_xlim()[1] > _FARTHEST:
+        axes.set_xlim(right=_FARTHEST)
     axes.axvline(1.0, color=INK, lw=0.8)
     axes.set_yticks(at, [name for _, name, _ in rows])
-    axes.set_xlabel("parts of the limit; of the goal in parts of its start")
+    axes.set_xlabel("figure ÷ its limit; of a goal: figure ÷ its value at the start")
     axes.set_ylim(-0.6, len(rows) - 0.4)
     figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=len(bars))
-    entitle(axes, "Figures against what is required")
+    entitle(axes, "Figures relative to what is required (line: at the limit)")
     return figure
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.quantities import number
 from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
-from flexstage.system.coupled_axes import ReachableArea
+from flexstage.system.reachable_area import ReachableArea
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

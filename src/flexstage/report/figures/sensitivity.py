@@ -73,7 +73,7 @@ def draw_sensitivities(found: Sensitivities, length: float | None = None) -> "Fi
     axes.xaxis.tick_top()
     axes.tick_params(length=0)
     entitle(axes, f"{found.stage}, {found.model}")
-    told = f"change of each figure [%] for {step_words(length)}"
+    told = f"change of each figure [%] for {step_words(found, length)}"
     if more := len(order) - len(drawn):
         told += f"\n{more} more parameters move a figure, and less than these"
     axes.set_xlabel(told, fontsize=7.5, color=MUTED, loc="left", parse_math=False)

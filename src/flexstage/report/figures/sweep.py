@@ -120,7 +120,7 @@ def _curves(sweep: Sweep) -> "Drawing":
     figure, grid = _small_multiples(len(shown), 2.4)
     gaps = _spans(x, ~sweep.possible[order])
     for axes, k in zip(grid, shown, strict=True):
-        shape = _scaled(sweep, k)
+        shape = sweep.shown(k)
         y = sweep.values[order, k] * shape.factor
         for low, high in gaps:
             axes.axvspan(low, high, facecolor="none", edgecolor=HATCH, hatch="////", linewidth=0.0)
@@ -135,7 +135,7 @@ def _curves(sweep: Sweep) -> "Drawing":
             )  # fmt: skip
         axes.set_xlim(variable.low * variable.factor, variable.high * variable.factor)
         axes.set_xlabel(variable.heading, fontsize=8, parse_math=False)
-        entitle(axes, _heading(sweep.figures[k], shape), 8.5)
+        entitle(axes, sweep.figures[k].heading_in(shape), 8.5)
     handles = [_described_mark(dashed=True)] if _holds_usual(variable) else []
     if gaps:
         handles.append(_hatched())
@@ -156,7 +156,7 @@ def _maps(sweep: Sweep) -> "Drawing":
     usual = across.usual * across.factor, up.usual * up.factor
     inside = _holds_usual(across) and _holds_usual(up)
     for axes, k in zip(grid, shown, strict=True):
-        scaled = _scaled(sweep, k)
+        scaled = sweep.shown(k)
         values = np.ma.masked_invalid(sweep.on_grid(k) * scaled.factor)
         if gone:
             axes.axvspan(
@@ -176,7 +176,7 @@ def _maps(sweep: Sweep) -> "Drawing":
         axes.set(xlim=(x.min(), x.max()), ylim=(y.min(), y.max()))
         axes.set_xlabel(across.heading, fontsize=8, parse_math=False)
         axes.set_ylabel(up.heading, fontsize=8, parse_math=False)
-        entitle(axes, _heading(sweep.figures[k], scaled), 8.5)
+        entitle(axes, sweep.figures[k].heading_in(scaled), 8.5)
     handles: list[Artist] = [_described_mark()] if inside else []
     if gone:
         handles.append(_hatched())
@@ -194,7 +194,7 @@ def _matrix(sweep: Sweep) -> "Drawing":
     figure = new_figure(_WIDTH, 1.4 * len(shown) + 0.9)
     grid = figure.subplots(len(shown), len(chosen), sharex="col", sharey="row", squeeze=False)
     for row, k in zip(grid, shown, strict=True):
-        scaled = _scaled(sweep, k)
+        scaled = sweep.shown(k)
         y = sweep.values[possible, k] * scaled.factor
         for axes, i in zip(row, chosen, strict=True):
             variable = sweep.variables[i]
@@ -223,7 +223,7 @@ def _matrix(sweep: Sweep) -> "Drawing":
             axes.ticklabel_format(useOffset=False)
             axes.set_xlim(variable.low * variable.factor, variable.high * variable.factor)
             axes.margins(y=0.12)
-        row[0].set_ylabel(_heading(sweep.figures[k], scaled, broken=True), fontsize=7.5)
+        row[0].set_ylabel(_in_two_lines(sweep.figures[k], scaled), fontsize=7.5)
     for axes, i in zip(grid[-1], chosen, strict=True):
         axes.set_xlabel(sweep.variables[i].heading, fontsize=7.5, parse_math=False)
     handles: list[Artist] = [
@@ -250,17 +250,10 @@ def _holds_usual(variable: Variable) -> bool:
     return variable.low <= variable.usual <= variable.high
 
 
-def _scaled(sweep: Sweep, k: int) -> Quantity:
-    """Return the quantity of a figure in a unit that suits what was found."""
-    return sweep.figures[k].shown.fitting(float(np.nanmax(np.abs(sweep.values[:, k]))))
-
-
-def _heading(figure: Figure, shown: Quantity, *, broken: bool = False) -> str:
-    """Name of a figure with the unit that it is drawn in."""
-    unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
-    if not broken:
-        return f"{figure.label}{unit}"
-    words = figure.label.split()
+def _in_two_lines(figure: Figure, shown: Quantity) -> str:
+    """Return the heading of a figure with the unit that it is drawn in, broken in the middle."""
+    words = figure.heading_in(shown).split(" ")
+    unit = f" {words.pop()}" if shown.shown_unit else ""
     half = -(-len(words) // 2)
     return f"{' '.join(words[:half])}\n{' '.join(words[half:])}{unit}"
 

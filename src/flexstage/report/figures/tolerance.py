@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.explore.deviations import KINDS
+from flexstage.explore.deviations import LABELS
 from flexstage.explore.figures import Requirement
 from flexstage.explore.spread import Spread
 from flexstage.explore.tolerance import ToleranceStudy
@@ -22,8 +22,11 @@ _LEAST = 0.005  # share that is worth a colour [1]
 
 
 def draw_spreads(study: ToleranceStudy) -> "Figure":
-    """Draw a histogram of every figure: the stage as drawn, 95 % of the lot, and the limits."""
-    spreads = study.spreads
+    """Draw a histogram of every figure: the stage as drawn, 95 % of the lot, and the limits.
+
+    What varies by rounding alone is left out, unless there is nothing else.
+    """
+    spreads = [s for s in study.spreads if not s.still] or list(study.spreads)
     columns = _columns(len(spreads))
     rows = math.ceil(len(spreads) / columns)
     figure = new_figure(min(3.4 * columns, _WIDTH + 0.6), 1.8 * rows + 0.5)
@@ -86,8 +89,7 @@ def _histogram(axes: "Axes", spread: Spread, requirement: Requirement | None) ->
     axes.set_ylim(0.0, 1.12 * float(share.max() or 1.0))
     axes.locator_params(axis="y", nbins=4)
     axes.ticklabel_format(axis="x", useOffset=False, style="plain")
-    unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
-    entitle(axes, f"{spread.figure.label}{unit}", 8.5)
+    entitle(axes, spread.figure.heading_in(shown), 8.5)
 
 
 def _columns(count: int) -> int:
@@ -106,14 +108,13 @@ def draw_shares(study: ToleranceStudy) -> "Figure":
             total[part.kind] = max(total.get(part.kind, 0.0), part.share)
     ranked = [k for k in sorted(total, key=lambda k: -total[k]) if total[k] >= _LEAST]
     named = ranked[:_NAMED]
-    labels = {kind.name: kind.label for kind in KINDS}
     figure = new_figure(_WIDTH, 1.3 + 0.34 * len(shares))
     axes = figure.subplots()
     dress(axes, grid=False)
     at = np.arange(len(shares))[::-1]
     left = np.zeros(len(shares))
     by_kind = [{c.kind: c.share for c in of.contributions} for of in shares]
-    bars = [(labels[kind], CYCLE[i], [b[kind] for b in by_kind]) for i, kind in enumerate(named)]
+    bars = [(LABELS[kind], CYCLE[i], [b[kind] for b in by_kind]) for i, kind in enumerate(named)]
     others = [sum(v for kind, v in b.items() if kind not in named) for b in by_kind]
     if max(others, default=0.0) >= _LEAST:
         bars.append(("other deviations", CYCLE[_NAMED], others))

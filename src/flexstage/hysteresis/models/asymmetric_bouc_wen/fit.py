@@ -3,7 +3,7 @@
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.searched_fit import SearchedFit
 from flexstage.hysteresis.models.asymmetric_bouc_wen.law import AsymmetricBoucWen
@@ -19,7 +19,7 @@ class AsymmetricBoucWenFit(SearchedFit):
     grid = (8, 6)
     free = np.array([False, True, True, False])
 
-    def columns(self, section: Section, place: Array, data: FitData) -> Array:
+    def columns(self, section: RecordSection, place: Array, data: FitData) -> Array:
         beta, gamma = shape_at(place, data.input_scale)
         unit = BoucWen(gain=0.0, hysteresis_gain=1.0, beta=beta, gamma=gamma)
         u = section.u

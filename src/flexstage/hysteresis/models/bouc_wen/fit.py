@@ -3,7 +3,7 @@
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.searched_fit import SearchedFit
 from flexstage.hysteresis.models.bouc_wen.law import BoucWen
@@ -32,7 +32,7 @@ class BoucWenFit(SearchedFit):
     size = 4
     grid = (8, 6)
 
-    def columns(self, section: Section, place: Array, data: FitData) -> Array:
+    def columns(self, section: RecordSection, place: Array, data: FitData) -> Array:
         beta, gamma = shape_at(place, data.input_scale)
         unit = BoucWen(gain=0.0, hysteresis_gain=1.0, beta=beta, gamma=gamma)
         return np.column_stack((section.u, unit.simulate(section.u).values))

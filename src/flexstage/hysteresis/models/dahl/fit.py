@@ -3,7 +3,7 @@
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.searched_fit import SearchedFit
 from flexstage.hysteresis.models.dahl.law import Dahl
@@ -19,7 +19,7 @@ class DahlFit(SearchedFit):
     size = 3
     grid = (16,)
 
-    def columns(self, section: Section, place: Array, data: FitData) -> Array:
+    def columns(self, section: RecordSection, place: Array, data: FitData) -> Array:
         unit = Dahl(gain=0.0, stiffness=1.0, limit=_limit(place, data.input_scale))
         return np.column_stack((section.u, unit.simulate(section.u).values))
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.searched_fit import SearchedFit
 from flexstage.hysteresis.models.duhem.law import Duhem, duhem_columns
@@ -26,7 +26,7 @@ class DuhemFit(SearchedFit):
     free = np.ones(_CURVE + _TANGENT, dtype=bool)
     penalty = np.diag([_CONSTANT, *[0.0] * (_CURVE + _TANGENT - 1)])
 
-    def columns(self, section: Section, place: Array, data: FitData) -> Array:
+    def columns(self, section: RecordSection, place: Array, data: FitData) -> Array:
         return duhem_columns(section.u, _rate(place, data), _CURVE, _TANGENT)
 
     def build(self, place: Array, coefficients: Array, data: FitData) -> Duhem:

@@ -6,7 +6,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.refined_fit import RefinedFit, roughness
 from flexstage.hysteresis.models.maxwell_slip.law import GeneralisedMaxwellSlip
@@ -58,7 +58,7 @@ class GeneralisedMaxwellSlipFit(RefinedFit):
             dead_zone_weights=parameters[1 + PLAYS :],
         )
 
-    def changes(self, p: Array, scale: Array, section: Section, data: FitData) -> Array:
+    def changes(self, p: Array, scale: Array, section: RecordSection, data: FitData) -> Array:
         # in closed form: the voltage is given, so that what a parameter adds to it the displacement
         # y takes away again, by the slope of all springs at y less that of the sliders that slide;
         # those that stick keep the change that they had where they last slid

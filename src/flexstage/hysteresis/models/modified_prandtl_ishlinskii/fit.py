@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.refined_fit import RefinedFit, roughness
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii.law import ModifiedPrandtlIshlinskii
@@ -72,7 +72,7 @@ class ModifiedPrandtlIshlinskiiFit(RefinedFit):
             dead_zone_weights=np.where(kinks > 0.0, change, -change),
         )
 
-    def changes(self, p: Array, scale: Array, section: Section, data: FitData) -> Array:
+    def changes(self, p: Array, scale: Array, section: RecordSection, data: FitData) -> Array:
         # in closed form: with v the sum of the plays and S the line behind them, S(v) changes by
         # S'(v) with what a play adds to v, and by the way from 0 to v within an interval with its
         # slope

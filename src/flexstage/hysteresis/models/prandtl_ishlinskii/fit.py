@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData, LinearFit
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
@@ -30,7 +30,7 @@ class PrandtlIshlinskiiFit(LinearFit):
     law = PrandtlIshlinskii
     size = 1 + PLAYS
 
-    def columns(self, section: Section, data: FitData) -> Iterator[Array]:
+    def columns(self, section: RecordSection, data: FitData) -> Iterator[Array]:
         yield np.column_stack((section.u, play_columns(section.u, _thresholds(data))))
 
     def build(self, coefficients: Array, data: FitData) -> PrandtlIshlinskii:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     FitResult,
@@ -45,7 +45,7 @@ class PreisachFit(LinearFit):
         thresholds = 0.5 * (high - low) * np.arange(self._thresholds) / self._thresholds
         return thresholds, np.linspace(low, high, self._means + 1)
 
-    def columns(self, section: Section, data: FitData) -> Iterator[Array]:
+    def columns(self, section: RecordSection, data: FitData) -> Iterator[Array]:
         thresholds, knots = self._grid(data)
         for threshold in thresholds:
             yield preisach_columns(section.u, [threshold], knots)

@@ -1,0 +1,71 @@
+"""The physical dimensions of fields and columns, and the units that people write them in."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dimension:
+    """A physical dimension that a field of a description can have."""
+
+    name: str
+    """What it is called in messages."""
+    si: str
+    """The SI unit in which numbers of it are held."""
+    units: tuple[str, ...]
+    """Units that people write, the first of which files are written in."""
+
+    @property
+    def noun(self) -> str:
+        """Its name with the article."""
+        return f"{'an' if self.name[0] in 'aeiou' else 'a'} {self.name}"
+
+
+DIMENSIONS: dict[str, Dimension] = {
+    d.name: d
+    for d in (
+        Dimension(name="length", si="m", units=("mm", "um", "nm", "m", "inch")),
+        Dimension(name="angle", si="rad", units=("deg", "rad", "mrad", "urad", "arcsec", "arcmin")),
+        Dimension(name="mass", si="kg", units=("g", "kg", "mg")),
+        Dimension(name="inertia", si="kg*m^2", units=("g*mm^2", "kg*m^2")),
+        Dimension(name="force", si="N", units=("N", "mN", "kN")),
+        Dimension(name="stiffness", si="N/m", units=("N/um", "N/mm", "N/m", "kN/mm")),
+        Dimension(name="rotational stiffness", si="N*m/rad", units=("N*m/rad",)),
+        Dimension(name="pressure", si="Pa", units=("MPa", "GPa", "Pa", "kPa")),
+        Dimension(name="density", si="kg/m^3", units=("kg/m^3", "g/cm^3")),
+        Dimension(name="voltage", si="V", units=("V", "mV", "kV")),
+        Dimension(name="capacitance", si="F", units=("uF", "nF", "F")),
+        Dimension(name="frequency", si="Hz", units=("Hz", "kHz", "MHz")),
+        Dimension(name="temperature", si="K", units=("K", "mK")),
+        Dimension(name="expansion", si="1/K", units=("1/K", "um/m/K")),
+        Dimension(name="drift", si="m/K", units=("nm/K", "um/K", "m/K")),
+        Dimension(name="conductivity", si="W/m/K", units=("W/m/K",)),
+        Dimension(name="area", si="m^2", units=("um^2", "mm^2", "m^2")),
+        Dimension(name="speed", si="m/s", units=("nm/s", "um/s", "mm/s", "m/s")),
+        Dimension(name="slew rate", si="V/s", units=("V/s", "V/ms")),
+        Dimension(name="time", si="s", units=("s", "ms", "us", "min", "hour")),
+    )
+}
+
+#: SI floats whose text at the edge carries a unit.
+Angle = Annotated[float, DIMENSIONS["angle"]]
+Frequency = Annotated[float, DIMENSIONS["frequency"]]
+Length = Annotated[float, DIMENSIONS["length"]]
+Stiffness = Annotated[float, DIMENSIONS["stiffness"]]
+Time = Annotated[float, DIMENSIONS["time"]]
+Voltage = Annotated[float, DIMENSIONS["voltage"]]
+
+#: Dimensions of columns in measured files; no field of a description has them.
+MEASURED: dict[str, Dimension] = {
+    d.name: d
+    for d in (
+        Dimension(name="current", si="A", units=("A", "mA")),
+        Dimension(name="charge", si="C", units=("C", "uC")),
+        Dimension(name="resistance", si="ohm", units=("ohm", "kohm")),
+        Dimension(name="power", si="W", units=("W", "mW")),
+        Dimension(name="torque", si="N*m", units=("N*m", "N*mm")),
+        Dimension(name="acceleration", si="m/s^2", units=("m/s^2", "mm/s^2")),
+        Dimension(name="angular speed", si="rad/s", units=("rad/s", "deg/s", "rpm")),
+        Dimension(name="gain", si="m/V", units=("um/V", "nm/V")),
+    )
+}
