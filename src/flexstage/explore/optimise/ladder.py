@@ -38,6 +38,9 @@ OTHER_STARTS, TURNS, EVALUATIONS = 3, 12, 250
 _STEPS, _FEWEST, _RESERVE = 60, 4, 0.4
 # share of the evaluations left that a turn of the ladder may use
 _AGAIN = 0.4
+# share of all evaluations that is left in any case for what the finest model finds missed, and how
+# far that search may go, in parts of the bounds
+_MENDING, _CLOSE = 0.1, 0.1
 # points that starts are chosen from; agreement of two models at which the ladder ends
 _SAMPLE, _AGREED = 64, 1e-3
 # turns after which the correction has seen how the models differ nearby
@@ -524,9 +527,11 @@ class _Climb:
         if confirmed.violation <= TOLERANCE or not np.all(np.isfinite(fine)):
             return confirmed
         self.stage_of_work = f"corrected by {model}"
-        self._begin(self._left())
+        # a little is to be mended, where nothing but this one point is known of the finest model
+        allowed = max(self._left(), _MENDING * self.budget)
+        self._begin(allowed)
         with progress.subtask(0.4, 0.6):
-            again = self._search(chosen.optimum.point, max(self._left(), 0.0))
+            again = self._search(chosen.optimum.point, allowed, _CLOSE)
         if again is None:
             return confirmed
         again = self._drawn(again)
