@@ -248,6 +248,28 @@ def test_no_figures_at_all_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> N
         find_optimum(problem(), SearchOptions(starts=0, evaluations=300))
 
 
+def test_what_the_finest_model_finds_missed_is_mended_nearby(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It has 1 % more stress than the searched one, whose evaluations are used up by then."""
+    wanted = problem("stress.x <= 113 MPa", ranges=RANGES[:2])
+    stress = wanted.figures.index(wanted.requirements[0].figure)
+
+    def more(x: np.ndarray, row: np.ndarray) -> str:
+        row[stress] *= 1.01
+        return ""
+
+    finer(monkeypatch, more)
+    options = SearchOptions(model="lumped", confirm="solid", evaluations=250, starts=0)
+    found = find_optimum(wanted, options)
+    first, second = found.rungs
+    assert first.found[stress] / 113e6 == pytest.approx(1.01, abs=2e-3)
+    assert found.met
+    assert second.found[stress] <= 113e6 * 1.002
+    width = wanted.width
+    assert np.max(np.abs(second.point - first.point) / width) <= 0.1 + 1e-3
+
+
 def test_usual_requirements_give_way_to_those_that_are_asked() -> None:
     stage = StageTemplate.of("vgtu-piezo").stage()
     known = known_figures(stage)

@@ -89,7 +89,8 @@ def optimise(
         superelement|lumped: The model whose figures count; the lumped one alone is quick, and some
         per cent off.
     confirm
-        plane|superelement-3d|solid: Have a finer model confirm the best stage, and correct it once.
+        plane|superelement-3d|solid: Have a finer model confirm the best stage, and correct it up to
+            three times.
     evaluations
         N: Evaluations of the lumped model at most (default: 250 for each parameter and two more).
     seed

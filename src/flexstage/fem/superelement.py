@@ -322,9 +322,20 @@ def _system(
             )
             for d in stage.drives
         ),
-        probes=tuple(
-            ProbePort(name=p.name, vector=joint.probes[p.name] @ basis, unit=p.unit, body=p.body)
-            for p in stage.probes
+        probes=(
+            *(
+                ProbePort(
+                    name=p.name, vector=joint.probes[p.name] @ basis, unit=p.unit, body=p.body
+                )
+                for p in stage.probes
+            ),
+            *(
+                ProbePort(
+                    name=name, vector=vector @ basis, body=name.removesuffix(" out of plane")
+                )
+                for name, vector in joint.probes.items()
+                if name not in {p.name for p in stage.probes}
+            ),
         ),
         bodies=tuple(
             BodyPort(name=name, centre=centre, matrix=motion @ basis)

@@ -9,13 +9,11 @@ from flexstage.errors import ModelError
 from flexstage.lumped import lumped_system
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
-from flexstage.system import Analysis, MechanicalSystem, analyse
-from flexstage.system.mechanical import ProbePort
+from flexstage.system import Analysis, analyse
 
 if TYPE_CHECKING:
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
-    from flexstage.fem.superelement import SuperelementModel
 
 Plane = Literal["auto", "stress", "strain"]
 
@@ -82,18 +80,7 @@ def _superelement_in_space(stage: Stage, options: ModelOptions) -> ModelRun:
     _no_stroke("superelement-3d", options)
     _no_plane("superelement-3d", options)
     model = superelement_model(stage, space=True, supports=options.supports, cache=options.cache)
-    return ModelRun(analysis=analyse(stage, _with_lifts(model)))
-
-
-def _with_lifts(model: "SuperelementModel") -> MechanicalSystem:
-    """Return the system of bodies in space with its readings out of the plane."""
-    own = {p.name for p in model.system.probes}
-    lifts = [
-        ProbePort(name=name, vector=vector @ model.basis, body=name.removesuffix(" out of plane"))
-        for name, vector in model.joint.probes.items()
-        if name not in own
-    ]
-    return replace(model.system, probes=(*model.system.probes, *lifts))
+    return ModelRun(analysis=analyse(stage, model.system))
 
 
 def _plane(stage: Stage, options: ModelOptions) -> ModelRun:

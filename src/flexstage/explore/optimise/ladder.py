@@ -38,6 +38,9 @@ OTHER_STARTS, TURNS, EVALUATIONS = 3, 12, 250
 _STEPS, _FEWEST, _RESERVE = 60, 4, 0.4
 # share of the evaluations left that a turn of the ladder may use
 _AGAIN = 0.4
+# how often what the finest model finds missed is mended, share of all evaluations that is left for
+# each time, and how far that search may go at first, in parts of the bounds
+_MENDED, _MENDING, _CLOSE = 3, 0.1, 0.1
 # points that starts are chosen from; agreement of two models at which the ladder ends
 _SAMPLE, _AGREED = 64, 1e-3
 # turns after which the correction has seen how the models differ nearby
@@ -516,30 +519,30 @@ class _Climb:
         return (max(visited.violation, TOLERANCE / 2.0), visited.objective)
 
     def _confirm(self, chosen: _Visited) -> _Visited:
-        """Ask the finest model; where it finds a requirement missed, feed that back once."""
+        """Ask the finest model; where it finds a requirement missed, feed that back."""
         model = self.options.confirm
         assert model is not None
-        with progress.subtask(0.0, 0.4):
-            progress.update(f"confirm by {model}")
-            fine = self._fine(model, chosen.optimum.point)
-        self._rung(model, chosen.optimum, chosen.fine, fine)
-        confirmed = self._confirmed(chosen, fine)
-        if confirmed.violation <= TOLERANCE or not np.all(np.isfinite(fine)):
-            return confirmed
-        self.stage_of_work = f"corrected by {model}"
-        self._begin(self._left())
-        with progress.subtask(0.4, 0.6):
-            again = self._search(chosen.optimum.point, max(self._left(), 0.0))
-        if again is None:
-            return confirmed
-        again = self._drawn(again)
-        with progress.subtask(0.6, 1.0):
-            progress.update(f"confirm by {model}")
-            expected = self.program.figures(again.point[None])[0]
-            fine = self._fine(model, again.point)
-        self._rung(model, again, expected, fine)
-        better = self._confirmed(replace(chosen, optimum=again), fine)
-        return min(confirmed, better, key=self._rank)
+        expected, found = chosen.fine, [chosen]
+        for turn in range(1 + _MENDED):
+            with progress.subtask(turn / (1 + _MENDED), (turn + 0.8) / (1 + _MENDED)):
+                progress.update(f"confirm by {model}")
+                fine = self._fine(model, chosen.optimum.point)
+            self._rung(model, chosen.optimum, expected, fine)
+            chosen = self._confirmed(chosen, fine)
+            found.append(chosen)
+            if chosen.violation <= TOLERANCE or not np.all(np.isfinite(fine)) or turn == _MENDED:
+                break
+            self.stage_of_work = f"corrected by {model}"
+            # a little is to be mended, where nothing but some points is known of the finest model
+            allowed = max(self._left(), _MENDING * self.budget)
+            self._begin(allowed)
+            with progress.subtask((turn + 0.8) / (1 + _MENDED), (turn + 1.0) / (1 + _MENDED)):
+                again = self._search(chosen.optimum.point, allowed, _CLOSE / 2**turn)
+            if again is None:
+                break
+            chosen = replace(chosen, optimum=self._drawn(again))
+            expected = self.program.figures(chosen.optimum.point[None])[0]
+        return min(found[1:], key=self._rank)
 
     def _confirmed(self, chosen: _Visited, fine: Array) -> _Visited:
         x = chosen.optimum.point
