@@ -90,7 +90,7 @@ def optimise(
         per cent off.
     confirm
         plane|superelement-3d|solid: Have a finer model confirm the best stage, and correct it up to
-            three times.
+        three times.
     evaluations
         N: Evaluations of the lumped model at most (default: 250 for each parameter and two more).
     seed

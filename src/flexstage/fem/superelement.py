@@ -330,9 +330,7 @@ def _system(
                 for p in stage.probes
             ),
             *(
-                ProbePort(
-                    name=name, vector=vector @ basis, body=name.removesuffix(" out of plane")
-                )
+                ProbePort(name=name, vector=vector @ basis, body=name.removesuffix(" out of plane"))
                 for name, vector in joint.probes.items()
                 if name not in {p.name for p in stage.probes}
             ),

@@ -15,8 +15,8 @@ _LARGEST_LAYER = 0.5  # of half the thickness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Functions:
-    """Functions through half of the thickness, orthonormal over all of it."""
+class DepthFunctions:
+    """DepthFunctions through half of the thickness, orthonormal over all of it."""
 
     values: Array
     """At the points of integration, shape (k, q)."""
@@ -104,11 +104,11 @@ class ThroughThickness:
         }
 
     @cached_property
-    def functions(self) -> dict[str, Functions]:
+    def functions(self) -> dict[str, DepthFunctions]:
         """Return them at the points of `rule`, orthonormal."""
         z, _ = self.rule
         return {
-            name: Functions(
+            name: DepthFunctions(
                 values=mix @ values,
                 slopes=mix @ slopes,
                 in_bodies=3 if self.out_of_plane else 2 if name == "plane" else 1,
