@@ -138,7 +138,8 @@ def choice_table(choice: ToleranceChoice) -> Table:
                 scatter_text(choice.chosen, kind),
                 f"{choice.factor(kind):.2f}",
             )
-            for kind in sorted(choice.kinds, key=choice.factor)
+            # those at one end of what is looked at differ by rounding: they stay in their order
+            for kind in sorted(choice.kinds, key=lambda k: round(choice.factor(k), 2))
         ],
         notes=(
             "standard deviations; 95 % of parts are within twice as much",
