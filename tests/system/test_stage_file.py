@@ -449,7 +449,10 @@ def test_the_schema_accepts_the_built_in_stages() -> None:
         assert not list(validator.iter_errors(core_schema(text)))
         assert stage_from_text(text) == design(name)
     assert validator.is_valid({"flexstage": 1, "design": {"name": "nested-xy"}})
-    assert not validator.is_valid({"flexstage": 1, "design": {"name": "nested-xy"}, "name": "b"})
+    # beside a design a stage has a name and a title of its own, and nothing else
+    named = {"flexstage": 1, "design": {"name": "nested-xy"}, "name": "b", "title": "B"}
+    assert validator.is_valid(named)
+    assert not validator.is_valid({**named, "thickness": 0.01})
 
 
 def test_the_built_in_stages_check_clean() -> None:

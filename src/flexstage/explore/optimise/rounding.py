@@ -38,7 +38,7 @@ def on_drawing(variable: Variable, value: float, beside: int = 0) -> list[float]
     value : float
         Its value [SI].
     beside : int
-        How many are returned to either side, beside the nearest.
+        Twice as many others are returned with the nearest, the next ones within the bounds.
 
     Examples
     --------
@@ -48,7 +48,7 @@ def on_drawing(variable: Variable, value: float, beside: int = 0) -> list[float]
     >>> on_drawing(spacing, 0.0412345678)
     [0.041235]
     >>> on_drawing(spacing, 0.0499996, beside=1)
-    [0.05, 0.049999]
+    [0.05, 0.049999, 0.049998]
     """
     angle = variable.dimension == "angle"
     length = variable.dimension == "length" and not is_data_sheet(variable.name)
