@@ -35,9 +35,8 @@ def condense_all(
             missing[key] = part
         else:
             ready[key] = _from_arrays(entry)
-    # factors of two bodies are found side by side, by threads that share the mesher
     in_space = any(p.through is not None for p in missing.values())
-    with ThreadPoolExecutor(min(os.cpu_count() or 1, _THREADS) if in_space else 1) as workers:
+    with ThreadPoolExecutor(_threads() if in_space else 1) as workers:
         made = workers.map(_condense, missing.values())
         for i, (key, found) in enumerate(zip(missing, made, strict=True)):
             progress.update("bodies", i / len(missing))
@@ -47,6 +46,16 @@ def condense_all(
     if store is not None:
         store.trim()
     return [ready[key] for key in keys], [keys.index(key) for key in missing]
+
+
+def _threads() -> int:
+    """Return how many bodies are condensed side by side, by threads that share the mesher.
+
+    Where the linear algebra has threads of its own there is one: several that each start others
+    take five times as long. The commands give it one (`flexstage.cli`).
+    """
+    single = any(os.environ.get(f"{name}_NUM_THREADS") == "1" for name in ("OPENBLAS", "OMP"))
+    return min(os.cpu_count() or 1, _THREADS) if single else 1
 
 
 def _condense(part: Substructure) -> Condensed:
