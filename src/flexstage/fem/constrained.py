@@ -176,7 +176,7 @@ class Constrained:
         if not count or not len(self.P):
             return np.zeros(0), np.zeros((size, 0))
         start = np.random.default_rng(0).standard_normal((size, _BLOCK))
-        block = self.held(mass_times(self.held(mass_times(start))))
+        block = self.held(mass_times(start))
         basis, answers = np.zeros((2, size, 0))
         last = np.zeros(count)
         for _ in range(_STEPS):

@@ -58,8 +58,8 @@ def neck_motions(
             for w in weights
         ]
 
-    both, more = range(plane.in_bodies), range(plane.in_bodies, len(plane.values))
-    own, others = range(across.in_bodies), range(across.in_bodies, len(across.values))
+    both, more = range(plane.passed), range(plane.passed, len(plane.values))
+    own, others = range(across.passed), range(across.passed, len(across.values))
     pulled = motions(0, both, [mean, turn])
     sheared = motions(1, both, [parabola]) + motions(2, own, [mean, slope])
     pulled_more = motions(0, range(len(plane.values)), normal) + motions(0, more, [mean, turn])

@@ -40,9 +40,7 @@ _LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 def neck_coordinates(*, out_of_plane: bool) -> tuple[str, ...]:
     """Name the motions of a neck, in order: each is a mean over its width and its thickness."""
-    plane, across = (
-        (("z", "z^3", "z^5"), ("1", "z^2", "z^4")) if out_of_plane else (("1", "z^2"), ("z",))
-    )
+    plane, across = (("z", "z^3"), ("1", "z^2")) if out_of_plane else (("1", "z^2"), ("z",))
     return (
         *(f"{motion} by {k}" for k in plane for motion in ("along", "rotation")),
         *(f"across by {k}" for k in plane),
@@ -53,11 +51,11 @@ def neck_coordinates(*, out_of_plane: bool) -> tuple[str, ...]:
 def condense_plate(part: Substructure) -> Condensed:
     r"""Condense a body of a plate to the motions of its necks, as `Substructure.through` has it.
 
-    The motions are those of a beam, each with the functions through the thickness that bodies have:
-    along and across the hinge, the rotation, the displacement through the plate and its slope over
-    the neck. With the tractions that do work with them go others without resultant, of higher
-    powers over the neck and of the functions that notches alone have, so that the neck stays plane
-    where it must: of the flexibility F of the half notch alone, held where it runs out,
+    The motions are those of a beam, each with the lowest functions through the thickness: along and
+    across the hinge, the rotation, the displacement through the plate and its slope over the neck.
+    With the tractions that do work with them go others without resultant, of higher powers over
+    the neck and of the other functions, so that the neck stays plane where it must: of the
+    flexibility F of the half notch alone, held in its body,
     :math:`\lambda_e = -F_{ee}^{-1} F_{er}\lambda_r`.
 
     The matrices are for the `REFERENCE` material and the thickness of the part.

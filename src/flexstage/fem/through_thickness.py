@@ -24,6 +24,8 @@ class DepthFunctions:
     """Derivatives there [1/m], shape (k, q)."""
     in_bodies: int
     """How many of them, the first ones, bodies have; the others are of notches alone."""
+    passed: int
+    """How many of them, the first ones, have motions of their own at a neck."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +114,7 @@ class ThroughThickness:
                 values=mix @ values,
                 slopes=mix @ slopes,
                 in_bodies=3 if self.out_of_plane else 2 if name == "plane" else 1,
+                passed=2 if self.out_of_plane or name == "plane" else 1,
             )
             for (name, (values, slopes)), mix in zip(
                 self.at(z).items(), self._mixes.values(), strict=True
