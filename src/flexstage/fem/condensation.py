@@ -98,7 +98,7 @@ def condense(part: Substructure) -> Condensed:
 
     Each neck has three: displacement along and across its hinge and rotation, each the mean that
     does work with its traction. These are the tractions of a beam, uniform and linear along the
-    hinge and parabolic across, with what `flexstage.fem.constrained.shaped` adds to them so that
+    hinge and parabolic across, with what `flexstage.fem.neck_rows.shaped` adds to them so that
     the neck stays plane where it must. With the rows P of these means, the body under interface
     forces obeys
 

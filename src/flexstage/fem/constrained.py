@@ -177,17 +177,19 @@ class Constrained:
             return np.zeros(0), np.zeros((size, 0))
         start = np.random.default_rng(0).standard_normal((size, _BLOCK))
         block = self.held(mass_times(start))
-        basis, answers = np.zeros((2, size, 0))
+        basis, weighted, answers = np.zeros((3, size, 0))
         last = np.zeros(count)
         for _ in range(_STEPS):
             for _ in range(2):
-                block = block - basis @ (basis.T @ mass_times(block))
+                block = block - basis @ (weighted.T @ block)
                 block = block @ _independent(block.T @ mass_times(block))
-            weighted = mass_times(block)
-            answer = self.held(weighted)
-            basis, answers = np.hstack((basis, block)), np.hstack((answers, answer))
-            # K answer = weighted + P^T lambda, and P basis = 0
-            flexible = basis.T @ mass_times(answers)
+            heavy = mass_times(block)
+            answer = self.held(heavy)
+            basis, weighted, answers = (
+                np.hstack(pair) for pair in ((basis, block), (weighted, heavy), (answers, answer))
+            )
+            # K answers = weighted + P^T lambda, and P basis = 0
+            flexible = weighted.T @ answers
             values, turn = np.linalg.eigh(0.5 * (flexible + flexible.T))
             found = 1.0 / values[: -count - 1 : -1]
             if found.size == count and np.all(np.abs(found - last) <= _SETTLED * found):

@@ -9,7 +9,7 @@ from scipy.linalg import block_diag, eigh
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.fem.condensation import LOADS, Condensed
+from flexstage.fem.condensation import Condensed
 from flexstage.fem.coupling_loads import (
     inner_responses,
     lifted_probes,
@@ -20,54 +20,8 @@ from flexstage.fem.coupling_loads import (
     whole_body,
 )
 from flexstage.fem.cutting import Placed
-from flexstage.fem.plate_condensation import LOADS_OUT_OF_PLANE, neck_coordinates
-from flexstage.fem.through_thickness import ThroughThickness
-from flexstage.stage import ExtraMass, Stage
-from flexstage.stage.outline import Point
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Freedom:
-    """In which way the bodies of a stage move: in a plane model, in the plane in space, or out."""
-
-    necks: tuple[str, ...]
-    """Name and unit of each motion of a neck."""
-    loads: tuple[str, ...]
-    """Loads inside each body; the first three are those on its mean motion."""
-    out_of_plane: bool = False
-    """Whether it is the motion out of the plane."""
-
-    def carried(self, motion: Array, centre: Point, at: Point) -> Array:
-        """Carry the motion of a body, one a row, from its centre to another point."""
-        x, y = at[0] - centre[0], at[1] - centre[1]
-        moved = motion.copy()
-        if self.out_of_plane:  # displacement z, rotations about x and y
-            moved[0] += y * motion[1] - x * motion[2]
-        else:  # displacements x and y, rotation
-            moved[0] -= y * motion[2]
-            moved[1] += x * motion[2]
-        return moved
-
-    def inertia(self, extra: ExtraMass) -> Array:
-        """Return what rides on a body, for each of its motions; out of the plane it is a point."""
-        out = (extra.mass, 0.0, 0.0)
-        return np.array(out if self.out_of_plane else (extra.mass, extra.mass, extra.inertia))
-
-
-#: Motion in a plane model: along and across each hinge, and rotation.
-PLANE = Freedom(necks=("along [m]", "across [m]", "rotation [rad]"), loads=LOADS)
-
-
-def freedom(through: ThroughThickness | None) -> Freedom:
-    """Return in which way bodies move that are condensed with functions through the thickness."""
-    if through is None:
-        return PLANE
-    out = through.out_of_plane
-    return Freedom(
-        necks=tuple(f"{name} [m]" for name in neck_coordinates(out_of_plane=out)),
-        loads=LOADS_OUT_OF_PLANE if out else LOADS,
-        out_of_plane=out,
-    )
+from flexstage.fem.freedom import Freedom, freedom
+from flexstage.stage import Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,13 +59,11 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
     bodies while their interfaces are held is one more coordinate of the whole stage for each load,
     so that statics under loads are exact inside the bodies too.
     """
-    stiff, heavy, expand = reference_scales(stage, placed[0])
+    stiff, heavy, _ = reference_scales(stage, placed[0])
     way = freedom(placed[0].part.through)
     names, index = _coordinates(stage, placed, condensed, way)
     wholes = [whole_body(p, c, heavy) for p, c in zip(placed, condensed, strict=True)]
-    loads = stage_loads(
-        stage, placed, condensed, wholes, (stiff, heavy, expand), out_of_plane=way.out_of_plane
-    )
+    loads = stage_loads(stage, placed, condensed, wholes, way)
     inside = inner_responses(loads, condensed)
     inner = np.arange(len(names), len(names) + inside[0].shape[1])
     names += [f"inside {k + 1} [m]" for k in range(inner.size)]

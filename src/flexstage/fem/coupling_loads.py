@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.fem.condensation import LOADS, Condensed
+from flexstage.fem.condensation import Condensed
 from flexstage.fem.cutting import Placed
+from flexstage.fem.freedom import Freedom
 from flexstage.fem.model import STANDARD_GRAVITY
-from flexstage.fem.plate_condensation import LOADS_OUT_OF_PLANE
 from flexstage.fem.substructure import REFERENCE
 from flexstage.stage import Stage
 from flexstage.stage.outline import Point
@@ -73,24 +73,10 @@ def stage_loads(
     placed: Sequence[Placed],
     condensed: Sequence[Condensed],
     wholes: Sequence[WholeBody],
-    scales: tuple[float, float, float],
-    *,
-    out_of_plane: bool,
+    way: Freedom,
 ) -> dict[str, BodyLoads]:
     """Return what loads the stage, on each body in the sizes of its own loads, by name."""
-    find = _out_of_plane if out_of_plane else _in_plane
-    return find(stage, placed, condensed, wholes, scales)
-
-
-def _in_plane(
-    stage: Stage,
-    placed: Sequence[Placed],
-    condensed: Sequence[Condensed],
-    wholes: Sequence[WholeBody],
-    scales: tuple[float, float, float],
-) -> dict[str, BodyLoads]:
-    """What loads the stage, on each body in the sizes of its own loads."""
-    stiff, heavy, expand = scales
+    stiff, heavy, expand = reference_scales(stage, placed[0])
     found = {}
 
     def load(key: str, unit: str = "") -> list[Array]:
@@ -98,34 +84,39 @@ def _in_plane(
         found[key] = BodyLoads(unit=unit, parts=parts)
         return parts
 
-    for i, axis in enumerate("xy"):
-        parts = load(f"gravity {axis}", "g")
-        for sizes, p, c in zip(parts, placed, condensed, strict=True):
+    for i, axis in enumerate(way.axes):
+        for sizes, p, c in zip(load(f"gravity {axis}", "g"), placed, condensed, strict=True):
             weight = STANDARD_GRAVITY / stiff
             sizes[i] = weight * heavy * c.inertia[0]
-            x, y = own_centre(p, c)
             for e in () if p.body.fixed else p.body.extra_masses:
-                sizes[i] += weight * e.mass
-                sizes[2] += weight * e.mass * (y - e.at[1], e.at[0] - x)[i]
+                sizes[:3] += weight * e.mass * way.read(own_centre(p, c), e.at)[i]
     if stage.material.thermal_expansion is not None:
+        fields = {name: way.loads.index(name) for name in way.loads if "temperature" in name}
         total = sum(w.mass for w in wholes)
         middle = [sum(w.mass * w.centre[i] for w in wholes) / total for i in (0, 1)]
-        for sizes in load("temperature", "K"):
-            sizes[3] = expand
-        for i, axis in enumerate("xy"):
-            for sizes, p in zip(load(f"temperature gradient {axis}", "K/m"), placed, strict=True):
-                sizes[4 + i] = expand
-                sizes[3] = expand * (p.origin[i] - middle[i])
+        for name, at in fields.items():
+            parts = load(name, "K/m" if "gradient" in name else "K")
+            for sizes, p in zip(parts, placed, strict=True):
+                sizes[at] = expand
+                if name[-1] in "xy":  # about the middle of the stage, not of the body
+                    i = "xy".index(name[-1])
+                    sizes[fields["temperature"]] = expand * (p.origin[i] - middle[i])
+    if way.out_of_plane:
+        for name, (body, place) in lifted_probes(stage).items():
+            for sizes, p, c in zip(load(f"probe {name}"), placed, condensed, strict=True):
+                if p.body.name == body:
+                    sizes[:3] += way.read(own_centre(p, c), place)[0] / stiff
+        return found
     for drive in stage.drives:
         offset = reaction_offset(drive.at, drive.direction)
         for b, p in enumerate(placed):
             if offset and p.body.name == drive.reacts and _stands(p, drive.name):
                 load(f"drive {drive.name}")[b][2] = offset / stiff
     for probe in stage.probes:
-        parts = load(f"probe {probe.name}")
-        for sizes, p in zip(parts, placed, strict=True):
+        for sizes, p in zip(load(f"probe {probe.name}"), placed, strict=True):
             for k, uses in enumerate(p.readings):
-                sizes[len(LOADS) + k] += sum(s for name, s in uses if name == probe.name) / stiff
+                size = sum(s for name, s in uses if name == probe.name) / stiff
+                sizes[len(way.loads) + k] += size
     return found
 
 
@@ -134,41 +125,6 @@ def lifted_probes(stage: Stage) -> dict[str, tuple[str, Point]]:
     found: dict[str, tuple[str, Point]] = {}
     for probe in stage.probes:
         found.setdefault(f"{probe.body} out of plane", (probe.body, probe.at))
-    return found
-
-
-def _out_of_plane(
-    stage: Stage,
-    placed: Sequence[Placed],
-    condensed: Sequence[Condensed],
-    wholes: Sequence[WholeBody],
-    scales: tuple[float, float, float],
-) -> dict[str, BodyLoads]:
-    """What loads the stage out of its plane, on each body in the sizes of its own loads."""
-    stiff, heavy, expand = scales
-    found = {}
-
-    def load(key: str, unit: str = "") -> list[Array]:
-        parts = [np.zeros(len(c.loads)) for c in condensed]
-        found[key] = BodyLoads(unit=unit, parts=parts)
-        return parts
-
-    def push(sizes: Array, force: float, centre: Point, at: Point) -> None:
-        x, y = at[0] - centre[0], at[1] - centre[1]
-        sizes[:3] += np.array([force, y * force, -x * force]) / stiff
-
-    for sizes, p, c, whole in zip(load("gravity z", "g"), placed, condensed, wholes, strict=True):
-        own = own_centre(p, c)
-        fixed = p.body.fixed
-        mass, at = (heavy * c.inertia[0], own) if fixed else (whole.mass, whole.centre)
-        push(sizes, STANDARD_GRAVITY * mass, own, at)
-    if stage.material.thermal_expansion is not None:
-        for sizes in load("temperature gradient z", "K/m"):
-            sizes[LOADS_OUT_OF_PLANE.index("temperature gradient z")] = expand
-    for name, (body, at) in lifted_probes(stage).items():
-        for sizes, p, c in zip(load(f"probe {name}"), placed, condensed, strict=True):
-            if p.body.name == body:
-                push(sizes, 1.0, own_centre(p, c), at)
     return found
 
 

@@ -15,7 +15,7 @@ from flexstage.fem.constrained import plane_pins
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.material import Material
 
-_ROUNDING = 1e-12
+_ROUNDING = 1e-12  # of two functions' integral, in parts of what it could be
 
 
 class PlaneIntegrals:
@@ -96,10 +96,11 @@ class PlaneIntegrals:
 class LayeredPlate:
     """A part of a plate on a mesh of its plane, with functions through its thickness.
 
-    Unknowns are the fields of `ThroughThickness.components` one after the other, each on the scalar
-    space of the mesh; fields of notches alone vanish in the bodies, which begin some way from the
-    mouths of the notches. Of each notch `notches` gives the region, the centre [m] and how far from
-    there its fields reach [m].
+    Its fields are those of `ThroughThickness.components`, on the scalar space of the mesh. Fields
+    of notches alone vanish in the bodies, which begin some way from the mouths of the notches; of
+    each notch `notches` gives the region, the centre [m] and how far from there they reach [m].
+    Unknowns are what nothing holds: of the fields that bodies have, side by side for each unknown
+    of the scalar space, then of the others (see `gathered`).
     """
 
     def __init__(
@@ -170,15 +171,15 @@ class LayeredPlate:
                 factors[i, j, b, a] += shear
                 if a == b:
                     factors[i, j] += shear * np.eye(3)
-        found = (factors * through).reshape(len(parts), len(parts), 9)
-        # functions that are orthogonal leave rounding
-        return np.where(
-            np.abs(through.reshape(found.shape)) > 1e-14 * np.abs(through).max(), found, 0.0
-        )
+        # functions that are orthogonal leave rounding, which would fill the matrix
+        size = np.sqrt(np.einsum("aamm->am", through))
+        largest = size[:, None, :, None] * size[None, :, None, :]
+        found = np.where(np.abs(through) > _ROUNDING * largest, factors * through, 0.0)
+        return found.reshape(len(parts), len(parts), 9)
 
     @property
     def stiffness(self) -> sp.csc_matrix:
-        r"""Stiffness of the unknowns that are free [N/m].
+        r"""Stiffness [N/m].
 
         .. math:: \int \lambda\,\partial_k u_k\,\partial_l v_l
                   + G\,(\partial_l u_k\,\partial_l v_k + \partial_l u_k\,\partial_k v_l)

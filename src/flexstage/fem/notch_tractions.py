@@ -84,9 +84,9 @@ def neck_tractions(
     r"""Return the part of tractions without resultant in each traction that a neck passes on.
 
     The neck stays plane about a notch that is the same on both sides: a pull or a moment leaves it
-    plane, a shear force moves all of it alike. Of the flexibility F of the half notch, held where
-    it runs out, it is :math:`\lambda_e = -F_{ee}^{-1} F_{er}\lambda_r`, for pulled and sheared
-    motions by themselves; shape (r, e).
+    plane, a shear force moves all of it alike. Of the flexibility F of the half notch with a block
+    of its body, held at its far end, it is :math:`\lambda_e = -F_{ee}^{-1} F_{er}\lambda_r`, for
+    pulled and sheared motions by themselves; shape (r, e).
     """
     material = replace(REFERENCE, poissons_ratio=poissons_ratio)
     hinge = Hinge(name="0", bodies=("", " "), at=(0.0, 0.0), direction=0.0, profile=profile)
@@ -121,7 +121,7 @@ def _half_notch(hinge: Hinge, size: float) -> TopoDS_Shape:
     root, far = -hinge.profile.length / 2.0, -hinge.profile.length / 2.0 - height
     low = -hinge.profile.neck_thickness / 2.0 if hinge.profile.one_sided else -height
     bulges = loop.bulges or (0.0,) * len(loop.points)
-    # the cut, the longest way off, gives way to the block
+    # the cut gives way to the block
     cut = next(
         k
         for k, (a, b, _) in enumerate(loop.segments())
@@ -151,7 +151,7 @@ def motion_rows(
 ) -> Array:
     """Return motions of a neck as rows of a plate, shape (m, n).
 
-    `means` are those of `flexstage.fem.constrained.edge_means`, `direction` is the hinge's.
+    `means` are those of `flexstage.fem.neck_rows.edge_means`, `direction` is the hinge's.
     """
     c, s = direction
     axes = (((0, c), (1, s)), ((0, -s), (1, c)), ((2, 1.0),))

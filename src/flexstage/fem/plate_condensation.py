@@ -28,7 +28,6 @@ from flexstage.stage import MassProperties, mass_properties
 #: Loads inside a body out of its plane: force and moments on its mean motion, one kelvin by metre.
 LOADS_OUT_OF_PLANE = ("z", "rotation x", "rotation y", "temperature gradient z")
 
-
 # how far from the mouth of a notch its functions reach into its body, in widths of the mouth
 _REACH = 0.4
 # the mesher and its meshes are used by one thread at a time; factors are found side by side
@@ -133,7 +132,8 @@ def _prepared(part: Substructure) -> _Ready:
     )
     rows = [np.zeros((0, plate.size))]
     rows += [_neck_rows(plate, part, n, m) for n, m in zip(part.necks, means, strict=True)]
-    properties = mass_properties(stage)[BODY]
+    # the thickness of the part is one for its mesh; it weighs as much as it is thick
+    properties = mass_properties(replace(stage, thickness=through.thickness))[BODY]
     motion = plate.motion(rigid_regions(stage, BODY), properties.centre)
     if through.out_of_plane:
         loads = [*motion, plate.thermal(1.0, 1)]

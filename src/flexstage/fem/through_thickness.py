@@ -16,7 +16,7 @@ _LARGEST_LAYER = 0.5  # of half the thickness
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthFunctions:
-    """DepthFunctions through half of the thickness, orthonormal over all of it."""
+    """Functions through half of the thickness, orthonormal over all of it."""
 
     values: Array
     """At the points of integration, shape (k, q)."""
@@ -63,8 +63,8 @@ class ThroughThickness:
     def __post_init__(self) -> None:
         if not 0.0 < self.layer <= _LARGEST_LAYER * self.thickness / 2.0 * (1.0 + 1e-9):
             raise ModelError(
-                f"the layer below the faces of a plate must be up to a quarter of its thickness "
-                f"{self.thickness:g} m deep, got {self.layer!r}"
+                "the layer below the faces of a plate must be above 0 and up to a quarter of its "
+                f"thickness deep, {self.thickness / 4.0:g} m, got {self.layer!r}"
             )
 
     @cached_property

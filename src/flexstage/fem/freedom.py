@@ -1,0 +1,68 @@
+"""In which ways the bodies of a stage move: in a plane model, in the plane in space, or out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.fem.condensation import LOADS
+from flexstage.fem.plate_condensation import LOADS_OUT_OF_PLANE, neck_coordinates
+from flexstage.fem.through_thickness import ThroughThickness
+from flexstage.stage import ExtraMass
+from flexstage.stage.outline import Point
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Freedom:
+    """In which way the bodies of a stage move: in a plane model, in the plane in space, or out."""
+
+    necks: tuple[str, ...]
+    """Name and unit of each motion of a neck."""
+    loads: tuple[str, ...]
+    """Loads inside each body; the first three are those on its mean motion."""
+    axes: str = "xy"
+    """Directions in which bodies are displaced: ``xy`` or ``z``."""
+
+    @property
+    def out_of_plane(self) -> bool:
+        """Whether it is the motion out of the plane."""
+        return self.axes == "z"
+
+    def carried(self, motion: Array, centre: Point, at: Point) -> Array:
+        """Carry the motion of a body, one a row, from its centre to another point."""
+        x, y = at[0] - centre[0], at[1] - centre[1]
+        moved = motion.copy()
+        if self.out_of_plane:  # displacement z, rotations about x and y
+            moved[0] += y * motion[1] - x * motion[2]
+        else:  # displacements x and y, rotation
+            moved[0] -= y * motion[2]
+            moved[1] += x * motion[2]
+        return moved
+
+    def read(self, centre: Point, at: Point) -> Array:
+        """Return the displacements of a point of a body by the motions of its centre, shape (k, 3).
+
+        The same rows are what unit forces at the point do to these motions.
+        """
+        return self.carried(np.eye(3), centre, at)[: len(self.axes)]
+
+    def inertia(self, extra: ExtraMass) -> Array:
+        """Return what rides on a body, for each of its motions; out of the plane it is a point."""
+        out = (extra.mass, 0.0, 0.0)
+        return np.array(out if self.out_of_plane else (extra.mass, extra.mass, extra.inertia))
+
+
+#: Motion in a plane model: along and across each hinge, and rotation.
+PLANE = Freedom(necks=("along [m]", "across [m]", "rotation [rad]"), loads=LOADS)
+
+
+def freedom(through: ThroughThickness | None) -> Freedom:
+    """Return in which way bodies move that are condensed with functions through the thickness."""
+    if through is None:
+        return PLANE
+    out = through.out_of_plane
+    return Freedom(
+        necks=tuple(f"{name} [m]" for name in neck_coordinates(out_of_plane=out)),
+        loads=LOADS_OUT_OF_PLANE if out else LOADS,
+        axes="z" if out else "xy",
+    )
