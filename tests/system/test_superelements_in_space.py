@@ -88,15 +88,15 @@ def test_against_the_solid_model(name: str) -> None:
 
 
 def test_weight_and_temperature_of_a_stage_that_something_rides_on() -> None:
-    """Both models on coarse meshes: a plate of no preferred thickness, with a mass beside its bar.
+    """A plate of no preferred thickness, with a mass beside its bar, on meshes alike.
 
-    Measured: weight within 0.13 %, temperature 0.18 %, its gradients along the plane 0.5 %.
+    Measured: weight within 0.10 %, temperature 0.17 %, its gradients 0.43 %, frequencies 0.06 %.
     """
-    stage, settings = hinged_bars(), MeshSettings(order=3, neck_size=1.2)
+    stage, settings = hinged_bars(), MeshSettings(neck_size=1.2)
     mine = superelement_model(stage, settings, space=True, cache=False).system
     other = solid_model(stage, settings).system
     np.testing.assert_allclose(
-        modes(mine).frequency_hz[:4], modes(other).frequency_hz[:4], rtol=2e-3
+        modes(mine).frequency_hz[:4], modes(other).frequency_hz[:4], rtol=1e-3
     )
     probes = {p.name: p.vector for p in mine.probes}
     loads = {p.name: p.vector for p in mine.loads}
@@ -104,5 +104,5 @@ def test_weight_and_temperature_of_a_stage_that_something_rides_on() -> None:
         name = "standing out of plane" if load.name.endswith("z") else "tip"
         expected = other.probe(name).vector @ np.linalg.solve(other.K, load.vector)
         found = probes[name] @ np.linalg.solve(mine.K, loads[load.name])
-        near = 0.01 if load.name[-1] in "xy" and "gradient" in load.name else 0.004
+        near = {"gravity": 0.002, "temperature": 0.003}.get(load.name.rstrip(" xyz"), 0.006)
         assert found == pytest.approx(expected, rel=near), load.name
