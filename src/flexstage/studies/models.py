@@ -14,6 +14,7 @@ from flexstage.system import Analysis, analyse
 if TYPE_CHECKING:
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
+    from flexstage.fem.superelement import SuperelementModel
 
 Plane = Literal["auto", "stress", "strain"]
 
@@ -48,6 +49,8 @@ class ModelOptions:
     """The quantity that shall be accurate."""
     supports: Literal["rigid", "elastic"] = "rigid"
     """``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them."""
+    estimate: bool = False
+    """Whether to estimate the error of each figure of superelements, by coarser ones."""
     stroke: bool = False
     """Whether to follow the stage over its stroke with finite displacements (plane model)."""
     cache: bool = field(default=True, compare=False)
@@ -56,6 +59,7 @@ class ModelOptions:
 
 def _lumped(stage: Stage, options: ModelOptions) -> ModelRun:
     _no_accuracy("lumped", options)
+    _no_estimate("lumped", options)
     _no_stroke("lumped", options)
     if options.supports != "rigid":
         raise ModelError("the bodies of the lumped model are rigid, and so are its supports")
@@ -67,10 +71,12 @@ def _superelement(stage: Stage, options: ModelOptions) -> ModelRun:
 
     _no_accuracy("superelement", options)
     _no_stroke("superelement", options)
-    model = superelement_model(
-        stage, plane=options.plane, supports=options.supports, cache=options.cache
+    return _condensed(
+        options,
+        lambda: superelement_model(
+            stage, plane=options.plane, supports=options.supports, cache=options.cache
+        ),
     )
-    return ModelRun(analysis=analyse(stage, model.system))
 
 
 def _superelement_in_space(stage: Stage, options: ModelOptions) -> ModelRun:
@@ -79,8 +85,24 @@ def _superelement_in_space(stage: Stage, options: ModelOptions) -> ModelRun:
     _no_accuracy("superelement-3d", options)
     _no_stroke("superelement-3d", options)
     _no_plane("superelement-3d", options)
-    model = superelement_model(stage, space=True, supports=options.supports, cache=options.cache)
-    return ModelRun(analysis=analyse(stage, model.system))
+    return _condensed(
+        options,
+        lambda: superelement_model(
+            stage, space=True, supports=options.supports, cache=options.cache
+        ),
+    )
+
+
+def _condensed(options: ModelOptions, build: "Callable[[], SuperelementModel]") -> ModelRun:
+    from flexstage.fem.superelement_accuracy import with_estimates
+
+    with progress.subtask(0.0, 0.7 if options.estimate else 1.0):
+        model = build()
+        analysis = analyse(model.stage, model.system)
+    if options.estimate:
+        with progress.subtask(0.7, 1.0):
+            analysis = with_estimates(analysis, model, cache=options.cache)
+    return ModelRun(analysis=analysis)
 
 
 def _plane(stage: Stage, options: ModelOptions) -> ModelRun:
@@ -121,6 +143,7 @@ def _meshed(
 ) -> ModelRun:
     from flexstage.fem import LADDERS, refine
 
+    _no_estimate(name, options)
     if options.accuracy is None:
         model = build(None)
         return ModelRun(analysis=analyse(stage, model.system), mesh=model)
@@ -131,6 +154,14 @@ def _meshed(
 def _no_accuracy(model: str, options: ModelOptions) -> None:
     if options.accuracy is not None:
         raise ModelError(f"--accuracy works with --model plane or solid only, got {model}")
+
+
+def _no_estimate(model: str, options: ModelOptions) -> None:
+    if options.estimate:
+        raise ModelError(
+            f"--estimate works with --model superelement or superelement-3d only, got {model}: "
+            + ("leave it out" if model == "lumped" else "take --accuracy")
+        )
 
 
 def _no_plane(model: str, options: ModelOptions) -> None:
