@@ -27,15 +27,15 @@ _WIDEST = 0.25  # part by which a dimension differs from the usual one
 
 
 def random_stages(seed: int, *, small: bool = False) -> Iterator[Stage]:
-    """Draw stages without end, of two to nine necks; small ones have up to four."""
+    """Draw stages without end, of two to nine necks; small ones have up to four, and few arcs."""
     rng = np.random.default_rng(seed)
     names = _SMALL if small else (*_SMALL, *_LARGE)
     while True:
-        yield _stage(names[rng.integers(len(names))], rng)
+        yield _stage(names[rng.integers(len(names))], rng, shapes=0 if small else 3)
 
 
-def _stage(name: str, rng: np.random.Generator) -> Stage:
-    """Draw one of a mechanism, until its dimensions go together."""
+def _stage(name: str, rng: np.random.Generator, shapes: int) -> Stage:
+    """Draw one of a mechanism, its notch of some shapes, until its dimensions go together."""
     topology = TOPOLOGIES[name]
     usual = topology.usual()
     assert usual is not None
@@ -44,7 +44,10 @@ def _stage(name: str, rng: np.random.Generator) -> Stage:
         material, kind = materials[rng.integers(len(materials))], int(rng.integers(8))
         try:
             stage = topology.construct(_varied(usual.parameters, rng))
-            hinges = tuple(replace(h, profile=_notch(h.profile, kind)) for h in stage.hinges)
+            hinges = tuple(
+                replace(h, profile=_notch(h.profile, kind if kind <= shapes else 0))
+                for h in stage.hinges
+            )
         except FlexstageError:
             continue
         stage = replace(stage, material=material, hinges=hinges)
@@ -70,7 +73,7 @@ def _varied(parameters: Any, rng: np.random.Generator) -> Any:
 
 def _notch(profile: Profile, kind: int) -> Profile:
     """Give a notch another shape between the same roots; a leaf stays one."""
-    if not isinstance(profile, RightCircular) or not 1 <= kind <= 3:
+    if not isinstance(profile, RightCircular) or not kind:
         return profile
     given: dict[str, Any] = {
         "neck_thickness": profile.neck_thickness,

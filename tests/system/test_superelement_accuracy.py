@@ -22,7 +22,7 @@ from tests.random_stages import random_stages
 from tests.tiers import sizes
 
 #: Seeds of stages that no factor of the estimate was chosen by.
-SEED_IN_PLANE, SEED_IN_SPACE = 5, 6
+SEED_IN_PLANE, SEED_IN_SPACE = 7, 8
 
 
 def _check(drawn: Iterator[Stage], stages: int, share: float, *, space: bool = False) -> None:
@@ -79,8 +79,10 @@ def test_every_figure_of_elements_has_one(capsys: pytest.CaptureFixture[str]) ->
     first = found["modes"]["removed"][0]
     assert first["natural_frequency_hz"] == rows["natural_frequency_hz"]["value"]
     assert 0.0 < first["uncertainty_hz"] <= rows["natural_frequency_hz"]["uncertainty"]
-    assert 0.01 < rows["max_stress"]["uncertainty"] / rows["max_stress"]["value"] < 0.1
-    assert any("Uncertainties are estimated from coarser bodies" in v for v in found["validity"])
+    assert 0.02 < rows["max_stress"]["uncertainty"] / rows["max_stress"]["value"] < 0.1
+    assert any(
+        "Uncertainties are estimated from bodies of a lower order" in v for v in found["validity"]
+    )
 
 
 def test_the_screen_shows_it_beside_frequencies(capsys: pytest.CaptureFixture[str]) -> None:
