@@ -27,11 +27,15 @@ _WIDEST = 0.25  # part by which a dimension differs from the usual one
 
 
 def random_stages(seed: int, *, small: bool = False) -> Iterator[Stage]:
-    """Draw stages without end, of two to nine necks; small ones have up to four, and few arcs."""
+    """Draw stages without end, of two to nine necks; small ones have up to four.
+
+    Profiles whose contour is many arcs, which make many elements, are those of few necks alone.
+    """
     rng = np.random.default_rng(seed)
     names = _SMALL if small else (*_SMALL, *_LARGE)
     while True:
-        yield _stage(names[rng.integers(len(names))], rng, shapes=0 if small else 3)
+        name = names[rng.integers(len(names))]
+        yield _stage(name, rng, shapes=3 if name in _SMALL and not small else 0)
 
 
 def _stage(name: str, rng: np.random.Generator, shapes: int) -> Stage:

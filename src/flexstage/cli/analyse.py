@@ -68,8 +68,8 @@ def analyse(
     quantity
         NAME: Quantity that --accuracy refers to, such as max_stress.
     estimate
-        Estimate the error of each figure of superelements, by coarser and more flexible ones
-        (superelement models; the first analysis takes up to twice as long).
+        Estimate the error of each figure, by bodies of a lower order and with more modes
+        (superelement models; the first analysis takes twice as long).
     supports
         rigid|elastic: Rigid or elastic frame under the reactions of the drives (plane and solid
         models).

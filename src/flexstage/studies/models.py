@@ -50,7 +50,7 @@ class ModelOptions:
     supports: Literal["rigid", "elastic"] = "rigid"
     """``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them."""
     estimate: bool = False
-    """Whether to estimate the error of each figure of superelements, by coarser ones."""
+    """Whether to estimate the error of each figure (superelements, in twice the time)."""
     stroke: bool = False
     """Whether to follow the stage over its stroke with finite displacements (plane model)."""
     cache: bool = field(default=True, compare=False)

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 _ASKED: Mapping[str, ModelOptions] = {
     "superelement": ModelOptions(estimate=True),
     "plane": ModelOptions(accuracy=1e-3, stroke=True),
-    "superelement-3d": ModelOptions(estimate=True),
 }
 
 #: Models of which the other choice of plane state is shown as well: it costs little.
