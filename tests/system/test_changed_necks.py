@@ -121,7 +121,7 @@ def test_a_neck_that_does_not_fit_is_refused(parallelogram: SuperelementModel) -
 
 
 def test_family_between_its_members() -> None:
-    """Against a block condensed for itself. Measured: DO"""
+    """Against a block condensed for itself. Measured: flexibility 2e-7, stress 0.04 %."""
     settings = MeshSettings(neck_size=0.5)
     stage = design("parallelogram")
     before, after = (
@@ -133,13 +133,16 @@ def test_family_between_its_members() -> None:
     flexibility, scale, mass = NeckFamily([condense(b) for b in blocks]).at(neck.thicker)
     alone = replace(neck.block, necks=(replace(after.necks[0], at=(0.0, 0.0), direction=0.0),))
     was, own = condense(neck.block), condense(alone)
-    np.testing.assert_allclose(flexibility, np.linalg.inv(own.stiffness[:3, :3]), rtol=1e-3)
+    expected = np.linalg.inv(own.stiffness[:3, :3])
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        flexibility / np.outer(size, size), expected / np.outer(size, size), atol=1e-5
+    )
     largest = [
         np.abs(c.stress[:, :, :3] @ np.linalg.inv(c.stiffness[:3, :3])).max(axis=(0, 1))
         for c in (was, own)
     ]
-    print(flexibility/np.linalg.inv(own.stiffness[:3, :3])-1, scale/(largest[1]/largest[0])-1)
-    np.testing.assert_allclose(scale, largest[1] / largest[0], rtol=0.01)
+    np.testing.assert_allclose(scale, largest[1] / largest[0], rtol=2e-3)
     # half of the notch is 4 mm long and thicker by 0.085 of 0.5 mm, of the reference material
     more = 1e4 * before.thickness * 2e-3 * 0.085 * 0.5e-3
     assert mass - was.inertia[0] == pytest.approx(more, rel=1e-6)
