@@ -28,6 +28,6 @@ compile() {
     fi
 }
 
-compile requirements/dev.txt --extra dev --extra docs --extra explore --extra verify "${@}"
+compile requirements/dev.txt --extra dev --extra docs --extra explore --extra verify --extra web "${@}"
 # The main lock takes its versions from the development lock, so the two never disagree.
 compile requirements/main.txt --constraint requirements/dev.txt "${@}"

@@ -10,8 +10,8 @@ import pytest
 import flexstage
 
 HEAVY = {
-    "GTC", "control", "dask", "ezdxf", "h5py", "matplotlib", "netgen", "ngsolve", "numba", "pint",
-    "scipy", "serial", "shapely", "sqlalchemy", "sympy", "typer", "xlsxwriter",
+    "GTC", "control", "dask", "ezdxf", "h5py", "matplotlib", "netgen", "ngsolve", "nicegui",
+    "numba", "pint", "scipy", "serial", "shapely", "sqlalchemy", "sympy", "typer", "xlsxwriter",
 }  # fmt: skip
 COMMAND = """
 import sys

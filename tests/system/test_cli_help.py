@@ -37,6 +37,12 @@ def test_every_command_is_listed_on_one_whole_line(
         assert [own, sentence] in lines
 
 
+def test_without_a_command_it_says_that_there_is_a_front_panel(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert "'flexstage serve' opens the front panel" in said(capsys).splitlines()[-1]
+
+
 @pytest.mark.parametrize(
     ("command", "usage"),
     [

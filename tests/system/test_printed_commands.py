@@ -41,7 +41,11 @@ _ONCE = {
         "run-the-piezo-stage.md",
     ),
 }
-_SERVES = "flexstage twin "
+#: What stays, by the line that says that it is ready, and what keeps it from opening a window.
+_SERVES = {
+    "flexstage twin ": (r"at gcs://(\S+) \(simulated\)", ""),
+    "flexstage serve": (r"at http://(127\.0\.0\.1:\d+)/\?token=", " --no-open"),
+}
 #: Where a twin listens, as it is printed: a port that another program may have, or another page.
 _PRINTED = "127.0.0.1:50000"
 _LIMIT = 300.0
@@ -328,9 +332,11 @@ class Page:
             self.later.append(command)
             return
         self.ran += 1
-        if line.startswith(_SERVES):
-            said = self.shell.serve(line if "--port" in line else f"{line} --port 0")
-            ready = re.search(r"at gcs://(\S+) \(simulated\)", said)
+        for start, (told, more) in _SERVES.items():
+            if not line.startswith(start):
+                continue
+            said = self.shell.serve(line + more + ("" if "--port" in line else " --port 0"))
+            ready = re.search(told, said)
             if ready is None:
                 self.faults.append(f"{line}: no line that it is ready, but {said!r}")
             else:

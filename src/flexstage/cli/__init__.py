@@ -33,6 +33,7 @@ from flexstage.cli.records import records
 from flexstage.cli.run import run
 from flexstage.cli.runs import runs
 from flexstage.cli.sensitivity import sensitivity
+from flexstage.cli.serve import serve
 from flexstage.cli.show import show
 from flexstage.cli.study import study
 from flexstage.cli.sweep import sweep
@@ -65,6 +66,7 @@ _SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
     "Drives": (excite, identify, predict, compensate),
     "Measurements": (records, frf, characterise, uncertainty, centre),
     "Bench": (twin, run),
+    "Front panel": (serve,),
 }
 for _section, _commands in _SECTIONS.items():
     for _command in _commands:
@@ -84,6 +86,7 @@ def _root(
         raise typer.Exit
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
+        typer.echo("\nThe same in a browser: 'flexstage serve' opens the front panel.")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -64,6 +64,7 @@ def page_html(
         notes=tuple(notes),
         title=title or heading,
         light=css_variables(),
+        dark=css_variables(dark=True),
         **given,
     )
 

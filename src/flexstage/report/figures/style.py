@@ -38,6 +38,25 @@ _NEUTRAL = {
 #: middle lightness so that they stand on white and on black.
 CYCLE: tuple[str, ...] = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
+# The same on a dark page.
+_DARK = {
+    "--paper": "#14181d",
+    "--ink": "#e8ecf1",
+    "--muted": "#9aa5b3",
+    "--grid": "#323a45",
+    "--body": "#39434f",
+    "--fixed": "#4d5865",
+    "--hatch": "#66727f",
+    "--platform": "#2f5a78",
+    "--driven": "#8a5a2b",
+    "--data0": "#4da6e0",
+    "--data1": "#ff8b4d",
+    "--data2": "#35c79b",
+    "--data3": "#e6a8cc",
+    "--data4": "#f2ba4b",
+    "--data5": "#8fcdf5",
+}
+
 #: File formats that a figure can be written in.
 FORMATS: tuple[str, ...] = ("svg", "png", "pdf")
 
@@ -66,8 +85,10 @@ def css_name(colour: str) -> str:
     return _VARIABLES[colour]
 
 
-def css_variables() -> str:
-    """Return the colours as CSS variables, for a page on white."""
+def css_variables(*, dark: bool = False) -> str:
+    """Return the colours as CSS variables, for a page on white or a dark one."""
+    if dark:
+        return " ".join(f"{name}: {colour};" for name, colour in _DARK.items())
     return " ".join(f"{name}: {colour};" for colour, name in _VARIABLES.items())
 
 

@@ -1,0 +1,13 @@
+"""The front panel: pages in the browser that show what the library knows and do what it does."""
+
+from typing import TYPE_CHECKING
+
+from flexstage.lazy import import_on_use
+
+if TYPE_CHECKING:
+    from flexstage.web.options import PanelOptions
+    from flexstage.web.server import serve
+
+__all__ = ["PanelOptions", "serve"]
+
+import_on_use(__name__)

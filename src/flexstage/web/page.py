@@ -1,0 +1,107 @@
+"""What a view of the front panel is given: the panel, the person, long work, complaints."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from nicegui import ui
+
+from flexstage.errors import FlexstageError
+from flexstage.web.jobs import BackgroundJob, Jobs
+from flexstage.web.options import PanelOptions
+from flexstage.web.preferences import Preferences
+from flexstage.web.sessions import Access, Session
+from flexstage.web.stops import Stops
+
+_LOOK_AT_JOBS = 0.25  # s
+
+
+@dataclass(eq=False)
+class Panel:
+    """A front panel: what all of its pages share."""
+
+    options: PanelOptions
+    """How it is served."""
+    access: Access
+    """Who may come in."""
+    jobs: Jobs = field(default_factory=Jobs)
+    """Long work."""
+    stops: Stops = field(default_factory=Stops)
+    """What the button STOP stops."""
+
+    def folder(self, name: str) -> Path:
+        """Return a folder for the files of a view, made where it is not there."""
+        folder = self.options.folder / name
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+
+
+@dataclass(eq=False)
+class Page:
+    """A page of the panel in one browser."""
+
+    panel: Panel
+    """The panel."""
+    session: Session
+    """Who looks at it, with what stays open through a reload."""
+
+    @property
+    def preferences(self) -> Preferences:
+        """Units and look."""
+        return self.session.preferences
+
+    @contextmanager
+    def sentences(self) -> Iterator[None]:
+        """Show an error of the library as its sentence, and go on."""
+        try:
+            yield
+        except (FlexstageError, OSError) as error:
+            complain(str(error))
+
+    def watch(
+        self,
+        job: BackgroundJob,
+        over: Callable[[BackgroundJob], None],
+        every: float = _LOOK_AT_JOBS,
+    ) -> ui.timer:
+        """Call a function in this page once when a job is over; it may be over already."""
+
+        def look() -> None:
+            if job.is_over:
+                timer.cancel()
+                over(job)
+
+        timer = ui.timer(every, look)
+        return timer
+
+
+def complain(sentence: str) -> None:
+    """Show what is wrong, in a sentence that stays until it is read."""
+    ui.notify(
+        sentence, type="negative", multi_line=True, close_button="OK", timeout=0, position="top"
+    )
+
+
+def show_job(page: Page, job: BackgroundJob, over: Callable[[BackgroundJob], None]) -> None:
+    """Show how far a job has come, with a button that cancels it; tell when it is over."""
+    with ui.row().classes("job items-center no-wrap") as row:
+        ui.label(job.name)
+        bar = ui.linear_progress(0.0, show_value=False).props(f'aria-label="Progress: {job.name}"')
+        doing = ui.label().classes("muted")
+        ui.button("Cancel", on_click=job.cancel).props("flat dense")
+
+    def look() -> None:
+        bar.value = job.share
+        doing.text = f"{job.what or job.state}, {100.0 * job.share:.0f} %"
+
+    timer = ui.timer(_LOOK_AT_JOBS, look)
+
+    def ended(job: BackgroundJob) -> None:
+        timer.cancel()
+        row.delete()
+        if job.state == "failed":
+            complain(f"{job.name}: {job.error}")
+        over(job)
+
+    page.watch(job, ended)

@@ -1,0 +1,115 @@
+"""What surrounds every view: name, navigation, units, look, and STOP while a stage is connected."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from nicegui import app, ui
+
+from flexstage.report.figures.style import css_variables
+from flexstage.web.gate import SESSION
+from flexstage.web.page import Page, Panel
+from flexstage.web.preferences import ANGLES, AUTOMATIC, DRIVES, LENGTHS, LOOKS
+from flexstage.web.views import VIEWS, PanelView
+
+
+def build_page(panel: Panel) -> None:
+    """Make the page that a browser opens: the shell, and in it the view of its address."""
+    page = Page(panel, ui.context.client.request.scope[SESSION])
+    ui.colors(primary="#0b5c94", negative="#b3261e", positive="#00704f", warning="#8a5a00")
+    ui.dark_mode(page.preferences.dark)
+    ui.add_css(f":root {{ {css_variables()} }} body.body--dark {{ {css_variables(dark=True)} }}")
+    ui.page_title("flexstage")
+    main = ui.element("main").classes("view")
+    with main:
+        routes = {view.path: partial(_show, page, view) for view in VIEWS}
+        views = ui.sub_pages({"/": routes[VIEWS[0].path], **routes})
+    with ui.header().classes("bar"):
+        ui.link("flexstage", "/").classes("product")
+        _navigation()
+        with ui.row().classes("tools items-center no-wrap"):
+            _stop(page)
+            _settings(page, views)
+    ui.skip_link("To the content", target=main)
+
+
+def _show(page: Page, view: PanelView) -> None:
+    ui.page_title(f"{view.name} · flexstage")
+    ui.element("h1").classes("hidden-title").props(f'innerHTML="{view.name}"')
+    view.build(page)
+
+
+def _navigation() -> None:
+    links: dict[str, ui.link] = {}
+    with ui.element("nav").props('aria-label="Views"').classes("views"):
+        for view in VIEWS:
+            with ui.link(target=view.path) as link:
+                ui.icon(view.icon).props("aria-hidden=true")
+                ui.label(view.name)
+                ui.tooltip(view.purpose)
+            links[view.path] = link
+
+    def mark(path: str) -> None:
+        at = path.partition("?")[0]
+        for own, link in links.items():
+            here = at == own or (at == "/" and own == VIEWS[0].path)
+            link.props(add="aria-current=page") if here else link.props(remove="aria-current")
+
+    router = ui.context.client.sub_pages_router
+    router.on_path_changed(mark)
+    mark(router.current_path)
+
+
+def _stop(page: Page) -> None:
+    """Put the button that stops every connected stage, and the key Escape, which does too."""
+    stops = page.panel.stops
+
+    def stop() -> None:
+        if stops.active:
+            stops.stop()
+            ui.notify("Stopped", type="warning", position="top")
+
+    button = ui.button("STOP", icon="dangerous", on_click=stop).classes("stop")
+    button.props('color=negative unelevated aria-keyshortcuts="Escape"')
+    button.bind_visibility_from(stops, "active")
+    with button:
+        ui.tooltip("Stop every connected stage (Esc)")
+
+    def pressed(event: Any) -> None:
+        if event.action.keydown and event.key == "Escape":
+            stop()
+
+    ui.keyboard(on_key=pressed, ignore=[])
+
+
+def _settings(page: Page, views: Any) -> None:
+    preferences = page.preferences
+    dark = ui.dark_mode(preferences.dark)
+
+    def choose(name: str, event: Any) -> None:
+        page.session.preferences = replace(page.session.preferences, **{name: event.value})
+        dark.value = page.preferences.dark
+        if name != "look":
+            views.refresh()
+
+    choices = (
+        ("length", "Lengths", (AUTOMATIC, *LENGTHS)),
+        ("angle", "Angles", (AUTOMATIC, *ANGLES)),
+        ("drive", "Drives", DRIVES),
+        ("look", "Look", LOOKS),
+    )
+    with (
+        ui.button(icon="tune").props('flat color=white aria-label="Units and look"'),
+        ui.menu().props("auto-close=false"),
+        ui.column().classes("settings"),
+    ):
+        for name, label, values in choices:
+            select = ui.select(list(values), value=getattr(preferences, name), label=label)
+            select.on_value_change(partial(choose, name)).props("dense options-dense outlined")
+
+
+def add_style() -> None:
+    """Let every page load the style of the panel."""
+    app.add_static_files("/static", Path(__file__).with_name("static"))
+    ui.add_head_html('<link rel="stylesheet" href="/static/panel.css">', shared=True)

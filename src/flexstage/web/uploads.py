@@ -1,0 +1,95 @@
+"""Files that are given to the front panel: of known kinds, of limited size, under a plain name."""
+
+import re
+from collections.abc import Awaitable, Callable, Iterable
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from nicegui import events, ui
+
+from flexstage.errors import ModelError
+from flexstage.files.write import write_whole
+from flexstage.web.page import Page, complain
+
+_MB = 2**20
+
+
+def plain_name(given: str) -> str:
+    r"""Return a name for a given file that is a name alone, in letters that every system has.
+
+    Examples
+    --------
+    >>> plain_name("../../etc/My stage (2).yaml"), plain_name("C:\\x\\.dxf")
+    ('My_stage_2_.yaml', 'dxf')
+    """
+    last = PurePosixPath(given.replace("\\", "/")).name
+    name = re.sub(r"[^\w.-]+", "_", last, flags=re.ASCII).strip("._-")
+    return name[-100:] or "file"
+
+
+def require_ending(name: str, endings: Iterable[str]) -> None:
+    """Refuse a file of another kind.
+
+    Raises
+    ------
+    ModelError
+        Its name ends otherwise.
+    """
+    known = tuple(endings)
+    if not name.casefold().endswith(known):
+        raise ModelError(f"'{name[:80]}' is no file of these: {', '.join(known)}")
+
+
+def upload(
+    page: Page,
+    label: str,
+    endings: Iterable[str],
+    taken: Callable[[Path], Awaitable[None] | None],
+    *,
+    view: str,
+    most: int = 32 * _MB,
+) -> Any:
+    """Show a place to drop a file on, or to choose one; call `taken` with its path once it is kept.
+
+    Parameters
+    ----------
+    page
+        The page.
+    label
+        What is asked for.
+    endings
+        What its name may end with, as ``.yaml``.
+    taken
+        Called with the path; an error of the library is shown as its sentence.
+    view
+        The view that it belongs to: its files lie in a folder of that name, by browser.
+    most
+        Largest size [byte].
+    """
+    known = tuple(endings)
+
+    async def handle(event: events.UploadEventArguments) -> None:
+        place.reset()
+        with page.sentences():
+            name = plain_name(event.file.name)
+            require_ending(name, known)
+            content = await event.file.read()
+            if len(content) > most:
+                raise ModelError(f"'{name}' is larger than {most / _MB:g} MB")
+            path = page.panel.folder(f"{view}/{page.session.id}") / name
+            write_whole(path, content)
+            done = taken(path)
+            if done is not None:
+                await done
+
+    def rejected() -> None:
+        complain(f"a file here ends with {', '.join(known)} and has {most / _MB:g} MB at most")
+
+    place = (
+        ui.upload(label=label, auto_upload=True, max_file_size=most, max_files=1)
+        .props(f'accept="{",".join(known)}" flat bordered hide-upload-btn')
+        .classes("upload")
+        .on_upload(handle)
+    )
+    place.on("rejected", rejected)
+    return place

@@ -1,0 +1,39 @@
+"""The views of the front panel: a file each, and a line here."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from flexstage.web.page import Page
+
+
+@dataclass(frozen=True, slots=True)
+class PanelView:
+    """A view: how it is called, and the module beside this file whose `build` makes its page."""
+
+    name: str
+    """Its name in the navigation."""
+    icon: str
+    """Its icon, by its name among Google's Material Icons."""
+    module: str
+    """Its module."""
+    purpose: str
+    """What one does there, for the tooltip."""
+
+    @property
+    def path(self) -> str:
+        """Its path in the address."""
+        return f"/{self.module}"
+
+    @property
+    def build(self) -> "Callable[[Page], None]":
+        """The function that makes its page."""
+        return import_module(f"{__name__}.{self.module}").build
+
+
+#: In the order of the navigation.
+VIEWS: tuple[PanelView, ...] = (
+    PanelView("Design", "architecture", "design", "Choose a stage, change it, see what that does"),
+)

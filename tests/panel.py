@@ -1,0 +1,191 @@
+"""A front panel for tests: without a browser, and served with a browser that looks at it."""
+
+import asyncio
+import contextlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+#: What the page must fit: a laptop, a desk, a tablet lying and standing.
+SIZES = {"laptop": (1280, 800), "desk": (1920, 1080), "tablet": (1024, 768), "upright": (820, 1180)}
+CHROMIUM = Path("/usr/bin/chromium")
+OUT = Path(__file__).resolve().parent.parent / "out" / "web"
+# faults of these weights are none that a page may have
+_GRAVE = {"serious", "critical"}
+HERE = "http://127.0.0.1:8321"
+_PATIENCE = 60.0
+
+
+def simulated(folder: Path, body: Callable[[Any, Any], Awaitable[None]]) -> None:
+    """Call a function with a simulated person in the panel (NiceGUI's `User`), and the panel."""
+
+    async def run() -> None:
+        async with person(folder) as (user, panel):
+            await body(user, panel)
+
+    asyncio.run(run())
+
+
+@contextlib.asynccontextmanager
+async def person(folder: Path) -> AsyncIterator[tuple[Any, Any]]:
+    """Give a person with a session in a panel that is not served."""
+    from nicegui import core
+    from nicegui.testing.general import nicegui_reset_globals
+    from nicegui.testing.user import User
+
+    from flexstage.web.options import PanelOptions
+    from flexstage.web.server import application
+
+    with nicegui_reset_globals():
+        os.environ["NICEGUI_USER_SIMULATION"] = "true"
+        try:
+            gate, panel = application(PanelOptions(folder=folder))
+            async with core.app.router.lifespan_context(core.app):
+                transport = httpx.ASGITransport(gate)
+                async with httpx.AsyncClient(transport=transport, base_url=HERE) as client:
+                    token = panel.access.new_token()
+                    await client.get("/", params={"token": token})
+                    yield User(client), panel
+        finally:
+            os.environ.pop("NICEGUI_USER_SIMULATION")
+            panel.jobs.close()
+
+
+@contextlib.contextmanager
+def served(folder: Path, *options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
+    """Serve the panel in a process of its own; give the address that opens it, and the process."""
+    command = [sys.executable, "-m", "flexstage", "serve", "--port", "0", "--no-open", "--json"]
+    with (folder / "panel.log").open("w") as log:
+        process = subprocess.Popen(
+            [*command, "--folder", str(folder / "files"), *options],
+            stdout=subprocess.PIPE,
+            stderr=log,
+            text=True,
+        )
+        assert process.stdout is not None
+        try:
+            line = process.stdout.readline()
+            assert line, (folder / "panel.log").read_text()
+            yield json.loads(line)["address"], process
+        finally:
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(20.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                raise
+            finally:
+                process.stdout.close()
+
+
+class Look:
+    """A page in a browser, with what is wrong with it."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        self.complaints: list[str] = []
+        page.on("console", self._heard)
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on("request", self._asked)
+
+    def _heard(self, message: Any) -> None:
+        if message.type == "error":
+            self.complaints.append(message.text)
+
+    def _asked(self, request: Any) -> None:
+        if not re.match(r"(https?|wss?)://127\.0\.0\.1:|data:|blob:", request.url):
+            self.complaints.append(f"asked for {request.url}")
+
+    def overflow(self) -> int:
+        """Return by how many pixels the page is wider than its window."""
+        return self.page.evaluate(
+            "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+        )
+
+    def shot(self, name: str) -> None:
+        """Keep a picture of the whole page among the outputs of the tests."""
+        OUT.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=OUT / f"{name}.png", full_page=True)
+
+    def unlabelled_axes(self) -> int:
+        """Return how many axes of charts have no title."""
+        return self.page.evaluate(
+            """[...document.querySelectorAll('.js-plotly-plot')].flatMap(plot =>
+                Object.entries(plot._fullLayout ?? {}).filter(([name, axis]) =>
+                    /^[xy]axis\\d*$/.test(name) && axis.visible && !axis.title?.text)).length"""
+        )
+
+    def grave_faults(self) -> list[str]:
+        """Return serious faults of accessibility by axe-core."""
+        from axe_playwright_python import base
+
+        script = Path(base.__file__).with_name("axe.min.js").read_text(encoding="utf-8")
+        self.page.evaluate(f"() => {{ {script} }}")
+        found = self.page.evaluate("axe.run()")
+        return [
+            f"{fault['id']}: {fault['help']}: {fault['nodes'][0]['html'][:200]}"
+            for fault in found["violations"]
+            if fault["impact"] in _GRAVE
+        ]
+
+    def require_sound(self, name: str) -> None:
+        """Look at the page at all sizes, light and dark: nothing sticks out, nothing complains."""
+        for look in ("light", "dark"):
+            self.page.emulate_media(color_scheme=look)
+            for size, (width, height) in SIZES.items():
+                self.page.set_viewport_size({"width": width, "height": height})
+                self.page.wait_for_timeout(400)
+                self.shot(f"{name}-{size}-{look}")
+                assert self.overflow() <= 0, f"{name} at {size} is too wide by {self.overflow()}"
+            faults = self.grave_faults()
+            assert not faults, "\n".join(faults)
+        assert self.unlabelled_axes() == 0
+        assert not self.complaints, "\n".join(self.complaints)
+
+
+@contextlib.contextmanager
+def browser() -> Iterator[Any]:
+    """Give a browser, or skip the test where there is none."""
+    if not CHROMIUM.exists():
+        pytest.skip(f"there is no browser at {CHROMIUM} (scripts/debian-packages.sh)")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(
+            executable_path=str(CHROMIUM), args=["--no-sandbox", "--disable-gpu"]
+        )
+        try:
+            yield running
+        finally:
+            running.close()
+
+
+@contextlib.contextmanager
+def looked_at(folder: Path, *options: str) -> Iterator[Look]:
+    """Serve the panel and give a browser's page of it, as one that was just opened."""
+    with browser() as running, served(folder, *options) as (address, _):
+        page = running.new_page()
+        page.set_default_timeout(_PATIENCE * 1e3)
+        look = Look(page)
+        page.goto(address)
+        page.wait_for_selector("main.view h1")
+        yield look
+
+
+def until(condition: Callable[[], bool], seconds: float = _PATIENCE) -> None:
+    """Wait until something holds."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.05)

@@ -1,0 +1,191 @@
+"""The front panel without a browser: its shell, jobs, uploads and what it keeps."""
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flexstage import progress
+from flexstage.errors import ModelError
+from flexstage.web.figures import chart_figure
+from flexstage.web.jobs import Jobs
+from flexstage.web.preferences import Preferences
+from flexstage.web.sessions import History
+from flexstage.web.stops import Stops
+from flexstage.web.uploads import plain_name, require_ending
+from flexstage.web.views import VIEWS
+from tests.panel import simulated
+
+
+def counted(steps: int, pause: float = 0.0) -> int:
+    for step in range(steps):
+        progress.update("counting", step / steps)
+        time.sleep(pause)
+    return os.getpid()
+
+
+def refused(value: float) -> None:
+    raise ModelError(f"there is no such value, got {value}")
+
+
+def ended_from_outside() -> None:
+    os._exit(3)
+
+
+@pytest.fixture
+def jobs() -> Any:
+    made = Jobs(at_once=1)
+    yield made
+    made.close()
+
+
+def test_the_shell_opens_every_view_by_its_address(tmp_path: Path) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        for view in VIEWS:
+            await user.open(view.path)
+            for each in VIEWS:
+                await user.should_see(each.name)
+        assert panel.options.folder == tmp_path
+
+    simulated(tmp_path, look)
+
+
+def test_units_chosen_once_are_kept_over_a_reload(tmp_path: Path) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        from nicegui import ui
+
+        await user.open("/")
+        (angles,) = (s for s in user.find(ui.select).elements if s.props.get("label") == "Angles")
+        angles.value = "arcsec"
+        await user.open("/")
+        kept = [s.value for s in user.find(ui.select).elements if s.props.get("label") == "Angles"]
+        assert kept == ["arcsec"]
+
+    simulated(tmp_path, look)
+
+
+def test_stop_is_there_on_every_view_while_a_stage_is_connected(tmp_path: Path) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        await user.open("/")
+        await user.should_not_see("STOP")
+        stopped: list[str] = []
+        panel.stops.add("first", lambda: 1 / 0)
+        panel.stops.add("second", lambda: stopped.append("second"))
+        await user.open(VIEWS[-1].path)
+        await user.should_see("STOP")
+        user.find("STOP").click()
+        assert stopped == ["second"]  # though the first one failed
+
+    # the failure of the first is logged as an error
+    simulated(tmp_path, look)
+
+
+def test_a_job_tells_how_far_it_is_and_its_process_does_the_next(jobs: Jobs) -> None:
+    first = jobs.start("count", counted, 3, 0.15, owner="me")
+    seen = set()
+    while not first.wait(0.02):
+        seen.add((first.what, round(first.share, 2)))
+    assert first.state == "done"
+    assert ("counting", 0.33) in seen
+    assert first.result != os.getpid()
+    second = jobs.start("count", counted, 1)
+    assert second.wait(20.0)
+    assert second.result == first.result
+    assert jobs.get(first.id) is first
+    assert jobs.of("me") == [first]
+
+
+def test_a_job_is_cancelled_while_it_works_and_while_it_waits(jobs: Jobs) -> None:
+    long = jobs.start("long", counted, 1000, 0.1)
+    waiting = jobs.start("waiting", counted, 1000, 0.1)
+    while not long.what:
+        time.sleep(0.02)
+    for job in (waiting, long):
+        job.cancel()
+        assert job.wait(20.0)
+        assert job.state == "cancelled"
+
+
+def test_a_job_that_fails_says_why_in_a_sentence(jobs: Jobs) -> None:
+    failed = jobs.start("refused", refused, 0.3)
+    assert failed.wait(20.0)
+    assert (failed.state, failed.error) == ("failed", "there is no such value, got 0.3")
+    lost = jobs.start("lost", ended_from_outside)
+    assert lost.wait(20.0)
+    assert lost.state == "failed"
+    assert "ended from outside" in lost.error
+
+
+def test_work_in_a_thread_is_cancelled_where_it_says_how_far_it_is(jobs: Jobs) -> None:
+    job = jobs.start_thread("wait", counted, 1000, 0.02)
+    while not job.what:
+        time.sleep(0.01)
+    job.cancel()
+    assert job.wait(5.0)
+    assert job.state == "cancelled"
+    done = jobs.start_thread("wait", counted, 2)
+    assert done.wait(5.0)
+    assert done.result == os.getpid()
+
+
+def test_undo_goes_back_and_redo_forth() -> None:
+    history = History("a")
+    for state in ("b", "b", "c"):
+        history.put(state)
+    history.undo()
+    assert (history.now, history.can_undo, history.can_redo) == ("b", True, True)
+    history.undo()
+    assert (history.now, history.can_undo) == ("a", False)
+    history.redo()
+    history.put("d")
+    assert (history.now, history.can_redo) == ("d", False)
+
+
+def test_what_is_shown_is_in_the_unit_that_was_chosen() -> None:
+    chosen = Preferences(length="mm", angle="arcsec")
+    assert chosen.shown("output_displacement").text(64.6e-6) == "0.06460"
+    # 1 arcsec = pi / (180 * 3600) rad
+    assert chosen.shown("parasitic_rotation").text(4.8481368e-6) == "1.000"
+    assert chosen.shown("natural_frequency_hz").heading == "Natural frequency [Hz]"
+    assert Preferences().shown("smallest_neck").shown_unit == "mm"
+
+
+@pytest.mark.parametrize(
+    ("given", "name"),
+    [
+        ("../../../etc/passwd", "passwd"),
+        ("..\\..\\boot.yaml", "boot.yaml"),
+        (".bashrc", "bashrc"),
+        ("stage\0.yaml", "stage_.yaml"),
+        ("…/..", "file"),
+        ("a" * 300 + ".dxf", "a" * 96 + ".dxf"),
+    ],
+)
+def test_a_given_file_has_a_plain_name(given: str, name: str) -> None:
+    assert plain_name(given) == name
+
+
+def test_a_file_of_another_kind_is_refused() -> None:
+    require_ending("Stage.DXF", (".dxf", ".step"))
+    with pytest.raises(ModelError, match=r"'run\.exe' is no file of these: \.dxf, \.step"):
+        require_ending("run.exe", (".dxf", ".step"))
+
+
+def test_a_chart_whose_axis_says_nothing_is_refused() -> None:
+    titled = {"xaxis": {"title": "t [s]"}, "yaxis": {"title": {"text": "x [µm]"}}}
+    assert chart_figure([], titled)["layout"]["xaxis"] == {"title": "t [s]"}
+    with pytest.raises(ModelError, match="yaxis of a chart has no title"):
+        chart_figure([], {"xaxis": {"title": "t [s]"}, "yaxis": {}})
+    with pytest.raises(ModelError, match="yaxis2 of a chart"):
+        chart_figure([], titled | {"yaxis2": {"title": {"text": ""}}})
+
+
+def test_a_stage_that_is_gone_is_not_stopped() -> None:
+    stops, stopped = Stops(), []
+    stops.add("twin", lambda: stopped.append(1))
+    stops.remove("twin")
+    stops.stop()
+    assert not stops.active
+    assert not stopped
