@@ -1,15 +1,18 @@
 """Analysing the piezo stage again after a change: condensed bodies against one mesh of all.
 
-`python -m benchmarks.superelements` runs it alone.
+`python -m benchmarks.superelements` runs it alone; `--space` and `--growth` are its other cases.
 """
 
 import math
 import os
+import resource
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
@@ -17,8 +20,10 @@ from flexstage.cache import Cache
 from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
 from flexstage.designs.vgtu_piezo import PARAMETERS
 from flexstage.fem.plane import plane_model
+from flexstage.fem.solid import solid_model
 from flexstage.fem.superelement import superelement_model
-from flexstage.stage import Circle, ExtraMass, Loop, Stage
+from flexstage.hinges import RightCircular
+from flexstage.stage import Axis, Body, Circle, ExtraMass, Force, Hinge, Loop, Probe, Stage
 from flexstage.system import analyse
 
 __all__ = ["superelements"]
@@ -131,15 +136,20 @@ def _changes(stage: Stage) -> dict[str, tuple[Callable[[int], Stage], int, str]]
             1,
             "the y platform",
         ),
+        "one neck of the frame": (
+            lambda k: _with_necks(stage, [1.01 + 1e-5 * k]),
+            FEW,
+            "half notches on either side of it, then joining",
+        ),
         "parameter x.leg_neck": (
             lambda k: nested_xy(_axis("x", "leg_neck", k)),
             1,
-            "the x platform and the frame, which have its half notches",
+            "the legs, which are as wide as their notches",
         ),
         "parameter x.lever_neck": (
             lambda k: nested_xy(_axis("x", "lever_neck", k)),
             1,
-            "the x platform and the frame",
+            "half notches",
         ),
     }
 
@@ -172,14 +182,14 @@ def superelements() -> Iterator[Row]:
     limits: dict[str, str] = {}
     with tempfile.TemporaryDirectory() as name:
         cache = Cache(Path(name))
-        superelement_model(stage, cache=cache)
+        base = superelement_model(stage, cache=cache)
         for label, (change, runs, limit) in _changes(stage).items():
             built[label] = set()
             stages = iter([change(k) for k in range(1, runs * (ROUNDS + 1) + 1)])
 
             def again(stages: Iterator[Stage] = stages, which: set[str] = built[label]) -> None:
                 changed = next(stages)
-                model = superelement_model(changed, cache=cache)
+                model = superelement_model(changed, cache=cache, near=base)
                 which.update(model.built)
                 analyse(changed, model.system)
 
@@ -211,6 +221,157 @@ def superelements() -> Iterator[Row]:
         )
 
 
+def in_space() -> Iterator[Row]:
+    """Time models in space after a change near one that is known, against `solid_model`."""
+    os.environ["NGS_NUM_THREADS"] = "1"
+    stage = nested_xy(PARAMETERS)
+    random = np.random.default_rng(1)
+
+    def one(k: int) -> Stage:
+        return _with_necks(stage, [1.01 + 1e-4 * k])
+
+    def axis(k: int) -> Stage:
+        return _with_necks(
+            stage, [0.98 - 1e-4 * k if h.name[0] == "x" else 1.0 for h in stage.hinges]
+        )
+
+    def each(_: int) -> Stage:
+        return _with_necks(stage, list(1.0 - 0.1 * random.random(len(stage.hinges))))
+
+    with tempfile.TemporaryDirectory() as name:
+        cache = Cache(Path(name))
+        start = time.perf_counter()
+        base = superelement_model(stage, space=True, cache=cache)
+        first = time.perf_counter() - start
+        taken = [("first", first, "the x platform and the frame")]
+        for label, change, limit in (
+            ("nothing", lambda _: stage, "joining, and the analysis"),
+            ("one neck of the frame", one, "five half notches on either side of it"),
+            ("all necks of the x axis", axis, "their half notches"),
+            ("every neck, each by another part", each, "their half notches"),
+        ):
+            for again in ("", ", and again by another amount"):
+                made = [change(k) for k in ((2, 3, 4) if again else (1,))]
+                seconds = []
+                for changed in made:
+                    start = time.perf_counter()
+                    model = superelement_model(changed, space=True, cache=cache, near=base)
+                    analyse(changed, model.system)
+                    seconds.append(time.perf_counter() - start)
+                words = "joining, and the analysis" if again else limit
+                taken.append((label + again, min(seconds), words))
+        start = time.perf_counter()
+        analyse(stage, solid_model(stage).system)
+        taken.append(("solid_model of the whole stage", time.perf_counter() - start, ""))
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    for label, seconds, words in taken:
+        yield Row(
+            case=f"vgtu-piezo in space, after a change of ... (peak memory {memory:.1f} GB)",
+            route=label,
+            time=Timed(seconds=seconds),
+            ratio=seconds / first,
+            limit=words,
+        )
+
+
+def _with_necks(stage: Stage, times: Sequence[float]) -> Stage:
+    """Make the first necks so many times as thick."""
+    times = (*times, *[1.0] * len(stage.hinges))
+    hinges = tuple(
+        replace(h, profile=replace(h.profile, neck_thickness=k * h.profile.neck_thickness))
+        for h, k in zip(stage.hinges, times, strict=False)
+    )
+    return replace(stage, hinges=hinges)
+
+
+def rake(legs: int) -> Stage:
+    """Return a platform on many legs, side by side on one frame, all of other widths."""
+    pitch, length, beam, height = 9e-3, 24e-3, 2e-3, 10e-3
+    whole = legs * pitch
+    bodies = [
+        Body(name="frame", outline=_box(0.0, whole, -height, 0.0), fixed=True),
+        Body(
+            name="platform", outline=_box(0.0, whole, length + 2 * beam, length + 2 * beam + height)
+        ),
+    ]
+    hinges = []
+    for i in range(legs):
+        x, notch = (i + 0.5) * pitch, RightCircular(neck_thickness=0.5e-3, radius=1e-3)
+        wide = 3e-3 + 1e-6 * i
+        bodies.append(
+            Body(name=f"leg {i}", outline=_box(x - wide / 2, x + wide / 2, beam, length + beam))
+        )
+        for low, pair in ((0.0, ("frame", f"leg {i}")), (length + beam, (f"leg {i}", "platform"))):
+            hinges.append(
+                Hinge(
+                    name=f"{pair[0]} {pair[1]}",
+                    bodies=pair,
+                    at=(x, low + beam / 2),
+                    direction=math.pi / 2,
+                    profile=notch,
+                )
+            )
+    push = Force(
+        name="push",
+        pushes="platform",
+        reacts="frame",
+        at=((0.0, length + 2 * beam + height / 2), (0.0, -height / 2)),
+        direction=0.0,
+        patch_half_width=2e-3,
+        largest_force=10.0,
+    )
+    read = Probe(
+        name="out", body="platform", at=(whole, length + 2 * beam + height / 2), direction=0.0
+    )
+    return Stage(
+        name=f"rake of {legs} legs",
+        thickness=8e-3,
+        material=nested_xy(PARAMETERS).material,
+        bodies=tuple(bodies),
+        hinges=tuple(hinges),
+        drives=(push,),
+        probes=(read,),
+        axes=(Axis(name="x", drive="push", probe="out"),),
+    )
+
+
+def _box(x0: float, x1: float, y0: float, y1: float) -> Loop:
+    return Loop(((x0, y0), (x1, y0), (x1, y1), (x0, y1)))
+
+
+def growth() -> Iterator[Row]:
+    """Time the first analysis of stages of 8 to 200 hinges, and the next after one neck changed."""
+    os.environ["NGS_NUM_THREADS"] = "1"
+    for space, sizes in ((False, (8, 26, 80, 200)), (True, (8, 26, 80))):
+        first = 0.0
+        for hinges in sizes:
+            stage = rake(hinges // 2)
+            start = time.perf_counter()
+            base = superelement_model(stage, space=space, cache=False)
+            analyse(stage, base.system)
+            seconds = time.perf_counter() - start
+            first = first or seconds
+            after = []
+            for k in range(FEW):
+                changed = _with_necks(stage, [0.97 - 1e-4 * k])
+                start = time.perf_counter()
+                analyse(
+                    changed, superelement_model(changed, space=space, cache=False, near=base).system
+                )
+                after.append(time.perf_counter() - start)
+            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+            yield Row(
+                case=f"a platform on legs, all others, {'in space' if space else 'in the plane'}",
+                route=f"{hinges} hinges, {base.unknowns} unknowns",
+                time=Timed(seconds=seconds),
+                ratio=seconds / first,
+                limit=f"after one neck changed {min(after):.3f} s; memory so far {memory:.2f} GB",
+            )
+
+
 if __name__ == "__main__":
-    for row in superelements():
+    import sys
+
+    chosen = {"--space": in_space, "--growth": growth}.get("".join(sys.argv[1:]), superelements)
+    for row in chosen():
         print(f"{row.route:<72} {row.time!s:>9} {row.ratio:>8.3g}   {row.limit}")

@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from flexstage.hinges import compliance, stress_rows
+from flexstage.hinges.other_notch import with_neck_radius, with_neck_thickness
 from flexstage.lumped import hinge_springs, lumped_system
 from flexstage.lumped.assemble import (
     BodyCoordinates,
@@ -16,7 +17,6 @@ from flexstage.lumped.assemble import (
     hinge_matrix,
     point_matrix,
 )
-from flexstage.measure.updating.parameters import with_neck_radius, with_neck_thickness
 from flexstage.stage import Circle, PiezoStack, Stage, mass_properties
 from flexstage.system import MechanicalSystem, analyse
 from flexstage.system.mechanical import BodyPort, LoadPort, StressMap

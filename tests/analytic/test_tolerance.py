@@ -36,7 +36,7 @@ from flexstage.hinges import (
     compliance,
     stress_rows,
 )
-from flexstage.measure.updating.parameters import with_neck_radius, with_neck_thickness
+from flexstage.hinges.other_notch import with_neck_radius, with_neck_thickness
 from flexstage.studies.models import analyse_model
 from flexstage.virtual.imperfections import Scatter
 from tests.hinged_bars import hinged_bars
@@ -486,7 +486,8 @@ def test_another_model_says_what_necks_do(monkeypatch):
     stage, only = design("parallelogram"), replace(EXACT, neck_common=4e-6, neck_own=2e-6)
     drawn = stage.hinges[0].profile.neck_thickness
 
-    def higher(made, model):
+    def higher(made, model, near):
+        assert near == stage
         assert model == "superelement"
         off = made.hinges[0].profile.neck_thickness - drawn
         analysis = analyse_model(made, "lumped")

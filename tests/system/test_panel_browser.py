@@ -2,14 +2,18 @@
 
 import shutil
 import ssl
+import statistics
 import subprocess
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import httpx
 import pytest
 
-from tests.panel import browser, looked_at, served
+from flexstage.designs import design
+from flexstage.export import dxf_files
+from tests.panel import Look, browser, looked_at, served
 
 pytestmark = pytest.mark.slow
 
@@ -72,3 +76,159 @@ def test_it_is_served_with_a_password_over_tls(tmp_path: Path) -> None:
             assert client.post("/enter", data={"password": "wrong"}).status_code == 401
             assert client.post("/enter", data={"password": "a long password"}).status_code == 200
             assert client.get("/").headers["X-Nicegui-Content"] == "page"
+
+
+#: Notes the time from a key to the frame that shows other figures.
+_WATCH = """() => {
+  window.took = [];
+  let pressed = null;
+  document.addEventListener("keydown", () => { pressed = performance.now(); }, true);
+  new MutationObserver(() => {
+    if (pressed === null) return;
+    const from = pressed;
+    pressed = null;
+    requestAnimationFrame(() => requestAnimationFrame(() => took.push(performance.now() - from)));
+  }).observe(document.querySelector(".live"), {childList: true, subtree: true});
+}"""
+
+
+def opened(look: Look, name: str) -> Any:
+    """Choose a design, and wait until all is known of it."""
+    page = look.page
+    page.get_by_role("combobox", name="Design").fill(name)
+    page.get_by_role("option", name=name, exact=True).click()
+    page.get_by_role("heading", name=name, exact=True).wait_for()
+    return settled(page)
+
+
+def settled(page: Any) -> Any:
+    """Wait until the finer model has spoken."""
+    page.wait_for_function(
+        """() => { const table = document.querySelector(".live table");
+        return table && !table.textContent.includes("…") && document.querySelector(".strong") }"""
+    )
+    return page
+
+
+def undo_to(page: Any, name: str) -> None:
+    """Undo until a variant of a name is shown: a pause between two keys ends a change."""
+    shown = page.get_by_role("heading", name=name, exact=True)
+    for _ in range(30):
+        if shown.is_visible():
+            return
+        page.get_by_role("button", name="Undo").click()
+        page.wait_for_timeout(500)
+    raise AssertionError(f"{name} was not among what is undone")
+
+
+def figure(page: Any, name: str, column: int = 2) -> float:
+    row = page.locator(".live tr", has_text=name).first
+    return float(row.locator("td").nth(column).inner_text().replace("−", "-"))
+
+
+def test_a_stage_is_designed_in_the_page(tmp_path: Path) -> None:
+    with looked_at(tmp_path) as look:
+        page = opened(look, "parallelogram")
+        usual = figure(page, "Natural frequency")
+        finer = figure(page, "Natural frequency", 3)
+        assert usual != finer
+        # a neck is made thinner by the keyboard, and the figures follow
+        neck = page.get_by_role("slider", name="leg.notch.neck_thickness")
+        neck.locator("[tabindex='0']").focus()
+        for _ in range(20):
+            page.keyboard.press("ArrowLeft")
+        page.get_by_role("heading", name="parallelogram (changed)").wait_for()
+        settled(page)
+        thinner = figure(page, "Natural frequency")
+        assert thinner < usual
+        assert figure(page, "Natural frequency", 3) < finer
+        # a reload loses nothing; undo takes it back, redo forth
+        page.reload()
+        settled(page)
+        assert figure(page, "Natural frequency") == thinner
+        undo_to(page, "parallelogram")
+        assert figure(page, "Natural frequency") == usual
+        page.get_by_role("button", name="Keep to compare").click()
+        redo = page.get_by_role("button", name="Redo")
+        while redo.is_enabled():
+            redo.click()
+            page.wait_for_timeout(500)
+        settled(page)
+        assert figure(page, "Natural frequency") == thinner
+        assert figure(page, "Natural frequency", 4) == usual
+        page.locator(".drawings svg").nth(1).wait_for()
+        # what is too thin to be cut is said, and marked on the drawing
+        page.get_by_label("Value of leg.notch.neck_thickness").fill("0.15")
+        page.locator(".issue", has_text="less than the thinnest that can be cut").first.wait_for()
+        settled(page)
+        look.require_sound("design-compared")
+        with page.expect_download() as waiting:
+            page.get_by_role("button", name="Save stage file").click()
+            page.get_by_label("Name of the stage").fill("guide")
+            page.get_by_role("button", name="Save", exact=True).click()
+        saved = waiting.value
+        assert saved.suggested_filename == "guide.yaml"
+        assert (tmp_path / "files" / "design" / "guide.yaml").exists()
+        with page.expect_download() as waiting:
+            page.get_by_role("button", name="Export").first.click()
+            page.get_by_role("dialog").get_by_role("button", name="Export").click()
+        assert waiting.value.suggested_filename == "parallelogram.zip"
+        page.get_by_role("button", name="Close").click()
+        # the file that was saved is opened again
+        saved.save_as(tmp_path / "guide.yaml")
+        page.locator("input[type=file]").set_input_files(tmp_path / "guide.yaml")
+        page.get_by_role("heading", name="guide.yaml", exact=True).wait_for()
+        assert not look.complaints
+
+
+def test_a_drawing_is_dropped_and_opened(tmp_path: Path) -> None:
+    for name, content in dxf_files(design("vgtu-piezo")).items():
+        (tmp_path / name).write_bytes(content)
+    (drawing,) = tmp_path.glob("*.dxf")
+    (tmp_path / "hostile.dxf").write_bytes(b"  0\nSECTION\n" + b"\xff\x00" * 4000)
+    (tmp_path / "program.exe").write_bytes(b"MZ")
+    with looked_at(tmp_path) as look:
+        page = look.page
+        files = page.locator("input[type=file]")
+        files.set_input_files(drawing)
+        dialog = page.get_by_role("dialog")
+        dialog.get_by_text("The drawing does not say").wait_for()
+        assert dialog.locator("tbody tr").count() == 32
+        assert dialog.get_by_role("button", name="Open it").is_disabled()
+        page.get_by_label("Thickness of the plate").fill("10 mm")
+        page.get_by_role("combobox", name="Material").fill("Al 7075")
+        page.get_by_role("option", name="Al 7075-T6", exact=True).click()
+        dialog.get_by_role("button", name="Look again").click()
+        page.wait_for_function(
+            """!document.querySelector(".q-dialog").textContent.includes("material") &&
+            [...document.querySelectorAll(".q-dialog button")].every(button => !button.disabled)"""
+        )
+        look.require_sound("design-drawing")
+        dialog.get_by_role("button", name="Open it").click()
+        page.get_by_role("heading", name="vgtu-piezo.yaml").wait_for()
+        # a file that is no drawing is refused in a sentence, and the page goes on
+        files.set_input_files(tmp_path / "hostile.dxf")
+        page.locator(".q-notification", has_text="hostile.dxf").wait_for()
+        page.get_by_role("button", name="OK", exact=True).click()
+        page.get_by_role("dialog").get_by_role("button", name="Cancel").last.click()
+        files.set_input_files(tmp_path / "program.exe")
+        page.locator(".q-notification", has_text="a file here ends with").wait_for()
+        opened(look, "parallelogram")
+        assert not look.complaints
+
+
+@pytest.mark.alone
+def test_figures_follow_a_slider_at_once(tmp_path: Path) -> None:
+    with looked_at(tmp_path) as look:
+        page = opened(look, "vgtu-mechanical")
+        page = opened(look, "vgtu-piezo")
+        page.evaluate(_WATCH)
+        page.get_by_role("slider", name="x.lever_arm_output").locator("[tabindex='0']").focus()
+        for k in range(60):
+            page.keyboard.press("ArrowRight" if k % 20 < 10 else "ArrowLeft")
+            # every third time long enough for the drawing and the finer model to begin
+            page.wait_for_timeout(120 + 900 * (k % 3 == 0))
+        took = page.evaluate("took")
+        assert len(took) > 40
+        assert statistics.median(took) < 100, sorted(took)
+        assert max(took) < 300, sorted(took)

@@ -12,10 +12,10 @@ from flexstage.cli.output import (
     OutputFile,
     console,
     count,
+    on_terminal,
     picture,
     print_json,
     print_notes,
-    print_table,
     stage_file,
     write_file,
 )
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from flexstage.stage.drawing.drawn_stage import DrawnStage
 
 _AS_DRAWN = DrawingSettings()
-_EXACT = 0.5e-9  # m
 
 
 @from_docstring
@@ -100,32 +99,15 @@ def _plain(drawn: "DrawnStage", files: list[Path]) -> dict[str, Any]:
 
 
 def _printed(drawn: "DrawnStage", files: list[Path]) -> None:
-    from flexstage.table import Cell
+    from flexstage.report.tables import necks_table
 
     stage, screen = drawn.stage, console()
-    rows = [
-        (
-            hinge.name,
-            " – ".join(hinge.bodies),
-            f"{hinge.at[0] * 1e3:.4g}, {hinge.at[1] * 1e3:.4g}",
-            f"{hinge.profile.kind}{', one-sided' if hinge.profile.one_sided else ''}",
-            Cell(f"{hinge.profile.neck_thickness * 1e3:.6g}"),
-            Cell("0" if neck.off < _EXACT else f"{neck.off * 1e6:.2g}"),
-            Cell(f"{neck.ratio:.3g}"),
-            neck.certainty,
-        )
-        for hinge, neck in zip(stage.hinges, drawn.necks, strict=True)
-    ]
-    headings = (
-        *("neck", "bodies", "at, mm", "profile", "thickness, mm"),
-        *("off, um", "body/neck", "certainty"),
-    )
     held = ", ".join(b.name for b in stage.bodies if b.fixed)
     caption = (
         f"{stage.name}: {count(len(stage.bodies), 'body')} (held: {held}), "
         f"{count(len(stage.hinges), 'neck')}"
     )
-    print_table(screen, caption, headings, rows)
+    screen.print(on_terminal(necks_table(drawn, caption)))
     notes = []
     if drawn.left_out:
         left = ", ".join(f"{n} x {what}" for what, n in drawn.left_out)

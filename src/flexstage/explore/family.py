@@ -150,15 +150,16 @@ def evaluate(
             stages[i] = family.stage(point)
         except FlexstageError as error:
             faults[i] = str(error)
+    nominal = family.template.stage()
     if model == "lumped":
-        _together(family.template.stage(), stages, figures, values)
+        _together(nominal, stages, figures, values)
     for done, (i, stage) in enumerate(stages.items()):
         missing = np.flatnonzero(np.isnan(values[i])).tolist()
         if not missing:
             continue
         try:
             with subtask(done / len(stages), (done + 1) / len(stages)):
-                values[i, missing] = _figures(stage, [figures[k] for k in missing], model)
+                values[i, missing] = _figures(stage, [figures[k] for k in missing], model, nominal)
         except FlexstageError as error:
             values[i], faults[i] = np.nan, str(error)
     return Evaluated(figures=tuple(figures), values=values, faults=tuple(faults))
@@ -181,8 +182,11 @@ def _together(
         values[list(stages), k] = found[figures[k].key]
 
 
-def _figures(stage: Stage, figures: Collection[Figure], model: str) -> list[float]:
-    """Figures of one stage, by the single analysis; what needs none of it, by the model alone."""
+def _figures(stage: Stage, figures: Collection[Figure], model: str, nominal: Stage) -> list[float]:
+    """Figures of one stage, by the single analysis; what needs none of it, by the model alone.
+
+    All points of a family lie about the stage that it is described by, whoever computes them.
+    """
     rows: dict[tuple[str, str], float] = {}
     system: MechanicalSystem | None = None
     beyond = {figure.key for figure in figures if figure.quantity in STAGE_FIGURES}
@@ -190,7 +194,7 @@ def _figures(stage: Stage, figures: Collection[Figure], model: str) -> list[floa
         if need_a_model({quantity for quantity, _ in beyond}):
             system = lumped_system(stage)
     else:
-        analysis = analyse_model(stage, model)
+        analysis = analyse_model(stage, model, near=nominal)
         system = analysis.system
         rows = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
     rows |= stage_figures(stage, system, beyond)

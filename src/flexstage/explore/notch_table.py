@@ -10,7 +10,7 @@ from flexstage.arrays import Array
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.hinges import Profile, compliance, stress_rows
 from flexstage.hinges.hinge_spring import PlaneState
-from flexstage.measure.updating.parameters import with_neck_radius, with_neck_thickness
+from flexstage.hinges.other_notch import with_neck_radius, with_neck_thickness
 
 #: What the polynomial may be off by, as a share of the largest value of its kind.
 TOLERANCE = 1e-9

@@ -25,7 +25,7 @@ from flexstage.explore.spread import (
     yield_of,
 )
 from flexstage.explore.workers import Workers
-from flexstage.measure.updating.parameters import with_neck_thickness
+from flexstage.hinges.other_notch import with_neck_thickness
 from flexstage.progress import subtask
 from flexstage.provenance import Provenance, provenance
 from flexstage.short_repr import short_repr
@@ -206,7 +206,8 @@ def lot_of(
         made = stage
         if dt:
             made = with_necks(stage, dt)
-        rows = {(c.quantity, c.axis): c.value for c in analyse_model(made, model).characteristics}
+        analysis = analyse_model(made, model, near=stage)
+        rows = {(c.quantity, c.axis): c.value for c in analysis.characteristics}
         # what only the lumped model knows stays as it is
         return np.array([rows.get(f.key, own[i]) for i, f in enumerate(figures)])
 

@@ -24,29 +24,29 @@ class ExportRequest:
     """The stage."""
     analyse: "Callable[[], tuple[Analysis, StageModel | None]]"
     """Analyses it by the chosen model; also returns the mesh, where there is one."""
-    hysteresis: "Callable[[], HysteresisByDrive]"
+    hysteresis: "Callable[[], HysteresisByDrive]" = field(default_factory=lambda: lambda: "usual")
     """Reads the hysteresis of each stack."""
-    plane: str
+    plane: str = "auto"
     """Plane state of the notches."""
-    step: float
+    step: float = 1e-4
     """Step between samples [s]."""
-    creep: float | None
+    creep: float | None = None
     """Creep of the stacks in a decade of time, over the step [1]."""
-    bandwidth_hz: float | None
+    bandwidth_hz: float | None = None
     """Bandwidth of the amplifiers [Hz]."""
-    current_limit: float | None
+    current_limit: float | None = None
     """Largest current of an amplifier [A]."""
-    sensor_bandwidth_hz: float | None
+    sensor_bandwidth_hz: float | None = None
     """Bandwidth of the sensors [Hz]."""
-    mode_count: int | None
+    mode_count: int | None = None
     """Number of modes that are kept."""
-    precision: Literal["double", "single"]
+    precision: Literal["double", "single"] = "double"
     """Precision of the C header."""
-    fmi: tuple[Literal["2.0", "3.0"], ...]
+    fmi: tuple[Literal["2.0", "3.0"], ...] = ("2.0", "3.0")
     """Versions of FMI, of ``2.0`` and ``3.0``."""
-    source_only: bool
+    source_only: bool = False
     """Whether an FMU holds no compiled library."""
-    kerf: float | None
+    kerf: float | None = None
     """Width of the cut by the wire [m]."""
     remarks: list[str] = field(default_factory=list)
     """What the user should know about the files that were made."""

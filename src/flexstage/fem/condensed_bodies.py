@@ -4,6 +4,7 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,13 @@ from numpy.typing import NDArray
 
 from flexstage import progress
 from flexstage.cache.cache import Cache, open_cache
+from flexstage.fem.changed_necks import (
+    ChangedNeck,
+    NeckFamily,
+    changed_necks,
+    family,
+    with_other_necks,
+)
 from flexstage.fem.condensation import Condensed, condense
 from flexstage.fem.plate_condensation import condense_plate
 from flexstage.fem.substructure import Substructure
@@ -20,32 +28,63 @@ _THREADS = 4
 
 
 def condense_all(
-    parts: Sequence[Substructure], cache: Cache | Path | str | bool | None
+    parts: Sequence[Substructure],
+    cache: Cache | Path | str | bool | None,
+    near: Sequence[tuple[Substructure, Condensed]] = (),
 ) -> tuple[list[Condensed], list[int]]:
-    """Condense bodies, each only once, or find them in the cache; say which were new."""
+    """Condense bodies, each only once, or find them in the cache; say which were new.
+
+    `near` are bodies that are known, one for each if they are any: what is the same is taken from
+    there, and one of which necks alone differ follows from it.
+    """
+    ready: dict[Substructure, Condensed] = dict(near)
+    changes: dict[Substructure, tuple[Substructure, list[ChangedNeck]]] = {}
+    for part, (before, _) in zip(parts, near, strict=False):
+        if part not in ready and (necks := changed_necks(before, part)):
+            changes[part] = before, necks
+    new = _condense_missing([part for part in parts if part not in changes], ready, cache)
+    for part, (before, necks) in changes.items():
+        families = [(neck, _neck_family(neck.block, neck.deeper, cache)) for neck in necks]
+        ready[part] = with_other_necks(ready[before], before, families)
+    new = [*new, *changes]
+    return [ready[part] for part in parts], [parts.index(part) for part in new]
+
+
+@lru_cache(maxsize=512)
+def _neck_family(
+    block: Substructure, deeper: bool, cache: Cache | Path | str | bool | None
+) -> NeckFamily:
+    return NeckFamily(condense_all(family(block, deeper=deeper), cache)[0])
+
+
+def _condense_missing(
+    parts: Sequence[Substructure],
+    ready: dict[Substructure, Condensed],
+    cache: Cache | Path | str | bool | None,
+) -> list[Substructure]:
+    """Add those that are not ready yet, from the cache or condensed; return the latter."""
     store = open_cache(cache)
-    ready: dict[str, Condensed] = {}
-    missing: dict[str, Substructure] = {}
-    keys = [part.key() for part in parts]
-    for key, part in zip(keys, parts, strict=True):
-        if key in ready or key in missing:
+    missing: dict[Substructure, str] = {}
+    for part in dict.fromkeys(parts):
+        if part in ready:
             continue
+        key = part.key()
         entry = None if store is None else store.load(key)
         if entry is None:
-            missing[key] = part
+            missing[part] = key
         else:
-            ready[key] = _from_arrays(entry)
-    in_space = any(p.through is not None for p in missing.values())
+            ready[part] = _from_arrays(entry)
+    in_space = any(p.through is not None for p in missing)
     with ThreadPoolExecutor(_threads() if in_space else 1) as workers:
-        made = workers.map(_condense, missing.values())
-        for i, (key, found) in enumerate(zip(missing, made, strict=True)):
+        made = workers.map(_condense, missing)
+        for i, (part, found) in enumerate(zip(missing, made, strict=True)):
             progress.update("bodies", i / len(missing))
-            ready[key] = found
+            ready[part] = found
             if store is not None:
-                store.store(key, _to_arrays(found))
-    if store is not None:
+                store.store(missing[part], _to_arrays(found))
+    if store is not None and missing:
         store.trim()
-    return [ready[key] for key in keys], [keys.index(key) for key in missing]
+    return list(missing)
 
 
 def _threads() -> int:

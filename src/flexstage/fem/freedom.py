@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.fem.condensation import LOADS
@@ -10,6 +11,9 @@ from flexstage.fem.plate_condensation import LOADS_OUT_OF_PLANE, neck_coordinate
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.stage import ExtraMass
 from flexstage.stage.outline import Point
+
+_TURNS = ("rotat", "slope")
+_CARRIES = ("along", "across", "along by 1", "across by 1", "through the plate by 1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,6 +26,16 @@ class Freedom:
     """Loads inside each body; the first three are those on its mean motion."""
     axes: str = "xy"
     """Directions in which bodies are displaced: ``xy`` or ``z``."""
+
+    @property
+    def turning(self) -> NDArray[np.bool_]:
+        """Which motions of a neck are a rotation times half of the thickness of the neck."""
+        return np.array([name.endswith("[m]") and name[:5] in _TURNS for name in self.necks])
+
+    @property
+    def carrying(self) -> NDArray[np.bool_]:
+        """Which motions of a neck are the displacement of all of it."""
+        return np.array([name.split(" [")[0] in _CARRIES for name in self.necks])
 
     @property
     def out_of_plane(self) -> bool:

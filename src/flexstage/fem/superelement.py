@@ -21,7 +21,7 @@ from flexstage.fem.cutting import Placed, cut_free, in_space
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.plane import common_validity
 from flexstage.fem.ports import Supports
-from flexstage.fem.substructure import REFERENCE
+from flexstage.fem.substructure import REFERENCE, Substructure
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, Stage
@@ -157,6 +157,7 @@ def superelement_model(
     kept: int = KEPT,
     supports: Supports = "rigid",
     cache: Cache | Path | str | bool | None = True,
+    near: SuperelementModel | None = None,
 ) -> SuperelementModel:
     """Return the model of a stage whose bodies are condensed to their necks.
 
@@ -188,6 +189,10 @@ def superelement_model(
     cache : Cache or path or bool
         Where condensed bodies are kept: True for the user's cache (``$FLEXSTAGE_CACHE``), a
         directory, or False for nowhere.
+    near : SuperelementModel, optional
+        A model of a stage that differs little. Its bodies that are the same are taken from it, and
+        where large ones differ in their necks alone what these change is computed in a block about
+        each (see `flexstage.fem.changed_necks.with_other_necks`).
 
     Returns
     -------
@@ -232,7 +237,7 @@ def superelement_model(
     cut = cut_free(stage, settings, plane=plane, modes=modes, supports=supports)
     ways = in_space(stage, cut) if space else (cut,)
     together = [p for bodies in zip(*ways, strict=True) for p in bodies]
-    condensed, new = condense_all([p.part for p in together], cache)
+    condensed, new = condense_all([p.part for p in together], cache, _interleaved(near))
     of_ways = [condensed[k :: len(ways)] for k in range(len(ways))]
     placed = [p for bodies in ways for p in bodies]
     condensed = [c for found in of_ways for c in found]
@@ -284,6 +289,15 @@ def superelement_model(
         mesh_settings=settings,
         built=tuple(dict.fromkeys(together[i].body.name for i in new)),
     )
+
+
+def _interleaved(model: SuperelementModel | None) -> list[tuple[Substructure, Condensed]]:
+    """Return the bodies of a model, body by body in each of its ways to move."""
+    if model is None:
+        return []
+    count = len(model.stage.bodies)
+    pairs = [(p.part, c) for p, c in zip(model.placed, model.condensed, strict=True)]
+    return [pair for i in range(count) for pair in pairs[i::count]]
 
 
 def _joined(

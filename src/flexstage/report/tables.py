@@ -14,6 +14,7 @@ from flexstage.units import DIMENSIONS, readable_text
 
 if TYPE_CHECKING:
     from flexstage.lumped.assemble import HingeSpring
+    from flexstage.stage.drawing.drawn_stage import DrawnStage
 
 #: What the figures of a lumped model are against those of the other commands.
 LUMPED_ALONE_NOTE = (
@@ -23,6 +24,8 @@ LUMPED_ALONE_NOTE = (
 #: The same where another model can be asked for.
 LUMPED_NOTE = f"{LUMPED_ALONE_NOTE}; --model superelement has them, and takes longer"
 
+# a neck that lies nearer to its profile is on it [m]
+_EXACT = 0.5e-9
 _TITLES = {
     "published-analytic": "analytic",
     "published-fem": "FEM",
@@ -191,6 +194,28 @@ def hinge_table(stage: Stage, springs: "Iterable[HingeSpring]") -> Table:
         "bodies share a row."
     )
     return table(caption, heads, lines)
+
+
+def necks_table(drawn: "DrawnStage", caption: str = "") -> Table:
+    """Say what was found of each neck of a drawing, and how sure it is."""
+    rows = [
+        (
+            hinge.name,
+            " – ".join(hinge.bodies),
+            f"{hinge.at[0] * 1e3:.4g}, {hinge.at[1] * 1e3:.4g}",
+            f"{hinge.profile.kind}{', one-sided' if hinge.profile.one_sided else ''}",
+            Cell(f"{hinge.profile.neck_thickness * 1e3:.6g}"),
+            Cell("0" if neck.off < _EXACT else f"{neck.off * 1e6:.2g}"),
+            Cell(f"{neck.ratio:.3g}"),
+            neck.certainty,
+        )
+        for hinge, neck in zip(drawn.stage.hinges, drawn.necks, strict=True)
+    ]
+    headings = (
+        *("neck", "bodies", "at, mm", "profile", "thickness, mm"),
+        *("off, um", "body/neck", "certainty"),
+    )
+    return table(caption, headings, rows)
 
 
 def shown_in(row: ComparisonRow) -> Quantity:

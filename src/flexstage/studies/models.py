@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Literal
 
 from flexstage import progress
@@ -55,6 +56,8 @@ class ModelOptions:
     """Whether to follow the stage over its stroke with finite displacements (plane model)."""
     cache: bool = field(default=True, compare=False)
     """Whether condensed bodies of superelements are read from the user's cache."""
+    near: Stage | None = None
+    """A stage that differs little, whose superelements serve: only what differs is computed."""
 
 
 def _lumped(stage: Stage, options: ModelOptions) -> ModelRun:
@@ -67,42 +70,51 @@ def _lumped(stage: Stage, options: ModelOptions) -> ModelRun:
 
 
 def _superelement(stage: Stage, options: ModelOptions) -> ModelRun:
-    from flexstage.fem import superelement_model
-
-    _no_accuracy("superelement", options)
-    _no_stroke("superelement", options)
-    return _condensed(
-        options,
-        lambda: superelement_model(
-            stage, plane=options.plane, supports=options.supports, cache=options.cache
-        ),
-    )
+    return _condensed(stage, "superelement", options)
 
 
 def _superelement_in_space(stage: Stage, options: ModelOptions) -> ModelRun:
+    _no_plane("superelement-3d", options)
+    return _condensed(stage, "superelement-3d", options)
+
+
+def _condensed(stage: Stage, model: str, options: ModelOptions) -> ModelRun:
+    _no_accuracy(model, options)
+    _no_stroke(model, options)
+    with progress.subtask(0.0, 0.5 if options.estimate else 1.0):
+        if options.near is None:
+            found = _superelements(stage, model, options)
+        else:
+            found = near = _superelements_near(options.near, model, replace(options, near=None))
+            if stage != options.near:
+                found = _superelements(stage, model, options, near)
+        analysis = analyse(stage, found.system)
+    if options.estimate:
+        from flexstage.fem.superelement_accuracy import with_estimates
+
+        with progress.subtask(0.5, 1.0):
+            analysis = with_estimates(analysis, found, cache=options.cache)
+    return ModelRun(analysis=analysis)
+
+
+@lru_cache(maxsize=4)
+def _superelements_near(stage: Stage, model: str, options: ModelOptions) -> "SuperelementModel":
+    return _superelements(stage, model, options)
+
+
+def _superelements(
+    stage: Stage, model: str, options: ModelOptions, near: "SuperelementModel | None" = None
+) -> "SuperelementModel":
     from flexstage.fem import superelement_model
 
-    _no_accuracy("superelement-3d", options)
-    _no_stroke("superelement-3d", options)
-    _no_plane("superelement-3d", options)
-    return _condensed(
-        options,
-        lambda: superelement_model(
-            stage, space=True, supports=options.supports, cache=options.cache
-        ),
+    return superelement_model(
+        stage,
+        plane=options.plane,
+        space=model == "superelement-3d",
+        supports=options.supports,
+        cache=options.cache,
+        near=near,
     )
-
-
-def _condensed(options: ModelOptions, build: "Callable[[], SuperelementModel]") -> ModelRun:
-    from flexstage.fem.superelement_accuracy import with_estimates
-
-    with progress.subtask(0.0, 0.7 if options.estimate else 1.0):
-        model = build()
-        analysis = analyse(model.stage, model.system)
-    if options.estimate:
-        with progress.subtask(0.7, 1.0):
-            analysis = with_estimates(analysis, model, cache=options.cache)
-    return ModelRun(analysis=analysis)
 
 
 def _plane(stage: Stage, options: ModelOptions) -> ModelRun:
@@ -207,6 +219,8 @@ def known_model(model: str, options: ModelOptions | None = None) -> None:
         raise ModelError(f"the model '{model}' is not known: choose from {', '.join(MODELS)}")
 
 
-def analyse_model(stage: Stage, model: str, *, plane: Plane = "auto") -> Analysis:
-    """Analyse a stage with one of `MODELS`, without its mesh."""
-    return run_model(stage, model, ModelOptions(plane=plane)).analysis
+def analyse_model(
+    stage: Stage, model: str, *, plane: Plane = "auto", near: Stage | None = None
+) -> Analysis:
+    """Analyse a stage with one of `MODELS`, without its mesh; `near` as of `ModelOptions`."""
+    return run_model(stage, model, ModelOptions(plane=plane, near=near)).analysis

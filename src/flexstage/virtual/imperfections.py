@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.hinges.other_notch import with_neck_thickness
 from flexstage.lumped import hinge_springs, lumped_system
 from flexstage.lumped.assemble import hinge_matrix, layout_of
-from flexstage.measure.updating.parameters import with_neck_thickness
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 from flexstage.units import DIMENSIONS, Angle, Length

@@ -1,6 +1,8 @@
 """Pictures in the front panel: those of the report as they are, and charts that one can touch."""
 
+import threading
 from base64 import b64encode
+from collections.abc import Callable
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +17,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _AXES = ("xaxis", "yaxis")
+_ONE_DRAWS = threading.RLock()
+
+
+def inline(draw: "Callable[[], Figure]", key: str, says: str) -> str:
+    """Return a figure of the report as SVG for a page; its ids begin with `key`.
+
+    To be called in threads: what draws has settings that all threads share, so one draws at a time.
+    """
+    with _ONE_DRAWS:
+        return inline_svg(draw(), key, says)
 
 
 def picture(figure: "Figure", says: str) -> ui.html:
     """Show a figure of the report, which follows the look of the page; `says` is read aloud."""
     shown = ui.html("", sanitize=False).classes("picture")
-    shown.content = inline_svg(figure, f"picture{shown.id}", says)
+    shown.content = inline(lambda: figure, f"picture{shown.id}", says)
     return shown
 
 

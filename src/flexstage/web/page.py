@@ -3,7 +3,9 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
+from typing import Any, TypeVar
 
 from nicegui import ui
 
@@ -13,6 +15,8 @@ from flexstage.web.options import PanelOptions
 from flexstage.web.preferences import Preferences
 from flexstage.web.sessions import Access, Session
 from flexstage.web.stops import Stops
+
+S = TypeVar("S")
 
 _LOOK_AT_JOBS = 0.25  # s
 
@@ -29,6 +33,13 @@ class Panel:
     """Long work."""
     stops: Stops = field(default_factory=Stops)
     """What the button STOP stops."""
+    _states: dict[type, Any] = field(default_factory=dict)
+
+    def state(self, kind: type[S], make: Callable[[], S] | None = None) -> S:
+        """Return what all browsers share, as a connected stage, by its class; made when asked."""
+        if kind not in self._states:
+            self._states[kind] = (make or kind)()
+        return self._states[kind]
 
     def folder(self, name: str) -> Path:
         """Return a folder for the files of a view, made where it is not there."""
@@ -83,13 +94,23 @@ def complain(sentence: str) -> None:
     )
 
 
+def named_dialog(name: str) -> ui.dialog:
+    """Return a dialog whose name is read aloud when it opens."""
+    return ui.dialog().props(f'aria-label="{escape(name)}"')
+
+
+def quiet_button(text: str = "", **given: Any) -> ui.button:
+    """Return a button without a ground of its own, readable on light and dark."""
+    return ui.button(text, color="link", **given).props("flat")
+
+
 def show_job(page: Page, job: BackgroundJob, over: Callable[[BackgroundJob], None]) -> None:
     """Show how far a job has come, with a button that cancels it; tell when it is over."""
     with ui.row().classes("job items-center no-wrap") as row:
         ui.label(job.name)
         bar = ui.linear_progress(0.0, show_value=False).props(f'aria-label="Progress: {job.name}"')
         doing = ui.label().classes("muted")
-        ui.button("Cancel", on_click=job.cancel).props("flat dense")
+        quiet_button("Cancel", on_click=job.cancel).props("dense")
 
     def look() -> None:
         bar.value = job.share

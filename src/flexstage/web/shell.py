@@ -17,7 +17,9 @@ from flexstage.web.views import VIEWS, PanelView
 def build_page(panel: Panel) -> None:
     """Make the page that a browser opens: the shell, and in it the view of its address."""
     page = Page(panel, ui.context.client.request.scope[SESSION])
-    ui.colors(primary="#0b5c94", negative="#b3261e", positive="#00704f", warning="#8a5a00")
+    ui.colors(
+        primary="#0b5c94", link="#0b5c94", negative="#b3261e", positive="#00704f", warning="#8a5a00"
+    )
     ui.dark_mode(page.preferences.dark)
     ui.add_css(f":root {{ {css_variables()} }} body.body--dark {{ {css_variables(dark=True)} }}")
     ui.page_title("flexstage")

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Awaitable, Callable, Iterable
+from html import escape
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -12,6 +13,12 @@ from flexstage.files.write import write_whole
 from flexstage.web.page import Page, complain
 
 _MB = 2**20
+# the library's own header is a link without a name around an input without one
+_HEADER = """
+<q-btn flat no-caps no-wrap class="full-width" icon="upload_file" label="{label}"
+    @click="props.pickFiles" />
+<div style="display: none"><q-uploader-add-trigger /></div>
+"""
 
 
 def plain_name(given: str) -> str:
@@ -91,5 +98,6 @@ def upload(
         .classes("upload")
         .on_upload(handle)
     )
+    place.add_slot("header", _HEADER.format(label=escape(label, quote=True)))
     place.on("rejected", rejected)
     return place

@@ -1,36 +1,299 @@
-"""Design: choose a stage and see what it is."""
+"""Design: choose a stage, change it, and see at once what that does."""
 
-from dataclasses import dataclass
+import asyncio
+import time
+from pathlib import Path
+from typing import Any
 
-from nicegui import ui
+from nicegui import background_tasks, ui
 
-from flexstage.designs import DESIGNS, find_stage
-from flexstage.report.figures.drawing import draw_stage
-from flexstage.web.figures import picture
-from flexstage.web.page import Page
+from flexstage.designs import DESIGNS, StageTemplate
+from flexstage.errors import FlexstageError
+from flexstage.report.page import table_html
+from flexstage.stage.drawing.endings import DRAWINGS
+from flexstage.web.design.dialogs import ask_export, ask_file_name
+from flexstage.web.design.drawing_dialog import ask_drawing
+from flexstage.web.design.sliders import Sliders
+from flexstage.web.design.state import DesignState, Variant
+from flexstage.web.design.work import (
+    Checked,
+    checked,
+    corrected_rows,
+    figures_table,
+    lumped_rows,
+    slopes_of,
+    template_of,
+)
+from flexstage.web.jobs import BackgroundJob
+from flexstage.web.page import Page, complain, quiet_button
+from flexstage.web.uploads import upload
 
-
-@dataclass
-class DesignState:
-    """What is open in the view."""
-
-    source: str = "vgtu-piezo"
-    """Design, or path of a stage file."""
+_FILES = (".yaml", ".yml", ".json", *DRAWINGS)
+_LOOK = 0.1  # time between looks at what is to be done next [s]
+_IDLE = 0.35  # time without a change after which it has ended [s]
+_QUIET = 0.8  # time after which the finer model begins [s]
 
 
 def build(page: Page) -> None:
     """Make the view."""
-    state = page.session.state(DesignState)
-    with ui.element("section").classes("panel"):
-        choice = ui.select(sorted(DESIGNS), value=state.source, label="Design")
-        shown = ui.column().classes("w-full")
+    DesignView(page).build()
 
-    def show() -> None:
-        state.source = choice.value
-        shown.clear()
-        with shown, page.sentences():
-            stage = find_stage(state.source)
-            picture(draw_stage(stage), f"Drawing of {stage.name}")
 
-    choice.on_value_change(show)
-    show()
+class DesignView:
+    """The view in one page.
+
+    Parameters
+    ----------
+    page
+        The page.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._state = page.session.state(DesignState)
+        self._follows = self._dirty = self._drawing = False
+        self._changed_at = 0.0
+        self._drawn: Variant | None = None
+        self._kept_drawn: Variant | None = None
+        self._job: tuple[str, Variant, BackgroundJob] | None = None
+
+    def build(self) -> None:
+        """Make the view."""
+        self._client = ui.context.client
+        with ui.element("section").classes("panel toolbar"):
+            self._tools()
+        with ui.element("div").classes("columns design"):
+            with ui.element("section").classes("panel"):
+                self._sliders = Sliders(self._state, self._moved)
+            with ui.element("section").classes("panel sticky").props("tabindex=0"):
+                self._results()
+        self._sliders.build()
+        self._moved()
+        ui.timer(_LOOK, self._look)
+
+    def _tools(self) -> None:
+        designs = {name: name for name in sorted(DESIGNS)}
+        source = self._state.now.template.source
+        self._choice = ui.select(
+            designs, value=source if source in designs else None, label="Design", with_input=True
+        ).props("dense options-dense outlined")
+        self._choice.on_value_change(self._choose)
+        upload(
+            self._page, "Stage file or drawing: drop it here", _FILES, self._given, view="design"
+        ).classes("slim")
+        ui.space()
+        self._undo = quiet_button(icon="undo", on_click=self._go_back).props('aria-label="Undo"')
+        self._redo = quiet_button(icon="redo", on_click=self._go_on).props('aria-label="Redo"')
+        quiet_button("Keep to compare", on_click=self._keep)
+        ui.button("Save stage file", on_click=lambda: ask_file_name(self._page, self._state.now))
+        quiet_button("Export", on_click=lambda: ask_export(self._page, self._state.now)).props(
+            "outline"
+        )
+
+    def _results(self) -> None:
+        with ui.row().classes("items-center heading"):
+            self._title = ui.element("h2")
+            self._doing = ui.label().classes("muted small").props('role="status"')
+        self._wrong = ui.label().classes("issue error").props('role="alert"')
+        self._wrong.visible = False
+        self._figures = ui.html("", sanitize=False).classes("tables live")
+        with ui.row().classes("items-center heading") as self._kept_row:
+            self._kept_name = ui.label().classes("small")
+            quiet_button("Open the kept one", on_click=self._swap).props("dense")
+            quiet_button("Keep none", on_click=self._keep_none).props("dense")
+        with ui.element("div").classes("drawings"):
+            self._picture = ui.html("", sanitize=False).classes("picture")
+            self._kept_picture = ui.html("", sanitize=False).classes("picture")
+        self._issues = ui.element("div").classes("issues").props('aria-live="polite"')
+        self._show_kept()
+
+    # what a person does
+
+    def _moved(self) -> None:
+        """Follow a change: the figures at once, the rest when it has ended."""
+        self._changed_at = time.monotonic()
+        self._dirty = True
+        if not self._follows:
+            self._follows = True
+            background_tasks.create(self._follow(), name="design", context=self._client)
+
+    def _choose(self) -> None:
+        if self._choice.value and self._choice.value != self._state.now.template.source:
+            self._open(StageTemplate.of(self._choice.value))
+
+    async def _given(self, path: Path) -> None:
+        if path.suffix.casefold() in DRAWINGS:
+            ask_drawing(self._page, path, self._open)
+        else:
+            self._open(await asyncio.to_thread(template_of, path))
+
+    def _open(self, template: StageTemplate) -> None:
+        self._state.open(template)
+        self._choice.value = template.source if template.source in DESIGNS else None
+        self._sliders.build()
+        self._moved()
+
+    def _go_back(self) -> None:
+        before = self._state.now.template
+        self._state.undo()
+        self._shown_again(before)
+
+    def _go_on(self) -> None:
+        before = self._state.now.template
+        self._state.redo()
+        self._shown_again(before)
+
+    def _shown_again(self, before: StageTemplate) -> None:
+        template = self._state.now.template
+        if template != before:
+            self._choice.value = template.source if template.source in DESIGNS else None
+            self._sliders.build()
+        self._sliders.sync()
+        self._moved()
+
+    def _keep(self) -> None:
+        self._state.kept = self._state.now
+        self._show_kept()
+        self._moved()
+
+    def _keep_none(self) -> None:
+        self._state.kept = None
+        self._show_kept()
+        self._moved()
+
+    def _swap(self) -> None:
+        kept = self._state.kept
+        if kept is not None:
+            before, self._state.kept = self._state.now, self._state.now
+            self._state.show(kept)
+            self._state.commit()
+            self._show_kept()
+            self._shown_again(before.template)
+
+    # what follows
+
+    async def _follow(self) -> None:
+        """Show the figures of the newest variant; those that it passed on the way are left out."""
+        try:
+            while self._dirty:
+                self._dirty = False
+                variant = self._state.now
+                try:
+                    rows = self._state.lumped.get(variant)
+                    if rows is None:
+                        rows = await asyncio.to_thread(lumped_rows, variant)
+                        self._state.lumped.put(variant, rows)
+                except FlexstageError as error:
+                    self._show_wrong(str(error))
+                else:
+                    self._show_wrong("")
+                    self._show_figures(variant)
+        finally:
+            self._follows = False
+
+    def _show_wrong(self, sentence: str) -> None:
+        self._wrong.text = sentence
+        self._wrong.visible = bool(sentence)
+        if sentence:
+            self._figures.classes(add="stale")
+        else:
+            self._figures.classes(remove="stale")
+
+    def _show_figures(self, variant: Variant) -> None:
+        state = self._state
+        kept = state.kept
+        if kept is not None and state.lumped.get(kept) is None:
+            state.lumped.put(kept, lumped_rows(kept))
+        shown = figures_table(
+            self._page.preferences,
+            state.lumped.get(variant) or (),
+            state.corrected.get(variant),
+            state.lumped.get(kept),
+        )
+        self._title.props(f'innerHTML="{variant.name}{" (changed)" if variant.values else ""}"')
+        self._figures.content = (
+            table_html(shown)
+            if shown.rows
+            else '<p class="muted">No figure: the stage has no axis, of a drive and a probe.</p>'
+        )
+
+    def _show_kept(self) -> None:
+        kept = self._state.kept
+        self._kept_row.visible = self._kept_picture.visible = kept is not None
+        if kept is None:
+            self._kept_drawn = None
+        else:
+            changed = f", {len(kept.values)} parameters changed" if kept.values else ""
+            self._kept_name.text = f"Kept: {kept.name}{changed}"
+
+    async def _look(self) -> None:
+        """Do what is due after a change has ended: history, drawing, slopes, the finer model."""
+        state = self._state
+        if not self._client.has_socket_connection:
+            return  # the page was left, or is on its way back
+        self._undo.set_enabled(state.history.can_undo)
+        self._redo.set_enabled(state.history.can_redo)
+        self._take_job()
+        quiet = time.monotonic() - self._changed_at
+        variant = state.now
+        if quiet < _IDLE or self._follows or state.lumped.get(variant) is None:
+            return
+        state.commit()
+        if self._drawing:
+            return
+        if self._drawn != variant:
+            found = await self._checked(variant, f"now{self._picture.id}")
+            self._drawn = variant
+            if found is not None and variant == state.now:
+                self._show_checked(found)
+        elif state.kept is not None and self._kept_drawn != state.kept:
+            kept = state.kept
+            found = await self._checked(kept, f"kept{self._kept_picture.id}")
+            self._kept_drawn = kept
+            if found is not None:
+                self._kept_picture.content = found.svg
+        elif quiet > _QUIET and self._job is None:
+            self._start_job(variant)
+
+    async def _checked(self, variant: Variant, key: str) -> Checked | None:
+        self._drawing = True
+        try:
+            with self._page.sentences():
+                return await asyncio.to_thread(checked, variant, key)
+        finally:
+            self._drawing = False
+        return None
+
+    def _show_checked(self, found: Checked) -> None:
+        self._picture.content = found.svg
+        self._issues.clear()
+        with self._issues:
+            for count, issue in enumerate(found.issues, start=1):
+                ui.label(f"{count}. {issue.message}").classes(f"issue {issue.severity}")
+
+    def _start_job(self, variant: Variant) -> None:
+        state, jobs, owner = self._state, self._page.panel.jobs, self._page.session.id
+        rows = state.lumped.get(variant) or ()
+        if state.slopes.get(variant) is None and state.variables and rows:
+            job = jobs.start("sensitivities", slopes_of, variant, rows, owner=owner)
+            self._job = ("slopes", variant, job)
+        elif state.corrected.get(variant) is None and rows:
+            job = jobs.start("superelements", corrected_rows, variant, owner=owner)
+            self._job = ("corrected", variant, job)
+        self._doing.text = f"{self._job[2].name} …" if self._job else ""
+
+    def _take_job(self) -> None:
+        if self._job is None or not self._job[2].is_over:
+            return
+        kind, variant, job = self._job
+        self._job, self._doing.text = None, ""
+        if job.state == "done":
+            known: Any = self._state.slopes if kind == "slopes" else self._state.corrected
+            known.put(variant, job.result)
+        elif kind == "corrected":
+            # it is not asked for again: the figures of this model stay out
+            self._state.corrected.put(variant, ())
+            complain(f"superelements: {job.error}")
+        if variant == self._state.now:
+            self._sliders.show_slopes()
+            self._show_figures(variant)

@@ -1,0 +1,182 @@
+"""What the view Design has computed: by the library, some of it in a process of its own."""
+
+import io
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flexstage.characteristic import WHOLE_STAGE, Characteristic
+from flexstage.comparison import compare, difference_percent, title_of
+from flexstage.designs import StageTemplate
+from flexstage.errors import FlexstageError, ModelError, StageError
+from flexstage.explore.family import Family
+from flexstage.explore.figures import USUAL, Figure
+from flexstage.explore.sensitivity import Sensitivities, sensitivities
+from flexstage.explore.variables import every_variable
+from flexstage.progress import subtask
+from flexstage.report.figures.checked_stage import draw_checked
+from flexstage.report.tables import percent
+from flexstage.stage import Issue
+from flexstage.studies.models import ModelOptions, analyse_model, run_model
+from flexstage.table import Cell, Table, table
+from flexstage.web.design.state import SHARE, Variant
+from flexstage.web.figures import inline
+from flexstage.web.preferences import Preferences
+
+if TYPE_CHECKING:
+    from flexstage.fem import StageModel
+    from flexstage.stage.drawing.drawn_stage import DrawingOptions, DrawnStage
+    from flexstage.system import Analysis
+
+#: What is shown of every axis and of the whole, as far as a stage has it.
+SHOWN = (*USUAL, "safety_factor", "resolution", "parasitic_rotation", "mass", "smallest_neck")
+#: The figures beside the sliders, and what the columns are called.
+BESIDE = {
+    "transmission_ratio": "ratio",
+    "output_displacement": "stroke",
+    "rotation_stroke": "stroke",
+    "max_stress": "stress",
+    "natural_frequency_hz": "freq.",
+}
+
+
+def lumped_rows(variant: Variant) -> tuple[Characteristic, ...]:
+    """Return the characteristics of a variant by the lumped model."""
+    return tuple(analyse_model(variant.stage(), "lumped").characteristics)
+
+
+def corrected_rows(variant: Variant) -> tuple[Characteristic, ...]:
+    """Return the characteristics of a variant by superelements."""
+    return tuple(analyse_model(variant.stage(), "superelement").characteristics)
+
+
+def slopes_of(variant: Variant, rows: Sequence[Characteristic]) -> Sensitivities:
+    """Return what each parameter does to the figures beside the sliders, by the lumped model."""
+    values = dict(variant.values)
+    variables = tuple(
+        replace(v, usual=values.get(v.name, v.usual))
+        for v in every_variable(variant.template, SHARE)
+    )
+    figures = [
+        Figure(quantity=row.quantity, axis=row.axis) for row in rows if row.quantity in BESIDE
+    ]
+    return sensitivities(Family(template=variant.template, variables=variables), figures)
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """A drawing of a variant, and what is wrong with it."""
+
+    svg: str
+    """The drawing, for a page."""
+    issues: tuple[Issue, ...]
+    """What is wrong, errors first."""
+
+
+def checked(variant: Variant, key: str) -> Checked:
+    """Return the drawing of a variant with what is wrong; `key` makes its ids its own in a page."""
+    from flexstage.stage import check
+
+    stage = variant.stage()
+    issues = check(stage)
+    svg = inline(lambda: draw_checked(stage, issues), key, f"Drawing of {stage.name}")
+    return Checked(svg, issues)
+
+
+def figures_table(
+    preferences: Preferences,
+    lumped: Sequence[Characteristic],
+    corrected: Sequence[Characteristic] | None,
+    kept: Sequence[Characteristic] | None,
+) -> Table:
+    """Set the figures by both models side by side, beside those of the variant that was kept."""
+    sets = {"lumped": lumped, "superelement": corrected or (), "kept": kept or ()}
+    known = {name: {(r.quantity, r.axis): r for r in rows} for name, rows in sets.items()}
+    headings = ["figure", "<axis", "lumped", title_of("superelement")]
+    headings += ["kept", "to kept"] if kept is not None else []
+    rows = []
+    for row in compare(lumped).rows:
+        if row.quantity not in SHOWN:
+            continue
+        key = (row.quantity, row.axis)
+        shown = preferences.shown(row.quantity)
+        texts = [
+            Cell("…" if name == "superelement" and corrected is None else "–")
+            if (found := known[name].get(key)) is None
+            else Cell(found.text(shown), found.value, found.note)
+            for name in known
+        ]
+        cells = [shown.heading, "" if row.axis == WHOLE_STAGE else row.axis, *texts[:2]]
+        if kept is not None:
+            other = known["kept"].get(key)
+            change = difference_percent(row.value("lumped"), other.value if other else None)
+            cells += [texts[2], percent(change) or "–"]
+        rows.append(cells)
+    return table("", headings, rows)
+
+
+def stage_file(variant: Variant, name: str) -> str:
+    """Return the stage file of a variant under another name."""
+    return variant.template.text(dict(variant.values), name)
+
+
+def exported(variant: Variant, formats: Sequence[str]) -> tuple[str, bytes, tuple[str, ...]]:
+    """Write a variant in some formats; return the name of a file, its content, and remarks.
+
+    Several files are one archive (ZIP).
+    """
+    from flexstage.export.formats import FORMATS
+    from flexstage.export.request import ExportRequest
+
+    stage = variant.stage()
+
+    def analyse() -> "tuple[Analysis, StageModel | None]":
+        run = run_model(stage, "superelement", ModelOptions())
+        return run.analysis, run.mesh
+
+    request = ExportRequest(stage=stage, analyse=analyse)
+    files: dict[str, bytes] = {}
+    for done, name in enumerate(formats):
+        with subtask(done / len(formats), (done + 1) / len(formats)):
+            try:
+                written = FORMATS[name].write(request)
+            except (ModelError, StageError) as error:
+                if len(formats) == 1:
+                    raise
+                request.remarks.append(f"{name} was left out: {error}.")
+                continue
+            before = f"{name}/" if len(formats) > 1 else ""
+            files |= {before + file: content for file, content in written.items()}
+    if not files:
+        raise StageError(f"stage '{stage.name}' fits none of these formats: {request.remarks[0]}")
+    if len(files) == 1:
+        ((only, content),) = files.items()
+        return Path(only).name, content, request.notes
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file, content in files.items():
+            archive.writestr(zipfile.ZipInfo(file), content, zipfile.ZIP_DEFLATED)
+    return f"{request.name}.zip", packed.getvalue(), request.notes
+
+
+def drawing_found(path: str, options: "DrawingOptions", key: str) -> tuple["DrawnStage", str, str]:
+    """Find the stage in a drawing; return it, its picture for a page, and its stage file."""
+    from flexstage.report.figures.drawn_stage import draw_found
+    from flexstage.stage.drawing.blanks import stage_file_text
+    from flexstage.stage.drawing.drawn_stage import read_drawing
+
+    drawn = read_drawing(path, options)
+    picture = inline(lambda: draw_found(drawn), key, f"What was found in {Path(path).name}")
+    return drawn, picture, stage_file_text(drawn)
+
+
+def template_of(source: str | Path) -> StageTemplate:
+    """Return a design or a stage file as one to vary; what no model can take is refused."""
+    template = StageTemplate.of(source)
+    try:
+        analyse_model(template.stage(), "lumped")
+    except FlexstageError as error:
+        raise StageError(f"{Path(template.source).name}: {error}") from error
+    return template
