@@ -63,7 +63,7 @@ def chart(data: list[dict[str, Any]], layout: dict[str, Any], says: str) -> ui.p
         An axis has no title.
     """
     shown = ui.plotly(chart_figure(data, layout)).classes("chart")
-    shown.props(f'role="img" aria-label="{escape(says)}"')
+    shown.props["role"], shown.props["aria-label"] = "img", says
     return shown
 
 

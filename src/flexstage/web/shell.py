@@ -9,7 +9,7 @@ from nicegui import app, ui
 
 from flexstage.report.figures.style import css_variables
 from flexstage.web.gate import SESSION
-from flexstage.web.page import Page, Panel
+from flexstage.web.page import Heading, Page, Panel
 from flexstage.web.preferences import ANGLES, AUTOMATIC, DRIVES, LENGTHS, LOOKS
 from flexstage.web.views import VIEWS, PanelView
 
@@ -21,7 +21,10 @@ def build_page(panel: Panel) -> None:
         primary="#0b5c94", link="#0b5c94", negative="#b3261e", positive="#00704f", warning="#8a5a00"
     )
     ui.dark_mode(page.preferences.dark)
-    ui.add_css(f":root {{ {css_variables()} }} body.body--dark {{ {css_variables(dark=True)} }}")
+    ui.add_css(
+        f":root {{ {css_variables()} }} body.body--dark {{ {css_variables(dark=True)} }}"
+        f" .on-paper {{ {css_variables()} background: var(--paper); }}"
+    )
     ui.page_title("flexstage")
     main = ui.element("main").classes("view")
     with main:
@@ -38,7 +41,7 @@ def build_page(panel: Panel) -> None:
 
 def _show(page: Page, view: PanelView) -> None:
     ui.page_title(f"{view.name} · flexstage")
-    ui.element("h1").classes("hidden-title").props(f'innerHTML="{view.name}"')
+    Heading(view.name, 1).classes("hidden-title")
     view.build(page)
 
 
