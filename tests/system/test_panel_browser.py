@@ -26,6 +26,8 @@ def test_the_shell_is_sound_and_works_by_keyboard(tmp_path: Path) -> None:
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.textContent") == "To the content"
         page.get_by_role("button", name="Units and look").click()
+        page.wait_for_timeout(500)
+        assert not look.grave_faults()
         page.get_by_role("combobox", name="Look").click()
         page.get_by_role("option", name="dark").click()
         page.wait_for_selector("body.body--dark")

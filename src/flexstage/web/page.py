@@ -121,8 +121,13 @@ def quiet_button(text: str = "", **given: Any) -> ui.button:
     return ui.button(text, color="link", **given).props("flat")
 
 
-def show_job(page: Page, job: BackgroundJob, over: Callable[[BackgroundJob], None]) -> None:
-    """Show how far a job has come, with a button that cancels it; tell when it is over."""
+def show_job(
+    page: Page, job: BackgroundJob, over: Callable[[BackgroundJob], None] | None = None
+) -> None:
+    """Show how far a job has come, with a button that cancels it; tell when it is over.
+
+    Who waits for it is told why it failed.
+    """
     with ui.row().classes("job items-center no-wrap") as row:
         ui.label(job.name)
         bar = ui.linear_progress(0.0, show_value=False)
@@ -139,8 +144,9 @@ def show_job(page: Page, job: BackgroundJob, over: Callable[[BackgroundJob], Non
     def ended(job: BackgroundJob) -> None:
         timer.cancel()
         row.delete()
-        if job.state == "failed":
-            complain(f"{job.name}: {job.error}")
-        over(job)
+        if over is not None:
+            if job.state == "failed":
+                complain(f"{job.name}: {job.error}")
+            over(job)
 
     page.watch(job, ended)

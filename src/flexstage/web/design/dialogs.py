@@ -8,7 +8,7 @@ from flexstage.export.formats import FORMATS
 from flexstage.files.names import file_name
 from flexstage.files.write import write_whole
 from flexstage.web.design.state import Variant
-from flexstage.web.design.work import exported, stage_file
+from flexstage.web.design.work import exported_into, stage_file
 from flexstage.web.jobs import BackgroundJob
 from flexstage.web.page import Heading, Page, named_dialog, quiet_button, show_job
 
@@ -56,16 +56,18 @@ def ask_export(page: Page, variant: Variant) -> None:
                 ui.notify("choose a format", type="warning")
                 return
             go.disable()
-            job = page.panel.jobs.start("export", exported, variant, formats, owner=page.session.id)
+            folder, owner = page.panel.folder("design"), page.session.id
+            job = page.panel.jobs.start(
+                "export", exported_into, folder, variant, formats, owner=owner
+            )
             with working:
                 show_job(page, job, over)
 
         def over(job: BackgroundJob) -> None:
             go.enable()
             if job.state == "done":
-                name, content, remarks = job.result
-                write_whole(page.panel.folder("design") / name, content)
-                ui.download.content(content, name)
+                path, remarks = job.result
+                ui.download.content(path.read_bytes(), path.name)
                 with working:
                     for remark in remarks:
                         ui.label(remark).classes("muted small")
