@@ -47,6 +47,7 @@ def analyse(
     plane: PlaneOption = "auto",
     accuracy: Annotated[float | None, typer.Option(parser=relative)] = None,
     quantity: str = "natural_frequency_hz",
+    estimate: bool = False,
     supports: str = "rigid",
     stroke: bool = False,
     folder: OutputFolder = None,
@@ -66,6 +67,9 @@ def analyse(
         this share, such as 0.1%.
     quantity
         NAME: Quantity that --accuracy refers to, such as max_stress.
+    estimate
+        Estimate the error of each figure, by bodies of a lower order and with more modes
+        (superelement models; the first analysis takes twice as long).
     supports
         rigid|elastic: Rigid or elastic frame under the reactions of the drives (plane and solid
         models).
@@ -90,6 +94,7 @@ def analyse(
         plane=plane,  # type: ignore[arg-type]
         accuracy=accuracy,
         quantity=quantity,
+        estimate=estimate,
         supports=supports,  # type: ignore[arg-type]
         stroke=stroke,
     )
@@ -232,14 +237,20 @@ def _spread(uncertainty: float, shown: "Quantity") -> str:
 def _modes(screen: "Console", analysis: "Analysis") -> None:
     from flexstage.quantities import number
 
-    columns = [found.frequency_hz[:6] for found in analysis.modes.values()]
+    heads, columns = ["mode"], []
+    for name, found in analysis.modes.items():
+        heads.append(f"drives {name}")
+        columns.append([number(float(f)) for f in found.frequency_hz[:6]])
+        if found.uncertainty_hz is not None:
+            heads.append("± mesh")
+            columns.append([number(float(u), 2) for u in found.uncertainty_hz[:6]])
     print_table(
         screen,
         "natural frequencies in Hz",
-        ("mode", *(f"drives {name}" for name in analysis.modes)),
+        heads,
         (
-            (k + 1, *(number(float(c[k])) if k < c.size else "–" for c in columns))
-            for k in range(max((column.size for column in columns), default=0))
+            (k + 1, *(c[k] if k < len(c) else "–" for c in columns))
+            for k in range(max(map(len, columns), default=0))
         ),
     )
 

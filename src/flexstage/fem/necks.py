@@ -14,8 +14,8 @@ from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import exactly, surface_edge
 from flexstage.stage import Stage
 
-# along an element's edge; its ends lie on vertices, where the elements beside it are averaged
-_ALONG = (0.0, 0.25, 0.5, 0.75, 1.0)
+#: Points along an edge; its ends lie on vertices, where the elements beside it are averaged.
+ALONG = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,9 +44,9 @@ def neck_points(mesh: ng.Mesh, stage: Stage) -> NeckPoints:
 
     They lie along every element's edge or face on the surface of a notch.
     """
-    rules = {ng.ET.SEGM: _rule([(s, 0.0, 0.0) for s in _ALONG])}
+    rules = {ng.ET.SEGM: _rule([(s, 0.0, 0.0) for s in ALONG])}
     if mesh.dim == 3:
-        rules = {ng.ET.QUAD: _rule([(s, t, 0.0) for s in _ALONG for t in _ALONG])}
+        rules = {ng.ET.QUAD: _rule([(s, t, 0.0) for s in ALONG for t in ALONG])}
     found, owner = [], []
     for i, hinge in enumerate(stage.hinges):
         surface = mesh.Boundaries(exactly(surface_edge(hinge.name)))

@@ -102,6 +102,18 @@ class SuperelementModel:
             (self.system.validity, self.system.settings),
         )
 
+    def of_other_bodies(self, condensed: Sequence[Condensed]) -> MechanicalSystem:
+        """Return the system of the same stage with its bodies condensed otherwise."""
+        joint, basis, omega, names = _joined(self.stage, self.placed, condensed, KEPT)
+        return _system(
+            self.stage,
+            joint,
+            self.placed,
+            condensed,
+            (basis, np.eye(omega.size), np.diag(omega**2), names),
+            (self.system.validity, self.system.settings),
+        )
+
     def displacement(self, q: Array, bodies: Iterable[str] | None = None) -> list[BodyField]:
         """Return the displacement on the meshes of bodies, which are made anew for it.
 
@@ -227,10 +239,9 @@ def superelement_model(
     together = [p for bodies in zip(*ways, strict=True) for p in bodies]
     condensed, new = condense_all([p.part for p in together], cache, _interleaved(near))
     of_ways = [condensed[k :: len(ways)] for k in range(len(ways))]
-    joints = [join(stage, bodies, found) for bodies, found in zip(ways, of_ways, strict=True)]
     placed = [p for bodies in ways for p in bodies]
     condensed = [c for found in of_ways for c in found]
-    joint, basis, omega, names = _stacked(joints, kept)
+    joint, basis, omega, names = _joined(stage, placed, condensed, kept)
     held = "; ".join(dict.fromkeys(c.held for c in condensed if c.held))
     planes = " and ".join(sorted({n.plane for p in cut for n in p.part.necks})) or "stress"
     choices = {
@@ -289,12 +300,17 @@ def _interleaved(model: SuperelementModel | None) -> list[tuple[Substructure, Co
     return [pair for i in range(count) for pair in pairs[i::count]]
 
 
-def _stacked(joints: Sequence[Joint], kept: int) -> tuple[Joint, Array, Array, tuple[str, ...]]:
-    """Put motions that know nothing of each other side by side, each in its lowest modes.
+def _joined(
+    stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed], kept: int
+) -> tuple[Joint, Array, Array, tuple[str, ...]]:
+    """Join bodies, and put motions that know nothing of each other side by side, in lowest modes.
 
     Returns the bodies joined, coordinates of them for each one of the system, the frequencies of
     these [rad/s], and their names.
     """
+    each = len(stage.bodies)
+    ways = (slice(k, k + each) for k in range(0, len(placed), each))
+    joints = [join(stage, placed[way], condensed[way]) for way in ways]
     bases, omegas, names = [], [], []
     for k, joint in enumerate(joints):
         omega, basis, is_mode = lowest(joint, kept if k == 0 else kept // 2)

@@ -106,6 +106,7 @@ def analyse(
     plane: Plane = "auto",
     accuracy: float | None = None,
     quantity: str = "natural_frequency_hz",
+    estimate: bool = False,
     supports: Literal["rigid", "elastic"] = "rigid",
     stroke: bool = False,
 ) -> StageAnalysis:
@@ -125,6 +126,8 @@ def analyse(
         Relative accuracy of `quantity` [1] that the mesh of the plane or solid model is refined to.
     quantity : str
         The quantity that shall be accurate.
+    estimate : bool
+        Whether to estimate the error of each figure (superelement models).
     supports : str
         ``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them.
     stroke : bool
@@ -147,7 +150,12 @@ def analyse(
     321.2 Hz
     """
     options = ModelOptions(
-        plane=plane, accuracy=accuracy, quantity=quantity, supports=supports, stroke=stroke
+        plane=plane,
+        accuracy=accuracy,
+        quantity=quantity,
+        estimate=estimate,
+        supports=supports,
+        stroke=stroke,
     )
     return StageAnalysis(run=run_model(stage_of(stage), model, options))
 

@@ -50,6 +50,8 @@ class ModelOptions:
     """The quantity that shall be accurate."""
     supports: Literal["rigid", "elastic"] = "rigid"
     """``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them."""
+    estimate: bool = False
+    """Whether to estimate the error of each figure (superelements, in twice the time)."""
     stroke: bool = False
     """Whether to follow the stage over its stroke with finite displacements (plane model)."""
     cache: bool = field(default=True, compare=False)
@@ -60,6 +62,7 @@ class ModelOptions:
 
 def _lumped(stage: Stage, options: ModelOptions) -> ModelRun:
     _no_accuracy("lumped", options)
+    _no_estimate("lumped", options)
     _no_stroke("lumped", options)
     if options.supports != "rigid":
         raise ModelError("the bodies of the lumped model are rigid, and so are its supports")
@@ -78,13 +81,20 @@ def _superelement_in_space(stage: Stage, options: ModelOptions) -> ModelRun:
 def _condensed(stage: Stage, model: str, options: ModelOptions) -> ModelRun:
     _no_accuracy(model, options)
     _no_stroke(model, options)
-    if options.near is None:
-        found = _superelements(stage, model, options)
-    else:
-        found = near = _superelements_near(options.near, model, replace(options, near=None))
-        if stage != options.near:
-            found = _superelements(stage, model, options, near)
-    return ModelRun(analysis=analyse(stage, found.system))
+    with progress.subtask(0.0, 0.5 if options.estimate else 1.0):
+        if options.near is None:
+            found = _superelements(stage, model, options)
+        else:
+            found = near = _superelements_near(options.near, model, replace(options, near=None))
+            if stage != options.near:
+                found = _superelements(stage, model, options, near)
+        analysis = analyse(stage, found.system)
+    if options.estimate:
+        from flexstage.fem.superelement_accuracy import with_estimates
+
+        with progress.subtask(0.5, 1.0):
+            analysis = with_estimates(analysis, found, cache=options.cache)
+    return ModelRun(analysis=analysis)
 
 
 @lru_cache(maxsize=4)
@@ -145,6 +155,7 @@ def _meshed(
 ) -> ModelRun:
     from flexstage.fem import LADDERS, refine
 
+    _no_estimate(name, options)
     if options.accuracy is None:
         model = build(None)
         return ModelRun(analysis=analyse(stage, model.system), mesh=model)
@@ -155,6 +166,14 @@ def _meshed(
 def _no_accuracy(model: str, options: ModelOptions) -> None:
     if options.accuracy is not None:
         raise ModelError(f"--accuracy works with --model plane or solid only, got {model}")
+
+
+def _no_estimate(model: str, options: ModelOptions) -> None:
+    if options.estimate:
+        raise ModelError(
+            f"--estimate works with --model superelement or superelement-3d only, got {model}: "
+            + ("leave it out" if model == "lumped" else "take --accuracy")
+        )
 
 
 def _no_plane(model: str, options: ModelOptions) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 from flexstage.characteristic import Characteristic
 from flexstage.files.plain import json_text, picked, plain
 from flexstage.studies.models import ModelRun
-from flexstage.system import Analysis, load_readings
+from flexstage.system import Analysis, Modes, load_readings
 from flexstage.system.coupled_axes import CoupledAxes
 
 if TYPE_CHECKING:
@@ -33,13 +33,7 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
     out: dict[str, Any] = {
         "model": analysis.system.model,
         "characteristics": [characteristic_row(row) for row in analysis.characteristics],
-        "modes": {
-            condition: [
-                {"natural_frequency_hz": plain(f), "damping_ratio": plain(zeta)}
-                for f, zeta in zip(found.frequency_hz, found.damping_ratio, strict=True)
-            ]
-            for condition, found in analysis.modes.items()
-        },
+        "modes": {condition: _mode_rows(found) for condition, found in analysis.modes.items()},
         **picked(analysis, "hinge_stress"),
         "loads": {
             load.name: {"unit": load.unit, "readings": readings[load.name]}
@@ -66,6 +60,18 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
             for response in analysis.responses
         ]
     return out
+
+
+def _mode_rows(found: Modes) -> list[dict[str, Any]]:
+    """Return modes as plain data, with the estimate of the error of each frequency if there is."""
+    rows = [
+        {"natural_frequency_hz": plain(f), "damping_ratio": plain(zeta)}
+        for f, zeta in zip(found.frequency_hz, found.damping_ratio, strict=True)
+    ]
+    if found.uncertainty_hz is not None:
+        for row, u in zip(rows, found.uncertainty_hz, strict=True):
+            row["uncertainty_hz"] = plain(u)
+    return rows
 
 
 def coupling_results(found: CoupledAxes) -> dict[str, Any]:

@@ -32,7 +32,10 @@ if TYPE_CHECKING:
     from flexstage.studies.virtual_experiments import CentringTrial
 
 #: What a study asks of a model beyond its usual mesh.
-_ASKED: Mapping[str, ModelOptions] = {"plane": ModelOptions(accuracy=1e-3, stroke=True)}
+_ASKED: Mapping[str, ModelOptions] = {
+    "superelement": ModelOptions(estimate=True),
+    "plane": ModelOptions(accuracy=1e-3, stroke=True),
+}
 
 #: Models of which the other choice of plane state is shown as well: it costs little.
 _BOUNDED = ("lumped", "plane")

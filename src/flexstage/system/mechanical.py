@@ -118,7 +118,7 @@ class StressMap:
             order = np.argsort(self.owner, kind="stable")
             owner = self.owner[order]
             first = np.flatnonzero(np.diff(owner, prepend=-1))
-            worst[owner[first]] = np.maximum.reduceat(self._equivalent(q)[order], first)
+            worst[owner[first]] = np.maximum.reduceat(self.equivalent(q)[order], first)
         return dict(zip(self.hinges, worst.tolist(), strict=True))
 
     def scatter(self, q: Array) -> dict[str, float]:
@@ -138,7 +138,7 @@ class StressMap:
         spread = np.zeros(len(self.hinges))
         if self.point is None or not self.owner.size:
             return dict(zip(self.hinges, spread.tolist(), strict=True))
-        mean = self._equivalent(q)
+        mean = self.equivalent(q)
         alone = np.abs(_equivalent(self.matrix @ q))
         high, low = np.full(self.point.max() + 1, -np.inf), np.full(self.point.max() + 1, np.inf)
         np.maximum.at(high, self.point, alone)
@@ -150,8 +150,19 @@ class StressMap:
                 spread[i] = half[self.point[at[np.argmax(mean[at])]]]
         return dict(zip(self.hinges, spread.tolist(), strict=True))
 
-    def _equivalent(self, q: Array) -> Array:
-        """Magnitude of the equivalent stress at each place, averaged at shared points."""
+    def equivalent(self, q: Array) -> Array:
+        """Return the equivalent stress at each place, averaged at shared points.
+
+        Parameters
+        ----------
+        q : numpy.ndarray
+            Coordinates, shape (n,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Its magnitude [Pa], shape (m,).
+        """
         stress = self.matrix @ q
         if self.point is not None and self.point.size:
             share = np.bincount(self.point)

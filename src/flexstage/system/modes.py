@@ -22,6 +22,8 @@ class Modes:
     """Mode shapes with phi^T M phi = 1, one a column, shape (n, k)."""
     damping_ratio: Array
     """Damping ratio of each mode [1], shape (k,)."""
+    uncertainty_hz: Array | None = None
+    """Estimate of the error of each frequency [Hz], shape (k,), where one was asked for."""
 
     __repr__ = short_repr
 
@@ -48,6 +50,7 @@ class Modes:
             frequency_hz=self.frequency_hz[:count],
             shapes=self.shapes[:, :count],
             damping_ratio=self.damping_ratio[:count],
+            uncertainty_hz=None if self.uncertainty_hz is None else self.uncertainty_hz[:count],
         )
 
 
