@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from nicegui import ui
 
-from flexstage import progress
 from flexstage.errors import ModelError
 from flexstage.web.figures import chart_figure
 from flexstage.web.jobs import Jobs
@@ -17,21 +17,7 @@ from flexstage.web.stops import Stops
 from flexstage.web.uploads import plain_name, require_ending
 from flexstage.web.views import VIEWS
 from tests.panel import simulated
-
-
-def counted(steps: int, pause: float = 0.0) -> int:
-    for step in range(steps):
-        progress.update("counting", step / steps)
-        time.sleep(pause)
-    return os.getpid()
-
-
-def refused(value: float) -> None:
-    raise ModelError(f"there is no such value, got {value}")
-
-
-def ended_from_outside() -> None:
-    os._exit(3)
+from tests.panel_work import counted, ended_from_outside, refused
 
 
 @pytest.fixture
@@ -54,8 +40,6 @@ def test_the_shell_opens_every_view_by_its_address(tmp_path: Path) -> None:
 
 def test_units_chosen_once_are_kept_over_a_reload(tmp_path: Path) -> None:
     async def look(user: Any, panel: Any) -> None:
-        from nicegui import ui
-
         await user.open("/")
         (angles,) = (s for s in user.find(ui.select).elements if s.props.get("label") == "Angles")
         angles.value = "arcsec"
@@ -79,6 +63,22 @@ def test_stop_is_there_on_every_view_while_a_stage_is_connected(tmp_path: Path) 
         assert stopped == ["second"]  # though the first one failed
 
     # the failure of the first is logged as an error
+    simulated(tmp_path, look)
+
+
+def test_long_work_is_in_the_bar_also_after_a_reload(tmp_path: Path) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        await user.open("/")
+        await user.should_not_see(kind=ui.badge)
+        (session,) = panel.access._sessions.values()
+        job = panel.jobs.start_thread("long", counted, 1000, 0.02, owner=session.id)
+        job.began -= 10.0
+        panel.jobs.start_thread("of another", counted, 1000, 0.02, owner="another").began -= 10.0
+        await user.open("/")
+        await user.should_see("1", kind=ui.badge, retries=10)
+        job.cancel()
+        assert job.wait(5.0)
+
     simulated(tmp_path, look)
 
 

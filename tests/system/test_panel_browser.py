@@ -1,5 +1,6 @@
 """The front panel in a browser: each view's main task, at all sizes, light and dark."""
 
+import json
 import shutil
 import ssl
 import statistics
@@ -25,6 +26,8 @@ def test_the_shell_is_sound_and_works_by_keyboard(tmp_path: Path) -> None:
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.textContent") == "To the content"
         page.get_by_role("button", name="Units and look").click()
+        page.wait_for_timeout(500)
+        assert not look.grave_faults()
         page.get_by_role("combobox", name="Look").click()
         page.get_by_role("option", name="dark").click()
         page.wait_for_selector("body.body--dark")
@@ -178,6 +181,30 @@ def test_a_stage_is_designed_in_the_page(tmp_path: Path) -> None:
         saved.save_as(tmp_path / "guide.yaml")
         page.locator("input[type=file]").set_input_files(tmp_path / "guide.yaml")
         page.get_by_role("heading", name="guide.yaml", exact=True).wait_for()
+        assert not look.complaints
+
+
+def test_words_of_a_file_are_shown_as_words(tmp_path: Path) -> None:
+    hostile = json.dumps("<img src=x onerror=alert(1)>' \"> <script>alert(2)</script>")
+    text = f"""\
+flexstage: 1
+title: {hostile}
+parameters:
+  t: {{value: 0.5 mm, description: {hostile}}}
+design:
+  name: parallelogram
+  leg: {{notch: {{kind: circular, neck_thickness: =t, radius: 2 mm}}, bar_length: 26 mm}}
+"""
+    (tmp_path / "hostile.yaml").write_text(text, encoding="utf-8")
+    with looked_at(tmp_path) as look:
+        page, said = look.page, []
+        page.on("dialog", lambda dialog: (said.append(dialog.message), dialog.dismiss()))
+        page.locator("input[type=file]").set_input_files(tmp_path / "hostile.yaml")
+        page.get_by_role("heading", name="hostile.yaml").wait_for()
+        settled(page)
+        assert page.locator(".sliders [title*='onerror']").count() > 0
+        assert page.locator("main img, main script").count() == 0
+        assert not said
         assert not look.complaints
 
 

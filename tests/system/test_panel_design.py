@@ -22,6 +22,7 @@ from flexstage.web.design.work import (
     corrected_rows,
     drawing_found,
     exported,
+    exported_into,
     figures_table,
     lumped_rows,
     slopes_of,
@@ -139,6 +140,12 @@ def test_several_exports_are_one_archive_and_one_file_is_itself() -> None:
     assert name == "parallelogram.zip"
     with zipfile.ZipFile(BytesIO(packed)) as archive:
         assert archive.read(next(n for n in archive.namelist() if n.endswith(".dxf"))) == content
+
+
+def test_an_export_is_kept_whoever_waits_for_it(tmp_path: Path) -> None:
+    path, _ = exported_into(tmp_path, thinner(), ["csv", "dxf"])
+    assert path == tmp_path / "parallelogram.zip"
+    assert path.read_bytes().startswith(b"PK")
 
 
 def test_a_drawing_becomes_a_stage(tmp_path: Path) -> None:

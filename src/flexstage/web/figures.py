@@ -1,32 +1,17 @@
 """Pictures in the front panel: those of the report as they are, and charts that one can touch."""
 
-import threading
 from base64 import b64encode
-from collections.abc import Callable
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from flexstage.errors import ModelError
-from flexstage.report.figures.style import CYCLE, inline_svg
 from flexstage.report.page import table_html
 from flexstage.table import Table
+from flexstage.web.pictures import chart_figure, inline
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_AXES = ("xaxis", "yaxis")
-_ONE_DRAWS = threading.RLock()
-
-
-def inline(draw: "Callable[[], Figure]", key: str, says: str) -> str:
-    """Return a figure of the report as SVG for a page; its ids begin with `key`.
-
-    To be called in threads: what draws has settings that all threads share, so one draws at a time.
-    """
-    with _ONE_DRAWS:
-        return inline_svg(draw(), key, says)
 
 
 def picture(figure: "Figure", says: str) -> ui.html:
@@ -63,29 +48,8 @@ def chart(data: list[dict[str, Any]], layout: dict[str, Any], says: str) -> ui.p
         An axis has no title.
     """
     shown = ui.plotly(chart_figure(data, layout)).classes("chart")
-    shown.props(f'role="img" aria-label="{escape(says)}"')
+    shown.props["role"], shown.props["aria-label"] = "img", says
     return shown
-
-
-def chart_figure(data: list[dict[str, Any]], layout: dict[str, Any]) -> dict[str, Any]:
-    """Return a chart as Plotly takes it, for `ui.plotly.update_figure`."""
-    axes = {name for name in layout if name.startswith(_AXES)} | set(_AXES)
-    for name in sorted(axes):
-        title = layout.get(name, {}).get("title")
-        if not (title.get("text") if isinstance(title, dict) else title):
-            raise ModelError(f"the {name} of a chart has no title: every axis says what it shows")
-    usual = {
-        "margin": {"l": 64, "r": 16, "t": 24, "b": 48},
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "rgba(0,0,0,0)",
-        "colorway": list(CYCLE),
-        "font": {"family": "inherit", "size": 13},
-        "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom"},
-        "hovermode": "closest",
-        "uirevision": "kept",
-    }
-    config = {"responsive": True, "displaylogo": False, "modeBarButtonsToRemove": ["toImage"]}
-    return {"data": data, "layout": usual | layout, "config": config}
 
 
 def show_table(table: Table) -> ui.html:

@@ -20,6 +20,8 @@ _LOG = logging.getLogger("flexstage.web")
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 _KEPT = 200  # finished jobs that are remembered
 _SPARE = 1  # idle processes that are kept for the next job
+_AT_ONCE = 3  # a long job of one person leaves room for the short ones of others
+_NICE = 5  # the page, and what drives a stage, come first
 
 
 class Cancelled(BaseException):
@@ -81,11 +83,11 @@ class Jobs:
     Parameters
     ----------
     at_once
-        Processes that work at the same time; one core is left to the page where it is None.
+        Processes that work at the same time: others wait.
     """
 
     def __init__(self, at_once: int | None = None) -> None:
-        count = at_once or max(1, (os.cpu_count() or 2) - 1)
+        count = at_once or max(_AT_ONCE, os.cpu_count() or 1)
         self._room = threading.BoundedSemaphore(count)
         self._jobs: dict[str, BackgroundJob] = {}
         self._idle: list[_Worker] = []
@@ -242,6 +244,8 @@ def _work(connection: Connection) -> None:
 
     # an interrupt at the terminal is for the panel, which ends this process
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(_NICE)
 
     def tell(what: str, share: float) -> None:
         connection.send(("progress", what, share))

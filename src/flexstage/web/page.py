@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
 from typing import Any, TypeVar
 
 from nicegui import ui
+from nicegui.elements.mixins.text_element import TextElement
 
 from flexstage.errors import FlexstageError
 from flexstage.web.jobs import BackgroundJob, Jobs
@@ -94,9 +94,26 @@ def complain(sentence: str) -> None:
     )
 
 
+class Heading(TextElement):
+    """A heading.
+
+    Parameters
+    ----------
+    text
+        What it says; shown as text, whoever wrote it.
+    level
+        1 to 6.
+    """
+
+    def __init__(self, text: str = "", level: int = 2) -> None:
+        super().__init__(tag=f"h{level}", text=text)
+
+
 def named_dialog(name: str) -> ui.dialog:
     """Return a dialog whose name is read aloud when it opens."""
-    return ui.dialog().props(f'aria-label="{escape(name)}"')
+    dialog = ui.dialog()
+    dialog.props["aria-label"] = name
+    return dialog
 
 
 def quiet_button(text: str = "", **given: Any) -> ui.button:
@@ -104,11 +121,17 @@ def quiet_button(text: str = "", **given: Any) -> ui.button:
     return ui.button(text, color="link", **given).props("flat")
 
 
-def show_job(page: Page, job: BackgroundJob, over: Callable[[BackgroundJob], None]) -> None:
-    """Show how far a job has come, with a button that cancels it; tell when it is over."""
+def show_job(
+    page: Page, job: BackgroundJob, over: Callable[[BackgroundJob], None] | None = None
+) -> None:
+    """Show how far a job has come, with a button that cancels it; tell when it is over.
+
+    Who waits for it is told why it failed.
+    """
     with ui.row().classes("job items-center no-wrap") as row:
         ui.label(job.name)
-        bar = ui.linear_progress(0.0, show_value=False).props(f'aria-label="Progress: {job.name}"')
+        bar = ui.linear_progress(0.0, show_value=False)
+        bar.props["aria-label"] = f"Progress: {job.name}"
         doing = ui.label().classes("muted")
         quiet_button("Cancel", on_click=job.cancel).props("dense")
 
@@ -121,8 +144,9 @@ def show_job(page: Page, job: BackgroundJob, over: Callable[[BackgroundJob], Non
     def ended(job: BackgroundJob) -> None:
         timer.cancel()
         row.delete()
-        if job.state == "failed":
-            complain(f"{job.name}: {job.error}")
-        over(job)
+        if over is not None:
+            if job.state == "failed":
+                complain(f"{job.name}: {job.error}")
+            over(job)
 
     page.watch(job, ended)

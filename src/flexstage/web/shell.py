@@ -1,5 +1,6 @@
 """What surrounds every view: name, navigation, units, look, and STOP while a stage is connected."""
 
+import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,9 +10,13 @@ from nicegui import app, ui
 
 from flexstage.report.figures.style import css_variables
 from flexstage.web.gate import SESSION
-from flexstage.web.page import Page, Panel
+from flexstage.web.jobs import BackgroundJob
+from flexstage.web.page import Heading, Page, Panel, quiet_button, show_job
 from flexstage.web.preferences import ANGLES, AUTOMATIC, DRIVES, LENGTHS, LOOKS
 from flexstage.web.views import VIEWS, PanelView
+
+_LOOK = 0.5  # time between looks at what is being done [s]
+_LONG = 2.0  # work that takes longer is shown in the bar [s]
 
 
 def build_page(panel: Panel) -> None:
@@ -21,7 +26,10 @@ def build_page(panel: Panel) -> None:
         primary="#0b5c94", link="#0b5c94", negative="#b3261e", positive="#00704f", warning="#8a5a00"
     )
     ui.dark_mode(page.preferences.dark)
-    ui.add_css(f":root {{ {css_variables()} }} body.body--dark {{ {css_variables(dark=True)} }}")
+    ui.add_css(
+        f":root {{ {css_variables()} }} body.body--dark {{ {css_variables(dark=True)} }}"
+        f" .on-paper {{ {css_variables()} background: var(--paper); }}"
+    )
     ui.page_title("flexstage")
     main = ui.element("main").classes("view")
     with main:
@@ -32,13 +40,14 @@ def build_page(panel: Panel) -> None:
         _navigation()
         with ui.row().classes("tools items-center no-wrap"):
             _stop(page)
+            _jobs(page)
             _settings(page, views)
     ui.skip_link("To the content", target=main)
 
 
 def _show(page: Page, view: PanelView) -> None:
     ui.page_title(f"{view.name} · flexstage")
-    ui.element("h1").classes("hidden-title").props(f'innerHTML="{view.name}"')
+    Heading(view.name, 1).classes("hidden-title")
     view.build(page)
 
 
@@ -85,6 +94,37 @@ def _stop(page: Page) -> None:
     ui.keyboard(on_key=pressed, ignore=[])
 
 
+def _jobs(page: Page) -> None:
+    """Put the long work of this browser into the bar: how far it is, also after a reload."""
+
+    def running() -> list[BackgroundJob]:
+        now = time.time()
+        mine = page.panel.jobs.of(page.session.id)
+        return [job for job in mine if not job.is_over and now - job.began > _LONG]
+
+    with quiet_button(icon="hourglass_top").props("text-color=white") as button:
+        badge = ui.badge().props("floating color=warning")
+        with ui.menu().props('role=dialog aria-label="Work in progress"') as menu:
+            listed = ui.column().classes("settings jobs")
+    button.props["aria-label"] = "Work in progress"
+
+    def show() -> None:
+        listed.clear()
+        with listed:
+            for job in running():
+                show_job(page, job)
+
+    def look() -> None:
+        count = len(running())
+        badge.text = str(count)
+        button.visible = count > 0
+        if not count:
+            menu.close()
+
+    menu.on("before-show", show)
+    ui.timer(_LOOK, look)
+
+
 def _settings(page: Page, views: Any) -> None:
     preferences = page.preferences
     dark = ui.dark_mode(preferences.dark)
@@ -103,7 +143,7 @@ def _settings(page: Page, views: Any) -> None:
     )
     with (
         ui.button(icon="tune").props('flat color=white aria-label="Units and look"'),
-        ui.menu().props("auto-close=false"),
+        ui.menu().props('role=dialog aria-label="Units and look"'),
         ui.column().classes("settings"),
     ):
         for name, label, values in choices:

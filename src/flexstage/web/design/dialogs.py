@@ -8,9 +8,9 @@ from flexstage.export.formats import FORMATS
 from flexstage.files.names import file_name
 from flexstage.files.write import write_whole
 from flexstage.web.design.state import Variant
-from flexstage.web.design.work import exported, stage_file
+from flexstage.web.design.work import exported_into, stage_file
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Page, named_dialog, quiet_button, show_job
+from flexstage.web.page import Heading, Page, named_dialog, quiet_button, show_job
 
 _USUAL = ("dxf", "csv")
 
@@ -21,7 +21,7 @@ def ask_file_name(page: Page, variant: Variant) -> None:
     if variant.values:
         name = f"{name}-changed"
     with named_dialog("Save a stage file") as dialog, ui.card().classes("dialog"):
-        ui.element("h2").props('innerHTML="Save a stage file"')
+        Heading("Save a stage file")
         field = ui.input("Name of the stage", value=name).classes("full-width")
 
         def save() -> None:
@@ -43,7 +43,7 @@ def ask_file_name(page: Page, variant: Variant) -> None:
 def ask_export(page: Page, variant: Variant) -> None:
     """Ask for formats, and export a variant in a process of its own."""
     with named_dialog("Export") as dialog, ui.card().classes("dialog"):
-        ui.element("h2").props('innerHTML="Export"')
+        Heading("Export")
         boxes = {
             name: ui.checkbox(f"{name}: {known.about}", value=name in _USUAL).props("dense")
             for name, known in FORMATS.items()
@@ -56,16 +56,18 @@ def ask_export(page: Page, variant: Variant) -> None:
                 ui.notify("choose a format", type="warning")
                 return
             go.disable()
-            job = page.panel.jobs.start("export", exported, variant, formats, owner=page.session.id)
+            folder, owner = page.panel.folder("design"), page.session.id
+            job = page.panel.jobs.start(
+                "export", exported_into, folder, variant, formats, owner=owner
+            )
             with working:
                 show_job(page, job, over)
 
         def over(job: BackgroundJob) -> None:
             go.enable()
             if job.state == "done":
-                name, content, remarks = job.result
-                write_whole(page.panel.folder("design") / name, content)
-                ui.download.content(content, name)
+                path, remarks = job.result
+                ui.download.content(path.read_bytes(), path.name)
                 with working:
                     for remark in remarks:
                         ui.label(remark).classes("muted small")

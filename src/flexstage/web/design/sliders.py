@@ -10,6 +10,7 @@ from flexstage.explore.sensitivity import Sensitivities
 from flexstage.explore.variables import Variable, is_data_sheet
 from flexstage.web.design.state import DesignState
 from flexstage.web.design.work import BESIDE
+from flexstage.web.page import Heading
 
 _STEPS = 240  # of a slider from end to end
 _STRONG = 0.3  # elasticity that is set off [1]
@@ -39,7 +40,7 @@ class Sliders:
         self._state, self._moved = state, moved
         self._rows: dict[str, tuple[Variable, ui.slider, ui.number, ui.html]] = {}
         with ui.row().classes("items-center heading"):
-            ui.element("h2").props('innerHTML="Parameters"')
+            Heading("Parameters")
             self._axis = ui.toggle([], on_change=self._choose_axis).props("dense no-caps")
             ui.select(
                 _ORDERS, value=state.order, label="Order", on_change=self._choose_order
@@ -96,18 +97,19 @@ class Sliders:
             v * factor for v in (variable.low, variable.high, self._state.value(variable))
         )
         step = (high - low) / _STEPS
-        said = escape(variable.heading)
-        unit = said.removeprefix(escape(variable.name))
+        said = variable.heading
+        unit = escape(said.removeprefix(variable.name))
         with ui.element("div").classes("slider"):
-            ui.html(
+            name = ui.html(
                 f'{escape(label.replace("_", " "))}<span class="muted">{unit}</span>',
                 sanitize=False,
-            ).props(f'title="{said}: {escape(variable.description)}"')
-            slider = _Slider(min=low, max=high, step=step, value=value)
-            slider.props(f'aria-label="{said}"')
-            field = ui.number(value=_shown(value), step=step).props(
-                f'dense borderless aria-label="Value of {said}" input-class="number" debounce=400'
             )
+            name.props["title"] = f"{said}: {variable.description}"
+            slider = _Slider(min=low, max=high, step=step, value=value)
+            slider.props["aria-label"] = said
+            field = ui.number(value=_shown(value), step=step)
+            field.props("dense borderless input-class=number debounce=400")
+            field.props["aria-label"] = f"Value of {said}"
             slopes = ui.html("", sanitize=False).classes("slopes number small")
         slider.on_value_change(lambda e: self._set(variable, e.value, slider))
         field.on_value_change(lambda e: self._set(variable, e.value, field))

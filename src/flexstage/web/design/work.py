@@ -15,6 +15,7 @@ from flexstage.explore.family import Family
 from flexstage.explore.figures import USUAL, Figure
 from flexstage.explore.sensitivity import Sensitivities, sensitivities
 from flexstage.explore.variables import every_variable
+from flexstage.files.write import write_whole
 from flexstage.progress import subtask
 from flexstage.report.figures.checked_stage import draw_checked
 from flexstage.report.tables import percent
@@ -22,7 +23,7 @@ from flexstage.stage import Issue
 from flexstage.studies.models import ModelOptions, analyse_model, run_model
 from flexstage.table import Cell, Table, table
 from flexstage.web.design.state import SHARE, Variant
-from flexstage.web.figures import inline
+from flexstage.web.pictures import inline
 from flexstage.web.preferences import Preferences
 
 if TYPE_CHECKING:
@@ -120,6 +121,18 @@ def figures_table(
 def stage_file(variant: Variant, name: str) -> str:
     """Return the stage file of a variant under another name."""
     return variant.template.text(dict(variant.values), name)
+
+
+def exported_into(
+    folder: Path, variant: Variant, formats: Sequence[str]
+) -> tuple[Path, tuple[str, ...]]:
+    """Write a variant in some formats into a folder; return the file and remarks.
+
+    It is kept there whether or not the page that asked for it is still open.
+    """
+    name, content, remarks = exported(variant, formats)
+    write_whole(folder / name, content)
+    return folder / name, remarks
 
 
 def exported(variant: Variant, formats: Sequence[str]) -> tuple[str, bytes, tuple[str, ...]]:

@@ -25,7 +25,7 @@ from flexstage.web.design.work import (
     template_of,
 )
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Page, complain, quiet_button
+from flexstage.web.page import Heading, Page, complain, quiet_button
 from flexstage.web.uploads import upload
 
 _FILES = (".yaml", ".yml", ".json", *DRAWINGS)
@@ -92,7 +92,7 @@ class DesignView:
 
     def _results(self) -> None:
         with ui.row().classes("items-center heading"):
-            self._title = ui.element("h2")
+            self._title = Heading()
             self._doing = ui.label().classes("muted small").props('role="status"')
         self._wrong = ui.label().classes("issue error").props('role="alert"')
         self._wrong.visible = False
@@ -210,7 +210,7 @@ class DesignView:
             state.corrected.get(variant),
             state.lumped.get(kept),
         )
-        self._title.props(f'innerHTML="{variant.name}{" (changed)" if variant.values else ""}"')
+        self._title.text = f"{variant.name}{' (changed)' if variant.values else ''}"
         self._figures.content = (
             table_html(shown)
             if shown.rows
