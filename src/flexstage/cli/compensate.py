@@ -20,11 +20,11 @@ from flexstage.cli.reading import (
     WHOLE_FILE,
     EvenTimeOptions,
     FileOptions,
-    column,
     read_records,
     record_format,
 )
 from flexstage.errors import ModelError
+from flexstage.records.selectors import column
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.drive_model import DriveModel

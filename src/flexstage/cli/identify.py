@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive, train_range
+from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
 from flexstage.cli.identify_result import identification_result, print_identification
 from flexstage.cli.options import (
     AxisOption,
@@ -118,6 +118,7 @@ def identify(
         Draw measured and modelled loops, of four records at most. (.svg, .png or .pdf)
     """
     from flexstage.hysteresis.identification.identify import identify as run
+    from flexstage.records.drives import train_range
 
     if axis is not None and stage is None:
         raise ModelError("--axis needs --stage: it names an axis of that")
