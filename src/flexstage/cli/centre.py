@@ -32,10 +32,10 @@ from flexstage.cli.output import (
 from flexstage.cli.reading import (
     WHOLE_FILE,
     FileOptions,
-    column,
     read_records,
 )
 from flexstage.errors import ModelError, RecordError
+from flexstage.records.selectors import column
 
 _DIRECTIONS = ("ccw", "cw")
 

@@ -20,11 +20,11 @@ from flexstage.cli.reading import (
     WHOLE_FILE,
     EvenTimeOptions,
     FileOptions,
-    column,
     read_records,
     record_format,
 )
 from flexstage.errors import ModelError
+from flexstage.records.selectors import column
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.drive_model import DriveModel
@@ -82,9 +82,10 @@ def compensate(
     out
         Write time, command, reference and prediction (.csv, .npz, .h5 or .mat).
     """
-    from flexstage.hysteresis.drive_model import in_unit_of_model
-    from flexstage.hysteresis.inversion import feedforward
+    from flexstage.hysteresis.drive_model import in_unit_of_model, lowest_reading
+    from flexstage.hysteresis.inversion import command_record, feedforward
     from flexstage.hysteresis.model_file import read_model_file
+    from flexstage.records.write import record_bytes
 
     kind = record_format(out)
     file = read_model_file(model)
@@ -107,7 +108,7 @@ def compensate(
     bounds = None if voltage is None else voltage_range(voltage)
     made = feedforward(
         drive,
-        values + (_lowest(drive) if relative else 0.0),
+        values + (lowest_reading(drive) if relative else 0.0),
         1.0 / record.sample_rate_hz,
         limits=bounds,
         largest_rate=_largest_rate(slew, current, capacitance),
@@ -118,7 +119,7 @@ def compensate(
         else quantity(reference_bandwidth, "frequency", bare_unit="Hz"),
     )
     if out is not None:
-        write_file(out, _bytes(made, drive, kind))
+        write_file(out, record_bytes(command_record(made, drive), kind))
     notes = (
         *file.notes,
         *((converted,) if converted else ()),
@@ -129,7 +130,11 @@ def compensate(
     if json:
         print_json(result)
         return
-    _print(result)
+    from flexstage.report.identification import command_in_words
+
+    for line in command_in_words(made, drive):
+        console().print(line)
+    print_notes(console(), result["notes"], filter(None, [result["file"]]), style="yellow")
 
 
 def _largest_rate(slew: str | None, current: str | None, capacitance: str | None) -> float | None:
@@ -145,29 +150,6 @@ def _largest_rate(slew: str | None, current: str | None, capacitance: str | None
     elif capacitance is not None:
         raise ModelError("--capacitance needs --current: both together limit the slope")
     return min(rates) if rates else None
-
-
-def _lowest(drive: "DriveModel") -> float:
-    """Lowest reading that the drive was seen at."""
-    if drive.validity is None:
-        raise ModelError("--relative needs a model that says on which range it was identified")
-    return drive.validity.output_range[0]
-
-
-def _bytes(made: "Feedforward", drive: "DriveModel", kind: str) -> bytes:
-    from flexstage.records import Channel, Record
-    from flexstage.records.write import record_bytes
-
-    record = Record(
-        channels=(
-            Channel(name="command", values=made.command, unit=drive.input_unit),
-            Channel(name="reference", values=made.reference, unit=drive.output_unit),
-            Channel(name="predicted", values=made.predicted, unit=drive.output_unit),
-        ),
-        time=made.time,
-        source="flexstage compensate",
-    )
-    return record_bytes(record, kind)
 
 
 def _result(
@@ -186,20 +168,3 @@ def _result(
         "notes": list(notes),
         "file": None if out is None else str(out),
     }
-
-
-def _print(result: dict[str, Any]) -> None:
-    from flexstage.units import readable
-
-    screen = console()
-    unit, output = result["input_unit"] or "input", result["output_unit"] or "output"
-    screen.print(
-        f"{result['samples']} samples of {readable(unit, *result['command_range'], digits=5)}, by "
-        f"the inverse of {result['model']}"
-    )
-    screen.print(
-        f"predicted error: {readable(output, result['predicted_rms_error'])} rms, "
-        f"{readable(output, result['predicted_max_error'])} at most (the model with itself: what "
-        "it leaves of a measured drive adds to it)"
-    )
-    print_notes(screen, result["notes"], filter(None, [result["file"]]), style="yellow")

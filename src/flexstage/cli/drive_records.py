@@ -4,8 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from flexstage.cli.options import option
-from flexstage.cli.reading import column, column_list, file_rates, read_records
-from flexstage.errors import RecordError
+from flexstage.cli.reading import understood
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,153 +38,13 @@ def read_drive(
     branches: str | None,
     curve: str | None,
     units: tuple[str | None, str | None],
-    sample_rate: str | None,
-    time: str | None,
-    resample: str | None,
-    **how: Any,
+    **given: Any,
 ) -> "tuple[list[Record], str | int, str | int]":
-    """Read what a drive was told and what followed: over time, or as tables of curves.
+    """Read what a drive was told and what followed, as `records.drives` does.
 
-    Of curves in columns, `input` and `output` name one for each, with commas. `how` goes on to
-    `read_records`. Returns the records, evenly sampled and NaN where nothing was measured, then the
-    columns that drive and follow.
+    `given` are the fields of the options on reading files.
     """
-    if output is None and branches is None:
-        raise RecordError(
-            "there is no output: give the column that follows by --output, or two branches of a "
-            "table by --branches"
-        )
-    if branches is None and curve is None:
-        wanted = [column(input), column(output or "")]
-        read = read_records(
-            files, wanted, units=units, sample_rate=sample_rate, time=time, resample=resample,
-            even=True, **how,
-        )  # fmt: skip
-        return read, wanted[0], wanted[1]
-    option = "--branches" if branches is not None else "--curve"
-    for other, given in (("--time", time), ("--resample", resample)):
-        if given is not None:
-            raise RecordError(f"{option} is for tables without times: leave {other} out")
-    if branches is not None and (curve is not None or output is not None):
-        other = "--output" if output is not None else "--curve"
-        raise RecordError(f"--branches names both columns of the output: leave {other} out")
-    rates = file_rates(sample_rate, "--sample-rate", len(files))
-    if branches is not None:
-        made = _loops(files, column(input), column_list(branches), units, rates, how)
-    else:
-        made = _curves(
-            files, column_list(input), column_list(output), curve or "", units, rates, how
-        )
-    driven, follows = made[0].channels
-    return made, driven.name, follows.name
+    from flexstage.records.drives import read_drive as run
 
-
-def train_range(text: str | None, read: "list[Record]") -> tuple[int, int] | None:
-    """Return the samples to fit, first and one behind the last, as counted in what was read.
-
-    The text counts them as they are in the files.
-    """
-    from flexstage.records.sampling import row_range
-
-    given = row_range(text, "--train")
-    if given is None:
-        return None
-    spans = {_span(given, record) for record in read}
-    if len(spans) > 1:
-        raise RecordError(
-            "--train is one range of samples for all files, which differ in how they were "
-            "resampled: give one file, or leave --train out"
-        )
-    first, stop = spans.pop()
-    size = max(r.size for r in read)
-    if first >= size or (stop is not None and stop <= 0):
-        raise RecordError(
-            f"--train {text} holds none of the samples that are read, {_numbered(read)}"
-        )
-    return max(first, 0), size if stop is None else stop
-
-
-def _span(given: tuple[int | None, int | None], record: "Record") -> tuple[int, int | None]:
-    import numpy as np
-
-    numbers = record.numbers
-    if numbers is None:
-        return given[0] or 0, given[1]
-    if np.isnan(numbers).any():
-        raise RecordError(
-            "--train counts samples over time: of branches or curves, leave rows out by --rows"
-        )
-    if np.array_equal(numbers, numbers[0] + np.arange(numbers.size)):
-        begin = int(numbers[0])
-        return (given[0] or 0) - begin, None if given[1] is None else given[1] - begin
-    first, stop = (None if n is None else int(np.searchsorted(numbers, n)) for n in given)
-    return first or 0, stop
-
-
-def _numbered(read: "list[Record]") -> str:
-    ends = [(0, r.size - 1) if r.numbers is None else r.numbers[[0, -1]] for r in read]
-    return f"{min(e[0] for e in ends):.0f} to {max(e[1] for e in ends):.0f}"
-
-
-def _loops(
-    files: "Sequence[Path]",
-    input: str | int,
-    branches: list[str | int],
-    units: tuple[str | None, str | None],
-    rates: "Sequence[float | None]",
-    how: dict[str, Any],
-) -> "list[Record]":
-    from flexstage.records.curves import from_branches
-
-    if len(branches) != 2:
-        raise RecordError(f"--branches needs two columns, UP,DOWN, got {len(branches)}")
-    up, down = branches
-    read = _tables(files, [units[0], units[1], units[1]], {**how, "columns": [input, up, down]})
-    return [
-        from_branches(table, input, up, down, sample_rate_hz=rate)
-        for table, rate in zip(read, rates, strict=True)
-    ]
-
-
-def _curves(
-    files: "Sequence[Path]",
-    inputs: list[str | int],
-    outputs: list[str | int],
-    curve: str,
-    units: tuple[str | None, str | None],
-    rates: "Sequence[float | None]",
-    how: dict[str, Any],
-) -> "list[Record]":
-    from flexstage.records import curves_in_rows
-    from flexstage.records.curves import curves_in_columns, curves_in_records
-
-    if curve != "columns" and len(inputs) * len(outputs) != 1:
-        raise RecordError(
-            "--input and --output name one column each; where each curve has its own column, say "
-            "so by --curve columns"
-        )
-    if curve == "columns":
-        each = [units[0]] * len(inputs) + [units[1]] * len(outputs)
-        # where a curve was not measured its column is empty
-        used = {"columns": inputs[:1], "partial": [*inputs[1:], *outputs]}
-        read = _tables(files, each, {**how, **used})
-        return [
-            curves_in_columns(table, inputs, outputs, sample_rate_hz=rate)
-            for table, rate in zip(read, rates, strict=True)
-        ]
-    pair = [inputs[0], outputs[0]]
-    if curve == "files":
-        read = _tables(files, units, {**how, "columns": pair})
-        return [curves_in_records(read, inputs[0], outputs[0], sample_rate_hz=rates[0])]
-    by = column(curve)
-    read = _tables(files, [*units, None], {**how, "columns": [*pair, by], "labels": by})
-    return [
-        curves_in_rows(table, inputs[0], outputs[0], by, sample_rate_hz=rate)
-        for table, rate in zip(read, rates, strict=True)
-    ]
-
-
-def _tables(
-    files: "Sequence[Path]", units: "Sequence[str | None]", how: dict[str, Any]
-) -> "list[Record]":
-    return read_records(files, units=units, sample_rate=None, time=None, over="table", **how)
+    how = understood(len(files), **given)
+    return run(files, input, output, branches=branches, curve=curve, units=units, **how)

@@ -28,11 +28,11 @@ from flexstage.cli.reading import (
     WHOLE_FILE,
     EvenTimeOptions,
     FileOptions,
-    column_list,
     read_records,
     record_format,
 )
 from flexstage.errors import ModelError
+from flexstage.records.selectors import column_list
 
 if TYPE_CHECKING:
     from flexstage.measure.modal.result import ModalFit

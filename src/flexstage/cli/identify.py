@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive, train_range
+from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
 from flexstage.cli.identify_result import identification_result, print_identification
 from flexstage.cli.options import (
     AxisOption,
@@ -29,7 +29,6 @@ from flexstage.cli.output import (
     write_file,
 )
 from flexstage.cli.predict import (
-    on_records,
     prediction_result,
     print_predictions,
 )
@@ -118,6 +117,8 @@ def identify(
         Draw measured and modelled loops, of four records at most. (.svg, .png or .pdf)
     """
     from flexstage.hysteresis.identification.identify import identify as run
+    from flexstage.hysteresis.prediction import predict_each
+    from flexstage.records.drives import train_range
 
     if axis is not None and stage is None:
         raise ModelError("--axis needs --stage: it names an axis of that")
@@ -149,9 +150,9 @@ def identify(
             drift=drift,
             train=train_range(train, read),
         )
-    tested = on_records(found.model, others, driven, follows)
+    tested = predict_each(found.model, others, driven, follows)
     if stage is not None:
-        from flexstage.cli.identify_result import against_description
+        from flexstage.studies.described_drive import against_description
 
         said = against_description(found, taken.stage(stage), axis)
         found = dataclasses.replace(found, warnings=(*said, *found.warnings))
@@ -198,9 +199,10 @@ def _write(
 ) -> list[Path]:
     content: list[tuple[Path, bytes]] = []
     if out is not None:
+        from flexstage.hysteresis.identification.identified_file import identified_file
         from flexstage.hysteresis.model_file import model_text
 
-        content.append((out, model_text(_file(found, read)).encode()))
+        content.append((out, model_text(identified_file(found, read)).encode()))
     if figure is not None:
         from flexstage.report.figures.identification import draw_identification
 
@@ -209,26 +211,3 @@ def _write(
     for path, own in content:
         write_file(path, own)
     return [path for path, _ in content]
-
-
-def _file(found: "Identification", read: "list[Record]") -> Any:
-    from flexstage.hysteresis.model_file import ModelFile
-    from flexstage.provenance import content_hash, provenance
-
-    origin = provenance(content_hash(tuple(r.source_hash for r in read)), found.settings)
-    return ModelFile(
-        model=found.model,
-        provenance={
-            **dataclasses.asdict(origin),
-            "records": [{"file": r.source, "sha256": r.source_hash} for r in read],
-        },
-        errors={
-            "rms": found.rms_percent,
-            "max": found.max_percent,
-            "heldout_rms": found.heldout_rms_percent,
-            "heldout_max": found.heldout_max_percent,
-            "heldout_free_constant": found.heldout_free_rms_percent,
-            "heldout_95": found.heldout_band_percent,
-        },
-        warnings=found.warnings,
-    )

@@ -16,10 +16,10 @@ from flexstage.cli.options import (
 from flexstage.cli.output import (
     FigureFile,
     console,
+    on_terminal,
     picture,
     print_json,
     print_notes,
-    print_table,
     write_file,
 )
 from flexstage.cli.reading import (
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
     from flexstage.hysteresis import DriveModel, Prediction
     from flexstage.hysteresis.drive_model import Start
-    from flexstage.records import Record
 
 
 @from_docstring
@@ -81,6 +80,7 @@ def predict(
         Draw the measured and the predicted loop of the first record. (.svg, .png or .pdf)
     """
     from flexstage.hysteresis.model_file import read_model_file
+    from flexstage.hysteresis.prediction import predict_each
 
     before = _start(start)
     file = read_model_file(model)
@@ -94,7 +94,7 @@ def predict(
         **vars(timing),
         **vars(how),
     )
-    found = on_records(file.model, read, driven, follows, before)
+    found = predict_each(file.model, read, driven, follows, before)
     written = []
     if figure is not None:
         from flexstage.report.figures.identification import draw_prediction
@@ -120,35 +120,6 @@ def predict(
     print_predictions(screen, found, file.model, f"{file.model.hysteresis.kind}, {model}")
     _print_band(screen, found, file.errors.get("heldout_95"))
     print_notes(screen, (), written)
-
-
-def on_records(
-    model: "DriveModel",
-    records: "Sequence[Record]",
-    input_column: str | int,
-    output_column: str | int,
-    start: "Start | None" = None,
-) -> "list[Prediction]":
-    """Return how a model predicts each of some records, after checking their units.
-
-    What the drive did before is found where `start` is None.
-    """
-    from flexstage.hysteresis import predict as run
-
-    sides = (
-        ("input", input_column, model.input_unit),
-        ("output", output_column, model.output_unit),
-    )
-    for record in records:
-        for side, name, unit in sides:
-            own = record.channel(name).unit
-            if own != unit:
-                raise ModelError(
-                    f"the {side} of {record.source or 'the record'} is in "
-                    f"{own or 'no unit that is said'}, that of the model in {unit or 'none'}: name "
-                    f"the unit with --{side}-unit"
-                )
-    return [run(model, r, input_column, output_column, start=start) for r in records]
 
 
 def _start(text: str) -> "Start | None":
@@ -218,30 +189,12 @@ def print_predictions(
     screen: "Console", found: "Sequence[Prediction]", model: "DriveModel", title: str
 ) -> None:
     """Print a table of how a model predicts records."""
-    errors = "as predicted, % rms", "with a free constant, % rms", "largest, %"
-    rows = []
-    for p in found:
-        both = (p.as_predicted_rms_percent, p.free_constant_rms_percent)
-        figures = (*(f"{e:.3f}" for e in both), f"{p.largest_percent:.2f}")
-        rows.append((Path(p.source).name or "record", "all", len(p.cycles), *figures))
-        for rate, many, predicted, free in p.rates if len(p.rates) > 1 else ():
-            rows.append(("", f"{rate:.3g}", many, f"{predicted:.3f}", f"{free:.3f}", ""))
-    print_table(screen, title, ("record", "<rate, Hz", "cycles", *errors), rows)
-    from flexstage.hysteresis.drive_model import start_in_words
-    from flexstage.units import readable
+    from flexstage.report.identification import prediction_in_words, predictions_table
 
+    screen.print(on_terminal(predictions_table(found, title)))
     for p in found:
-        stroke = readable(model.output_unit or "output", p.stroke, digits=4)
-        screen.print(
-            f"{Path(p.source).name or 'record'}: stroke {stroke}; mean error "
-            f"{p.constant_percent:+.2f} % of it; the first {p.warm_up} of {p.time.size} samples "
-            "are not counted",
-            markup=False,
-            soft_wrap=True,
-        )
-        if model.creep is not None:
-            did = start_in_words(*p.starts)
-            screen.print(f"before, the drive is taken to have {did}", markup=False)
+        for line in prediction_in_words(p, model):
+            screen.print(line, markup=False, soft_wrap=True)
         print_notes(screen, p.notes, style="yellow")
 
 

@@ -2,23 +2,19 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import typer
 
 from flexstage.cli.options import quantity
 from flexstage.errors import ModelError, RecordError
+from flexstage.records.selectors import column
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flexstage.records import Record
 
-_SUCH = {
-    "time": "samples with their times or their rate",
-    "point": "a report of a measuring machine, or a table of positions",
-    "frequency": "a universal file of frequency responses or spectra",
-}
 _FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 
 _SECTION = "Reading files"
@@ -91,105 +87,50 @@ class FileOptions:
 AS_TIMED, AS_EVEN, WHOLE_FILE = TimeOptions(), EvenTimeOptions(), FileOptions()
 
 
-def column(text: str) -> str | int:
-    """Return what names a column: its number, or its name.
-
-    Examples
-    --------
-    >>> column("4"), column("position")
-    (4, 'position')
-    """
-    plain = text.strip()
-    return int(plain) if plain.isdecimal() else plain
-
-
-def column_list(text: str | None) -> list[str | int]:
-    """Return what names several columns, with commas between.
-
-    Examples
-    --------
-    >>> column_list("4, position"), column_list(None)
-    ([4, 'position'], [])
-    """
-    return [column(word) for word in (text or "").split(",") if word.strip()]
-
-
 def read_records(
     files: "Sequence[Path]",
     columns: "Sequence[str | int] | None",
     *,
     units: "Sequence[str | None]",
-    sample_rate: str | None,
-    time: str | None,
-    format: str | None,
-    dataset: str | None,
-    rows: str | None,
-    skip_lines: int,
-    delimiter: str | None,
-    decimal: str | None,
     over: Literal["time", "point", "frequency", "any", "table"] = "time",
-    resample: str | None = None,
     even: bool = False,
-    labels: str | int | None = None,
-    partial: "Sequence[str | int]" = (),
+    **given: Any,
 ) -> "list[Record]":
     """Read the files that a command was given, one record for each.
 
-    `units` are those of `columns` (all, where None), then of `partial`: further columns, which may
-    be incomplete. `over` is what the samples must follow one another by: with point, rows of a text
-    need no times; with table, times are not looked at. `resample` is a rate of even times, or
-    median; with `even`, uneven times are refused. `labels` is the column that labels the rows, with
-    numbers or texts.
+    `units` are those of `columns` (all, where None). `over` is what the samples must follow one
+    another by; with `even`, uneven times are refused. `given` are the fields of the options above.
     """
-    from flexstage.records import evened, read_record
-    from flexstage.records.sampling import (
-        LARGEST_STEP,
-        LARGEST_UNEVEN_STEP,
-        require_uniform,
-        row_range,
+    from flexstage.records.files import read_files
+
+    return read_files(
+        files, columns, units=units, over=over, even=even, **understood(len(files), **given)
     )
 
-    rates = file_rates(sample_rate, "--sample-rate", len(files))
-    new_rates = file_rates(resample, "--resample", len(files))
-    all_used = (*(columns or ()), *partial)
-    named = {str(c): u for c, u in zip(all_used, units, strict=True) if u is not None}
-    read = [
-        read_record(
-            file,
-            format=format,
-            sample_rate_hz=rate,
-            time=None if time is None else column(time),
-            units=named,
-            dataset=dataset,
-            columns=columns,
-            rows=row_range(rows, "--rows"),
-            skip_lines=skip_lines,
-            delimiter=_spelled(delimiter),
-            decimal=decimal,
-            over="point" if over in ("point", "table") else "time",
-            largest_step=LARGEST_STEP if resample is None else LARGEST_UNEVEN_STEP,
-            labels=labels,
-        )
-        for file, rate in zip(files, rates, strict=True)
-    ]
-    for file, record in zip(files, read, strict=True):
-        if over not in ("any", "table", record.over):
-            raise RecordError(
-                f"'{file}' is over {record.over}, and a record over {over} is needed: give "
-                f"{_SUCH[over]}"
-            )
-    if resample is not None:
-        for record in read:
-            if record.over != "time":
-                raise RecordError(
-                    f"'{record.source}' is over {record.over}, and --resample is for samples over "
-                    "time: leave it out"
-                )
-        read = [evened(record, rate) for record, rate in zip(read, new_rates, strict=True)]
-    if even:
-        for record in read:
-            require_uniform(record)
-    return read
+
+def understood(
+    files: int,
+    *,
+    sample_rate: str | None,
+    time: str | None,
+    resample: str | None = None,
+    rows: str | None,
+    delimiter: str | None,
+    **how: Any,
+) -> dict[str, Any]:
+    """Return what options on some files say, as `flexstage.records.files.read_files` takes it."""
+    from flexstage.records.sampling import row_range
+
+    rates = file_rates(sample_rate, "--sample-rate", files)
+    new_rates = file_rates(resample, "--resample", files)
+    return {
+        **how,
+        "rates_hz": rates,
+        "resample_hz": None if resample is None else new_rates,
+        "time": None if time is None else column(time),
+        "rows": row_range(rows, "--rows"),
+        "delimiter": _spelled(delimiter),
+    }
 
 
 def record_format(out: Path | None) -> str:

@@ -12,10 +12,10 @@ from flexstage.cli.reading import (
     WHOLE_FILE,
     FileOptions,
     TimeOptions,
-    column,
     file_rates,
 )
 from flexstage.errors import RecordError
+from flexstage.records.selectors import column
 
 if TYPE_CHECKING:
     from rich.console import Console

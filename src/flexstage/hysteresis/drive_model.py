@@ -210,6 +210,13 @@ class DriveModel:
         )
 
 
+def lowest_reading(drive: DriveModel) -> float:
+    """Return the lowest reading that a drive was seen at; a ModelError where nobody says it."""
+    if drive.validity is None:
+        raise ModelError("--relative needs a model that says on which range it was identified")
+    return drive.validity.output_range[0]
+
+
 def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -> tuple[Array, str]:
     """Return values in the unit of a model.
 

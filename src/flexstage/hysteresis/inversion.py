@@ -19,6 +19,7 @@ from flexstage.hysteresis.periodic import (
     steady_start,
     within_band,
 )
+from flexstage.records import Channel, Record
 from flexstage.units import readable
 
 #: A reference is made smooth up to this share of the lowest resonance.
@@ -311,3 +312,16 @@ def _rate_limited(command: Array, largest_rate: float | None, dt: float, *, clos
     for k in range(1, made.size):
         made[k] = min(max(made[k], made[k - 1] - step), made[k - 1] + step)
     return made[-command.size :]
+
+
+def command_record(made: Feedforward, drive: DriveModel) -> Record:
+    """Return time, command, reference and prediction as a record."""
+    return Record(
+        channels=(
+            Channel(name="command", values=made.command, unit=drive.input_unit),
+            Channel(name="reference", values=made.reference, unit=drive.output_unit),
+            Channel(name="predicted", values=made.predicted, unit=drive.output_unit),
+        ),
+        time=made.time,
+        source="flexstage compensate",
+    )

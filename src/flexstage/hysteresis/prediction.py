@@ -1,11 +1,12 @@
 """An identified drive beside a record that it was not made from."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.errors import RecordError
+from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start, unsuited
 from flexstage.hysteresis.identification.cycles import (
     Cycles,
@@ -190,6 +191,33 @@ def predict(
             *((smoothed_text(noise / float(np.ptp(u))),) if noise > 0.0 else ()),
         ),
     )
+
+
+def predict_each(
+    model: DriveModel,
+    records: Sequence[Record],
+    input_column: str | int,
+    output_column: str | int,
+    start: Start | None = None,
+) -> list[Prediction]:
+    """Return how a model predicts each of some records, after checking their units.
+
+    What the drive did before is found where `start` is None.
+    """
+    sides = (
+        ("input", input_column, model.input_unit),
+        ("output", output_column, model.output_unit),
+    )
+    for record in records:
+        for side, name, unit in sides:
+            own = record.channel(name).unit
+            if own != unit:
+                raise ModelError(
+                    f"the {side} of {record.source or 'the record'} is in "
+                    f"{own or 'no unit that is said'}, that of the model in {unit or 'none'}: name "
+                    f"the unit with --{side}-unit"
+                )
+    return [predict(model, r, input_column, output_column, start=start) for r in records]
 
 
 def _started(
