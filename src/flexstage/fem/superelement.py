@@ -403,11 +403,11 @@ def _stress(
             continue
         forces = c.forces @ (own @ basis[index]) * scale
         each = c.stress.shape[2]
-        components = [0, 1, 2, 5] if c.stress.shape[1] == 4 else list(range(6))
+        components = np.array([0, 1, 2, 5] if c.stress.shape[1] == 4 else range(6))
         for i in range(len(p.hinges)):
             mine = np.flatnonzero(c.neck == i)
             found = c.stress[mine].reshape(-1, each) @ forces[each * i : each * (i + 1)]
-            matrix[np.ix_(at + mine, components)] += found.reshape(mine.size, len(components), -1)
+            matrix[np.ix_(at + mine, components)] += found.reshape(mine.size, components.size, -1)
         owner[here] = np.array(p.hinges, dtype=np.intp)[c.neck]
         shared = 2 * (levels * owner[here] + np.abs(c.seam) - 1) + (c.seam > 0)
         point[here] = np.where(c.seam != 0, shared, used + c.point)
