@@ -12,7 +12,7 @@ from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.stage import ExtraMass
 from flexstage.stage.outline import Point
 
-_TURNS = ("rotat", "slope")
+_TURNS = ("rotation by", "slope of it")
 _CARRIES = ("along", "across", "along by 1", "across by 1", "through the plate by 1")
 
 
@@ -30,7 +30,7 @@ class Freedom:
     @property
     def turning(self) -> NDArray[np.bool_]:
         """Which motions of a neck are a rotation times half of the thickness of the neck."""
-        return np.array([name.endswith("[m]") and name[:5] in _TURNS for name in self.necks])
+        return np.array([name.startswith(_TURNS) for name in self.necks])
 
     @property
     def carrying(self) -> NDArray[np.bool_]:
