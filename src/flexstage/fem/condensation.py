@@ -41,14 +41,8 @@ class Condensed:
     reading. So the first three rows are the mean displacement x, y of the body at its centre of
     mass and its rotation too, and the last ones the readings.
     """
-    forces: Array
-    """Forces on the interfaces for each coordinate, shape (i, r); interfaces that do not move are
-    held by them.
-    """
     stress: Array
-    """Stress on the surface of the notches for each unit force on their neck: components xx, yy,
-    zz, xy, or xx, yy, zz, yz, xz, xy in space; shape (m, c, e).
-    """
+    """Components xx, yy, zz, xy of the stress on the surface of the notches, shape (m, 4, r)."""
     neck: NDArray[np.int64]
     """Number of the neck of each of these places, shape (m,)."""
     point: NDArray[np.int64]
@@ -173,15 +167,11 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
     basis, K, interfaces = body.reduced(inner, part.modes)
     mass = basis.T @ continuum.mass_times(basis)
     points = neck_points(mesh, stage)
-    loads = inner @ basis
     condensed = Condensed(
         stiffness=K,
         mass=0.5 * (mass + mass.T),
-        loads=loads,
-        forces=interface_forces(K, mass, loads, interfaces),
-        stress=by_own_force(
-            points.owner, surface_stress(continuum, points, basis[:, : 3 * len(part.necks)]), K
-        ),
+        loads=inner @ basis,
+        stress=surface_stress(continuum, points, basis),
         neck=points.owner.astype(np.int64),
         point=points.point.astype(np.int64),
         seam=seam(part, points),
@@ -192,38 +182,6 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
         held=faces.held,
     )
     return condensed, DisplacementRecovery(continuum=continuum, basis=basis)
-
-
-def interface_forces(stiffness: Array, mass: Array, loads: Array, interfaces: int) -> Array:
-    """Return the forces on the interfaces for each coordinate, shape (i, r).
-
-    For motions of the interfaces they are the stiffness. A mode of held interfaces is held against
-    its inertia, and the response to a load inside the body against the load, less what the modes
-    have of it.
-    """
-    m, inner = interfaces, len(stiffness) - len(loads)
-    squares, coupling, share = np.diag(stiffness)[m:inner], mass[:m, m:inner], loads[:, m:inner]
-    return np.hstack((stiffness[:m, :m], -coupling * squares, coupling @ share.T - loads[:, :m].T))
-
-
-def by_own_force(owner: NDArray[np.intp], stress: Array, stiffness: Array) -> Array:
-    """Turn stress for motions of necks, held but for one, into that for forces on the own neck.
-
-    The stress for each motion of each neck in turn, shape (m, c, k e), and the stiffness of these
-    motions; returns shape (m, c, e). What necks elsewhere do to the stress at a neck, beyond the
-    forces on it, is left out (Saint-Venant).
-    """
-    count = int(owner.max(initial=-1)) + 1
-    each = stress.shape[2] // max(count, 1)
-    found = np.zeros((*stress.shape[:2], each))
-    for i in range(count):
-        own = slice(each * i, each * (i + 1))
-        block = stiffness[own, own]
-        size = 1.0 / np.sqrt(np.abs(np.diag(block)))
-        # forces that a body cannot bear, as nothing else holds it, stress nothing
-        inverse = np.linalg.pinv(block * np.outer(size, size), rcond=1e-12, hermitian=True)
-        found[owner == i] = stress[owner == i][:, :, own] @ (inverse * np.outer(size, size))
-    return found
 
 
 def reading_row(

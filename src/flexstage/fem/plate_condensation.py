@@ -13,14 +13,7 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
-from flexstage.fem.condensation import (
-    Condensed,
-    by_own_force,
-    interface_forces,
-    reading_row,
-    seam,
-    slopes_at,
-)
+from flexstage.fem.condensation import Condensed, reading_row, seam, slopes_at
 from flexstage.fem.constrained import Constrained
 from flexstage.fem.geometry import MOUNTING, StageFaces, exactly, notch_region, stage_faces
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
@@ -72,18 +65,15 @@ def condense_plate(part: Substructure) -> Condensed:
     basis, K, interfaces = body.reduced(ready.loads, part.modes)
     mass = basis.T @ ready.plate.mass_times(basis)
     points, properties = ready.points, ready.properties
-    each = len(neck_coordinates(out_of_plane=ready.plate.through.out_of_plane))
     with _ONE_AT_A_TIME:
-        stress = _surface_stress(ready.plate, points, basis[:, : each * len(part.necks)])
-    loads = ready.loads @ basis
+        stress = _surface_stress(ready.plate, points, basis)
     ends, count = seam(part, points), int(points.point.max(initial=-1)) + 1
     levels = range(len(_LEVELS))
     return Condensed(
         stiffness=K,
         mass=0.5 * (mass + mass.T),
-        loads=loads,
-        forces=interface_forces(K, mass, loads, interfaces),
-        stress=by_own_force(np.concatenate([points.owner for _ in _LEVELS]), stress, K),
+        loads=ready.loads @ basis,
+        stress=stress,
         neck=np.concatenate([points.owner.astype(np.int64) for _ in levels]),
         point=np.concatenate([points.point.astype(np.int64) + count * i for i in levels]),
         seam=np.concatenate([ends * (i + 1) for i in levels]),

@@ -401,13 +401,10 @@ def _stress(
         here = slice(at, at + c.neck.size)
         if not c.neck.size:
             continue
-        forces = c.forces @ (own @ basis[index]) * scale
-        each = c.stress.shape[2]
-        components = np.array([0, 1, 2, 5] if c.stress.shape[1] == 4 else range(6))
-        for i in range(len(p.hinges)):
-            mine = np.flatnonzero(c.neck == i)
-            found = c.stress[mine].reshape(-1, each) @ forces[each * i : each * (i + 1)]
-            matrix[np.ix_(at + mine, components)] += found.reshape(mine.size, components.size, -1)
+        local = (own @ basis[index]) * scale
+        parts = c.stress.reshape(-1, local.shape[0]) @ local
+        components = [0, 1, 2, 5] if c.stress.shape[1] == 4 else list(range(6))
+        matrix[here][:, components] += parts.reshape(c.neck.size, len(components), -1)
         owner[here] = np.array(p.hinges, dtype=np.intp)[c.neck]
         shared = 2 * (levels * owner[here] + np.abs(c.seam) - 1) + (c.seam > 0)
         point[here] = np.where(c.seam != 0, shared, used + c.point)

@@ -94,7 +94,7 @@ def complain(sentence: str) -> None:
     )
 
 
-class Heading(TextElement):
+class PanelHeading(TextElement):
     """A heading.
 
     Parameters

@@ -11,7 +11,7 @@ from nicegui import app, ui
 from flexstage.report.figures.style import css_variables
 from flexstage.web.gate import SESSION
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Heading, Page, Panel, quiet_button, show_job
+from flexstage.web.page import Page, Panel, PanelHeading, quiet_button, show_job
 from flexstage.web.preferences import ANGLES, AUTOMATIC, DRIVES, LENGTHS, LOOKS
 from flexstage.web.views import VIEWS, PanelView
 
@@ -47,7 +47,7 @@ def build_page(panel: Panel) -> None:
 
 def _show(page: Page, view: PanelView) -> None:
     ui.page_title(f"{view.name} · flexstage")
-    Heading(view.name, 1).classes("hidden-title")
+    PanelHeading(view.name, 1).classes("hidden-title")
     view.build(page)
 
 

@@ -10,7 +10,7 @@ from flexstage.files.write import write_whole
 from flexstage.web.design.state import Variant
 from flexstage.web.design.work import exported_into, stage_file
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Heading, Page, named_dialog, quiet_button, show_job
+from flexstage.web.page import Page, PanelHeading, named_dialog, quiet_button, show_job
 
 _USUAL = ("dxf", "csv")
 
@@ -21,7 +21,7 @@ def ask_file_name(page: Page, variant: Variant) -> None:
     if variant.values:
         name = f"{name}-changed"
     with named_dialog("Save a stage file") as dialog, ui.card().classes("dialog"):
-        Heading("Save a stage file")
+        PanelHeading("Save a stage file")
         field = ui.input("Name of the stage", value=name).classes("full-width")
 
         def save() -> None:
@@ -43,7 +43,7 @@ def ask_file_name(page: Page, variant: Variant) -> None:
 def ask_export(page: Page, variant: Variant) -> None:
     """Ask for formats, and export a variant in a process of its own."""
     with named_dialog("Export") as dialog, ui.card().classes("dialog"):
-        Heading("Export")
+        PanelHeading("Export")
         boxes = {
             name: ui.checkbox(f"{name}: {known.about}", value=name in _USUAL).props("dense")
             for name, known in FORMATS.items()

@@ -14,7 +14,7 @@ from flexstage.units import parse
 from flexstage.web.design.work import drawing_found, template_of
 from flexstage.web.figures import show_table
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Heading, Page, named_dialog, quiet_button, show_job
+from flexstage.web.page import Page, PanelHeading, named_dialog, quiet_button, show_job
 
 _DRIVE = "x: 12,4 -> 30,4; piezo, free_stroke=38 um, stiffness=50 N/um"
 _PROBE = "x: 30,4 -> 40,4"
@@ -23,7 +23,7 @@ _PROBE = "x: 30,4 -> 40,4"
 def ask_drawing(page: Page, path: Path, opened: Callable[[StageTemplate], None]) -> None:
     """Look for a stage in a drawing, ask for what is missing, and open it."""
     with named_dialog(path.name).props("persistent") as dialog, ui.card().classes("dialog wide"):
-        Heading(path.name)
+        PanelHeading(path.name)
         DrawingDialog(page, path, opened, dialog).build()
     dialog.open()
 

@@ -10,7 +10,7 @@ from flexstage.explore.sensitivity import Sensitivities
 from flexstage.explore.variables import Variable, is_data_sheet
 from flexstage.web.design.state import DesignState
 from flexstage.web.design.work import BESIDE
-from flexstage.web.page import Heading
+from flexstage.web.page import PanelHeading
 
 _STEPS = 240  # of a slider from end to end
 _STRONG = 0.3  # elasticity that is set off [1]
@@ -40,7 +40,7 @@ class Sliders:
         self._state, self._moved = state, moved
         self._rows: dict[str, tuple[Variable, ui.slider, ui.number, ui.html]] = {}
         with ui.row().classes("items-center heading"):
-            Heading("Parameters")
+            PanelHeading("Parameters")
             self._axis = ui.toggle([], on_change=self._choose_axis).props("dense no-caps")
             ui.select(
                 _ORDERS, value=state.order, label="Order", on_change=self._choose_order

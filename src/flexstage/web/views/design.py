@@ -25,7 +25,7 @@ from flexstage.web.design.work import (
     template_of,
 )
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Heading, Page, complain, quiet_button
+from flexstage.web.page import Page, PanelHeading, complain, quiet_button
 from flexstage.web.uploads import upload
 
 _FILES = (".yaml", ".yml", ".json", *DRAWINGS)
@@ -92,7 +92,7 @@ class DesignView:
 
     def _results(self) -> None:
         with ui.row().classes("items-center heading"):
-            self._title = Heading()
+            self._title = PanelHeading()
             self._doing = ui.label().classes("muted small").props('role="status"')
         self._wrong = ui.label().classes("issue error").props('role="alert"')
         self._wrong.visible = False
