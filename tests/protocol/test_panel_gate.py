@@ -9,6 +9,7 @@ from urllib.parse import unquote
 import httpx
 import pytest
 
+from flexstage.cli import main
 from flexstage.errors import ModelError
 from flexstage.web.gate import LOG, SESSION, Gate
 from flexstage.web.options import PanelOptions
@@ -337,3 +338,26 @@ def test_a_named_host_is_known_and_a_foreign_one_is_not() -> None:
     assert options.is_own_name("Stage.Lab")
     assert options.is_own_name("192.168.7.3")
     assert not options.is_own_name("lab.example")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("--password-file", b"\xff\xfe\x00", "is no text in UTF-8"),
+        ("--password-file", b"", "is empty: its first line is the password"),
+        ("--certificate", b"garbage", "are no certificate and its private key"),
+    ],
+)
+def test_files_that_are_none_are_refused_before_an_address_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: bytes, told: str
+) -> None:
+    file = tmp_path / "given.pem"
+    file.write_bytes(content)
+    key = ("--key", str(file)) if name == "--certificate" else ()
+    with pytest.raises(SystemExit) as end:
+        main(["serve", "--port", "0", "--no-open", name, str(file), *key])
+    said = capsys.readouterr()
+    assert end.value.code == 2
+    assert said.out == ""
+    assert told in " ".join(said.err.split())
+    assert "Traceback" not in said.err

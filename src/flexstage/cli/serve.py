@@ -75,7 +75,10 @@ def serve(
 
 
 def _first_line(path: Path) -> str:
-    lines = path.read_text(encoding="utf-8").splitlines()
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise ModelError(f"the password file '{path}' is no text in UTF-8") from None
     if not lines:
         raise ModelError(f"the password file '{path}' is empty: its first line is the password")
     return lines[0]

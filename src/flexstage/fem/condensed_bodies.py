@@ -16,7 +16,6 @@ from flexstage.fem.changed_necks import (
     ChangedNeck,
     NeckFamily,
     changed_necks,
-    family,
     with_other_necks,
 )
 from flexstage.fem.condensation import Condensed, condense
@@ -44,7 +43,7 @@ def condense_all(
             changes[part] = before, necks
     new = _condense_missing([part for part in parts if part not in changes], ready, cache)
     for part, (before, necks) in changes.items():
-        families = [(neck, _neck_family(neck.block, neck.deeper, cache)) for neck in necks]
+        families = [(neck, _neck_family(neck.blocks, cache)) for neck in necks]
         ready[part] = with_other_necks(ready[before], before, families)
     new = [*new, *changes]
     return [ready[part] for part in parts], [parts.index(part) for part in new]
@@ -52,9 +51,9 @@ def condense_all(
 
 @lru_cache(maxsize=512)
 def _neck_family(
-    block: Substructure, deeper: bool, cache: Cache | Path | str | bool | None
+    blocks: tuple[Substructure, ...], cache: Cache | Path | str | bool | None
 ) -> NeckFamily:
-    return NeckFamily(condense_all(family(block, deeper=deeper), cache)[0])
+    return NeckFamily(condense_all(blocks, cache)[0])
 
 
 def _condense_missing(

@@ -191,8 +191,8 @@ def superelement_model(
         directory, or False for nowhere.
     near : SuperelementModel, optional
         A model of a stage that differs little. Its bodies that are the same are taken from it, and
-        where large ones differ in their necks alone what these change is computed in a block about
-        each (see `flexstage.fem.changed_necks.with_other_necks`).
+        where others differ in the thickness of their necks alone, what these change is computed in
+        a block about each (see `flexstage.fem.changed_necks.with_other_necks`).
 
     Returns
     -------

@@ -2,6 +2,7 @@
 
 import os
 import socket
+import ssl
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -26,11 +27,12 @@ def serve(options: PanelOptions, announce: Callable[[str], object]) -> None:
     Raises
     ------
     ModelError
-        What it needs is not installed.
+        What it needs is not installed, or certificate and key are none.
     NotConnectedError
         The port is taken, or the address is none of this computer.
     """
     require_extra("web", "nicegui", "the front panel", ModelError)
+    _require_certificate(options)
     listener = _listener(options)
     try:
         _run(options, listener, announce)
@@ -96,6 +98,22 @@ def _run(options: PanelOptions, listener: socket.socket, announce: Callable[[str
     finally:
         panel.stops.stop()
         panel.jobs.close()
+
+
+def _require_certificate(options: PanelOptions) -> None:
+    """Refuse what is no certificate with its key, before an address is said."""
+    if options.certificate is None:
+        return
+    try:
+        # an empty password, as the library would ask for one at the terminal
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(
+            options.certificate, options.key, password=""
+        )
+    except (ssl.SSLError, ValueError) as error:
+        raise ModelError(
+            f"'{options.certificate}' and '{options.key}' are no certificate and its private key "
+            f"in PEM, the key without a password ({error})"
+        ) from None
 
 
 def _listener(options: PanelOptions) -> socket.socket:
