@@ -1,5 +1,6 @@
 """Bodies whose necks change follow from those that were condensed, against condensing them anew."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,6 +75,26 @@ def test_changes_are_those_of_fine_meshes(
         assert near["max_stress"] / here["max_stress"] == pytest.approx(
             now["max_stress"] / was["max_stress"], rel=0.01
         )
+
+
+def test_a_body_weighs_what_it_is(parallelogram: SuperelementModel) -> None:
+    """A body that moves along x has the mass of its outline with its half notches.
+
+    Thinner necks take 0.1 % of it.
+    """
+    made = with_necks(parallelogram.stage, 0.9, 0.88, 0.9, 0.88, deeper=False)
+    near = superelement_model(made, cache=False, near=parallelogram)
+    anew = superelement_model(made, cache=False)
+    for placed, body, other in zip(near.placed, near.condensed, anew.condensed, strict=True):
+        if placed.body.fixed:
+            continue
+        along = np.zeros(len(body.mass))
+        for i, neck in enumerate(placed.part.necks):
+            along[3 * i : 3 * i + 2] = math.cos(neck.direction), -math.sin(neck.direction)
+        for i, patch in enumerate(placed.part.patches, start=3 * len(placed.part.necks)):
+            along[i] = math.cos(patch.direction)
+        assert body.inertia[0] == pytest.approx(other.inertia[0], rel=1e-6)
+        assert along @ body.mass @ along == pytest.approx(other.inertia[0], rel=1e-6)
 
 
 def test_in_space() -> None:
