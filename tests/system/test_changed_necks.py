@@ -19,6 +19,7 @@ from flexstage.hinges import CornerFilleted, Profile, RightCircular
 from flexstage.hinges.other_notch import with_neck_thickness
 from flexstage.stage import Stage
 from flexstage.system import analyse, modes
+from tests.hinged_bars import hinged_bars
 
 FINE = MeshSettings(order=6, neck_size=0.4, grading=0.5)
 
@@ -51,7 +52,11 @@ def parallelogram() -> SuperelementModel:
 
 
 @pytest.mark.parametrize(
-    ("times", "deeper"), [((0.91, 1.06, 0.96, 0.88), True), ((0.91, 0.98, 0.96, 0.88), False)]
+    ("times", "deeper"),
+    [
+        pytest.param((0.91, 1.06, 0.96, 0.88), True, marks=pytest.mark.slow),
+        ((0.91, 0.98, 0.96, 0.88), False),
+    ],
 )
 def test_changes_are_those_of_fine_meshes(
     parallelogram: SuperelementModel, times: tuple[float, ...], deeper: bool
@@ -97,6 +102,29 @@ def test_a_body_weighs_what_it_is(parallelogram: SuperelementModel) -> None:
         assert along @ body.mass @ along == pytest.approx(other.inertia[0], rel=1e-6)
 
 
+def test_bars_in_space() -> None:
+    """Two unlike hinges. Measured against bodies condensed anew: figures within 0.026 %.
+
+    The peak of stress scatters by 3.5 % from mesh to mesh here, the change of it is -7 %.
+    """
+    stage = hinged_bars()
+    base = superelement_model(stage, space=True, cache=False)
+    made = with_necks(stage, 0.93, 0.9, deeper=False)
+    near = figures(superelement_model(made, space=True, cache=False, near=base))
+    anew = figures(superelement_model(made, space=True, cache=False))
+    for name in (
+        *(f"f{i}" for i in range(6)),
+        "transmission_ratio",
+        "input_stiffness",
+        "output_stiffness",
+        "gravity_sag",
+        "out_of_plane_stiffness",
+    ):
+        assert near[name] == pytest.approx(anew[name], rel=5e-4), name
+    assert near["max_stress"] == pytest.approx(anew["max_stress"], rel=0.05)
+
+
+@pytest.mark.slow
 def test_in_space() -> None:
     """Measured against bodies condensed anew: frequencies within 0.04 %, stress 0.3 %.
 
