@@ -86,7 +86,9 @@ def _root(
         raise typer.Exit
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
-        typer.echo("\nIn a browser: 'flexstage serve' opens the front panel, where a stage is designed.")
+        typer.echo(
+            "\nIn a browser: 'flexstage serve' opens the front panel, where a stage is designed."
+        )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

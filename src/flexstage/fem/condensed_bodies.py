@@ -41,9 +41,14 @@ def condense_all(
     for part, (before, _) in zip(parts, near, strict=False):
         if part not in ready and (necks := changed_necks(before, part)):
             changes[part] = before, necks
-    new = _condense_missing([part for part in parts if part not in changes], ready, cache)
-    for part, (before, necks) in changes.items():
-        families = [(neck, _neck_family(neck.blocks, cache)) for neck in necks]
+    with progress.subtask(0.0, 0.5 if changes else 1.0):
+        new = _condense_missing([part for part in parts if part not in changes], ready, cache)
+    for i, (part, (before, necks)) in enumerate(changes.items()):
+        families = []
+        for k, neck in enumerate(necks):
+            first = 0.5 + 0.5 * (i + k / len(necks)) / len(changes)
+            with progress.subtask(first, first + 0.5 / (len(changes) * len(necks))):
+                families.append((neck, _neck_family(neck.blocks, cache)))
         ready[part] = with_other_necks(ready[before], before, families)
     new = [*new, *changes]
     return [ready[part] for part in parts], [parts.index(part) for part in new]
