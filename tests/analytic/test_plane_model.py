@@ -235,3 +235,18 @@ def test_a_body_that_turns_far_is_read_where_it_is(model: StageModel) -> None:
     assert found[0] == pytest.approx(expected, rel=1e-9)
     small = body_motion(continuum, STAGE, "platform", at) @ u[0]
     assert small != pytest.approx(expected, rel=1e-2)
+
+
+def test_a_frame_without_holes_holds_no_leaf() -> None:
+    """Leaves on a frame that is held at its edges bend over all of their length.
+
+    Held besides at the line where the region of a notch ends, 0.8 of the way to the root, they were
+    11 % higher in frequency. Against the frame on its bolts, which gives way by 0.014 %.
+    """
+    stage = design("double-parallelogram")
+    assert min(h.profile.length for h in stage.hinges) > 10.0 * max(
+        h.profile.root_height for h in stage.hinges
+    )
+    edges = replace(stage, bodies=tuple(replace(b, mounting_holes=()) for b in stage.bodies))
+    bolts, held = (modes(plane_model(s).system).frequency_hz[:2] for s in (stage, edges))
+    np.testing.assert_allclose(held, bolts, rtol=3e-4)

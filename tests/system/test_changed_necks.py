@@ -141,6 +141,24 @@ def test_in_space() -> None:
     assert near["max_stress"] == pytest.approx(anew["max_stress"], rel=0.02)
 
 
+def test_leaves_that_become_thinner() -> None:
+    """Leaves of 16 mm between levers, against bodies condensed anew.
+
+    Measured: statics within 0.02 % of the figure, of changes of up to 4 %, but for what scatters
+    from mesh to mesh; the frequency 0.06 %, by the mass of the leaves.
+    """
+    stage = design("lever-chain")
+    base = superelement_model(stage, cache=False)
+    times = [1.0 if h.profile.kind == "circular" else 0.9 for h in stage.hinges]
+    made = with_necks(stage, *times, deeper=False)
+    near = figures(superelement_model(made, cache=False, near=base))
+    anew = figures(superelement_model(made, cache=False))
+    assert anew["input_stiffness"] / figures(base)["input_stiffness"] < 0.97
+    for name in ("input_stiffness", "output_stiffness", "transmission_ratio"):
+        assert near[name] == pytest.approx(anew[name], rel=3e-4), name
+    assert near["natural_frequency_hz"] == pytest.approx(anew["natural_frequency_hz"], rel=1e-3)
+
+
 def test_what_does_not_change_is_taken(parallelogram: SuperelementModel, tmp_path: Path) -> None:
     same = superelement_model(parallelogram.stage, cache=tmp_path, near=parallelogram)
     assert same.built == ()

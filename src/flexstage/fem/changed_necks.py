@@ -199,20 +199,21 @@ def with_other_necks(
     Validity: what the change of a neck does is local (Saint-Venant), so that it is the same in the
     block as in the body. With all necks of the study's piezo stage thinner by 10 %, the two lowest
     frequencies are within 0.005 % of those of bodies that are condensed anew, the next four within
-    0.05 %; changes are nearer to those of fine meshes, as no mesh changes.
+    0.05 %; changes are nearer to those of fine meshes, as no mesh changes. What a notch weighs more
+    or less rides on the mean motion of its body: leaves thinner by 10 % between light levers
+    (`lever-chain`) leave 0.06 % in frequency, and 0.002 % in stiffness on fine meshes.
     """
     m, r = condensed.interfaces, len(condensed.stiffness)
     way = freedom(part.through)
     each = len(way.necks)
     size = np.ones(r)  # of the coordinates, in those that they were before
-    more, added, gain = np.zeros((m, m)), np.zeros(r), 0.0
+    more, gains = np.zeros((m, m)), []
     for neck, blocks in necks:
         own = np.arange(each * neck.number, each * (neck.number + 1))
         size[own[way.turning]] = neck.thicker
         (before, _, light), (after, _, heavy) = blocks.at(1.0), blocks.at(neck.thicker)
         more[np.ix_(own, own)] = after - before * np.outer(size[own], size[own])
-        added[own[way.carrying]] = heavy - light
-        gain += heavy - light
+        gains.append(heavy - light)
     K = (condensed.stiffness / np.outer(size, size))[:m, :m]
     held = _held_forces(condensed) / size[:m, None]
     Y = np.linalg.solve(np.eye(m) + more @ K, more)
@@ -224,7 +225,13 @@ def with_other_necks(
     stiffness = condensed.stiffness.copy()
     stiffness[:m, :m] = K - K @ Y @ K
     stiffness[m:, m:] += held.T @ Y @ held
-    mass = basis.T @ condensed.mass @ basis + np.diag(added)
+    loads = condensed.loads @ basis
+    mass = basis.T @ condensed.mass @ basis
+    whole, x, y, turning = condensed.inertia
+    for (neck, _), gain in zip(necks, gains, strict=True):
+        # what a notch gains rides on the mean motion of the body
+        riding = way.read((x, y), part.necks[neck.number].at) @ loads[:3]
+        mass += gain * riding.T @ riding
     stress = condensed.stress @ basis
     force_was = np.hstack((condensed.stiffness[:m, :m], _held_forces(condensed)))
     force_is = np.hstack((stiffness[:m, :m], held - K @ Y @ held))
@@ -235,14 +242,13 @@ def with_other_necks(
         by_force = condensed.stress[here][:, :, own] @ np.linalg.pinv(force_was[own, own])
         scale = blocks.at(neck.thicker)[1]
         stress[here] += by_force @ (scale[:, None] * force_is[own] - force_was[own] @ basis)
-    whole, x, y, turning = condensed.inertia
     return replace(
         condensed,
         stiffness=0.5 * (stiffness + stiffness.T),
         mass=0.5 * (mass + mass.T),
-        loads=condensed.loads @ basis,
+        loads=loads,
         stress=stress,
-        inertia=(whole + gain, x, y, turning),
+        inertia=(whole + sum(gains), x, y, turning),
     )
 
 

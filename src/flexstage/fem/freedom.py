@@ -13,7 +13,6 @@ from flexstage.stage import ExtraMass
 from flexstage.stage.outline import Point
 
 _TURNS = ("rotation by", "slope of it")
-_CARRIES = ("along", "across", "along by 1", "across by 1", "through the plate by 1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,11 +30,6 @@ class Freedom:
     def turning(self) -> NDArray[np.bool_]:
         """Which motions of a neck are a rotation times half of the thickness of the neck."""
         return np.array([name.startswith(_TURNS) for name in self.necks])
-
-    @property
-    def carrying(self) -> NDArray[np.bool_]:
-        """Which motions of a neck are the displacement of all of it."""
-        return np.array([name.split(" [")[0] in _CARRIES for name in self.necks])
 
     @property
     def out_of_plane(self) -> bool:

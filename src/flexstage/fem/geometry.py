@@ -319,17 +319,21 @@ def _hold(stage: Stage, body: Body, own: TopoDS_Shape) -> str:
                     edge.name = MOUNTING
         return "fixed bodies held at their mounting holes"
     # Where no holes are described it is held all around, but for the edges that a notch grows
-    # from and those beside them: they must be free to give way to the root.
+    # from and those beside them: they must be free to give way to the root. The line at which the
+    # body and the inner part of a notch meet is no edge of the stage.
     roots: list[Point] = []
-    for hinge in stage.hinges:
+    hinges = [h for h in stage.hinges if body.name in h.bodies]
+    for hinge in hinges:
         for which, name in enumerate(hinge.bodies):
             if name == body.name:
                 side = (-1.0, 1.0)[which]
                 roots.append(hinge.to_plane(side * hinge.profile.length / 2.0, 0.0))
-    clear = max((h.profile.root_height for h in stage.hinges if body.name in h.bodies), default=0.0)
+    clear = max((h.profile.root_height for h in hinges), default=0.0)
     count = 0
     for edge in own.edges:
-        if not edge.name and all(_distance_to(edge, p) > clear for p in roots):
+        if edge.name or any(_in_notch(h, _middle(edge)) for h in hinges):
+            continue
+        if all(_distance_to(edge, p) > clear for p in roots):
             edge.name = MOUNTING
             count += 1
     if not count:
@@ -338,6 +342,12 @@ def _hold(stage: Stage, body: Body, own: TopoDS_Shape) -> str:
             "to hold it by: give it mounting_holes"
         )
     return "fixed bodies without mounting holes held at their edges away from the notches"
+
+
+def _in_notch(hinge: Hinge, p: Point) -> bool:
+    along, across = hinge.from_plane(p)
+    half, height = hinge.profile.length / 2.0, hinge.profile.root_height
+    return abs(along) < half - _NEAR and abs(across) < height
 
 
 def _distance_to(edge: TopoDS_Shape, p: Point) -> float:
