@@ -67,7 +67,14 @@ class Looked:
 
 
 def looked_at(reading: Reading, key: str) -> Looked:
-    """Look into files; `key` makes the ids of the drawing its own in a page."""
+    """Look into files and draw the first; `key` makes the ids of that its own in a page."""
+    reading, found, record = whole(reading)
+    svg = inline(lambda: _drawn(record, reading), key, f"What is in {Path(record.source).name}")
+    return Looked(reading, found, svg)
+
+
+def whole(reading: Reading) -> tuple[Reading, tuple[dict[str, Any], ...], Record]:
+    """Read all of files; return how, what is in them, and the first one."""
     how = _how(reading, len(reading.files))
     rates = how.pop("rates_hz")
     how.pop("resample_hz")
@@ -76,13 +83,10 @@ def looked_at(reading: Reading, key: str) -> Looked:
         for file, rate in zip(reading.files, rates, strict=True)
     ]
     found = tuple(contents(*one) for one in read)
-    reading = with_columns(reading, found[0])
-    record = read[0][0]
-    svg = inline(lambda: _drawn(record, reading), key, f"What is in {Path(record.source).name}")
-    return Looked(reading, found, svg)
+    return _with_columns(reading, found[0]), found, read[0][0]
 
 
-def with_columns(reading: Reading, found: dict[str, Any]) -> Reading:
+def _with_columns(reading: Reading, found: dict[str, Any]) -> Reading:
     """Return how a file is read, with the columns that are likely where none are chosen.
 
     The time is one that is called so. The input is the first column in V, the output the first in
@@ -217,8 +221,16 @@ class Compensated:
 
 
 def compensated(file: ModelFile, motion: Motion, key: str) -> Compensated:
-    """Compute the command for a motion, as `flexstage compensate` does."""
-    drive = file.model
+    """Compute the command for a motion, and draw it."""
+    made, notes = command(file.model, motion)
+    band = file.errors.get("heldout_95")
+    says = "The command and what it leaves"
+    svg = inline(lambda: draw_feedforward(made, file.model, band), key, says)
+    return Compensated(made, notes, svg)
+
+
+def command(drive: DriveModel, motion: Motion) -> tuple[Feedforward, tuple[str, ...]]:
+    """Return the command for a motion, as `flexstage compensate` does, and what should be known."""
     notes: tuple[str, ...] = ()
     if motion.shape == "file":
         reference, dt, notes = _from_file(drive, motion)
@@ -237,9 +249,7 @@ def compensated(file: ModelFile, motion: Motion, key: str) -> Compensated:
         start=motion.moved_for if motion.start == "moved" else None,
         band_hz=motion.band_hz,
     )
-    band = file.errors.get("heldout_95")
-    svg = inline(lambda: draw_feedforward(made, drive, band), key, "The command and what it leaves")
-    return Compensated(made, (*notes, *made.notes), svg)
+    return made, (*notes, *made.notes)
 
 
 def usual_motion(motion: Motion, drive: DriveModel, sample_rate_hz: float | None) -> Motion:
