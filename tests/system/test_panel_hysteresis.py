@@ -15,8 +15,8 @@ from flexstage.cli import main
 from flexstage.errors import RecordError
 from flexstage.records import read_record
 from flexstage.virtual.stack import virtual_stack
-from flexstage.web.hysteresis.requests import Motion, Reading, Search
-from flexstage.web.hysteresis.state import HysteresisState, Source
+from flexstage.web.hysteresis.requests import Reading, Search, WantedMotion
+from flexstage.web.hysteresis.state import HysteresisState, MeasuredFiles
 from flexstage.web.hysteresis.work import (
     Identified,
     Looked,
@@ -100,7 +100,7 @@ def test_it_is_what_the_commands_find_and_write(
         "--slew", "300 V/s", "--out", tmp_path / "command.npz",
     )  # fmt: skip
     file = Reading(files=(str(wanted),), output="0", sample_rate="200 Hz")
-    motion = Motion(shape="file", file=file, relative=True, slew=300.0)
+    motion = WantedMotion(shape="file", file=file, relative=True, slew=300.0)
     follows, notes = command(made.file.model, motion)
     assert told["predicted_rms_error"] == follows.rms_error
     assert sorted(told["notes"]) == sorted([*made.file.notes, *notes])
@@ -119,10 +119,10 @@ def test_columns_are_found_where_the_file_leaves_no_doubt(tmp_path: Path) -> Non
     plain, (found,), _ = whole(Reading(files=(str(path),)))
     # the column between them stands still
     assert (plain.input, plain.output, found["over"]) == ("0", "2", "point")
-    assert "Sample rate" in Source(plain, Looked(plain, (found,), "")).missing()
+    assert "Sample rate" in MeasuredFiles(plain, Looked(plain, (found,), "")).missing()
     rated, (found,), _ = whole(replace(plain, sample_rate="0.2 kHz"))
     assert found["sample_rate_hz"] == pytest.approx(200.0)
-    assert Source(rated, Looked(rated, (found,), "")).missing() == ""
+    assert MeasuredFiles(rated, Looked(rated, (found,), "")).missing() == ""
     swapped = tmp_path / "swapped.csv"
     swapped.write_text("Time,x (um),drive (V)\n0,1,0\n1,2,5\n2,3,8\n", encoding="utf-8")
     by_unit = whole(Reading(files=(str(swapped),)))[0]
@@ -169,7 +169,7 @@ def test_a_motion_is_followed_within_what_the_drive_reaches(
 ) -> None:
     model = drive[2].file.model
     low, high = model.validity.output_range  # type: ignore[union-attr]
-    motion = usual_motion(Motion(), model, RATE)
+    motion = usual_motion(WantedMotion(), model, RATE)
     assert motion.centre == pytest.approx(0.5 * (low + high))
     assert (motion.sample_rate_hz, motion.rate_hz) == (RATE, 1.25)
     for periods, samples in ((3, 480), (0, 160)):

@@ -10,7 +10,7 @@ from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.report.identification import command_in_words
 from flexstage.units import readable
 from flexstage.web.hysteresis.record_form import RecordForm
-from flexstage.web.hysteresis.requests import Motion
+from flexstage.web.hysteresis.requests import WantedMotion
 from flexstage.web.hysteresis.shown import figure, save, sentence, show_lines
 from flexstage.web.hysteresis.state import HysteresisState
 from flexstage.web.hysteresis.tasks import Task
@@ -245,7 +245,7 @@ class CompensationPanel:
             ui.button("Download the waveform", icon="download", on_click=give)
 
 
-def _is_limited(motion: Motion) -> bool:
-    usual = Motion()
+def _is_limited(motion: WantedMotion) -> bool:
+    usual = WantedMotion()
     names = ("lowest", "highest", "slew", "band_hz", "start")
     return any(getattr(motion, name) != getattr(usual, name) for name in names)

@@ -14,7 +14,7 @@ from flexstage.records.contents import contents_table, length_in_words
 from flexstage.web.figures import show_table
 from flexstage.web.hysteresis.requests import Reading
 from flexstage.web.hysteresis.shown import in_page
-from flexstage.web.hysteresis.state import Source
+from flexstage.web.hysteresis.state import MeasuredFiles
 from flexstage.web.hysteresis.tasks import Task
 from flexstage.web.hysteresis.work import Looked, is_light, looked_at
 from flexstage.web.jobs import BackgroundJob
@@ -65,7 +65,7 @@ class RecordForm:
     def __init__(
         self,
         page: Page,
-        source: Source,
+        source: MeasuredFiles,
         jobs: dict[str, BackgroundJob],
         *,
         key: str,

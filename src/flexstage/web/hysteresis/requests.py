@@ -90,7 +90,7 @@ class Search:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
+class WantedMotion:
     """What a drive shall follow, and within which limits; lengths in the unit of the model."""
 
     shape: Literal["sine", "triangle", "file"] = "sine"

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from flexstage.hysteresis import ModelFile
-from flexstage.web.hysteresis.requests import Motion, Reading, Search
+from flexstage.web.hysteresis.requests import Reading, Search, WantedMotion
 from flexstage.web.hysteresis.work import Compensated, Identified, Looked, Predicted
 from flexstage.web.jobs import BackgroundJob
 
@@ -12,7 +12,7 @@ Step = Literal["record", "model", "compensate", "predict"]
 
 
 @dataclass
-class Source:
+class MeasuredFiles:
     """Files, how they are read, and what is in them."""
 
     reading: Reading = field(default_factory=Reading)
@@ -21,13 +21,13 @@ class Source:
     """What is in them, as far as it could be read."""
     wrong: str = ""
     """Why they cannot be read."""
-    before: "Source | None" = None
+    before: "MeasuredFiles | None" = None
     """What was open before them, and could be read."""
 
     def open(self, reading: Reading) -> None:
         """Open other files; what could be read before can be gone back to."""
         if self.looked is not None and not self.wrong:
-            self.before = Source(self.reading, self.looked)
+            self.before = MeasuredFiles(self.reading, self.looked)
         self.reading, self.looked, self.wrong = reading, None, ""
 
     def go_back(self) -> None:
@@ -81,7 +81,7 @@ class HysteresisState:
 
     step: Step = "record"
     """Which step is shown."""
-    source: Source = field(default_factory=Source)
+    source: MeasuredFiles = field(default_factory=MeasuredFiles)
     """The record that a model is identified from."""
     search: Search = field(default_factory=Search)
     """What is identified."""
@@ -93,13 +93,13 @@ class HysteresisState:
     """Models of that by kind: first the one that was chosen of all."""
     model: OpenModel | None = None
     """The model that is shown, and that commands are made with."""
-    motion: Motion = field(default_factory=Motion)
+    motion: WantedMotion = field(default_factory=WantedMotion)
     """What the drive shall follow."""
-    reference: Source = field(default_factory=Source)
+    reference: MeasuredFiles = field(default_factory=MeasuredFiles)
     """A reference out of a file."""
     compensated: Compensated | None = None
     """The command for that."""
-    other: Source = field(default_factory=Source)
+    other: MeasuredFiles = field(default_factory=MeasuredFiles)
     """Another record, on which the model is tried."""
     start: Literal["auto", "rested", "moved"] = "auto"
     """What the drive did before that."""
@@ -113,4 +113,4 @@ class HysteresisState:
     def take(self, model: OpenModel) -> None:
         """Show another model; what was made with the one before is gone."""
         self.model, self.compensated, self.predicted = model, None, None
-        self.motion = Motion(shape=self.motion.shape, periods=self.motion.periods)
+        self.motion = WantedMotion(shape=self.motion.shape, periods=self.motion.periods)

@@ -39,7 +39,7 @@ from flexstage.report.figures.feedforward import draw_feedforward
 from flexstage.report.figures.identification import draw_identification, draw_prediction
 from flexstage.report.figures.record import draw_drive_record, draw_record
 from flexstage.stage.assumptions import DAMPING_RATIO
-from flexstage.web.hysteresis.requests import Motion, Reading, Search
+from flexstage.web.hysteresis.requests import Reading, Search, WantedMotion
 from flexstage.web.pictures import inline
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ class Compensated:
     """The command, its loop and what is left, for a page."""
 
 
-def compensated(file: ModelFile, motion: Motion, key: str) -> Compensated:
+def compensated(file: ModelFile, motion: WantedMotion, key: str) -> Compensated:
     """Compute the command for a motion, and draw it."""
     made, notes = command(file.model, motion)
     band = file.errors.get("heldout_95")
@@ -229,7 +229,7 @@ def compensated(file: ModelFile, motion: Motion, key: str) -> Compensated:
     return Compensated(made, notes, svg)
 
 
-def command(drive: DriveModel, motion: Motion) -> tuple[Feedforward, tuple[str, ...]]:
+def command(drive: DriveModel, motion: WantedMotion) -> tuple[Feedforward, tuple[str, ...]]:
     """Return the command for a motion, as `flexstage compensate` does, and what should be known."""
     notes: tuple[str, ...] = ()
     if motion.shape == "file":
@@ -252,7 +252,9 @@ def command(drive: DriveModel, motion: Motion) -> tuple[Feedforward, tuple[str, 
     return made, (*notes, *made.notes)
 
 
-def usual_motion(motion: Motion, drive: DriveModel, sample_rate_hz: float | None) -> Motion:
+def usual_motion(
+    motion: WantedMotion, drive: DriveModel, sample_rate_hz: float | None
+) -> WantedMotion:
     """Return a motion with what was left open, as a model suggests it."""
     made = motion
     if drive.validity is not None:
@@ -269,7 +271,7 @@ def usual_motion(motion: Motion, drive: DriveModel, sample_rate_hz: float | None
     return made
 
 
-def _repeated(motion: Motion) -> tuple[Array, float, tuple[str, ...]]:
+def _repeated(motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
     from flexstage.control.trajectories.sine import sine
     from flexstage.control.trajectories.triangle import triangle
 
@@ -284,7 +286,7 @@ def _repeated(motion: Motion) -> tuple[Array, float, tuple[str, ...]]:
     return path.positions["x"], 1.0 / path.sample_rate_hz, path.notes
 
 
-def _from_file(drive: DriveModel, motion: Motion) -> tuple[Array, float, tuple[str, ...]]:
+def _from_file(drive: DriveModel, motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
     reading = motion.file
     if not reading.files:
         raise ModelError("there is no file of the reference: drop one, or choose another shape")
@@ -305,7 +307,7 @@ def _from_file(drive: DriveModel, motion: Motion) -> tuple[Array, float, tuple[s
     return values + zero, 1.0 / record.sample_rate_hz, notes
 
 
-def _limits(drive: DriveModel, motion: Motion) -> tuple[float, float] | None:
+def _limits(drive: DriveModel, motion: WantedMotion) -> tuple[float, float] | None:
     if motion.lowest is None and motion.highest is None:
         return None
     own = (0.0, 0.0) if drive.validity is None else drive.validity.input_range
