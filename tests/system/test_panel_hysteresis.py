@@ -84,13 +84,12 @@ def test_it_is_what_the_commands_find_and_write(
     ]
     assert told["warnings"] == list(found.warnings)
     by_command, _ = opened(model)
-    mine = tmp_path / "mine.yaml"
-    mine.write_text(made.text, encoding="utf-8")
-    by_page, _ = opened(mine)
+    (tmp_path / "page.yaml").write_text(made.text, encoding="utf-8")
+    by_page, _ = opened(tmp_path / "page.yaml")
     assert by_page.errors == by_command.errors
     assert by_page.provenance["records"] == by_command.provenance["records"]
-    parameters = (file.model.hysteresis.parameters() for file in (by_page, by_command))
-    np.testing.assert_equal(*parameters)
+    mine, theirs = (file.model.hysteresis.parameters() for file in (by_page, by_command))
+    np.testing.assert_equal(mine, theirs)
 
     wanted = tmp_path / "wanted.csv"
     t = np.arange(800) / RATE
@@ -253,7 +252,7 @@ def test_from_a_record_to_the_waveform_in_a_browser(tmp_path: Path) -> None:
             page.get_by_role("button", name="Download the model").click()
         model = tmp_path / "model.yaml"
         waiting.value.save_as(model)
-        assert opened(model)[0].errors["heldout_95"] < 0.3
+        assert (opened(model)[0].errors["heldout_95"] or 1.0) < 0.3
         page.get_by_role("tab", name="3 Compensate").click()
         page.get_by_label("Amplitude ± [µm]").fill("12")
         page.get_by_role("button", name="Triangle").click()
