@@ -19,6 +19,7 @@ from flexstage.instruments.recording.metadata import (
     run_attributes,
 )
 from flexstage.instruments.recording.recovery import StreamRecovery, chunks, examine
+from flexstage.instruments.recording.stream import in_use
 
 
 def archived(stream: Path, target: Path) -> Path:
@@ -43,6 +44,19 @@ def archived(stream: Path, target: Path) -> Path:
             f"'{target}' cannot be written ({reason}): the stream '{stream}' stays"
         ) from error
     return target
+
+
+def rescued(stream: Path, target: Path | None = None) -> Path:
+    """Write what a crash has left of a stream as an HDF5 file, beside it where none is named.
+
+    Refused while another program writes the stream.
+    """
+    if in_use(stream):
+        raise RecordError(
+            f"'{stream}' is being written by another program: wait until it ends, or look at it "
+            "with --look"
+        )
+    return archived(stream, target or stream.with_suffix(".h5"))
 
 
 def _keys(names: Sequence[str]) -> list[str]:
