@@ -211,9 +211,7 @@ def recover(
     found = examine(file)
     target = None
     if not look:
-        target = rescued(file, out)
-        if remove and not found.damaged_inside:
-            file.unlink()
+        target = rescued(file, out, remove=remove)
     removed = not file.exists()
     rate = found.head.sample_rate_hz
     result: dict[str, Any] = {

@@ -46,17 +46,21 @@ def archived(stream: Path, target: Path) -> Path:
     return target
 
 
-def rescued(stream: Path, target: Path | None = None) -> Path:
+def rescued(stream: Path, target: Path | None = None, *, remove: bool = False) -> Path:
     """Write what a crash has left of a stream as an HDF5 file, beside it where none is named.
 
-    Refused while another program writes the stream.
+    Refused while another program writes the stream. It may be removed afterwards; one that a disk
+    has damaged stays in any case.
     """
     if in_use(stream):
         raise RecordError(
             f"'{stream}' is being written by another program: wait until it ends, or look at it "
             "with --look"
         )
-    return archived(stream, target or stream.with_suffix(".h5"))
+    made = archived(stream, target or stream.with_suffix(".h5"))
+    if remove and not examine(stream).damaged_inside:
+        stream.unlink()
+    return made
 
 
 def _keys(names: Sequence[str]) -> list[str]:
