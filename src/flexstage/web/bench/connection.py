@@ -2,16 +2,15 @@
 
 import asyncio
 from collections.abc import Callable
-from pathlib import Path
 from urllib.parse import urlsplit
 
 from nicegui import ui
 
-from flexstage.designs import DESIGNS, find_stage
 from flexstage.instruments.connect import DRIVERS
 from flexstage.web.bench.state import FIRST_ADDRESS, BenchForms, bench_of, kept, person
+from flexstage.web.design.choice import StageChoice
+from flexstage.web.design.state import DesignState
 from flexstage.web.page import Page, quiet_button
-from flexstage.web.uploads import upload
 
 _AFTER = {False: "everything stays as it is", True: "drives go to their safe voltages"}
 
@@ -56,19 +55,7 @@ class ConnectionBar:
         kind.on_value_change(
             lambda e: address.set_value(FIRST_ADDRESS if e.value == "twin" else kinds[e.value])
         )
-        designs = {name: name for name in sorted(DESIGNS)}
-        if forms.stage not in designs:
-            designs[forms.stage] = Path(forms.stage).name
-        stage = kept(
-            ui.select(designs, value=forms.stage, label="Stage", with_input=True), forms, "stage"
-        ).props("dense options-dense outlined")
-
-        def given(path: Path) -> None:
-            stage.set_options(designs | {str(path): path.name}, value=str(path))
-
-        upload(self._page, "Stage file", (".yaml", ".yml", ".json"), given, view="bench").classes(
-            "slim"
-        )
+        StageChoice(self._page, lambda: None)
         kept(ui.input("Your name"), forms, "operator").props("dense outlined")
         kept(ui.select(_AFTER, label="When disconnected"), forms, "leads_to_safe").props(
             "dense options-dense outlined"
@@ -94,7 +81,7 @@ class ConnectionBar:
                 page.session.id,
                 person(page),
                 forms.address,
-                find_stage(forms.stage),
+                page.session.state(DesignState).now.stage(),
                 leads_to_safe=forms.leads_to_safe,
             )
 
@@ -132,10 +119,9 @@ class ConnectionBar:
                 quiet_button("Keep it", on_click=lambda: self._do(control.keep, me))
             else:
                 quiet_button("Release control", on_click=lambda: self._do(control.release, me))
-            if device := bench.device:
-                if not device.identity.simulated:
-                    clear = ui.checkbox("Its way is clear: it may move", value=bench.cleared)
-                    clear.on_value_change(lambda e: self._do(bench.clear, me, bool(e.value)))
+            if bench.device is not None and not bench.device.identity.simulated:
+                clear = ui.checkbox("Its way is clear: it may move", value=bench.cleared)
+                clear.on_value_change(lambda e: self._do(bench.clear, me, bool(e.value)))
             quiet_button("Disconnect", on_click=self._disconnect)
             return
         name = control.name or "nobody"

@@ -1,27 +1,30 @@
 """The link to the stage at the bench: one for all browsers, read by a thread of its own."""
 
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from typing import Any, cast
-from urllib.parse import parse_qs, urlsplit
-
-import numpy as np
 
 from flexstage.errors import ControllerError, FlexstageError, ModelError, NotConnectedError
 from flexstage.instruments.connect import connect
 from flexstage.instruments.lock import instrument_lock
-from flexstage.instruments.protocol import Capability, Instrument
+from flexstage.instruments.protocol import Instrument
 from flexstage.instruments.ramp import lead_to, to_safe
 from flexstage.stage import Stage
 from flexstage.web.bench.control import Control
+from flexstage.web.bench.instrument import (
+    AxisReading,
+    WatchedInstrument,
+    in_step,
+    live_channels,
+    live_values,
+    read_axis,
+)
 from flexstage.web.jobs import BackgroundJob, Cancelled, Jobs
-from flexstage.web.live.history import POSITION, VOLTAGE, LiveChannel, LiveHistory
+from flexstage.web.live.history import LiveHistory
 from flexstage.web.stops import Stops
 
 _LOG = logging.getLogger("flexstage.web")
@@ -30,22 +33,7 @@ _LOG = logging.getLogger("flexstage.web")
 RATE_HZ = 50.0
 _SLOW = 5  # readings of all else: every so many of those
 _AGAIN = 2.0  # time between attempts to open a lost link again [s]
-_PIECE = 0.1  # longest pause in which a stop is not seen [s]
 _UNDER_STOP = "bench"
-
-
-@dataclass(frozen=True, slots=True)
-class AxisReading:
-    """What an axis was last read as."""
-
-    position: float = math.nan
-    """Position [m]."""
-    voltage: float = math.nan
-    """Voltage [V]; not a number where there is none."""
-    moving: bool = False
-    """Whether it moves."""
-    closed_loop: bool = False
-    """Whether its position control is on."""
 
 
 class Bench:
@@ -161,7 +149,7 @@ class Bench:
         self._lost, self.trouble = False, ""
         self._ended, self._targets = threading.Event(), {}
         self._stopped.clear()
-        self.history = LiveHistory(_channels(device), RATE_HZ)
+        self.history = LiveHistory(live_channels(device), RATE_HZ)
         self._work = ThreadPoolExecutor(1, "bench")
         self._stops.add(_UNDER_STOP, self.stop)
         self._poller = threading.Thread(target=self._read_on, name="bench reader", daemon=True)
@@ -169,7 +157,7 @@ class Bench:
 
     def _use(self, device: Instrument) -> None:
         self.device = device
-        self.watched = cast(Instrument, _Watched(device, self._stopped))
+        self.watched = cast(Instrument, WatchedInstrument(device, self._stopped))
 
     # what is read
 
@@ -183,9 +171,11 @@ class Bench:
                 self._open_again()
             except FlexstageError as error:
                 self.trouble = str(error)
-            except Exception as error:  # the thread that reads never ends silently
-                _LOG.exception("reading the stage failed")
-                self.trouble = f"{type(error).__name__}: {error}"
+            except Exception as error:  # noqa: BLE001 - a thread that reads never ends silently
+                said = f"{type(error).__name__}: {error}"
+                if said != self.trouble:
+                    _LOG.exception("reading the stage failed")
+                self.trouble = said
             count += 1
             due = max(due + 1.0 / RATE_HZ, time.monotonic())
             self._ended.wait(due - time.monotonic())
@@ -196,17 +186,16 @@ class Bench:
             return
         try:
             found = {
-                name: _reading(axis, self.readings.get(name), slow=slow)
+                name: read_axis(axis, self.readings.get(name), slow=slow)
                 for name, axis in device.axes.items()
             }
         finally:
             self._reading.release()
         self.readings, self.trouble = found, ""
         if self.history is not None:
-            values = [v for r in found.values() for v in (r.position, r.voltage)]
-            row = np.array([[v for v, kept in zip(values, _has(device), strict=True) if kept]])
             # by a clock that is never set back
-            self.history.append([self._epoch + time.monotonic()], row)
+            now = self._epoch + time.monotonic()
+            self.history.append([now], [live_values(device, found)])
 
     def _open_again(self) -> None:
         """Try to open a lost link anew until it is there, or the bench is left."""
@@ -362,68 +351,3 @@ class Bench:
             return function(device, *arguments)
         with self._reading:
             return function(device, *arguments)
-
-
-class _Watched:
-    """An instrument whose pauses a stop ends: whatever waits for it goes no further."""
-
-    def __init__(self, device: Instrument, stopped: threading.Event) -> None:
-        self._device, self._stopped = device, stopped
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._device, name)
-
-    def pause(self, seconds: float) -> None:
-        """Let time pass."""
-        while True:
-            if self._stopped.is_set():
-                # once: what cleans up after it waits too
-                self._stopped.clear()
-                raise Cancelled
-            if seconds <= 0.0:
-                return
-            self._device.pause(min(seconds, _PIECE))
-            seconds -= _PIECE
-
-
-def in_step(address: str) -> str:
-    """Return an address at which a simulated clock is in step with that of the room.
-
-    Examples
-    --------
-    >>> in_step("twin://?seed=3"), in_step("gcs://127.0.0.1:50000")
-    ('twin://?seed=3&fast=0', 'gcs://127.0.0.1:50000')
-    """
-    address = address.strip()
-    if not address.startswith("twin:") or "fast" in parse_qs(urlsplit(address).query):
-        return address
-    return f"{address}{'&' if '?' in address else '?'}fast=0"
-
-
-def has_voltage(device: Instrument, axis: str) -> bool:
-    """Say whether an axis of an instrument has a voltage."""
-    return Capability.OPEN_LOOP in device.axes[axis].capabilities
-
-
-def _channels(device: Instrument) -> list[LiveChannel]:
-    made = [
-        LiveChannel(f"{axis} {what.label.lower()}", what)
-        for axis in device.axes
-        for what in (POSITION, VOLTAGE)
-    ]
-    return [channel for channel, kept in zip(made, _has(device), strict=True) if kept]
-
-
-def _has(device: Instrument) -> list[bool]:
-    return [kept for axis in device.axes for kept in (True, has_voltage(device, axis))]
-
-
-def _reading(axis: Any, before: AxisReading | None, *, slow: bool) -> AxisReading:
-    with_voltage = Capability.OPEN_LOOP in axis.capabilities
-    ask = slow or before is None
-    return AxisReading(
-        axis.position(),
-        axis.voltage() if with_voltage else math.nan,
-        axis.moving() if ask else before.moving,
-        axis.closed_loop if ask else before.closed_loop,
-    )

@@ -11,7 +11,8 @@ from nicegui import ui
 from flexstage.instruments.protocol import Capability
 from flexstage.quantities import Quantity
 from flexstage.stage.limits import Range
-from flexstage.web.bench.link import AxisReading, Bench
+from flexstage.web.bench.instrument import AxisReading
+from flexstage.web.bench.link import Bench
 from flexstage.web.bench.state import BenchForms
 from flexstage.web.live.history import POSITION, VOLTAGE
 from flexstage.web.page import Page, PanelHeading
@@ -222,5 +223,3 @@ class _Enabled:
 def _set(label: ui.label, text: str) -> None:
     if label.text != text:
         label.text = text
-
-

@@ -17,8 +17,6 @@ from flexstage.experiments.run_context import base_rate_of
 from flexstage.experiments.runner import new_run_folder
 from flexstage.experiments.verbs.excite import whole_part
 from flexstage.files.write import write_whole
-from flexstage.instruments.catalogue.address import default_catalogue
-from flexstage.instruments.catalogue.folder import enter_folder
 from flexstage.instruments.limits import check_position, check_voltage, check_waveform
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.record_run import record_now
@@ -78,7 +76,7 @@ class RunOutcome:
     """Its folder."""
     record: Record | None = None
     """What was recorded; None of a plan, which may have many."""
-    file: Path | None = None
+    file: Path
     """The file of the record, or the report of the plan."""
     loop: tuple[str, str] | None = None
     """Which columns of the record are a loop: what was commanded, and what followed."""
@@ -146,8 +144,8 @@ def waveform_from(device: Instrument, path: Path, axis: str, cycles: int) -> Com
     if column is None or record.over != "time" or not record.uniform:
         found = ", ".join(f"{c.name} [{c.unit}]" for c in record.channels)
         raise RecordError(
-            f"'{path.name}' has no column in {unit} over even times, which axis '{axis}' takes with "
-            f"its position control {'on' if unit == 'm' else 'off'}: it has {found}"
+            f"'{path.name}' has no column in {unit} over even times, which axis '{axis}' takes "
+            f"with its position control {'on' if unit == 'm' else 'off'}: it has {found}"
         )
     waveform = Waveform(
         values={axis: column.values},
@@ -174,9 +172,7 @@ def signals_of(device: Instrument, first: str = "") -> list[Signal]:
     return found[: device.recorder.signals]
 
 
-def take_record(
-    device: Instrument, about: AboutRun, duration: float, rate_hz: float
-) -> RunOutcome:
+def take_record(device: Instrument, about: AboutRun, duration: float, rate_hz: float) -> RunOutcome:
     """Record what the stage does, for some time [s]."""
     if not 0.0 < duration < math.inf:
         raise ModelError(f"a record takes a positive time, got {duration:g} s")
@@ -206,9 +202,7 @@ def run_command(
     stream = _stream(folder, "waveform")
     metadata = about.metadata(device, "waveform", axis)
     try:
-        command.record(
-            device, signals_of(device, axis), rate_hz, stream, metadata, parked=False
-        )
+        command.record(device, signals_of(device, axis), rate_hz, stream, metadata, parked=False)
     finally:
         notes = _kept(stream)
     over = f"voltage {axis}" if command.quantity == "voltage" else "command"
@@ -224,6 +218,8 @@ def carry_out(
     held: str,
 ) -> RunOutcome:
     """Carry out a plan; with its folder go on with one that was interrupted."""
+    from flexstage.instruments.catalogue.address import default_catalogue
+
     path = find_plan(source)
     plan = read_plan(path)
     where = folder or new_run_folder(about.parent, about.stage.name, path.stem)
@@ -245,9 +241,7 @@ def carry_out(
         held=held,
     )
     write_whole(where / "report.html", run_text(result).encode("utf-8"))
-    return RunOutcome(
-        folder=where, file=where / "report.html", plan=result, notes=result.notes
-    )
+    return RunOutcome(folder=where, file=where / "report.html", plan=result, notes=result.notes)
 
 
 def _plan_name(path: Path) -> str:
@@ -286,8 +280,15 @@ def left_over(parent: Path) -> list[LeftOver]:
 def recovered(stream: Path) -> Path:
     """Recover a stream beside itself, remove it, and enter it in the catalogue."""
     target = rescued(stream, remove=True)
-    enter_folder(target.parent.parent, default_catalogue())
+    _entered(target)
     return target
+
+
+def _entered(file: Path) -> tuple[str, ...]:
+    """Enter the folder of a record in the user's catalogue; return what could not be."""
+    from flexstage.instruments.catalogue.folder import enter_folder
+
+    return tuple(enter_folder(file.parent.parent).problems)
 
 
 def _stream(folder: Path, name: str) -> Path:
@@ -300,7 +301,7 @@ def _kept(stream: Path) -> tuple[str, ...]:
     if stream.exists():
         with suppress(FlexstageError, OSError):
             rescued(stream, remove=True)
-    return tuple(enter_folder(stream.parent.parent, default_catalogue()).problems)
+    return _entered(stream)
 
 
 def _recorded(stream: Path, loop: tuple[str, str] | None, notes: Sequence[str]) -> RunOutcome:
@@ -311,5 +312,5 @@ def _recorded(stream: Path, loop: tuple[str, str] | None, notes: Sequence[str]) 
         record=record,
         file=file,
         loop=loop,
-        notes=(*record.notes, *notes),
+        notes=tuple(notes),
     )

@@ -9,8 +9,8 @@ from flexstage.web.bench.link import Bench
 if TYPE_CHECKING:
     from flexstage.web.page import Page
 
-#: The instrument and the stage that a new page offers: they need nothing of one's own.
-FIRST_ADDRESS, FIRST_STAGE = "twin://?seed=1", "vgtu-piezo"
+#: The instrument that a new page offers: it needs nothing of one's own.
+FIRST_ADDRESS = "twin://?seed=1"
 
 
 @dataclass
@@ -19,8 +19,6 @@ class BenchForms:
 
     address: str = FIRST_ADDRESS
     """Address of the instrument."""
-    stage: str = FIRST_STAGE
-    """Stage file, or name of a built-in design."""
     leads_to_safe: bool = False
     """Whether drives are led to their safe voltages when the link is ended."""
     operator: str = ""
@@ -65,7 +63,9 @@ def person(page: "Page") -> str:
     return name or f"browser {page.session.id[:4]}"
 
 
-def kept(element: Any, forms: BenchForms, name: str, then: Callable[[], object] | None = None) -> Any:
+def kept(
+    element: Any, forms: BenchForms, name: str, then: Callable[[], object] | None = None
+) -> Any:
     """Show a field of the forms in an element, and keep what is filled in."""
     element.value = getattr(forms, name)
 
@@ -76,5 +76,3 @@ def kept(element: Any, forms: BenchForms, name: str, then: Callable[[], object] 
 
     element.on_value_change(changed)
     return element
-
-
