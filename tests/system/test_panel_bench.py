@@ -2,6 +2,9 @@
 
 import asyncio
 import json
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -36,7 +39,7 @@ from flexstage.web.bench.runs import (
 )
 from flexstage.web.jobs import Jobs
 from flexstage.web.stops import Stops
-from tests.panel import simulated, until
+from tests.panel import browser, looked_at, served, simulated, until
 from tests.simple_instrument import SimpleInstrument
 
 STAGE = design("vgtu-piezo")
@@ -329,3 +332,100 @@ def test_the_page_connects_and_a_reload_finds_the_stage(
         bench.close()
 
     simulated(tmp_path, look)
+
+
+def connected(page: Any, address: str = "") -> None:
+    """Open the bench and connect, to the twin where no address is given."""
+    page.get_by_role("link", name="Bench").click()
+    page.get_by_role("button", name="Connect").wait_for()
+    if address:
+        page.get_by_label("Address").fill(address)
+    page.get_by_role("button", name="Connect").click()
+    page.get_by_role("heading", name="Axis x").wait_for()
+
+
+@pytest.mark.slow
+def test_the_bench_is_sound_and_does_its_task(tmp_path: Path) -> None:
+    with looked_at(tmp_path) as look:
+        page = look.page
+        page.get_by_role("link", name="Bench").click()
+        page.get_by_role("button", name="Connect").wait_for()
+        look.require_sound("bench-before")
+        connected(page)
+        # by the keyboard: two steps of 5 V up and one down
+        page.get_by_role("region", name="Axis x").focus()
+        for key in ("ArrowRight", "ArrowUp", "ArrowLeft"):
+            page.keyboard.press(key)
+        page.get_by_text("5.00", exact=True).first.wait_for()
+        page.get_by_label("Go to, V").first.fill("130")
+        page.get_by_role("button", name="Go", exact=True).first.click()
+        page.get_by_text("axis 'x' cannot be sent to 130 V: its limits are 0 to 120 V").wait_for()
+        page.get_by_role("button", name="OK", exact=True).click()
+        page.get_by_label("Frequency, Hz").fill("2")
+        page.get_by_text("1.501 s, 12.00 to 108.00 V").wait_for()
+        page.get_by_role("button", name="Run the waveform").click()
+        page.get_by_role("button", name="Download the record").wait_for()
+        page.get_by_role("img", name="The recorded loop").wait_for()
+        look.require_sound("bench")
+        with page.expect_download() as waiting:
+            page.get_by_role("button", name="Download the record").click()
+        waiting.value.save_as(tmp_path / "record.h5")
+        assert read_record(tmp_path / "record.h5").channel("x").values.max() > 50e-6
+        page.reload()
+        page.get_by_role("button", name="Download the record").wait_for()
+        page.get_by_role("tab", name="Plan").click()
+        page.get_by_text("42 steps").wait_for()
+        page.get_by_role("tab", name="Runs").click()
+        page.get_by_text("The latest runs").wait_for()
+        look.require_sound("bench-runs")
+        # a second browser sees all and drives nothing
+        page.get_by_role("button", name="Disconnect").click()
+        page.get_by_role("button", name="Connect").wait_for()
+        assert not look.complaints
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_record_outlives_its_page_and_its_server(tmp_path: Path) -> None:
+    twin = subprocess.Popen(
+        [sys.executable, "-m", "flexstage", "twin", "vgtu-piezo", "--port", "0", "--json"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert twin.stdout is not None
+        at = json.loads(twin.stdout.readline())["address"]
+        with browser() as running:
+            with served(tmp_path) as (address, process):
+                context = running.new_context()
+                page = context.new_page()
+                page.goto(address)
+                connected(page, at)
+                page.get_by_role("tab", name="Record").click()
+                page.get_by_label("Duration, s").fill("50")
+                page.get_by_label("Record at, Hz").fill("500")
+                page.get_by_role("button", name="Record", exact=True).click()
+                page.get_by_text("recording, ").wait_for()
+                page.close()
+                # another page of the same browser finds it
+                page = context.new_page()
+                page.goto(address.partition("?")[0] + "bench")
+                page.get_by_text("recording, ").wait_for()
+                (stream,) = (tmp_path / "files" / "bench").rglob("*.stream")
+                until(lambda: stream.stat().st_size > 40_000)
+                process.send_signal(signal.SIGKILL)
+                process.wait(10.0)
+            assert stream.exists()
+            with served(tmp_path) as (address, _):
+                page = running.new_context().new_page()
+                page.goto(address)
+                connected(page, at)
+                page.get_by_role("tab", name="Runs").click()
+                page.get_by_text("samples are safe").wait_for()
+                page.get_by_role("button", name="Recover").click()
+                page.get_by_text("recovered as").wait_for()
+            assert not stream.exists()
+            assert read_record(stream.with_suffix(".h5")).size > 1000
+    finally:
+        twin.send_signal(signal.SIGINT)
+        twin.communicate(timeout=20.0)
