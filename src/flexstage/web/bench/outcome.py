@@ -43,7 +43,9 @@ def show_outcome(page: Page, outcome: RunOutcome) -> None:
         with ui.element("div").classes("outcome"):
             if outcome.loop is not None:
                 _loop(page.preferences, outcome.record, outcome.loop)
-            _over_time(page.preferences, outcome.record)
+            # the voltage that was read lies upon the one that was commanded
+            hidden = "command" if outcome.loop and outcome.loop[0] != "command" else ""
+            _over_time(page.preferences, outcome.record, hidden)
     for note in outcome.notes:
         ui.label(note).classes("muted small")
     ui.label(f"It lies in {outcome.folder}").classes("muted small")
@@ -78,7 +80,7 @@ def _loop(preferences: Preferences, record: Record, loop: tuple[str, str]) -> No
     chart([trace], layout, f"The recorded loop: {along.label} of {y.name} over {over.label}")
 
 
-def _over_time(preferences: Preferences, record: Record) -> None:
+def _over_time(preferences: Preferences, record: Record, hidden: str) -> None:
     """Show columns over time, lengths above and voltages below."""
     traces: list[dict[str, Any]] = []
     layout: dict[str, Any] = {
@@ -96,7 +98,7 @@ def _over_time(preferences: Preferences, record: Record) -> None:
             "domain": [high - 1.0 / len(units) + (0.06 if k + 1 < len(units) else 0.0), high],
         }
         for channel in record.channels:
-            if channel.unit == unit:
+            if channel.unit == unit and channel.name != hidden:
                 y = (_thin(channel.values) * quantity.factor).tolist()
                 traces.append(
                     {"x": t, "y": y, "mode": "lines", "name": channel.name, "yaxis": f"y{number}"}

@@ -5,7 +5,6 @@ from typing import Any
 from nicegui import ui
 
 from flexstage.web.bench.connection import ConnectionBar
-from flexstage.web.bench.instrument import has_voltage
 from flexstage.web.bench.outcome import RunList, show_outcome
 from flexstage.web.bench.readouts import AxisCard
 from flexstage.web.bench.run_forms import PlanForm, RecordForm, RunForm, WaveformForm
@@ -81,7 +80,12 @@ class BenchView:
         self._cards.clear()
         self._form = self._job = None
         if bench.device is None or bench.history is None:
+            with self._area.classes(add="apart"), ui.element("section").classes("panel"):
+                PanelHeading("Runs")
+                self._form = RunList(self._page, bench)
+                self._form.build()
             return
+        self._area.classes(remove="apart")
         with self._area:
             with ui.element("div").classes("stack"):
                 self._cards |= {a: AxisCard(self._page, bench, a) for a in bench.device.axes}
@@ -89,13 +93,10 @@ class BenchView:
                     self._runs()
             with ui.element("div").classes("stack"):
                 with ui.element("section").classes("panel"):
-                    first = next(iter(bench.device.axes))
-                    loop = (f"{first} voltage", f"{first} position")
                     LiveChart(
                         self._page,
                         bench.history,
-                        says="Voltage and position of every axis as they are read",
-                        loop=loop if has_voltage(bench.device, first) else None,
+                        says="Position and voltage of every axis as they are read",
                     )
                 self._result = ui.element("section").classes("panel").props('aria-live="polite"')
                 self._result.visible = False
