@@ -25,7 +25,7 @@ from flexstage.instruments.recording.writer import RunWriter
 from flexstage.records import read_record
 from flexstage.web.bench import link
 from flexstage.web.bench.control import GONE, Control
-from flexstage.web.bench.link import Bench
+from flexstage.web.bench.link import BenchLink
 from flexstage.web.bench.runs import (
     AboutRun,
     WaveformOrder,
@@ -65,13 +65,13 @@ class RealTime(SimpleInstrument):
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Bench]]:
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., BenchLink]]:
     """Make a bench that is connected to an instrument by Ann's browser, `a`."""
-    made: list[Bench] = []
+    made: list[BenchLink] = []
 
-    def at(instrument: Any, **options: Any) -> Bench:
+    def at(instrument: Any, **options: Any) -> BenchLink:
         monkeypatch.setattr(link, "connect", lambda address, stage: instrument)
-        found = Bench(Stops(), Jobs())
+        found = BenchLink(Stops(), Jobs())
         made.append(found)
         found.connect("a", "Ann", "gcs://bench", STAGE, **options)
         return found
@@ -86,7 +86,7 @@ def about(folder: Path) -> AboutRun:
     return AboutRun(parent=folder, stage=STAGE, operator="Ann")
 
 
-def ended(bench: Bench, state: str = "done") -> Any:
+def ended(bench: BenchLink, state: str = "done") -> Any:
     assert bench.job is not None
     assert bench.job.wait(20.0)
     assert bench.job.state == state, bench.job.error
@@ -120,7 +120,7 @@ def test_one_browser_drives_and_hands_over() -> None:
         control.release("b")
 
 
-def test_to_connect_and_to_disconnect_moves_nothing(bench: Callable[..., Bench]) -> None:
+def test_to_connect_and_to_disconnect_moves_nothing(bench: Callable[..., BenchLink]) -> None:
     instrument = SimpleInstrument()
     made = bench(instrument)
     until(lambda: made.history is not None and made.history.span)
@@ -134,7 +134,7 @@ def test_to_connect_and_to_disconnect_moves_nothing(bench: Callable[..., Bench])
 
 
 def test_drives_are_led_to_their_safe_voltages_where_that_was_asked(
-    bench: Callable[..., Bench],
+    bench: Callable[..., BenchLink],
 ) -> None:
     instrument = SimpleInstrument()
     made = bench(instrument, leads_to_safe=True)
@@ -144,7 +144,7 @@ def test_drives_are_led_to_their_safe_voltages_where_that_was_asked(
     assert instrument.axes["x"].voltage() == pytest.approx(0.0)
 
 
-def test_steps_add_up_and_limits_are_refused_in_a_sentence(bench: Callable[..., Bench]) -> None:
+def test_steps_add_up_and_limits_are_refused_in_a_sentence(bench: Callable[..., BenchLink]) -> None:
     instrument = SimpleInstrument(noise=2e-9)
     made = bench(instrument)
     x = instrument.axes["x"]
@@ -165,7 +165,7 @@ def test_steps_add_up_and_limits_are_refused_in_a_sentence(bench: Callable[..., 
 
 
 def test_a_waveform_is_run_as_it_was_checked_and_kept(
-    bench: Callable[..., Bench], tmp_path: Path
+    bench: Callable[..., BenchLink], tmp_path: Path
 ) -> None:
     made = bench(SimpleInstrument())
     assert made.device is not None
@@ -197,7 +197,7 @@ def _plain(order: WaveformOrder) -> dict[str, Any]:
 
 
 def test_stop_ends_what_goes_on_and_keeps_what_was_recorded(
-    bench: Callable[..., Bench], tmp_path: Path
+    bench: Callable[..., BenchLink], tmp_path: Path
 ) -> None:
     instrument = RealTime()
     made = bench(instrument)
@@ -219,7 +219,7 @@ def test_stop_ends_what_goes_on_and_keeps_what_was_recorded(
     made.go("a", "x", 5.0).result(10.0)
 
 
-def test_stop_does_not_wait_for_what_waits(bench: Callable[..., Bench]) -> None:
+def test_stop_does_not_wait_for_what_waits(bench: Callable[..., BenchLink]) -> None:
     instrument = RealTime()
     made = bench(instrument)
     first = made.go("a", "x", 100.0)
@@ -233,7 +233,7 @@ def test_stop_does_not_wait_for_what_waits(bench: Callable[..., Bench]) -> None:
 
 
 def test_a_lost_link_is_told_and_opened_again(
-    bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+    bench: Callable[..., BenchLink], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(link, "_AGAIN", 0.02)
     instrument = SimpleInstrument()
@@ -259,7 +259,7 @@ def test_a_lost_link_is_told_and_opened_again(
 
 
 def test_a_real_stage_is_locked_and_moves_when_its_way_is_clear(
-    bench: Callable[..., Bench], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    bench: Callable[..., BenchLink], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FLEXSTAGE_STATE", str(tmp_path / "state"))
     with stage_lock("S7"), pytest.raises(NotConnectedError, match="'S7' is in use"):
@@ -315,14 +315,16 @@ def test_the_page_connects_and_a_reload_finds_the_stage(
     monkeypatch.setattr(link, "connect", lambda address, stage: instrument)
 
     async def look(user: Any, panel: Any) -> None:
+        from nicegui import ui
+
         await user.open("/bench")
         await user.should_not_see("STOP")
-        user.find("Connect").click()
+        user.find(kind=ui.button, content="Connect").click()
         await user.should_see("You drive the stage", retries=20)
         await user.should_see("STOP")
         await user.open("/bench")
         await user.should_see("Axis x")
-        bench = panel.state(Bench)
+        bench = panel.state(BenchLink)
         await asyncio.to_thread(until, lambda: "x" in bench.readings)
         assert instrument.log == []
         (session,) = panel.access._sessions.values()
@@ -350,7 +352,8 @@ def test_the_bench_is_sound_and_does_its_task(tmp_path: Path) -> None:
         page = look.page
         page.get_by_role("link", name="Bench").click()
         page.get_by_role("button", name="Connect").wait_for()
-        page.get_by_text("no record of a run is").or_(page.get_by_text("The latest runs")).wait_for()
+        listed = page.get_by_text("The latest runs")
+        listed.or_(page.get_by_text("No run yet")).wait_for()
         look.shot("bench-before")
         connected(page)
         # by the keyboard: two steps of 5 V up and one down
@@ -366,7 +369,7 @@ def test_the_bench_is_sound_and_does_its_task(tmp_path: Path) -> None:
         page.get_by_text("1.501 s, 12.00 to 108.00 V").wait_for()
         page.get_by_role("button", name="Run the waveform").click()
         page.get_by_role("button", name="Download the record").wait_for()
-        page.get_by_role("img", name="The recorded loop").wait_for()
+        page.get_by_role("figure", name="The recorded loop").wait_for()
         look.require_sound("bench")
         with page.expect_download() as waiting:
             page.get_by_role("button", name="Download the record").click()

@@ -10,7 +10,7 @@ from flexstage.instruments.connect import DRIVERS
 from flexstage.web.bench.state import FIRST_ADDRESS, BenchForms, bench_of, kept, person
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState
-from flexstage.web.page import Page, quiet_button
+from flexstage.web.page import Page, PanelHeading, quiet_button
 
 _AFTER = {False: "everything stays as it is", True: "drives go to their safe voltages"}
 
@@ -28,21 +28,27 @@ class ConnectionBar:
         self._page, self._bench = page, bench_of(page)
         self._forms = page.session.state(BenchForms)
         self._connecting = False
-        self._area = ui.element("section").classes("panel toolbar bench-bar")
+        self._area = ui.element("section").classes("panel bench-bar")
 
     def build(self) -> None:
         """Show it as it is now."""
         self._area.clear()
         with self._area:
             if self._bench.connected:
+                self._area.classes(add="toolbar", remove="connect")
                 self._connected()
             else:
+                self._area.classes(add="connect", remove="toolbar")
                 self._form()
 
     # to connect
 
     def _form(self) -> None:
         forms = self._forms
+        PanelHeading("Connect to a stage")
+        self._said = ui.label(
+            "Connecting moves nothing. The twin needs nothing of your own: connect, and try it."
+        ).classes("muted small")
         kinds = {scheme: driver.form for scheme, driver in DRIVERS.items()}
         scheme = urlsplit(forms.address).scheme
         kind = ui.select(
@@ -61,9 +67,6 @@ class ConnectionBar:
             "dense options-dense outlined"
         )
         self._go = ui.button("Connect", on_click=self._connect)
-        self._said = ui.label(
-            "Connecting moves nothing. The twin needs nothing of your own: connect, and try it."
-        ).classes("muted small")
         if self._connecting:
             self._wait()
 

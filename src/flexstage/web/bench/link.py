@@ -36,7 +36,7 @@ _AGAIN = 2.0  # time between attempts to open a lost link again [s]
 _UNDER_STOP = "bench"
 
 
-class Bench:
+class BenchLink:
     """What is connected, what it reads, who drives it, and what is done with it.
 
     One thread reads, another does what it is told, in that order; `stop` waits for neither.

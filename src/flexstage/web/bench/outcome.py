@@ -136,7 +136,9 @@ class RunList(RunForm):
             except FlexstageError as error:
                 ui.label(str(error)).classes("muted small")
                 return
-            show_table(runs_table(found, f"The latest runs in {where}"))
+            ui.label(f"{'The latest runs' if found else 'No run yet'} in {where}").classes("small")
+            if found:
+                show_table(runs_table(found, ""))
 
     def _row(self, left: LeftOver) -> None:
         with ui.row().classes("issue items-center"):

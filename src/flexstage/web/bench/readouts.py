@@ -12,7 +12,7 @@ from flexstage.instruments.protocol import Capability
 from flexstage.quantities import Quantity
 from flexstage.stage.limits import Range
 from flexstage.web.bench.instrument import AxisReading
-from flexstage.web.bench.link import Bench
+from flexstage.web.bench.link import BenchLink
 from flexstage.web.bench.state import BenchForms
 from flexstage.web.live.history import POSITION, VOLTAGE
 from flexstage.web.page import Page, PanelHeading
@@ -53,7 +53,7 @@ class AxisCard:
         The axis.
     """
 
-    def __init__(self, page: Page, bench: Bench, name: str) -> None:
+    def __init__(self, page: Page, bench: BenchLink, name: str) -> None:
         self._page, self._bench, self._name = page, bench, name
         self._forms = page.session.state(BenchForms)
         device = bench.device

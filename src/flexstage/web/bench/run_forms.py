@@ -16,7 +16,7 @@ from flexstage.instruments.protocol import Capability, Instrument
 from flexstage.quantities import Quantity
 from flexstage.report.run_tables import dry_run_table
 from flexstage.stage import Stage
-from flexstage.web.bench.link import Bench
+from flexstage.web.bench.link import BenchLink
 from flexstage.web.bench.readouts import shown_number
 from flexstage.web.bench.runs import (
     AboutRun,
@@ -50,7 +50,7 @@ class RunForm:
         The bench.
     """
 
-    def __init__(self, page: Page, bench: Bench) -> None:
+    def __init__(self, page: Page, bench: BenchLink) -> None:
         self._page, self._bench = page, bench
         self._forms = page.session.state(BenchForms)
 

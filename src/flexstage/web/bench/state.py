@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from flexstage.web.bench.link import Bench
+from flexstage.web.bench.link import BenchLink
 
 if TYPE_CHECKING:
     from flexstage.web.page import Page
@@ -51,10 +51,10 @@ class BenchForms:
     """Steps of the plan that are wanted; none for all."""
 
 
-def bench_of(page: "Page") -> Bench:
+def bench_of(page: "Page") -> BenchLink:
     """Return the bench that all browsers share."""
     panel = page.panel
-    return panel.state(Bench, lambda: Bench(panel.stops, panel.jobs))
+    return panel.state(BenchLink, lambda: BenchLink(panel.stops, panel.jobs))
 
 
 def person(page: "Page") -> str:

@@ -47,9 +47,10 @@ class BenchView:
     def build(self) -> None:
         """Make the view."""
         self._client = ui.context.client
-        self._bar = ConnectionBar(self._page)
-        self._trouble = ui.label().classes("issue error").props('role="alert"')
-        self._area = ui.element("div").classes("columns bench")
+        with ui.element("div").classes("stack") as self._whole:
+            self._bar = ConnectionBar(self._page)
+            self._trouble = ui.label().classes("issue error").props('role="alert"')
+            self._area = ui.element("div").classes("columns bench")
         self._look()
         ui.timer(_LOOK, self._look)
 
@@ -80,12 +81,13 @@ class BenchView:
         self._cards.clear()
         self._form = self._job = None
         if bench.device is None or bench.history is None:
-            with self._area.classes(add="apart"), ui.element("section").classes("panel"):
+            self._whole.classes(add="apart")
+            with self._area, ui.element("section").classes("panel"):
                 PanelHeading("Runs")
                 self._form = RunList(self._page, bench)
                 self._form.build()
             return
-        self._area.classes(remove="apart")
+        self._whole.classes(remove="apart")
         with self._area:
             with ui.element("div").classes("stack"):
                 self._cards |= {a: AxisCard(self._page, bench, a) for a in bench.device.axes}
