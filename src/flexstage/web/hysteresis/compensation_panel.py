@@ -48,7 +48,7 @@ class CompensationPanel:
                 self._none = ui.label(
                     "There is no model yet: identify one from a record, or open its file."
                 ).classes("issue")
-                self._form = ui.column().classes("full-width form")
+                self._form = ui.column().classes("full-width told")
             with ui.element("section").classes("panel") as self._results:
                 self._working = ui.column().classes("full-width")
                 self._wrong = ui.label().classes("issue error").props('role="alert"')
@@ -89,7 +89,7 @@ class CompensationPanel:
                 low, high = drive.validity.output_range
                 reach = in_page_words(readable(drive.output_unit, low, high, digits=4))
                 ui.label(f"The record of the model reaches {reach}.").classes("muted small")
-            with ui.element("div").classes("fields"):
+            with ui.element("div").classes("entries"):
                 self._number("centre", f"Centre{unit}", factor)
                 self._number("amplitude", f"Amplitude ±{unit}", factor)
                 self._number("rate_hz", "Frequency [Hz]")
@@ -99,8 +99,10 @@ class CompensationPanel:
         volt = f" [{drive.input_unit}]" if drive.input_unit else ""
         slope = f" [{drive.input_unit}/s]" if drive.input_unit else " [1/s]"
         with (
-            ui.expansion("Limits, and the state before", value=_is_limited(motion)).classes("more"),
-            ui.element("div").classes("fields"),
+            ui.expansion("Limits, and the state before", value=_is_limited(motion)).classes(
+                "folded"
+            ),
+            ui.element("div").classes("entries"),
         ):
             self._number("lowest", f"Lowest command{volt}")
             self._number("highest", f"Highest command{volt}")
@@ -224,7 +226,7 @@ class CompensationPanel:
                 self._downloads()
             ui.html(made.svg, sanitize=False).classes("picture")
             show_lines([sentence(note) for note in made.notes], "issue")
-            with ui.expansion("In words").classes("more"):
+            with ui.expansion("In words").classes("folded"):
                 show_lines([sentence(line) for line in command_in_words(command, drive)], "small")
                 show_lines([sentence(note) for note in model.file.notes], "muted small")
 

@@ -113,7 +113,7 @@ class ModelPanel:
         found, first = made.found, next(iter(self._state.tried.values())).found
         show_table(in_page(candidates_table(first)))
         show_lines(failures(first), "issue")
-        with ui.expansion("Parameters, and how it was fitted").classes("more"):
+        with ui.expansion("Parameters, and how it was fitted").classes("folded"):
             show_lines(identification_in_words(found), "small")
             show_table(in_page(parameters_table(found)))
             show_lines(made.notes, "muted small")

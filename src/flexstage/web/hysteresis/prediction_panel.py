@@ -56,7 +56,7 @@ class PredictionPanel:
                     like=lambda: state.source.reading,
                 )
                 form.build()
-                with ui.element("div").classes("fields"):
+                with ui.element("div").classes("entries"):
                     start = ui.select(_STARTS, value=state.start, label="Start")
                     start.props("outlined dense options-dense stack-label").classes("whole")
                     start.on_value_change(self._set_start)

@@ -90,10 +90,10 @@ class RecordForm:
             ).classes("tall")
             if self._example is not None:
                 quiet_button("Take the example", on_click=self._take_example).props("outline")
-        self._files = ui.element("div").classes("files")
+        self._files = ui.element("div").classes("taken-files")
         self._wrong = ui.label().classes("issue error").props('role="alert"')
         self._back = quiet_button(on_click=self._go_back).props("dense")
-        with ui.element("div").classes("fields pairs") as self._grid:
+        with ui.element("div").classes("entries pairs") as self._grid:
             if not self._reference:
                 self._column("input", "Input")
                 self._text("input_unit", "Input unit", "V")
@@ -103,9 +103,9 @@ class RecordForm:
             self._text("sample_rate", "Sample rate", "200 Hz")
         with (
             ui.expansion("How the file is read", value=self._source.reading.unusual).classes(
-                "more"
+                "folded"
             ) as self._more,
-            ui.element("div").classes("fields"),
+            ui.element("div").classes("entries"),
         ):
             for name, label, example in _UNUSUAL[: -2 if self._reference else None]:
                 self._text(name, label, example)
@@ -187,7 +187,7 @@ class RecordForm:
         self._files.clear()
         with self._files:
             for file in self._source.reading.files:
-                with ui.row().classes("items-center no-wrap file"):
+                with ui.row().classes("items-center no-wrap taken-file"):
                     ui.icon("description").props("aria-hidden=true")
                     ui.label(Path(file).name)
                     gone = quiet_button(

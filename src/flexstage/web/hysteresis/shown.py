@@ -25,7 +25,7 @@ def show_lines(lines: Iterable[str], look: str = "") -> None:
 
 def figure(name: str, value: str, note: str = "") -> None:
     """Show one figure in large type."""
-    with ui.element("div").classes("figure"):
+    with ui.element("div").classes("key-figure"):
         ui.label(name).classes("muted small")
         ui.label(in_page_words(value)).classes("large")
         if note:

@@ -39,4 +39,5 @@ VIEWS: tuple[PanelView, ...] = (
     PanelView(
         "Hysteresis", "all_inclusive", "hysteresis", "Identify a drive from a record, and undo it"
     ),
+    PanelView("Bench", "speed", "bench", "Connect to a stage, move it and record it"),
 )

@@ -92,7 +92,7 @@ class HysteresisView:
                     changed=self._looked,
                 )
                 form.build()
-                with ui.column().classes("full-width form") as self._asked:
+                with ui.column().classes("full-width told") as self._asked:
                     self._search()
                 self._missing = ui.label().classes("issue")
                 self._go = ui.button("Identify", icon="play_arrow", on_click=self._identify)
@@ -108,12 +108,11 @@ class HysteresisView:
         ui.select(
             kinds, label="Hysteresis model (all where none is chosen)", value=list(search.models),
             multiple=True, clearable=True,
-        ).props("outlined dense options-dense stack-label use-chips").classes(
-            "full-width"
+        ).props("outlined dense options-dense stack-label use-chips").classes("full-width"
         ).on_value_change(lambda event: self._set("models", tuple(event.value or ())))  # fmt: skip
         known = replace(search, models=()) != type(search)()
-        with ui.expansion("What is known of the drive", value=known).classes("more"):
-            with ui.element("div").classes("fields"):
+        with ui.expansion("What is known of the drive", value=known).classes("folded"):
+            with ui.element("div").classes("entries"):
                 ui.input("Train: samples to fit", value=search.train, placeholder="400:5000").props(
                     _NUMBER
                 ).on_value_change(lambda event: self._set("train", (event.value or "").strip()))
