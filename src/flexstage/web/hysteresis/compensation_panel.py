@@ -9,7 +9,7 @@ from nicegui import ui
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.report.identification import command_in_words
 from flexstage.units import readable
-from flexstage.web.hysteresis.record_form import RecordForm
+from flexstage.web.hysteresis.files_form import FilesForm
 from flexstage.web.hysteresis.requests import WantedMotion
 from flexstage.web.hysteresis.shown import figure, save, sentence, show_lines
 from flexstage.web.hysteresis.state import HysteresisState
@@ -115,7 +115,7 @@ class CompensationPanel:
             moved.bind_visibility_from(start, "value", value="moved")
 
     def _file(self) -> None:
-        RecordForm(
+        FilesForm(
             self._page,
             self._state.reference,
             self._state.jobs,

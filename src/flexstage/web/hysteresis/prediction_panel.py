@@ -12,7 +12,7 @@ from flexstage.report.identification import (
     predictions_table,
 )
 from flexstage.web.figures import show_table
-from flexstage.web.hysteresis.record_form import RecordForm
+from flexstage.web.hysteresis.files_form import FilesForm
 from flexstage.web.hysteresis.shown import figure, in_page, sentence, show_lines
 from flexstage.web.hysteresis.state import HysteresisState
 from flexstage.web.hysteresis.tasks import Task
@@ -45,7 +45,7 @@ class PredictionPanel:
         state = self._state
         with ui.element("div").classes("columns asked"):
             with ui.element("section").classes("panel"):
-                form = RecordForm(
+                form = FilesForm(
                     self._page,
                     state.other,
                     state.jobs,

@@ -7,9 +7,9 @@ from nicegui import ui
 
 from flexstage.hysteresis import MODELS
 from flexstage.web.hysteresis.compensation_panel import CompensationPanel
+from flexstage.web.hysteresis.files_form import FilesForm, show_contents
 from flexstage.web.hysteresis.model_panel import ModelPanel
 from flexstage.web.hysteresis.prediction_panel import PredictionPanel
-from flexstage.web.hysteresis.record_form import RecordForm, show_contents
 from flexstage.web.hysteresis.state import HysteresisState, OpenModel
 from flexstage.web.hysteresis.tasks import Task
 from flexstage.web.hysteresis.work import Identified, example_record, identified
@@ -82,7 +82,7 @@ class HysteresisView:
         state = self._state
         with ui.element("div").classes("columns asked"):
             with ui.element("section").classes("panel"):
-                form = RecordForm(
+                form = FilesForm(
                     self._page,
                     state.source,
                     state.jobs,

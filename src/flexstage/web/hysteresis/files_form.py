@@ -37,7 +37,7 @@ _UNUSUAL = (
 )
 
 
-class RecordForm:
+class FilesForm:
     """The fields of files, and beside them what was read.
 
     Parameters
