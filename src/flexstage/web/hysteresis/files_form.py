@@ -176,7 +176,7 @@ class FilesForm:
         given = bool(reading.files)
         self._grid.visible = self._more.visible = given
         self._wrong.visible = bool(self._source.wrong)
-        self._wrong.text = in_page_words(self._source.wrong)
+        self._wrong.text = self._source.wrong
         before = self._source.before
         self._back.visible = bool(self._source.wrong and before is not None)
         if before is not None:
@@ -271,9 +271,9 @@ class FilesForm:
         self._changed()
 
     def _refuse(self, sentence: str) -> None:
-        for file in self._source.reading.files:
-            sentence = sentence.replace(file, Path(file).name)
-        self._source.wrong = sentence or "The file was not read: it was cancelled."
+        self._source.wrong = (
+            self._page.words(sentence) or "The file was not read: it was cancelled."
+        )
         self.sync()
         self._changed()
 

@@ -49,6 +49,7 @@ _TIMES = ("time", "t")
 _LIGHT = 4 * 2**20  # byte
 #: Share of the range of a model that a motion has as amplitude, unless another one is asked for.
 _USUAL_AMPLITUDE = 0.4
+_MOST_SAMPLES = 1_000_000  # of a command; controllers hold less
 
 
 # the record
@@ -173,17 +174,13 @@ def identified(reading: Reading, search: Search, key: str) -> Identified:
         chain = ChainValues(delay=search.delay or 0.0, creep_per_decade=search.creep or 0.0)
     elif reading.is_table and not reading.sample_rate:
         chain = ChainValues()  # which rows without times do not tell
-    resonance = None
-    if search.resonance_hz is not None:
-        damping = DAMPING_RATIO if search.damping_ratio is None else search.damping_ratio
-        resonance = (search.resonance_hz, damping)
     found = identify(
         records,
         driven,
         follows,
         model=search.models or "auto",
         chain=chain,
-        resonance=resonance,
+        resonance=_resonance(search),
         drift=search.drift,
         train=train_range(search.train or None, records),
     )
@@ -198,6 +195,17 @@ def identified(reading: Reading, search: Search, key: str) -> Identified:
         notes=tuple(sorted({note for r in records for note in r.notes})),
         svg=inline(lambda: draw_identification(found, names), key, says),
     )
+
+
+def _resonance(search: Search) -> tuple[float, float] | None:
+    if search.resonance_hz is None:
+        return None
+    damping = DAMPING_RATIO if search.damping_ratio is None else search.damping_ratio
+    if not search.resonance_hz > 0.0:
+        raise ModelError(f"--resonance must be positive, got {search.resonance_hz:g} Hz")
+    if not 0.0 < damping < 1.0:
+        raise ModelError(f"--damping-ratio must be between 0 and 100 %, got {100.0 * damping:g} %")
+    return search.resonance_hz, damping
 
 
 def opened(path: Path) -> tuple[ModelFile, str]:
@@ -282,6 +290,13 @@ def _repeated(motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
             "a motion needs a centre, an amplitude, a frequency and a sample rate: give all four"
         )
     centre, amplitude, rate, sample_rate = (float(v or 0.0) for v in values)
+    if not amplitude > 0.0:
+        raise ModelError(f"--amplitude must be positive, got {amplitude:g}")
+    if rate > 0.0 and not sample_rate / rate * max(motion.periods, 1) <= _MOST_SAMPLES:
+        raise ModelError(
+            f"{max(motion.periods, 1)} periods at {rate:g} Hz and {sample_rate:g} samples a second "
+            f"are more than {_MOST_SAMPLES} samples: lower --sample-rate or --periods"
+        )
     path = make("x", centre - amplitude, centre + amplitude, rate, sample_rate_hz=sample_rate)
     return path.positions["x"], 1.0 / path.sample_rate_hz, path.notes
 
