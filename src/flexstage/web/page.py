@@ -171,6 +171,8 @@ def show_job(
         quiet_button("Cancel", on_click=job.cancel).props("dense")
 
     def look() -> None:
+        if row.is_deleted:
+            return  # between two looks at the same moment
         bar.value = job.share
         doing.text = f"{job.what or job.state}, {100.0 * job.share:.0f} %"
 

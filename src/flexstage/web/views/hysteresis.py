@@ -7,12 +7,13 @@ from nicegui import ui
 
 from flexstage.hysteresis import MODELS
 from flexstage.web.hysteresis.compensation_panel import CompensationPanel
+from flexstage.web.hysteresis.example import example_record
 from flexstage.web.hysteresis.files_form import FilesForm, show_contents
 from flexstage.web.hysteresis.model_panel import ModelPanel
 from flexstage.web.hysteresis.prediction_panel import PredictionPanel
 from flexstage.web.hysteresis.state import HysteresisState, OpenModel
 from flexstage.web.hysteresis.tasks import Task
-from flexstage.web.hysteresis.work import Identified, example_record, identified
+from flexstage.web.hysteresis.work import Identified, identified
 from flexstage.web.page import Page, PanelHeading, in_page_words
 
 _STEPS = {
