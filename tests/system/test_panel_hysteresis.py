@@ -264,7 +264,7 @@ def test_from_a_record_to_the_waveform_in_a_browser(tmp_path: Path) -> None:
         page.get_by_role("tab", name="3 Compensate").click()
         page.get_by_label("Amplitude ± [µm]").fill("12")
         page.get_by_role("button", name="Triangle").click()
-        page.get_by_text("The command begins at").wait_for()
+        page.locator(".told:not(.stale)").get_by_text("99.2 V").first.wait_for()
         look.require_sound("hysteresis-command")
         with page.expect_download() as waiting:
             page.get_by_role("button", name="Download the waveform").click()

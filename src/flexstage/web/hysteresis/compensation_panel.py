@@ -75,7 +75,7 @@ class CompensationPanel:
                 self._fields(drive)
         self._refuse("")
         self._show_command()
-        if model is not None and self._state.compensated is None:
+        if self._state.compensated is None:
             self.compute()
 
     # what is wanted
@@ -173,8 +173,10 @@ class CompensationPanel:
 
     def _reshape(self, shape: Any) -> None:
         self._state.motion = replace(self._state.motion, shape=shape)
-        self._state.compensated = None
+        if shape == "file":
+            self._state.compensated = None
         self.show()
+        self.compute()
 
     def _file_changed(self) -> None:
         self.compute()
@@ -198,6 +200,7 @@ class CompensationPanel:
         self._refuse("")
         self._task.start("the command", compensated, state.model.file, motion, "command")
         self._results.visible = True
+        self._shown.classes(add="stale")
 
     def _take(self, made: Compensated) -> None:
         if self._due:
@@ -262,7 +265,7 @@ class CompensationPanel:
                 made, model = self._state.compensated, self._state.model
                 if made is not None and model is not None and format.value:
                     with self._page.sentences():
-                        name = f"{Path(model.name).stem}-{self._state.motion.shape}"
+                        name = f"{Path(model.name).stem}-{made.motion.shape}"
                         content = waveform(made.made, model.file.model, format.value)
                         save(self._page, f"{name}{_FILES[format.value]}", content)
 

@@ -97,7 +97,7 @@ class FilesForm:
             if not self._reference:
                 self._column("input", "Input")
                 self._text("input_unit", "Input unit", "V")
-            self._column("output", "Column" if self._reference else "Output")
+            self._column("output", "Column" if self._reference else "Output", clearable=True)
             self._text("output_unit", "Reference unit" if self._reference else "Output unit", "um")
             self._column("time", "Time", clearable=True)
             self._text("sample_rate", "Sample rate", "200 Hz")
@@ -158,7 +158,9 @@ class FilesForm:
         value = (event.value or "").strip()
         if self._syncing or value == getattr(self._source.reading, name):
             return
-        self._source.reading = replace(self._source.reading, **{name: value})
+        reading = replace(self._source.reading, **{name: value})
+        # two branches are the output
+        self._source.reading = replace(reading, output="") if reading.branches else reading
         self.look()
 
     def sync(self) -> None:
@@ -239,6 +241,8 @@ class FilesForm:
         self._reads += 1
         key = f"{self._key}{self._grid.id}-{self._reads}"
         self._show_files()
+        if self._source.looked is None:
+            self._changed()
         try:
             light = is_light(reading)
         except OSError as error:

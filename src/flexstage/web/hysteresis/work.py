@@ -96,7 +96,7 @@ def _with_columns(reading: Reading, found: dict[str, Any]) -> Reading:
     times = [c for c in columns if c["name"].casefold() in _TIMES]
     if found["over"] == "point" and times and not (reading.time or reading.sample_rate):
         reading = replace(reading, time=str(times[0]["number"]))
-    if reading.input or reading.output:
+    if reading.input or reading.output or reading.is_table:
         return reading
     moving = [c for c in columns if c not in times and c["unit"] != "s"]
     driven = next((c for c in moving if c["unit"] == "V"), None)
@@ -219,6 +219,8 @@ def opened(path: Path) -> tuple[ModelFile, str]:
 class Compensated:
     """A command, and what is shown of it."""
 
+    motion: WantedMotion
+    """What it is for."""
     made: Feedforward
     """The command."""
     plain_rms: float
@@ -240,7 +242,7 @@ def compensated(file: ModelFile, motion: WantedMotion, key: str) -> Compensated:
     band = file.errors.get("heldout_95")
     says = "The command and what it leaves"
     svg = inline(lambda: draw_feedforward(made, file.model, band), key, says)
-    return Compensated(made, float(np.sqrt(np.mean(left**2))), notes, svg)
+    return Compensated(motion, made, float(np.sqrt(np.mean(left**2))), notes, svg)
 
 
 def command(drive: DriveModel, motion: WantedMotion) -> tuple[Feedforward, tuple[str, ...]]:

@@ -98,7 +98,7 @@ class HysteresisView:
                 self._missing = ui.label().classes("issue")
                 self._go = ui.button("Identify", icon="play_arrow", on_click=self._identify)
                 working = ui.column().classes("full-width")
-            with ui.element("section").classes("panel"):
+            with ui.element("section").classes("panel") as self._shown:
                 self._contents = ui.column().classes("full-width told")
         self._task = Task(self._page, state.jobs, "model", working, self._take)
         self._looked()
@@ -145,6 +145,7 @@ class HysteresisView:
         self._missing.visible = bool(shown)
         self._asked.visible = bool(source.reading.files)
         self._go.set_enabled(not missing)
+        self._shown.visible = source.looked is not None or not source.reading.files
         self._contents.clear()
         with self._contents:
             if source.looked is not None:
