@@ -119,7 +119,7 @@ class BenchView:
         with ui.tabs(on_change=self._open).props("dense no-caps align=left") as tabs:
             for name, (icon, _) in _TABS.items():
                 ui.tab(name, icon=icon)
-        self._doing = ui.element("div").classes("full-width")
+        self._doing = ui.element("div").classes("full-width doing")
         self._fields = ui.element("div").classes("run-form")
         tabs.value = self._forms.tab
 
