@@ -37,6 +37,18 @@ _IMPOSSIBLE = 1e3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Generation:
+    """Stages that a search for a front looked at, as they are handed over to who watches."""
+
+    points: Array
+    """The variables, in SI, shape (S, d)."""
+    values: Array
+    """Figures of the problem by the lumped model, shape (S, F)."""
+    kept: Bools
+    """Which keep every requirement, shape (S,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Front:
     """Stages of which none is better in every goal than another."""
 
@@ -233,6 +245,8 @@ class _FrontSearch:
         self.counts["lumped"] += len(x)
         self.points.append(x)
         self.figures.append(found)
+        kept = self._kept(x, found)
+        progress.hand_over(Generation(points=problem.point(x), values=found, kept=kept))
         return found
 
     def _violations(self, x: Array, figures: Array) -> Array:
@@ -245,9 +259,12 @@ class _FrontSearch:
     def _costs(self, figures: Array) -> Array:
         return figures[:, self.columns] * self.signs
 
-    def _feasible(self) -> Bools:
-        x, figures = np.concatenate(self.points), np.concatenate(self.figures)
+    def _kept(self, x: Array, figures: Array) -> Bools:
+        """Say which stages keep every requirement."""
         return np.all(self._violations(x, figures) <= 10.0 * FEASIBLE, axis=1)
+
+    def _feasible(self) -> Bools:
+        return self._kept(np.concatenate(self.points), np.concatenate(self.figures))
 
     # ------------------------------------------------------------------ the search
 
