@@ -2,17 +2,15 @@
 
 import asyncio
 import time
-from pathlib import Path
 from typing import Any
 
 from nicegui import background_tasks, ui
 
-from flexstage.designs import DESIGNS, StageTemplate
+from flexstage.designs import StageTemplate
 from flexstage.errors import FlexstageError
 from flexstage.report.page import table_html
-from flexstage.stage.drawing.endings import DRAWINGS
+from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.dialogs import ask_export, ask_file_name
-from flexstage.web.design.drawing_dialog import ask_drawing
 from flexstage.web.design.sliders import Sliders
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.design.work import (
@@ -22,13 +20,10 @@ from flexstage.web.design.work import (
     figures_table,
     lumped_rows,
     slopes_of,
-    template_of,
 )
 from flexstage.web.jobs import BackgroundJob
 from flexstage.web.page import Page, PanelHeading, complain, quiet_button
-from flexstage.web.uploads import upload
 
-_FILES = (".yaml", ".yml", ".json", *DRAWINGS)
 _LOOK = 0.1  # time between looks at what is to be done next [s]
 _IDLE = 0.35  # time without a change after which it has ended [s]
 _QUIET = 0.8  # time after which the finer model begins [s]
@@ -72,15 +67,7 @@ class DesignView:
         ui.timer(_LOOK, self._look)
 
     def _tools(self) -> None:
-        designs = {name: name for name in sorted(DESIGNS)}
-        source = self._state.now.template.source
-        self._choice = ui.select(
-            designs, value=source if source in designs else None, label="Design", with_input=True
-        ).props("dense options-dense outlined")
-        self._choice.on_value_change(self._choose)
-        upload(
-            self._page, "Stage file or drawing: drop it here", _FILES, self._given, view="design"
-        ).classes("slim")
+        self._choice = StageChoice(self._page, self._opened)
         ui.space()
         self._undo = quiet_button(icon="undo", on_click=self._go_back).props('aria-label="Undo"')
         self._redo = quiet_button(icon="redo", on_click=self._go_on).props('aria-label="Redo"')
@@ -117,19 +104,7 @@ class DesignView:
             self._follows = True
             background_tasks.create(self._follow(), name="design", context=self._client)
 
-    def _choose(self) -> None:
-        if self._choice.value and self._choice.value != self._state.now.template.source:
-            self._open(StageTemplate.of(self._choice.value))
-
-    async def _given(self, path: Path) -> None:
-        if path.suffix.casefold() in DRAWINGS:
-            ask_drawing(self._page, path, self._open)
-        else:
-            self._open(await asyncio.to_thread(template_of, path))
-
-    def _open(self, template: StageTemplate) -> None:
-        self._state.open(template)
-        self._choice.value = template.source if template.source in DESIGNS else None
+    def _opened(self) -> None:
         self._sliders.build()
         self._moved()
 
@@ -146,7 +121,7 @@ class DesignView:
     def _shown_again(self, before: StageTemplate) -> None:
         template = self._state.now.template
         if template != before:
-            self._choice.value = template.source if template.source in DESIGNS else None
+            self._choice.sync()
             self._sliders.build()
         self._sliders.sync()
         self._moved()
