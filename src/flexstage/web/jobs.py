@@ -104,7 +104,8 @@ class Jobs:
         """Have a function called in a process of its own.
 
         It is found by its module and name, and what it is given and returns is sent: no closures.
-        Its `flexstage.progress` is the job's, with what it hands over; to cancel it ends the process.
+        Its `flexstage.progress` is the job's, and so is what it hands over; to cancel it ends the
+        process.
         """
         job = self._new(name, owner)
         self._thread(job, lambda: self._in_process(job, function, arguments))

@@ -62,7 +62,7 @@ class OptimiseRequest:
 
     def ready(self, template: StageTemplate) -> Callable[[Workers], Optimum | Front]:
         """Read the words; return what finds the best stage, or the front of several goals."""
-        problem = self._problem(template)
+        problem = self.problem(template)
         options = SearchOptions(
             start=_word("--start", self.start, ("described", "middle")),
             model=_word("--model", self.model, ("superelement", "lumped")),
@@ -77,7 +77,8 @@ class OptimiseRequest:
         # one search is one process's work
         return lambda _: find_optimum(problem, options)
 
-    def _problem(self, template: StageTemplate) -> Problem:
+    def problem(self, template: StageTemplate) -> Problem:
+        """Return what is sought, and of which stages."""
         given = bool(self.over)
         variables = variables_of(template, self.over) if given else usual_variables(template)
         if not variables:

@@ -8,9 +8,9 @@ from flexstage.choose import unknown
 from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.explore.family import Family, known_figures
-from flexstage.explore.figures import chosen_figures
+from flexstage.explore.figures import Figure, chosen_figures
 from flexstage.explore.sampling import SAMPLINGS
-from flexstage.explore.sweep import Sweep, sweep, usual_plan
+from flexstage.explore.sweep import Sweep, SweepPlan, sweep, usual_plan
 from flexstage.explore.variables import every_variable, listed, variables_of
 from flexstage.studies.models import known_model
 
@@ -36,6 +36,10 @@ class SweepRequest:
 
     def ready(self, template: StageTemplate) -> Callable[..., Sweep]:
         """Read the words; return `flexstage.explore.sweep`, which then needs workers and folder."""
+        return partial(sweep, *self.question(template), model=self.model)
+
+    def question(self, template: StageTemplate) -> tuple[Family, tuple[Figure, ...], SweepPlan]:
+        """Return what is varied, which figures are computed, and at which points."""
         known_model(self.model)
         if self.plan is not None and self.plan not in SAMPLINGS:
             raise ModelError(unknown("plan", self.plan, SAMPLINGS))
@@ -51,7 +55,7 @@ class SweepRequest:
             indices=self.indices,
         )
         figures = chosen_figures(self.of, known_figures(family.stage(family.usual)))
-        return partial(sweep, family, figures, plan, model=self.model)
+        return family, figures, plan
 
 
 def _nothing_varied(template: StageTemplate) -> str:
