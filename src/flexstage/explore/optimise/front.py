@@ -166,10 +166,12 @@ def evaluate_rows(payload: Any, start: int, stop: int) -> dict[str, Array]:
     return {"values": values}
 
 
-def evaluate_with(workers: Workers, problem: Problem, points: Array, model: str) -> Array:
+def evaluate_with(
+    workers: Workers, problem: Problem, points: Array, model: str, name: str = "optimise"
+) -> Array:
     """Return figures (S, F) of points (S, d) in SI, shared by workers; NaN of what is at fault."""
     job = Job(
-        name="optimise",
+        name=name,
         work=evaluate_rows,
         payload=(problem, points, model),
         count=len(points),
@@ -238,10 +240,10 @@ class _FrontSearch:
         """Return the problem as a program, for its requirements alone."""
         return StageProgram(problem=self.problem, nearest_to=self.start, counts=self.counts)
 
-    def _evaluate(self, x: Array) -> Array:
+    def _evaluate(self, x: Array, name: str = "optimise") -> Array:
         """Evaluate points from 0 to 1, and remember them."""
         problem = self.problem
-        found = evaluate_with(self.workers, problem, problem.point(x), "lumped")
+        found = evaluate_with(self.workers, problem, problem.point(x), "lumped", name)
         self.counts["lumped"] += len(x)
         self.points.append(x)
         self.figures.append(found)
@@ -311,10 +313,11 @@ class _FrontSearch:
         generations = 0
         budget = self.options.budget(d) - _REFINED * 10 * (d + 1)
         while generations == 0 or self.counts["lumped"] + _POPULATION <= budget:
-            progress.update(f"generation {generations + 1}", self.counts["lumped"] / max(budget, 1))
             bred: Any = algorithm.ask()
             x = np.clip(np.asarray(bred.get("X"), dtype=float), 0.0, 1.0)
-            figures = self._evaluate(x)
+            done = self.counts["lumped"]
+            with progress.subtask(done / max(budget, 1), (done + len(x)) / max(budget, 1)):
+                figures = self._evaluate(x, f"generation {generations + 1}")
             costs = np.where(np.isfinite(figures), figures, 0.0)[:, self.columns] * self.signs
             static = StaticProblem(bounds, F=costs, G=self._violations(x, figures) - FEASIBLE)
             Evaluator().eval(static, bred)

@@ -7,7 +7,7 @@ import numpy as np
 
 from flexstage.explore.optimise.optimum import Trace
 from flexstage.report.figures.style import CYCLE
-from flexstage.web.explore.points import PointColumn, PointTable
+from flexstage.web.explore.points import ON_FRONT, SEARCHED, PointColumn, PointTable
 
 Chart = tuple[list[dict[str, Any]], dict[str, Any]]
 
@@ -16,7 +16,7 @@ CURVE, MAP, SCATTER, LINES = "curve", "map", "scatter", "parallel coordinates"
 _LINES = 400
 _MARK = {"symbol": "diamond", "size": 11, "color": CYCLE[1], "line": {"width": 1}}
 _PICKED = {"symbol": "circle-open", "size": 17, "color": CYCLE[3], "line": {"width": 3}}
-_FRONT = {"searched": CYCLE[5], "on the front": CYCLE[0], "chosen": CYCLE[1]}
+_FRONT = {SEARCHED: CYCLE[5], ON_FRONT: CYCLE[0], "chosen": CYCLE[1]}
 
 
 def kinds(table: PointTable) -> tuple[str, ...]:
@@ -126,16 +126,16 @@ def _scatter(table: PointTable, across: PointColumn, up: PointColumn) -> Chart:
     labels = list(table.labels) or ["points"] * len(table.points)
     shown = set(table.shown.tolist())
     data = []
-    for label in dict.fromkeys(labels[i] for i in table.shown):
+    for label in sorted({labels[i] for i in table.shown}, key=lambda one: one != SEARCHED):
         rows = [i for i, own in enumerate(labels) if own == label and i in shown]
         star = label.startswith("chosen")
         marker = {
-            "size": 13 if star else 4 if label == "searched" else 7,
+            "size": 13 if star else 4 if label == SEARCHED else 7,
             "symbol": "star" if star else "circle",
             "color": CYCLE[2]
             if label in ("chosen, improved", "best")
             else _FRONT.get(label, CYCLE[0]),
-            "opacity": 0.5 if label == "searched" else 1.0,
+            "opacity": 0.5 if label == SEARCHED else 1.0,
         }
         data.append(
             {

@@ -36,7 +36,7 @@ class StageFacts:
     def unasked(self) -> dict[str, str]:
         """What is required unasked, in words, by the name by which it is left out."""
         made = {CHECK: "can be made: no error of flexstage check"}
-        return made | {r.figure.name: r.text for r in self.required}
+        return made | {r.figure.name: _words(r) for r in self.required}
 
     @property
     def frequency(self) -> str:
@@ -49,6 +49,15 @@ class StageFacts:
         first = next(iter(self.variables), "")
         necks = [name for name in self.variables if "neck" in name]
         return next((name for name in necks if name in self.flexure), first)
+
+
+def _words(requirement: Requirement) -> str:
+    """Return a requirement as people write it."""
+    figure, low, high = requirement.figure, requirement.low, requirement.high
+    if low is not None:
+        return f"{figure.label} ≥ {figure.text(low)}"
+    assert high is not None
+    return f"{figure.label} ≤ {figure.text(high)}"
 
 
 def facts_of(variant: Variant) -> StageFacts:

@@ -73,7 +73,7 @@ class Fields:
 
     def number(
         self,
-        label: str,
+        label: str | None,
         value: float | None,
         take: Callable[[float | None], object],
         *,
@@ -132,9 +132,11 @@ class Fields:
 
         def more() -> None:
             taken = {row.figure for row in rows}
-            figure = next((n for n in self.facts.usual if n in options and n not in taken), "")
-            figure = figure or next(iter(options))
-            rows.append(LimitWords(figure, next(iter(signs)), self.facts.values[figure]))
+            left = [n for n in (*self.facts.usual, *options) if n in options and n not in taken]
+            stress = [name for name in left if name.startswith("max_stress")]
+            figure = (stress or left or list(options))[0]
+            sign = list(signs)[bool(stress)]  # what should be small, and at most so much
+            rows.append(LimitWords(figure, sign, self.facts.values[figure]))
             show()
             self.changed()
 
@@ -171,16 +173,17 @@ class Fields:
             row.value = None if value is None else value / shown.factor
 
         has_value = row.sign not in ("maximise", "minimise")
-        with ui.element("div").classes("limit" if has_value else "limit goal"):
+        with ui.element("div").classes("limit"):
             figure = ui.select(dict(options), value=row.figure, with_input=True)
-            figure.props(_FIELD).props["aria-label"] = "Figure"
+            figure.props(_FIELD).classes("figure").props["aria-label"] = "Figure"
             sign = ui.select(dict(signs), value=row.sign)
             sign.props(_FIELD).props["aria-label"] = f"What of {row.figure}"
             if has_value:
                 value = row.value
                 number = None if value is None else float(f"{value * shown.factor:.5g}")
-                field = self.number("", number, take)
+                field = self.number(None, number, take)
                 field.props["aria-label"] = f"Value of {row.figure} [{shown.shown_unit or '1'}]"
+                ui.label(shown.shown_unit).classes("muted unit")
             if drop is not None:
                 remove = quiet_button(icon="close", on_click=lambda: drop(row)).props("dense")
                 remove.props["aria-label"] = f"Remove {row.figure}"

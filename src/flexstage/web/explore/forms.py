@@ -70,9 +70,14 @@ def _sweep(form: SweepForm, fields: Fields) -> None:
         with box:
             for row in form.over:
                 with ui.element("div").classes("range"):
-                    choice = ui.select(names, value=row.name, with_input=True)
-                    choice.props("outlined dense options-dense").props["aria-label"] = "Parameter"
-                    choice.on_value_change(lambda event, row=row: choose(row, event.value))
+                    with ui.element("div").classes("over"):
+                        choice = ui.select(names, value=row.name, with_input=True)
+                        choice.props("outlined dense options-dense")
+                        choice.props["aria-label"] = "Parameter"
+                        choice.on_value_change(lambda event, row=row: choose(row, event.value))
+                        remove = quiet_button(icon="close", on_click=lambda row=row: drop(row))
+                        remove.props("dense").props["aria-label"] = f"Remove {row.name}"
+                        remove.visible = len(form.over) > 1
                     fields.bounds(row, facts.variables[row.name])
                     if len(form.over) <= 2:
                         count = fields.number(
@@ -81,9 +86,6 @@ def _sweep(form: SweepForm, fields: Fields) -> None:
                             placeholder=str(25 if len(form.over) == 1 else 20),
                         ).props("stack-label")  # fmt: skip
                         count.props["aria-label"] = f"Number of values of {row.name}"
-                    remove = quiet_button(icon="close", on_click=lambda row=row: drop(row))
-                    remove.props("dense").props["aria-label"] = f"Remove {row.name}"
-                    remove.visible = len(form.over) > 1
             if len(form.over) < min(_MOST, len(names)):
                 quiet_button("Vary one more", icon="add", on_click=more).props("dense")
             if len(form.over) > 2:

@@ -16,6 +16,9 @@ from flexstage.explore.sweep import Sweep, SweepPlan
 from flexstage.explore.variables import Variable
 from flexstage.web.preferences import Preferences
 
+#: What points of a search for a front are called.
+SEARCHED, ON_FRONT = "searched", "on the front"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PointColumn:
@@ -71,11 +74,15 @@ class PointTable:
         return next((c for c in self.columns if c.name == name), None)
 
     def ordered(self, name: str, *, descending: bool) -> list[int]:
-        """Return the rows that have figures in the order of a column; as they are without one."""
+        """Return the rows that have figures in the order of a column.
+
+        Without one as they are, those of a front that was not found yet before the others.
+        """
         rows = self.shown
         column = self.column(name)
         if column is None:
-            return rows.tolist()
+            searched = [bool(self.labels) and self.labels[i] == SEARCHED for i in rows]
+            return rows[np.argsort(searched, kind="stable")].tolist()
         values = column.values[rows]
         order = np.argsort(-values if descending else values, kind="stable")
         return rows[order].tolist()
@@ -131,8 +138,8 @@ def _table(
 
 
 def of_sweep(found: Sweep, preferences: Preferences) -> PointTable:
-    """Return the points of a sweep, those figures first that vary."""
-    order = [*found.moving, *(k for k in range(len(found.figures)) if k not in found.moving)]
+    """Return the points of a sweep, with the figures that vary."""
+    order = list(found.moving) or list(range(len(found.figures)))
     table = _table(
         found.variables,
         [found.figures[k] for k in order],
@@ -174,7 +181,7 @@ def of_front(found: Front, preferences: Preferences) -> PointTable:
         np.vstack((found.values, best.levels[0].best[own])),
         preferences,
     )
-    labels = ["on the front"] * len(found.points)
+    labels = [ON_FRONT] * len(found.points)
     labels[found.chosen] = "chosen"
     return replace(table, labels=(*labels, "chosen, improved"))
 
@@ -194,7 +201,7 @@ def of_generations(
     columns = [problem.figures.index(goal.figure) for goal in problem.goals]
     signs = np.array([goal.sign for goal in problem.goals])
     best = non_dominated(values[kept][:, columns] * signs)
-    labels = tuple("on the front" if one else "searched" for one in best)
+    labels = tuple(ON_FRONT if one else SEARCHED for one in best)
     return replace(table, labels=labels, computed=len(points))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from nicegui import ui
 
 from flexstage.explore.optimise.front import Front
-from flexstage.explore.optimise.optimum import Optimum, SearchStep
+from flexstage.explore.optimise.optimum import TOLERANCE, Optimum, SearchStep
 from flexstage.explore.optimise.problem import Problem
 from flexstage.explore.requests.optimise import OptimiseRequest
 from flexstage.explore.requests.sweep import SweepRequest
@@ -25,6 +25,7 @@ from flexstage.web.explore.command import command_line
 from flexstage.web.explore.points import PointTable
 from flexstage.web.explore.state import KINDS, Run
 from flexstage.web.explore.tables import notes_of, tables_of
+from flexstage.web.explore.work import BEFORE_AFTER
 from flexstage.web.figures import chart, show_table
 from flexstage.web.page import Page, PanelHeading, quiet_button, show_job
 from flexstage.web.pictures import chart_figure
@@ -57,10 +58,11 @@ class Results:
             PanelHeading(f"{_kind(run)} of {run.variant.name}")
             self._said = ui.label().classes("muted small").props('role="status"')
         if not run.job.is_over:
-            show_job(self._page, run.job, lambda _: self._all())
+            show_job(self._page, run.job, lambda _: self._over())
         self._body = ui.column().classes("full-width results")
         self._all()
-        self._timer = ui.timer(_LOOK, self._look, active=not run.job.is_over)
+        follows = not run.job.is_over and self._question is not None
+        self._timer = ui.timer(_LOOK, self._look, active=follows)
 
     def _look(self) -> None:
         """Show what was handed over since the last look."""
@@ -69,6 +71,11 @@ class Results:
             self._timer.deactivate()
         elif len(job.found) != self._seen:
             self._follow()
+
+    def _over(self) -> None:
+        if self._run.job.state == "done":
+            self._run.picked = None  # the rows of the result are others
+        self._all()
 
     def _all(self) -> None:
         """Show all anew."""
@@ -107,11 +114,11 @@ class Results:
         if table is None:
             return
         self._said.text = _so_far(run, table)
-        if before is None or self._plot is None:
+        if self._plot is None:
             self._show_controls(table)
         self._show_chart(table)
         self._show_table(table)
-        if before is None or self._plot is None or run.picked is not None:
+        if before is None or run.job.is_over or self._is_way:
             self._show_picked(table)
 
     def _known(self) -> PointTable | None:
@@ -236,9 +243,9 @@ class Results:
     def _show_picked(self, table: PointTable) -> None:
         run = self._run
         self._picked_box.clear()
-        if run.picked is None and self._is_way:
-            run.picked = _best(table)
         row = run.picked
+        if row is None and self._is_way:
+            row = self._best(table)
         if row is None or row >= len(table.points):
             if table.shown.size:
                 with self._picked_box:
@@ -253,6 +260,15 @@ class Results:
             ui.label(f"{_row_name(table, row)}. {'; '.join(told)}")
             ui.button("Open in Design", on_click=lambda: self._open(table.values(row)))
 
+    def _best(self, table: PointTable) -> int:
+        """Return the best row: that of the result, or the step that is best so far."""
+        if table.labels:
+            return len(table.points) - 1
+        assert isinstance(self._question, Problem)
+        _, goal, missed = (column.values for column in table.outcome)
+        sign = self._question.goals[0].sign if self._question.goals else 1.0
+        return int(np.lexsort((sign * goal, np.maximum(missed, 100.0 * TOLERANCE)))[0])
+
     def _open(self, picked: dict[str, float]) -> None:
         with self._page.sentences():
             variant = self._run.values(picked)
@@ -265,6 +281,8 @@ class Results:
 
     def _show_table(self, table: PointTable) -> None:
         run = self._run
+        if self._is_way and run.job.state == "done":
+            return  # the table of its parameters says more
         order = table.ordered(run.sort, descending=run.descending)
         pages = max(1, -(-len(order) // _ROWS))
         run.page = min(run.page, pages - 1)
@@ -274,8 +292,12 @@ class Results:
     # when it is done
 
     def _done(self) -> None:
-        found = self._run.job.result
-        for shown in tables_of(self._run.request, found.result):
+        run, found = self._run, self._run.job.result
+        pictures = list(found.pictures)
+        if self._table is None and pictures:
+            with ui.element("div").classes("picture main"):
+                ui.html(pictures.pop(0)[1], sanitize=False).classes("picture")
+        for shown in tables_of(run.request, found.result):
             show_table(shown)
         with ui.row().classes("items-center downloads"):
             for path in _given_first(found.files):
@@ -285,11 +307,11 @@ class Results:
             quiet_button("all (ZIP)", icon="download", on_click=lambda: _all(found.files)).props(
                 "dense outline"
             )
-        for k, (title, svg) in enumerate(found.pictures):
-            first = k == 0 and self._table is None
-            with ui.expansion(title, value=first).classes("group full-width"):
-                ui.html(svg, sanitize=False).classes("picture")
-        notes = (*notes_of(self._run.request, found.result), *found.notes)
+        for title, svg in pictures:
+            is_open = isinstance(run.request, OptimiseRequest) and title == BEFORE_AFTER
+            with ui.expansion(title, value=is_open).classes("group full-width"):
+                ui.html(svg, sanitize=False).classes("picture main")
+        notes = (*notes_of(run.request, found.result), *found.notes)
         with ui.expansion("What to know of it").classes("group full-width"), ui.element("ul"):
             for note in notes:
                 with ui.element("li"):
@@ -338,16 +360,8 @@ def _usual_axes(table: PointTable) -> tuple[str, str]:
     first, second = table.columns[0].name, table.columns[min(1, len(table.columns) - 1)].name
     if table.labels:  # goals stand first
         return second, first
-    return first, table.outcome[0].name
-
-
-def _best(table: PointTable) -> int | None:
-    """Return the best row: the last one of start and best, or the best step so far."""
-    if table.labels:
-        return len(table.points) - 1
-    missed = table.column("missed")
-    assert missed is not None
-    return int(np.argmin(missed.values))
+    frequencies = (c.name for c in table.outcome if c.name.startswith("natural_frequency"))
+    return first, next(frequencies, table.outcome[0].name)
 
 
 def _row_name(table: PointTable, row: int) -> str:

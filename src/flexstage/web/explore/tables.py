@@ -10,7 +10,7 @@ from flexstage.explore.requests.sweep import SweepRequest
 from flexstage.explore.requests.tolerance import ToleranceRequest
 from flexstage.report.optimise import front_notes, front_tables, optimum_notes, optimum_tables
 from flexstage.report.sensitivity import left_out_notes, sensitivity_table
-from flexstage.report.sweep import sweep_notes, sweep_tables
+from flexstage.report.sweep import range_tables, sweep_notes
 from flexstage.report.tolerance import choice_table, share_table, spread_table, yield_table
 from flexstage.table import Table
 from flexstage.web.explore.command import Request
@@ -20,7 +20,7 @@ def tables_of(request: Request, result: Any) -> Iterator[Table]:
     """Yield the tables of a result."""
     match request:
         case SweepRequest():
-            yield from sweep_tables(result)
+            yield from range_tables(result)
         case OptimiseRequest():
             is_front = isinstance(result, Front)
             yield from front_tables(result) if is_front else optimum_tables(result)

@@ -25,6 +25,9 @@ from flexstage.web.pictures import inline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
+#: Title of the picture that says most of an optimum.
+BEFORE_AFTER = "Before and after"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Explored:
@@ -116,6 +119,6 @@ def _pictures(result: Any, request: Request) -> "Iterator[tuple[str, Callable[[]
             best = result.optimum if isinstance(result, Front) else result
             if isinstance(result, Front):
                 yield "Pareto front", partial(draw_front, result)
-            yield "Before and after", partial(draw_before_after, best)
+            yield BEFORE_AFTER, partial(draw_before_after, best)
             yield "Figures, each in parts of its limit", partial(draw_figures, best)
             yield "Way to the optimum", partial(draw_history, best)

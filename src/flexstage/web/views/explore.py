@@ -9,6 +9,7 @@ from flexstage.errors import FlexstageError
 from flexstage.files.names import file_name
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState, Variant
+from flexstage.web.design.work import checked
 from flexstage.web.explore.command import Request
 from flexstage.web.explore.facts import StageFacts, facts_of
 from flexstage.web.explore.fields import Fields
@@ -53,12 +54,15 @@ class ExploreView:
             StageChoice(self._page, self._opened)
             self._changed_label = ui.label().classes("muted")
             ui.space()
-            ui.toggle(KINDS, value=self._state.kind, on_change=self._turn).props("no-caps dense")
+            ui.toggle(KINDS, value=self._state.kind, on_change=self._turn).props("no-caps").classes(
+                "explore-kinds"
+            )
         with ui.element("div").classes("columns explore"):
             self._form = ui.element("section").classes("panel")
             self._results = ui.element("section").classes("panel")
         self._opened()
-        self._show_results()
+        if self._state.kind in self._state.runs:
+            self._show_results()
 
     # the form
 
@@ -68,6 +72,8 @@ class ExploreView:
         changed = len(variant.values)
         self._changed_label.text = f"{variant.name}, {changed} changed in Design" if changed else ""
         self._facts = self._state.facts.get(variant)
+        if self._state.kind not in self._state.runs:
+            self._show_results()
         if self._facts is not None:
             self._show_form(variant)
             return
@@ -155,11 +161,20 @@ class ExploreView:
             if run is not None:
                 Results(self._page, run).build()
                 return
-            PanelHeading("Results")
+            PanelHeading(self._design.now.name)
             ui.label(
                 f"Nothing was run yet. Press Run {KINDS[self._state.kind].casefold()}: the form is "
                 "filled with what is usual for this stage."
             ).classes("muted")
+            drawing = ui.html("", sanitize=False).classes("picture")
+        background_tasks.create(self._draw(drawing), name="drawing", context=self._client)
+
+    async def _draw(self, drawing: ui.html) -> None:
+        """Draw the stage at hand where nothing was found yet."""
+        with self._page.sentences():
+            found = await asyncio.to_thread(checked, self._design.now, f"at-hand{drawing.id}")
+            if not drawing.is_deleted:
+                drawing.content = found.svg
 
 
 def _folder_name(kind: str, facts: StageFacts, request: Request, owner: str) -> str:
