@@ -134,7 +134,8 @@ class Workers:
 
 
 def _hand_over(job: Job, number: int, found: dict[str, np.ndarray]) -> None:
-    hand_over(FinishedBatch(job=job.name, start=job.span(number)[0], arrays=found))
+    # a dictionary of its own: what is joined is taken out of the other
+    hand_over(FinishedBatch(job=job.name, start=job.span(number)[0], arrays=dict(found)))
 
 
 @contextmanager
