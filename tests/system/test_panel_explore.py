@@ -27,7 +27,8 @@ from flexstage.web.explore.facts import StageFacts, facts_of
 from flexstage.web.explore.state import ExploreState, LimitWords, RangeWords, usual_forms
 from flexstage.web.explore.work import explored
 from flexstage.web.preferences import Preferences
-from tests.panel import simulated
+from tests.panel import looked_at, simulated
+from tests.system.test_panel_browser import undo_to
 
 GUIDE = Variant(StageTemplate.of("parallelogram"))
 NECK = "leg.notch.neck_thickness"
@@ -220,3 +221,50 @@ def test_a_point_is_picked_and_opened_in_design(tmp_path: Path) -> None:
         assert design.now == GUIDE
 
     simulated(tmp_path, look)
+
+
+@pytest.mark.slow
+def test_stages_are_explored_in_the_page(tmp_path: Path) -> None:
+    with looked_at(tmp_path) as look:
+        page = look.page
+        page.get_by_role("link", name="Explore").click()
+        page.get_by_role("combobox", name="Design").fill("parallelogram")
+        page.get_by_role("option", name="parallelogram", exact=True).click()
+        page.get_by_text("4 figures, the usual ones").wait_for()
+        page.get_by_role("button", name="Run sweep").click()
+        page.get_by_role("button", name="sweep.csv").wait_for()
+        page.get_by_text("25 of 25 points").wait_for()
+        # by the keyboard: the highest frequency first, and it is picked
+        heading = page.get_by_role("button", name="Natural frequency x")
+        for _ in range(2):
+            heading.press("Enter")
+            page.locator("th[aria-sort=ascending], th[aria-sort=descending]").first.wait_for()
+        page.locator("th[aria-sort=descending]").wait_for()
+        page.locator(".points tbody button").first.press("Enter")
+        page.get_by_text("Point 25. leg.notch.neck thickness [mm]: 0.6500").wait_for()
+        # by a click on the curve
+        marks = page.locator(".points").locator("xpath=..").locator(".scatterlayer .point")
+        marks.nth(8).click(force=True)
+        page.locator(".picked", has_text="Point 9.").wait_for()
+        with page.expect_download() as waiting:
+            page.get_by_role("button", name="sweep.csv").click()
+        assert waiting.value.suggested_filename == "sweep.csv"
+        look.require_sound("explore-sweep")
+        page.get_by_role("button", name="Open in Design").click()
+        page.get_by_role("heading", name="parallelogram (changed)").wait_for()
+        assert page.get_by_label("Value of leg.notch.neck_thickness").input_value() == "0.45"
+        undo_to(page, "parallelogram")
+        # back, the points are still there; a search is cancelled after a reload, and kept
+        page.get_by_role("link", name="Explore").click()
+        page.get_by_text("25 of 25 points").wait_for()
+        page.get_by_role("button", name="Optimise", exact=True).click()
+        page.get_by_role("button", name="One more goal").click()
+        page.get_by_role("button", name="Run optimise").click()
+        page.locator(".points table").wait_for()
+        page.reload()
+        page.locator(".points table").wait_for()
+        page.get_by_role("button", name="Cancel").click()
+        page.get_by_text("Cancelled: what was found until then is below.").wait_for()
+        page.locator(".points tbody button").first.click()
+        page.get_by_role("button", name="Open in Design").wait_for()
+        look.require_sound("explore-front")
