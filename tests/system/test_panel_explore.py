@@ -228,6 +228,7 @@ def test_stages_are_explored_in_the_page(tmp_path: Path) -> None:
     with looked_at(tmp_path) as look:
         page = look.page
         page.get_by_role("link", name="Explore").click()
+        page.get_by_role("button", name="Run sweep").wait_for()
         page.get_by_role("combobox", name="Design").fill("parallelogram")
         page.get_by_role("option", name="parallelogram", exact=True).click()
         page.get_by_text("4 figures, the usual ones").wait_for()
