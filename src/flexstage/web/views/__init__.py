@@ -37,4 +37,5 @@ class PanelView:
 VIEWS: tuple[PanelView, ...] = (
     PanelView("Design", "architecture", "design", "Choose a stage, change it, see what that does"),
     PanelView("Explore", "travel_explore", "explore", "Sweep, optimise, tolerance, sensitivity"),
+    PanelView("Bench", "speed", "bench", "Connect to a stage, move it and record it"),
 )
