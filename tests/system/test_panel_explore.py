@@ -24,7 +24,7 @@ from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.explore import charts, points
 from flexstage.web.explore.command import Request, command_line
 from flexstage.web.explore.facts import StageFacts, facts_of
-from flexstage.web.explore.state import ExploreState, LimitWords, RangeWords, usual_forms
+from flexstage.web.explore.state import ExploreState, Forms, LimitWords, RangeWords
 from flexstage.web.explore.work import explored
 from flexstage.web.preferences import Preferences
 from tests.panel import looked_at, simulated
@@ -51,6 +51,11 @@ def by_the_command(facts: StageFacts, request: Request) -> dict[str, Any]:
     return json.loads(found.stdout)
 
 
+def found_by_the_page(folder: Path, facts: StageFacts, request: Request) -> Any:
+    """What the job of the page returns."""
+    return explored(folder, facts.template, request, "found").result
+
+
 def same(found: Any, expected: dict[str, Any]) -> None:
     """Require that two results differ in times and files alone."""
     said = json.loads(json.dumps(found))
@@ -64,10 +69,10 @@ def same(found: Any, expected: dict[str, Any]) -> None:
 
 @pytest.mark.slow
 def test_a_sweep_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> None:
-    form = usual_forms(facts)["sweep"]
+    form = Forms.usual(facts).sweep
     form.over = [RangeWords(NECK, count=3), RangeWords("leg_spacing", 0.035, 0.0475, 2)]
     request = form.request(facts)
-    found = explored(tmp_path, facts.template, request, "found")
+    found: Any = explored(tmp_path, facts.template, request, "found")
     assert f"--set '{NECK}=0.47 mm'" in command_line(facts.template, request)
     same(sweep_results(found.result, columns=True), by_the_command(facts, request))
     assert {"sweep.csv", "sweep.json", "sweep.svg"} <= {path.name for path in found.files}
@@ -81,21 +86,21 @@ def test_a_sweep_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> No
 def test_sensitivities_and_a_lot_are_those_of_the_command(
     tmp_path: Path, facts: StageFacts
 ) -> None:
-    forms = usual_forms(facts)
-    request = forms["sensitivity"].request(facts)
-    found = explored(tmp_path, facts.template, request, "found").result
+    forms = Forms.usual(facts)
+    request = forms.sensitivity.request(facts)
+    found = found_by_the_page(tmp_path, facts, request)
     same(sensitivity_results(found, request.length), by_the_command(facts, request))
-    forms["tolerance"].samples = 60
-    forms["tolerance"].scatter = {"neck_own": "3 um"}
-    request = forms["tolerance"].request(facts)
+    forms.tolerance.samples = 60
+    forms.tolerance.scatter = {"neck_own": "3 um"}
+    request = forms.tolerance.request(facts)
     assert request.require == ("safety_factor.x >= 1.5",)
-    found = explored(tmp_path, facts.template, request, "found").result
+    found = found_by_the_page(tmp_path, facts, request)
     same(tolerance_results(*found), by_the_command(facts, request))
 
 
 @pytest.mark.slow
 def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> None:
-    form = usual_forms(facts)["optimise"]
+    form = Forms.usual(facts).optimise
     assert "--over" not in command_line(facts.template, form.request(facts))
     form.over, form.evaluations = [NECK, "leg_spacing"], 30
     form.required.remove("output_wall.x")
@@ -103,7 +108,7 @@ def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageFacts) ->
     request = form.request(facts)
     steps: list[Any] = []
     with listen(lambda what, done: None, steps.append):
-        found = explored(tmp_path, facts.template, request, "found").result
+        found = found_by_the_page(tmp_path, facts, request)
     same(optimum_results(found), by_the_command(facts, request))
     # the way that was shown while it ran is that of the result
     way = points.of_steps(found.problem, steps, UNITS)
@@ -118,13 +123,13 @@ def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageFacts) ->
 
 @pytest.mark.slow
 def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> None:
-    form = usual_forms(facts)["optimise"]
+    form = Forms.usual(facts).optimise
     form.goals.append(LimitWords("max_stress.x", "minimise"))
     form.over, form.evaluations = [NECK, "leg.bar_length"], 40
     request = form.request(facts)
     stages: list[Any] = []
     with listen(lambda what, done: None, stages.append):
-        found = explored(tmp_path, facts.template, request, "found").result
+        found = found_by_the_page(tmp_path, facts, request)
     same(front_results(found), by_the_command(facts, request))
     shown = points.of_front(found, UNITS)
     live = points.of_generations(found.problem, stages, UNITS)
@@ -142,22 +147,22 @@ def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> No
 
 
 def test_forms_say_what_they_lack(facts: StageFacts) -> None:
-    forms = usual_forms(facts)
-    forms["sweep"].of = []
+    forms = Forms.usual(facts)
+    forms.sweep.of = []
     with pytest.raises(ModelError, match="choose at least one figure"):
-        forms["sweep"].request(facts)
-    forms["optimise"].keep = [LimitWords("max_stress.x", "<=")]
+        forms.sweep.request(facts)
+    forms.optimise.keep = [LimitWords("max_stress.x", "<=")]
     with pytest.raises(ModelError, match="which value max_stress"):
-        forms["optimise"].request(facts)
-    forms["optimise"].over = []
+        forms.optimise.request(facts)
+    forms.optimise.over = []
     with pytest.raises(ModelError, match="at least one parameter"):
-        forms["optimise"].request(facts)
+        forms.optimise.request(facts)
     assert facts.frequency == "natural_frequency.x"
     assert facts.neck == NECK
 
 
 def test_points_of_a_cancelled_sweep_are_those_that_were_computed(facts: StageFacts) -> None:
-    form = usual_forms(facts)["sweep"]
+    form = Forms.usual(facts).sweep
     form.over[0].count = 9
     request = form.request(facts)
     batches: list[Any] = []
@@ -198,7 +203,7 @@ def test_a_point_is_picked_and_opened_in_design(tmp_path: Path) -> None:
         await user.open("/explore")
         await come(lambda: state.facts.get(GUIDE))
         await user.should_see("Run sweep")
-        state.forms["sweep"].over[0].count = 5
+        state.forms.sweep.over[0].count = 5
         user.find(kind=ui.button, content="Run sweep").click()
         await come(lambda: "sweep" in state.runs)
         run = state.runs["sweep"]

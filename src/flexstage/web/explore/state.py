@@ -200,21 +200,39 @@ def _unusual(names: list[str], facts: StageFacts) -> tuple[str, ...]:
 Form = SweepForm | OptimiseForm | ToleranceForm | SensitivityForm
 
 
-def usual_forms(facts: StageFacts) -> dict[str, Form]:
-    """Return the forms of a stage as they are filled at first: a first run is one press."""
-    usual = list(facts.usual)
-    required = [r for r in facts.required if r.figure.name in facts.of_lots]
-    return {
-        "sweep": SweepForm(over=[RangeWords(facts.neck)] if facts.neck else [], of=usual),
-        "optimise": OptimiseForm(
-            goals=[LimitWords(facts.frequency, "maximise")],
-            required=list(facts.unasked),
-            keep=[],
-            over=[name for name in facts.variables if name in facts.flexure],
-        ),
-        "tolerance": ToleranceForm(require=[LimitWords.of(r) for r in required], of=usual.copy()),
-        "sensitivity": SensitivityForm(of=usual.copy()),
-    }
+@dataclass
+class Forms:
+    """The forms of a stage, by what they are for."""
+
+    sweep: SweepForm
+    """That of a sweep."""
+    optimise: OptimiseForm
+    """That of an optimisation."""
+    tolerance: ToleranceForm
+    """That of a lot."""
+    sensitivity: SensitivityForm
+    """That of sensitivities."""
+
+    @classmethod
+    def usual(cls, facts: StageFacts) -> "Forms":
+        """Return the forms as they are filled at first: a first run is one press."""
+        usual = list(facts.usual)
+        required = [r for r in facts.required if r.figure.name in facts.of_lots]
+        return cls(
+            sweep=SweepForm(over=[RangeWords(facts.neck)] if facts.neck else [], of=usual),
+            optimise=OptimiseForm(
+                goals=[LimitWords(facts.frequency, "maximise")],
+                required=list(facts.unasked),
+                keep=[],
+                over=[name for name in facts.variables if name in facts.flexure],
+            ),
+            tolerance=ToleranceForm(require=[*map(LimitWords.of, required)], of=usual.copy()),
+            sensitivity=SensitivityForm(of=usual.copy()),
+        )
+
+    def of(self, kind: str) -> Form:
+        """Return the form of a kind."""
+        return getattr(self, kind)
 
 
 @dataclass
@@ -263,15 +281,25 @@ class ExploreState:
     """One of `KINDS`."""
     facts: Remembered[StageFacts] = field(default_factory=Remembered)
     """What is known of each stage."""
-    forms: dict[str, Form] = field(default_factory=dict)
+    forms: Forms | None = None
     """The forms, of the stage at hand."""
     forms_of: Variant | None = None
     """The stage that the forms were filled for."""
     runs: dict[str, Run] = field(default_factory=dict)
     """What was started last, of each kind."""
 
+    @property
+    def form(self) -> Form:
+        """The form that is shown."""
+        assert self.forms is not None
+        return self.forms.of(self.kind)
+
     def fit(self, variant: Variant, facts: StageFacts) -> None:
         """Fill the forms anew where another stage is at hand; one that was changed keeps them."""
-        if self.forms_of is None or self.forms_of.template != variant.template:
-            self.forms = usual_forms(facts)
+        if (
+            self.forms is None
+            or self.forms_of is None
+            or self.forms_of.template != variant.template
+        ):
+            self.forms = Forms.usual(facts)
         self.forms_of = variant

@@ -105,7 +105,7 @@ class ExploreView:
             ui.label(_PURPOSES[state.kind]).classes("muted small")
             fields = Fields(facts, self._page.preferences, self._changed)
             with ui.element("div").classes("form"):
-                build_form(state.forms[state.kind], fields)
+                build_form(state.form, fields)
             self._takes = ui.label().classes("muted small").props('role="status"')
             self._go = ui.button(f"Run {KINDS[state.kind].casefold()}", on_click=self._start)
             self._go.props('icon=play_arrow aria-keyshortcuts="Enter"')
@@ -120,7 +120,7 @@ class ExploreView:
     def _changed(self) -> None:
         """Say what the form as it is takes, or what it lacks."""
         assert self._facts is not None
-        form = self._state.forms[self._state.kind]
+        form = self._state.form
         try:
             form.request(self._facts)
             told, is_possible = what_it_takes(form, self._facts), True
@@ -138,7 +138,7 @@ class ExploreView:
         state, facts, variant = self._state, self._facts, self._design.now
         assert facts is not None
         with self._page.sentences():
-            request = state.forms[state.kind].request(facts)
+            request = state.form.request(facts)
             await asyncio.to_thread(ready, facts.template, request)
             before = state.runs.get(state.kind)
             if before is not None:
