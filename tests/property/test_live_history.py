@@ -226,7 +226,7 @@ def test_a_spectrum_has_the_power_of_what_was_measured(straying: float) -> None:
     power = np.sum(found.low[near, 1] ** 2) * (lines[1] - lines[0])
     # and loses what the straying of its times takes: 0.6 % at an eighth of the rate
     assert power == pytest.approx(0.5 * 50e-9**2, rel=0.02)
-    with pytest.raises(ModelError, match="a spectrum needs 64 samples, there are 5"):
+    with pytest.raises(ModelError, match=r"a spectrum needs 64 samples, there are (49|5\d)"):
         spectrum(history, 5.0, 5.5)
     history.append([70.0], values[:1])
     with pytest.raises(ModelError, match=r"for 5\.\d+ s of the last 100 s there was none"):
