@@ -56,18 +56,27 @@ def add_live_data(app: "FastAPI", panel: "Panel") -> None:
         history = histories.get(request.path_params["key"])
         if history is None:
             return Response(status_code=204)
+        asked = request.query_params
         try:
-            if request.query_params.get("mode") == "spectrum":
-                body = await asyncio.to_thread(packed, history, request.query_params)
+            if asked.get("mode") == "spectrum":
+                body = await asyncio.to_thread(_packed_or_why, history, asked)
             else:
-                body = packed(history, request.query_params)
-        except FlexstageError as error:
-            return Response(str(error), media_type="text/plain")
+                body = packed(history, asked)
         except (KeyError, ValueError):
             return Response(status_code=400)
+        if isinstance(body, str):
+            return Response(body, media_type="text/plain")
         return Response(body, media_type="application/octet-stream")
 
     app.add_route(PATH + "{key}", answer, methods=["GET"], include_in_schema=False)
+
+
+def _packed_or_why(history: LiveHistory, asked: "Mapping[str, str]") -> bytes | str:
+    """Return what a page asked for, or the sentence why there is none."""
+    try:
+        return packed(history, asked)
+    except FlexstageError as error:
+        return str(error)
 
 
 def packed(history: LiveHistory, asked: "Mapping[str, str]") -> bytes:
