@@ -232,6 +232,28 @@ def test_stop_does_not_wait_for_what_waits(bench: Callable[..., BenchLink]) -> N
     assert instrument.axes["y"].voltage() == pytest.approx(0.0)
 
 
+def test_a_stop_that_overtakes_a_command_has_the_last_word(bench: Callable[..., BenchLink]) -> None:
+    instrument = RealTime()
+    made = bench(instrument)
+    begun, goes_on = threading.Event(), threading.Event()
+
+    def late(device: Any) -> None:
+        begun.set()
+        goes_on.wait(10.0)
+        device.axes["x"].set_voltage(50.0)
+
+    told = made.told("a", late)
+    assert begun.wait(10.0)
+    made.stop()
+    stops = instrument.stops
+    goes_on.set()
+    with pytest.raises(FlexstageError, match="stopped"):
+        told.result(10.0)
+    assert instrument.stops == stops + 1
+    # and what is told later is done
+    made.jog("a", "x", 1.0).result(10.0)
+
+
 def test_a_lost_link_is_told_and_opened_again(
     bench: Callable[..., BenchLink], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from typing import Any, cast
 
 from flexstage.errors import ControllerError, FlexstageError, ModelError, NotConnectedError
@@ -77,6 +77,7 @@ class BenchLink:
         self._opening = threading.Lock()
         self._reading = threading.Lock()
         self._stopped, self._ended = threading.Event(), threading.Event()
+        self._stops_given = 0
         self._pending: list[Future[Any]] = []
         self._work: ThreadPoolExecutor | None = None
         self._poller: threading.Thread | None = None
@@ -227,6 +228,7 @@ class BenchLink:
 
     def stop(self) -> None:
         """Stop the stage, what goes on and what waits: at once, from any thread."""
+        self._stops_given += 1
         self._stopped.set()
         for waiting in tuple(self._pending):
             waiting.cancel()
@@ -267,22 +269,27 @@ class BenchLink:
         self._require_clear()
         if not self._pending:
             self._stopped.clear()
-        made = self._work.submit(self._do, function, arguments)
+        made = self._work.submit(self._do, function, arguments, self._stops_given)
         self._pending.append(made)
         made.add_done_callback(self._pending.remove)
         return made
 
-    def _do(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    def _do(
+        self, function: Callable[..., Any], arguments: tuple[Any, ...], stops_given: int
+    ) -> Any:
         device = self.watched
         if device is None:
             raise NotConnectedError("the link was ended")
-        try:
-            if device.concurrent:
-                return function(device, *arguments)
-            with self._reading:
-                return function(device, *arguments)
-        except Cancelled:
-            raise ControllerError("the stage was stopped") from None
+        found: Any = None
+        with nullcontext() if device.concurrent else self._reading:
+            if stops_given == self._stops_given:
+                with suppress(Cancelled):
+                    found = function(device, *arguments)
+            if stops_given != self._stops_given:
+                # a command may have been on its way when the stop overtook it
+                device.stop()
+                raise ControllerError("the stage was stopped")
+        return found
 
     def go(self, session: str, axis: str, value: float) -> "Future[Any]":
         """Lead an axis gently to a position [m] under control, else to a voltage [V]."""
