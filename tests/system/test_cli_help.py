@@ -1,5 +1,6 @@
 """The help: whole lines, usage as manuals write it, suggestions, completion."""
 
+import io
 import os
 import subprocess
 import sys
@@ -37,10 +38,62 @@ def test_every_command_is_listed_on_one_whole_line(
         assert [own, sentence] in lines
 
 
-def test_without_a_command_it_says_that_there_is_a_front_panel(
+class Terminal(io.StringIO):
+    """What a person types at a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def served(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The calls of the command that serves the front panel."""
+    calls: list[str] = []
+    monkeypatch.setattr("flexstage.cli.start.serve", lambda: calls.append("served"))
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("installed", "last"),
+    [
+        (True, "The front panel, in a browser: flexstage serve"),
+        (
+            False,
+            'The front panel, in a browser: pip install "flexstage[web]", then flexstage serve',
+        ),
+    ],
+)
+def test_without_a_command_it_prints_the_help_and_how_to_get_the_panel(
     capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    served: list[str],
+    installed: bool,
+    last: str,
 ) -> None:
-    assert "'flexstage serve' opens the front panel" in said(capsys).splitlines()[-1]
+    monkeypatch.setattr("flexstage.cli.start.find_spec", lambda name: name if installed else None)
+    monkeypatch.setattr(sys, "stdin", Terminal("y\n"))
+    printed = said(capsys)
+    assert printed.startswith("Usage: flexstage [OPTIONS] COMMAND")
+    assert printed.splitlines()[-1] == last
+    assert not served
+
+
+@pytest.mark.parametrize(("typed", "opens"), [("\n", True), ("y\n", True), ("n\n", False)])
+def test_without_a_command_a_terminal_is_offered_the_panel(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    served: list[str],
+    typed: str,
+    opens: bool,
+) -> None:
+    monkeypatch.setattr("flexstage.cli.start.find_spec", lambda name: name)
+    monkeypatch.setattr(sys, "stdin", Terminal(typed))
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    printed = said(capsys)
+    assert "flexstage --help   every command" in printed
+    assert "Open the front panel? [Y/n]" in printed
+    assert len(printed.splitlines()) < 10
+    assert served == ["served"] * opens
 
 
 @pytest.mark.parametrize(

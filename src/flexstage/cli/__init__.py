@@ -35,6 +35,7 @@ from flexstage.cli.runs import runs
 from flexstage.cli.sensitivity import sensitivity
 from flexstage.cli.serve import serve
 from flexstage.cli.show import show
+from flexstage.cli.start import without_command
 from flexstage.cli.study import study
 from flexstage.cli.sweep import sweep
 from flexstage.cli.tolerance import tolerance
@@ -85,10 +86,7 @@ def _root(
         typer.echo(f"flexstage {flexstage.__version__}")
         raise typer.Exit
     if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
-        typer.echo(
-            "\nIn a browser: 'flexstage serve' opens the front panel, where a stage is designed."
-        )
+        without_command(context)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

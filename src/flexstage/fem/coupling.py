@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, eigh
+from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky, eigh, solve_triangular
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
@@ -193,36 +193,46 @@ def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
     """
     # columns of unit mass: metres, radians and modes become comparable
     size = 1.0 / np.sqrt(np.diag(joint.M))
+    K, M = (matrix * np.outer(size, size) for matrix in (joint.K, joint.M))
+    n = size.size
+    count = min(count, n)
+    # the largest eigenvalues of M against K: those asked for alone, and the softest modes, which
+    # are the largest here, to all digits
     try:
-        squares, shapes = eigh(
-            joint.K * np.outer(size, size),
-            joint.M * np.outer(size, size),
-            driver="gvd",
-            check_finite=False,
+        inverses, shapes = eigh(
+            M, K, subset_by_index=(n - count, n - 1), driver="gvx", check_finite=False
         )
+        root = cholesky(M, check_finite=False)
     except np.linalg.LinAlgError as error:
-        raise ModelError("a body has no mass, so the stage has no natural frequencies") from error
-    shapes *= size[:, None]
-    count = min(count, squares.size)
+        raise ModelError(
+            "a body has no mass or hangs on nothing, so the stage has no natural frequencies"
+        ) from error
+    omega = 1.0 / np.sqrt(inverses[::-1])
+    modes = shapes[:, ::-1] * omega
     vectors = [
         *joint.drives.values(),
         *joint.probes.values(),
         *(v for v, _ in joint.loads.values()),
     ]
-    omega = np.sqrt(np.clip(squares[:count], 0.0, None))
-    high, above = shapes[:, count:], squares[count:]
-    if not vectors or not above.size:
-        return omega, shapes[:, :count], np.ones(count, dtype=bool)
-    response = (high.T @ np.array(vectors).T) / above[:, None]
+    if not vectors or count == n:
+        return omega, size[:, None] * modes, np.ones(count, dtype=bool)
+
+    def without_modes(motion: Array) -> Array:
+        return motion - modes @ (modes.T @ (M @ motion))
+
+    forces = size[:, None] * np.array(vectors).T
+    forces -= M @ (modes @ (modes.T @ forces))
+    response = root @ without_modes(cho_solve(cho_factor(K, check_finite=False), forces))
     length = np.linalg.norm(response, axis=0)
     response = response[:, length > 0.0] / length[length > 0.0]
     left, values, _ = np.linalg.svd(response, full_matrices=False)
-    basis = left[:, values > 1e-9 * values.max(initial=0.0)]
-    rest, turn = np.linalg.eigh(basis.T @ (above[:, None] * basis))
-    residual = high @ (basis @ turn)
+    kept = left[:, values > 1e-9 * values.max(initial=0.0)]
+    basis = solve_triangular(root, kept, check_finite=False)
+    rest, turn = np.linalg.eigh(basis.T @ K @ basis)
+    residual = basis @ turn
     all_omega = np.concatenate((omega, np.sqrt(rest)))
     return (
         all_omega,
-        np.column_stack((shapes[:, :count], residual)),
+        size[:, None] * np.column_stack((modes, residual)),
         np.arange(all_omega.size) < count,
     )

@@ -51,6 +51,7 @@ def application(options: PanelOptions, announce: Callable[[], object] = lambda: 
     from nicegui import ui
 
     from flexstage.web.gate import Gate
+    from flexstage.web.live.chart import add_live_charts
     from flexstage.web.page import Panel
     from flexstage.web.sessions import Access
     from flexstage.web.shell import add_style, build_page
@@ -58,6 +59,7 @@ def application(options: PanelOptions, announce: Callable[[], object] = lambda: 
     panel = Panel(options, Access(options.password))
     outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_style()
+    add_live_charts(outer, panel)
     ui.run_with(
         outer,
         root=partial(build_page, panel),
