@@ -215,10 +215,11 @@ def test_a_stage_is_analysed_in_the_page(tmp_path: Path) -> None:
         # the quick model is there by itself; finite elements are asked for, with a finer mesh
         moving = page.locator("canvas[aria-label*='reads 200.0 µm']")
         moving.wait_for()
-        page.get_by_role("checkbox", name="FEM 2D", exact=True).check()
-        page.get_by_role("checkbox", name="FEM 2D, condensed").uncheck()
+        page.get_by_role("checkbox", name="FEM 2D", exact=True).click()
+        page.get_by_role("checkbox", name="FEM 2D, condensed").click()
         page.get_by_text("Options").click()
-        page.get_by_role("checkbox", name="Refine the mesh").check()
+        page.get_by_role("checkbox", name="Refine the mesh").click()
+        page.get_by_label("To an accuracy of [%]").wait_for()
         page.get_by_role("button", name="Analyse", exact=True).click()
         page.locator(".model", has_text="FEM 2D").locator(".job").first.wait_for()
         # a reload finds what is being computed
