@@ -229,6 +229,7 @@ def test_a_stage_is_analysed_in_the_page(tmp_path: Path) -> None:
         ).wait_for()
         page.get_by_role("combobox", name="Model").click()
         page.get_by_role("option", name="FEM 2D", exact=True).click()
+        page.get_by_text("Bodies are drawn rigid").wait_for(state="hidden")
         page.locator("canvas[aria-label*='equivalent stress [MPa], up to 99']").wait_for()
         assert drawn(page)
         page.get_by_role("button", name="Pause").click()
