@@ -37,20 +37,16 @@ def reading(response: FrequencyResponse, frequency_hz: float) -> tuple[float, fl
 def readings_table(shown: Sequence[tuple[str, FrequencyResponse]], cursors: list[float]) -> Table:
     """Return what two cursors read of the responses of models, and the difference."""
     a, b = cursors
-    rows = [["frequency [Hz]", number(a, 5), number(b, 5), f"{_signed(b - a)} (× {number(b / a)})"]]
+    rows = [["frequency [Hz]", number(a, 5), number(b, 5), f"{number(b - a)} (× {number(b / a)})"]]
     for name, response in shown:
         unit = bode_curves(response)[0]
         (size_a, phase_a), (size_b, phase_b) = (reading(response, f) for f in cursors)
         ratio = size_b / size_a
-        step = f"× {number(ratio)} ({_signed(20.0 * math.log10(ratio), 3)} dB)"
+        step = f"× {number(ratio)} ({20.0 * math.log10(ratio):.1f} dB)"
         rows.append([f"{name}: magnitude [{unit}]", number(size_a), number(size_b), step])
-        cells = (_signed(phase_a), _signed(phase_b), _signed(phase_b - phase_a))
+        cells = (f"{p:.1f}".replace("-0.0", "0.0") for p in (phase_a, phase_b, phase_b - phase_a))
         rows.append([f"{name}: phase [°]", *cells])
     return table("", ("", "cursor A", "cursor B", "B to A"), rows)
-
-
-def _signed(value: float, digits: int = 4) -> str:
-    return number(round(value, 6), digits).replace("-", "−")
 
 
 class Bode:

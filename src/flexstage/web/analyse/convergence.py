@@ -88,8 +88,8 @@ def errors_table(one: Analysed) -> Table:
     """Return the estimated error of each figure of a model."""
     rows = []
     for row in one.analysis.characteristics:
-        if row.uncertainty is None:
-            continue
+        if not row.uncertainty:
+            continue  # none is known, or nothing is uncertain
         shown = display(row.quantity)
         share = f"{number(100.0 * row.uncertainty / abs(row.value), 2)} %" if row.value else "–"
         spread = number(row.uncertainty * shown.factor, 2)
