@@ -36,4 +36,5 @@ class PanelView:
 #: In the order of the navigation.
 VIEWS: tuple[PanelView, ...] = (
     PanelView("Design", "architecture", "design", "Choose a stage, change it, see what that does"),
+    PanelView("Report", "description", "report", "All that is known of a stage on one page"),
 )
