@@ -89,6 +89,19 @@ def served(folder: Path, *options: str) -> Iterator[tuple[str, "subprocess.Popen
                 process.stdout.close()
 
 
+#: Charts of Plotly, and live charts, which say what titles they drew.
+_UNLABELLED = """
+[...document.querySelectorAll('.js-plotly-plot')].flatMap(plot =>
+  Object.entries(plot._fullLayout ?? {}).filter(([name, axis]) =>
+    /^[xy]axis\\d*$/.test(name) && axis.visible && !axis.title?.text)).length
++ [...document.querySelectorAll('.live-chart canvas')].flatMap(canvas => {
+    const axes = JSON.parse(canvas.dataset.axes ?? '[]');
+    const letters = new Set(axes.map(({axis}) => axis[0]));
+    return [...axes.map(({title}) => title), letters.has('x') && letters.has('y')];
+  }).filter(title => !title).length
+"""
+
+
 class Look:
     """A page in a browser, with what is wrong with it."""
 
@@ -119,12 +132,8 @@ class Look:
         self.page.screenshot(path=OUT / f"{name}.png", full_page=True)
 
     def unlabelled_axes(self) -> int:
-        """Return how many axes of charts have no title."""
-        return self.page.evaluate(
-            """[...document.querySelectorAll('.js-plotly-plot')].flatMap(plot =>
-                Object.entries(plot._fullLayout ?? {}).filter(([name, axis]) =>
-                    /^[xy]axis\\d*$/.test(name) && axis.visible && !axis.title?.text)).length"""
-        )
+        """Return how many axes of charts have no title; of a chart without axes, one."""
+        return self.page.evaluate(_UNLABELLED)
 
     def grave_faults(self) -> list[str]:
         """Return serious faults of accessibility by axe-core."""

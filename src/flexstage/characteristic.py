@@ -118,6 +118,20 @@ class Characteristic:
             return known if self.origin == "measured" else min(known, plain, key=len)
         return plain
 
+    def spread_text(self, shown: Quantity | None = None) -> str:
+        """Write its uncertainty with two digits, in the unit of `text`; empty where none is known.
+
+        Examples
+        --------
+        >>> Characteristic(quantity="natural_frequency_hz", axis="x", origin="superelement",
+        ...     value=353.24, unit="Hz", uncertainty=0.3712).spread_text()
+        '0.37'
+        """
+        if self.uncertainty is None:
+            return ""
+        factor = (shown or display(self.quantity)).factor
+        return beside(self.value * factor, self.uncertainty * factor)[1]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredCharacteristic(Characteristic):

@@ -128,3 +128,19 @@ def test_every_model_against_what_was_published() -> None:
     assert {"200", "220.0", "199.0", "200.4"} <= set(texts(values_of))
     # nothing of ours, no row
     assert characteristics_table(compare(rows[:1]), ["natural_frequency_hz"], "") is None
+
+
+def test_the_report_prints_how_far_a_figure_may_be_off() -> None:
+    from flexstage.report.tables import characteristics_table
+
+    rows = [
+        Characteristic(
+            quantity="natural_frequency_hz", axis=axis, origin="superelement", value=value,
+            unit="Hz", uncertainty=spread,
+        )
+        for axis, value, spread in (("x", 321.2, 1.1), ("y", 533.9, None))
+    ]  # fmt: skip
+    shown = characteristics_table(compare(rows), ["natural_frequency_hz"], "Frequencies.")
+    assert shown is not None
+    assert [row[-1].small for row in shown.rows] == ["± 1.1", ""]
+    assert "mesh leaves out" in shown.notes[0]

@@ -120,6 +120,8 @@ def test_a_report_is_written_read_printed_and_kept_in_the_page(tmp_path: Path) -
         page.get_by_role("link", name="Report").click()
         page.get_by_text("No report yet").wait_for()
         look.require_sound("report-none")
+        for part in ("hysteresis", "traditional stages"):
+            page.get_by_role("checkbox", name=part).click()
         page.get_by_role("button", name="Write report of vgtu-piezo").click()
         frame = page.frame_locator("iframe.report")
         frame.get_by_role("heading", name="vgtu-piezo").first.wait_for(timeout=300e3)

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from flexstage.quantities import Quantity
     from flexstage.studies import ModelRun
     from flexstage.system import Analysis
 
@@ -222,16 +221,10 @@ def _characteristics(screen: "Console", analysis: "Analysis") -> None:
         shown = display(row.quantity)
         cells = [shown.label, row.axis, shown.text(row.value), shown.shown_unit, row.note]
         if known:
-            cells.insert(3, "" if row.uncertainty is None else _spread(row.uncertainty, shown))
+            cells.insert(3, row.spread_text(shown))
         rows.append(cells)
     if rows:
         print_table(screen, f"{analysis.stage.name}: {model}", head, rows)
-
-
-def _spread(uncertainty: float, shown: "Quantity") -> str:
-    from flexstage.quantities import number
-
-    return number(uncertainty * shown.factor, 2)
 
 
 def _modes(screen: "Console", analysis: "Analysis") -> None:

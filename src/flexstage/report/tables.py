@@ -34,6 +34,10 @@ _TITLES = {
 #: What also depends on manufacture: no model of the ideal geometry is compared with it.
 MANUFACTURE = frozenset(("straightness", "straightness_out_of_plane", "linearity"))
 _LABELS = (Column("Quantity", "long words"), "<Axis")
+_SPREAD_NOTE = (
+    "± in small print: of a model the estimate of what its mesh leaves out, of a measurement the "
+    "standard uncertainty."
+)
 _MOST_NAMES = 12  # hinges that a row names
 # what the study says of its own models: each against the experiment, and one against the other
 _PAIRS = (
@@ -97,7 +101,10 @@ def characteristics_table(
         shown = shown_in(row)
         values = (_value(row, column, shown, mark) for column, mark in marks.items())
         lines.append((*_label(row, shown), *values))
-    return table(caption, (*_LABELS, *heads), lines, divided=True)
+    spread = any(isinstance(cell, Cell) and cell.small for line in lines for cell in line[2:])
+    return table(
+        caption, (*_LABELS, *heads), lines, notes=[_SPREAD_NOTE] if spread else [], divided=True
+    )
 
 
 def differences_table(comparison: Comparison) -> Table | None:
@@ -253,6 +260,7 @@ def _value(
         cell.text(shown),
         value=cell.value * shown.factor,
         note=cell.note,
+        small=f"± {spread}" if (spread := cell.spread_text(shown)) else "",
         mark=mark,
         names={
             "quantity": row.quantity,

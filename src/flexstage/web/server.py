@@ -51,6 +51,7 @@ def application(options: PanelOptions, announce: Callable[[], object] = lambda: 
     from nicegui import ui
 
     from flexstage.web.gate import Gate
+    from flexstage.web.live.chart import add_live_charts
     from flexstage.web.page import Panel
     from flexstage.web.report.written import serve_reports
     from flexstage.web.sessions import Access
@@ -59,7 +60,11 @@ def application(options: PanelOptions, announce: Callable[[], object] = lambda: 
     panel = Panel(options, Access(options.password))
     outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_style()
+<<<<<<< HEAD
     serve_reports(outer, panel.options.folder / "report")
+=======
+    add_live_charts(outer, panel)
+>>>>>>> main
     ui.run_with(
         outer,
         root=partial(build_page, panel),

@@ -1,0 +1,85 @@
+"""A chart that follows a history on a page."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI
+from nicegui.element import Element
+from nicegui.events import GenericEventArguments
+
+from flexstage.web.live.history import LiveChannel, LiveHistory
+from flexstage.web.live.transfer import SharedHistories, add_live_data
+from flexstage.web.page import Page, Panel
+
+_STATIC = Path(__file__).parents[1] / "static"
+
+#: How long the windows are that one chooses from [s].
+WINDOWS = (10.0, 60.0, 600.0, 3600.0)
+
+
+def add_live_charts(app: FastAPI, panel: Panel) -> None:
+    """Let pages of a panel have live charts; before the first page, which loads their script."""
+    add_live_data(app, panel)
+
+
+@dataclass(slots=True)
+class ChartViews:
+    """What a browser shows of each live chart: window, loop, hidden channels."""
+
+    views: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """By what the charts say that they show."""
+
+
+class LiveChart(
+    Element, component=_STATIC / "live_chart.js", dependencies=[_STATIC / "live_drawing.js"]
+):
+    """A chart of a history that pages share: over time, or one channel over another.
+
+    Parameters
+    ----------
+    page
+        The page; its preferences choose the units.
+    history
+        What is shown.
+    says
+        What it shows, for those who do not see it; different for each chart of a view.
+    loop
+        Which channel is shown over which other one, and those come first: their names, x and y.
+    """
+
+    def __init__(
+        self,
+        page: Page,
+        history: LiveHistory,
+        *,
+        says: str = "Live chart",
+        loop: tuple[str, str] | None = None,
+    ) -> None:
+        super().__init__()
+        # pages are answered as long as somebody holds it
+        self._history = history
+        self._views, self._says = page.session.state(ChartViews).views, says
+        self.classes("live-chart")
+        self.props["address"] = page.panel.state(SharedHistories).add(history)
+        self.props["channels"] = [described(page, channel) for channel in history.channels]
+        self.props["rate"], self.props["seconds"] = history.rate_hz, history.seconds
+        self.props["windows"], self.props["says"] = list(WINDOWS), says
+        self.props["loop"] = list(loop) if loop else None
+        self.props["view"] = self._views.get(says, {})
+        self.on("view", self._keep)
+
+    def _keep(self, event: GenericEventArguments) -> None:
+        self._views[self._says] = event.args
+
+
+def described(page: Page, channel: LiveChannel) -> dict[str, Any]:
+    """Return a channel as the script of the chart takes it, in the units of the page."""
+    shown = page.preferences.shown(channel.quantity)
+    return {
+        "name": channel.name,
+        "quantity": shown.name,
+        "label": shown.label,
+        "unit": shown.shown_unit,
+        "factor": shown.factor,
+    }

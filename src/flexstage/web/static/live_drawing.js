@@ -1,0 +1,216 @@
+// How a live chart is drawn: points of channels, axes with ticks and titles, on a canvas.
+
+/** Points of all channels, in the order of time: the newest are added, the oldest dropped. */
+export class Points {
+  constructor(channels) {
+    this.channels = channels;
+    this.clear();
+  }
+
+  clear() {
+    this.room(4096);
+    this.first = this.count = 0;
+    this.both = false;
+  }
+
+  room(size) {
+    this.size = size;
+    this.times = new Float64Array(size);
+    this.low = new Float32Array(size * this.channels);
+    this.high = new Float32Array(size * this.channels);
+  }
+
+  get last() {
+    return this.first + this.count - 1;
+  }
+
+  /** Take points; those that were there from the time of the first one on are replaced. */
+  add(times, low, high) {
+    while (this.count && times.length && this.times[this.last] >= times[0]) this.count -= 1;
+    if (this.first + this.count + times.length > this.size) this.compact(times.length);
+    const at = this.first + this.count;
+    this.times.set(times, at);
+    this.low.set(low, at * this.channels);
+    this.high.set(high, at * this.channels);
+    this.count += times.length;
+  }
+
+  compact(more) {
+    const { times, low, high, first, count, channels } = this;
+    this.room(Math.max(4096, 2 * (count + more)));
+    this.times.set(times.subarray(first, first + count));
+    this.low.set(low.subarray(first * channels, (first + count) * channels));
+    this.high.set(high.subarray(first * channels, (first + count) * channels));
+    this.first = 0;
+  }
+
+  dropBefore(time) {
+    while (this.count > 1 && this.times[this.first] < time) {
+      this.first += 1;
+      this.count -= 1;
+    }
+  }
+
+  /** The place of the point that is nearest to a time; -1 where there is none. */
+  nearest(time) {
+    if (!this.count) return -1;
+    let low = this.first;
+    let high = this.last;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (this.times[middle] < time) low = middle;
+      else high = middle;
+    }
+    return time - this.times[low] < this.times[high] - time ? low : high;
+  }
+}
+
+/** Round places of ticks between two values. */
+export function ticks(low, high, count) {
+  const rough = (high - low) / Math.max(count, 1);
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = power * [1, 2, 5, 10].find((n) => n * power >= 0.999 * rough);
+  const places = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k += 1) places.push(k * step);
+  return { step, places };
+}
+
+/** A number with the digits that a step needs. */
+export function written(value, step) {
+  const digits = Math.min(Math.max(0, -Math.floor(Math.log10(step) + 1e-9)), 12);
+  return value.toFixed(digits).replace(/^-(?=0(\.0*)?$)/, "").replace("-", "−");
+}
+
+/** A value with about four digits. */
+export function readable(value) {
+  if (!Number.isFinite(value)) return "–";
+  const size = Math.floor(Math.log10(Math.abs(value) || 1));
+  return written(value, 10 ** Math.min(Math.max(size, -3) - 3, 0));
+}
+
+/** A range for values that changes seldom: where they leave it, or need far less. */
+export function keptRange(kept, low, high) {
+  if (!(high >= low)) return kept ?? [0, 1];
+  const least = Math.max(1e-3 * Math.max(Math.abs(low), Math.abs(high)), 1e-9);
+  const margin = 0.06 * Math.max(high - low, least);
+  if (kept && low >= kept[0] && high <= kept[1] && high - low + 2 * margin > 0.5 * (kept[1] - kept[0])) return kept;
+  const middle = 0.5 * (low + high);
+  const half = 0.5 * Math.max(high - low, least) + 2 * margin;
+  return [middle - half, middle + half];
+}
+
+/** Draw the axes of a panel, and return what turns values into places. */
+export function axes(context, box, x, y, look) {
+  const toX = (value) => box.left + ((value - x.low) / (x.high - x.low)) * box.width;
+  const toY = (value) => box.top + (1 - (value - y.low) / (y.high - y.low)) * box.height;
+  context.font = look.font;
+  context.lineWidth = 1;
+  context.strokeStyle = look.grid;
+  context.fillStyle = look.ink;
+  const across = ticks(x.low, x.high, Math.max(2, Math.min(10, box.width / 90)));
+  const up = ticks(y.low, y.high, Math.max(2, box.height / 42));
+  context.beginPath();
+  for (const place of across.places) {
+    context.moveTo(Math.round(toX(place)) + 0.5, box.top);
+    context.lineTo(Math.round(toX(place)) + 0.5, box.top + box.height);
+  }
+  for (const place of up.places) {
+    context.moveTo(box.left, Math.round(toY(place)) + 0.5);
+    context.lineTo(box.left + box.width, Math.round(toY(place)) + 0.5);
+  }
+  context.stroke();
+  context.textAlign = "right";
+  context.textBaseline = "middle";
+  for (const place of up.places) context.fillText(written(place, up.step), box.left - 7, toY(place));
+  if (x.title) {
+    context.textAlign = "center";
+    context.textBaseline = "top";
+    for (const place of across.places) context.fillText(written(place, across.step), toX(place), box.top + box.height + 6);
+    context.fillText(x.title, box.left + box.width / 2, box.top + box.height + 24);
+  }
+  context.save();
+  context.translate(13, box.top + box.height / 2);
+  context.rotate(-Math.PI / 2);
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  context.fillText(y.title, 0, 0);
+  context.restore();
+  context.strokeStyle = look.muted;
+  context.strokeRect(box.left + 0.5, box.top + 0.5, box.width, box.height);
+  return { toX, toY };
+}
+
+/** Draw within a box only. */
+export function clipped(context, box, draw) {
+  context.save();
+  context.beginPath();
+  context.rect(box.left, box.top, box.width, box.height);
+  context.clip();
+  draw();
+  context.restore();
+}
+
+/** Draw a channel over time: a line through samples, or what lies between least and greatest. */
+export function curve(context, points, channel, factor, colour, toX, toY, gap) {
+  const { times, low, high, channels, both } = points;
+  context.strokeStyle = context.fillStyle = colour;
+  context.lineWidth = 1.4;
+  context.lineJoin = "bevel";
+  context.beginPath();
+  let began = -1;
+  const close = (end) => {
+    if (both && began >= 0)
+      for (let k = end; k >= began; k -= 1) context.lineTo(toX(times[k]), toY(factor * low[k * channels + channel]));
+    began = -1;
+  };
+  for (let k = points.first; k <= points.last; k += 1) {
+    const value = factor * high[k * channels + channel];
+    const broken = began >= 0 && times[k] - times[k - 1] > gap;
+    if (broken || Number.isNaN(value)) close(k - 1);
+    if (Number.isNaN(value)) continue;
+    if (began < 0) {
+      context.moveTo(toX(times[k]), toY(value));
+      began = k;
+    } else context.lineTo(toX(times[k]), toY(value));
+  }
+  close(points.last);
+  if (both) context.fill();
+  context.stroke();
+}
+
+/** Draw one channel over another: what is older paler, and a dot where it is now. */
+export function loop(context, points, [x, y], [factorX, factorY], colour, toX, toY) {
+  const { low, channels, first, last, count } = points;
+  context.strokeStyle = context.fillStyle = colour;
+  context.lineWidth = 1.4;
+  context.lineJoin = "round";
+  const at = (k) => [toX(factorX * low[k * channels + x]), toY(factorY * low[k * channels + y])];
+  const parts = [0.25, 0.55, 1.0];
+  parts.forEach((alpha, part) => {
+    context.globalAlpha = alpha;
+    context.beginPath();
+    const from = first + Math.floor((part / parts.length) * count);
+    const to = Math.min(first + Math.floor(((part + 1) / parts.length) * count), last);
+    for (let k = from; k <= to; k += 1) context.lineTo(...at(k));
+    context.stroke();
+  });
+  context.globalAlpha = 1;
+  if (!count) return;
+  context.beginPath();
+  context.arc(...at(last), 4, 0, 2 * Math.PI);
+  context.fill();
+}
+
+/** The least and the greatest value of channels between two times, in the shown unit. */
+export function extent(points, shown, begin, end) {
+  let low = Infinity;
+  let high = -Infinity;
+  for (const { index, factor } of shown)
+    for (let k = points.first; k <= points.last; k += 1) {
+      if (points.times[k] < begin || points.times[k] > end) continue;
+      const place = k * points.channels + index;
+      if (factor * points.low[place] < low) low = factor * points.low[place];
+      if (factor * points.high[place] > high) high = factor * points.high[place];
+    }
+  return [low, high];
+}
