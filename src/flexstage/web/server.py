@@ -60,11 +60,8 @@ def application(options: PanelOptions, announce: Callable[[], object] = lambda: 
     panel = Panel(options, Access(options.password))
     outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_style()
-<<<<<<< HEAD
     serve_reports(outer, panel.options.folder / "report")
-=======
     add_live_charts(outer, panel)
->>>>>>> main
     ui.run_with(
         outer,
         root=partial(build_page, panel),
