@@ -93,9 +93,28 @@ def test_rigid_motion_has_the_mass_of_the_body(lying: tuple[Placed, Condensed]) 
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9 * mass * abs(x))
     motion = body.motion[:, :m] @ rigid
     np.testing.assert_allclose(motion, [[1, 0, -y], [0, 1, x], [0, 0, 1]], atol=1e-9)
-    stress = np.tensordot(body.stress[..., :m], rigid, axes=1)
-    bending = np.abs(body.stress[..., :m]).max(axis=(0, 1)) @ np.abs(rigid)
-    assert np.abs(stress).max(axis=(0, 1)) == pytest.approx(0.0, abs=1e-8 * bending.max())
+
+
+def test_stress_is_that_of_the_forces_on_the_own_neck(bars: SuperelementModel) -> None:
+    """Of all displacements of the body, the one on a single neck and one with a drive included.
+
+    Measured: within 0.003 % for a push, 0.1 % for gravity, which acts within the notches too.
+    """
+    assert bars.system.stress is not None
+    at = np.cumsum([0, *(c.neck.size for c in bars.condensed)])
+    for state, near in (
+        (static_forces(bars.system, {"push": 40.0}), 1e-4),
+        (static_loads(bars.system, {"gravity y": 1.0}), 3e-3),
+    ):
+        own = bars.system.stress.matrix @ state.q
+        for i, field in enumerate(bars.displacement(state.q)):
+            points = neck_points(field.continuum.mesh, bars.placed[i].part.stage())
+            u = np.asarray(field.displacement.vec.FV().NumPy())[:, None]
+            modulus = bars.stage.material.youngs_modulus / 1e11
+            expected = modulus * surface_stress(field.continuum, points, u)[:, :, 0]
+            found = own[at[i] : at[i + 1], [0, 1, 2, 5]]
+            error = np.abs(found - expected).max() / np.abs(own).max()
+            assert error < near, field.body
 
 
 def test_matrices_are_symmetric_and_positive(bars: SuperelementModel) -> None:

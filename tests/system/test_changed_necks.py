@@ -225,10 +225,7 @@ def test_family_between_its_members() -> None:
     np.testing.assert_allclose(
         flexibility / np.outer(size, size), expected / np.outer(size, size), atol=1e-5
     )
-    largest = [
-        np.abs(c.stress[:, :, :3] @ np.linalg.inv(c.stiffness[:3, :3])).max(axis=(0, 1))
-        for c in (was, own)
-    ]
+    largest = [np.abs(c.stress).max(axis=(0, 1)) for c in (was, own)]
     np.testing.assert_allclose(scale, largest[1] / largest[0], rtol=2e-3)
     # half of the notch is 4 mm long and thicker by 0.085 of 0.5 mm, of the reference material
     more = 1e4 * before.thickness * 2e-3 * 0.085 * 0.5e-3

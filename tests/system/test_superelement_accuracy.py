@@ -63,6 +63,9 @@ def test_a_body_with_fewer_modes_is_one_that_was_condensed_with_fewer() -> None:
         scale = np.sqrt(np.outer(np.diag(b), np.diag(b)))
         # the iteration of modes ends when squares of frequencies move by 1e-5 in a step
         np.testing.assert_allclose(a * np.outer(sign, sign) / scale, b / scale, atol=1e-4)
+    scale = np.abs(expected.reactions).max(axis=0)
+    forces = found.reactions * sign[at.start :] / scale
+    np.testing.assert_allclose(forces, expected.reactions / scale, atol=2e-3)
     np.testing.assert_allclose(found.readings[:, -1], expected.readings[:, -1], rtol=1e-3)
 
 

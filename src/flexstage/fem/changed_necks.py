@@ -148,8 +148,7 @@ class NeckFamily:
             each = block.interfaces
             flexibility = np.linalg.inv(block.stiffness[:each, :each])
             found.append(0.5 * (flexibility + flexibility.T))
-            by_force = block.stress[:, :, :each] @ flexibility
-            largest.append(np.log(np.abs(by_force).max(axis=(0, 1))))
+            largest.append(np.log(np.abs(block.stress).max(axis=(0, 1))))
         self.flexibility = np.array(found)
         self.mass = np.array([block.inertia[0] for block in members])
         self.powers = np.polynomial.polynomial.polyfit(nodes, np.array(largest), 2)[1:]
@@ -215,7 +214,7 @@ def with_other_necks(
         more[np.ix_(own, own)] = after - before * np.outer(size[own], size[own])
         gains.append(heavy - light)
     K = (condensed.stiffness / np.outer(size, size))[:m, :m]
-    held = _held_forces(condensed) / size[:m, None]
+    held = condensed.reactions / size[:m, None]
     Y = np.linalg.solve(np.eye(m) + more @ K, more)
     Y = 0.5 * (Y + Y.T)
     basis = np.eye(r)
@@ -232,34 +231,15 @@ def with_other_necks(
         # what a notch gains rides on the mean motion of the body
         riding = way.read((x, y), part.necks[neck.number].at) @ loads[:3]
         mass += gain * riding.T @ riding
-    stress = condensed.stress @ basis
-    force_was = np.hstack((condensed.stiffness[:m, :m], _held_forces(condensed)))
-    force_is = np.hstack((stiffness[:m, :m], held - K @ Y @ held))
+    stress = condensed.stress.copy()
     for neck, blocks in necks:
-        own = slice(each * neck.number, each * (neck.number + 1))
-        here = condensed.neck == neck.number
-        # of its own motions: what those of other necks do here is far too small to be told apart
-        by_force = condensed.stress[here][:, :, own] @ np.linalg.pinv(force_was[own, own])
-        scale = blocks.at(neck.thicker)[1]
-        stress[here] += by_force @ (scale[:, None] * force_is[own] - force_was[own] @ basis)
+        stress[condensed.neck == neck.number] *= blocks.at(neck.thicker)[1]
     return replace(
         condensed,
         stiffness=0.5 * (stiffness + stiffness.T),
         mass=0.5 * (mass + mass.T),
         loads=loads,
+        reactions=held - K @ Y @ held,
         stress=stress,
         inertia=(whole + sum(gains), x, y, turning),
     )
-
-
-def _held_forces(condensed: Condensed) -> Array:
-    r"""Return the forces on the interfaces, held, of the coordinates that are no interfaces.
-
-    Of a mode the forces that hold them against its inertia, of the response to a load inside the
-    body those that carry it, less what the modes have of it; shape (m, r - m).
-    """
-    m, modes = condensed.interfaces, condensed.modes
-    coupling = condensed.mass[:m, modes]
-    squares = np.diag(condensed.stiffness)[modes]
-    share = condensed.loads[:, modes]
-    return np.hstack((-coupling * squares, coupling @ share.T - condensed.loads[:, :m].T))

@@ -41,8 +41,12 @@ class Condensed:
     reading. So the first three rows are the mean displacement x, y of the body at its centre of
     mass and its rotation too, and the last ones the readings.
     """
+    reactions: Array
+    """Forces that hold the interfaces while the other coordinates move, shape (i, r - i)."""
     stress: Array
-    """Components xx, yy, zz, xy of the stress on the surface of the notches, shape (m, 4, r)."""
+    """Stress on the surface of the notches, neck by neck, for each unit force on the own neck:
+    components xx, yy, zz, xy, or xx, yy, zz, yz, xz, xy in space; shape (m, c, e).
+    """
     neck: NDArray[np.int64]
     """Number of the neck of each of these places, shape (m,)."""
     point: NDArray[np.int64]
@@ -71,6 +75,12 @@ class Condensed:
     def readings(self) -> Array:
         """Each reading [m, or rad for a rotation], shape (k, r)."""
         return self.loads[len(LOADS) :]
+
+    @property
+    def forces(self) -> Array:
+        """Force on each interface for each coordinate, shape (i, r)."""
+        own = slice(0, self.interfaces)
+        return np.hstack((self.stiffness[own, own], self.reactions))
 
     @property
     def modes(self) -> slice:
@@ -167,11 +177,17 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
     basis, K, interfaces = body.reduced(inner, part.modes)
     mass = basis.T @ continuum.mass_times(basis)
     points = neck_points(mesh, stage)
+    loads = inner @ basis
     condensed = Condensed(
         stiffness=K,
         mass=0.5 * (mass + mass.T),
-        loads=inner @ basis,
-        stress=surface_stress(continuum, points, basis),
+        loads=loads,
+        reactions=reactions(K, mass, loads, interfaces),
+        stress=by_own_force(
+            points,
+            body.neck_responses(K, len(part.necks), 3),
+            lambda own, u: surface_stress(continuum, own, u),
+        ),
         neck=points.owner.astype(np.int64),
         point=points.point.astype(np.int64),
         seam=seam(part, points),
@@ -182,6 +198,31 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
         held=faces.held,
     )
     return condensed, DisplacementRecovery(continuum=continuum, basis=basis)
+
+
+def reactions(stiffness: Array, mass: Array, loads: Array, interfaces: int) -> Array:
+    """Return the forces that hold the interfaces while the other coordinates move.
+
+    A mode is held against its inertia, the response to a load inside the body against the load,
+    less what the modes have of it.
+    """
+    m, inner = interfaces, len(stiffness) - len(loads)
+    squares, coupling = np.diag(stiffness)[m:inner], mass[:m, m:inner]
+    return np.hstack((-coupling * squares, coupling @ loads[:, m:inner].T - loads[:, :m].T))
+
+
+def by_own_force(
+    points: NeckPoints, responses: Array, stress: Callable[[NeckPoints, Array], Array]
+) -> Array:
+    """Return the stress at each neck, neck by neck, for unit forces on it, shape (m, c, e).
+
+    `responses` are those to unit forces on each neck in turn, shape (n, k e). What forces elsewhere
+    do to the stress at a neck, beyond those that they put on it, is left out (Saint-Venant).
+    """
+    if not points.hinges:
+        return stress(points, responses)
+    of_each = np.split(responses, len(points.hinges), axis=1)
+    return np.concatenate([stress(points.of(i), u) for i, u in enumerate(of_each)])
 
 
 def reading_row(

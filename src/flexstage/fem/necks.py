@@ -1,6 +1,6 @@
 """Stress on the free surfaces of the notches, linear in the displacement."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import ngsolve as ng
 import numpy as np
@@ -37,6 +37,13 @@ class NeckPoints:
         key = np.column_stack((self.owner, np.round(self.position * 1e9).astype(np.int64)))
         _, point = np.unique(key, axis=0, return_inverse=True)
         return point.ravel()
+
+    def of(self, hinge: int) -> "NeckPoints":
+        """Return those of one hinge."""
+        own = self.owner == hinge
+        return replace(
+            self, places=self.places[own], position=self.position[own], owner=self.owner[own]
+        )
 
 
 def neck_points(mesh: ng.Mesh, stage: Stage) -> NeckPoints:

@@ -13,7 +13,14 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
-from flexstage.fem.condensation import Condensed, reading_row, seam, slopes_at
+from flexstage.fem.condensation import (
+    Condensed,
+    by_own_force,
+    reactions,
+    reading_row,
+    seam,
+    slopes_at,
+)
 from flexstage.fem.constrained import Constrained
 from flexstage.fem.geometry import MOUNTING, StageFaces, exactly, notch_region, stage_faces
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
@@ -65,18 +72,27 @@ def condense_plate(part: Substructure) -> Condensed:
     basis, K, interfaces = body.reduced(ready.loads, part.modes)
     mass = basis.T @ ready.plate.mass_times(basis)
     points, properties = ready.points, ready.properties
+    loads = ready.loads @ basis
+    each = len(neck_coordinates(out_of_plane=ready.plate.through.out_of_plane))
+    responses = body.neck_responses(K, len(part.necks), each)
     with _ONE_AT_A_TIME:
-        stress = _surface_stress(ready.plate, points, basis)
+        stress = by_own_force(
+            points, responses, lambda own, u: _surface_stress(ready.plate, own, u)
+        )
     ends, count = seam(part, points), int(points.point.max(initial=-1)) + 1
     levels = range(len(_LEVELS))
+    owner = np.concatenate([points.owner.astype(np.int64) for _ in levels])
+    # neck by neck, and in each level by level
+    order = np.argsort(owner, kind="stable")
     return Condensed(
         stiffness=K,
         mass=0.5 * (mass + mass.T),
-        loads=ready.loads @ basis,
+        loads=loads,
+        reactions=reactions(K, mass, loads, interfaces),
         stress=stress,
-        neck=np.concatenate([points.owner.astype(np.int64) for _ in levels]),
-        point=np.concatenate([points.point.astype(np.int64) + count * i for i in levels]),
-        seam=np.concatenate([ends * (i + 1) for i in levels]),
+        neck=owner[order],
+        point=np.concatenate([points.point.astype(np.int64) + count * i for i in levels])[order],
+        seam=np.concatenate([ends * (i + 1) for i in levels])[order],
         interfaces=interfaces,
         inertia=(properties.mass, *properties.centre, properties.inertia),
         elements=int(ready.plate.plane.mesh.ne),

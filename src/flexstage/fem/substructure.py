@@ -19,7 +19,7 @@ BODY = "body"
 _REST = "rest"
 
 #: Change it whenever the condensation of the same substructure gives other figures.
-_ALGORITHM = 1
+_ALGORITHM = 2
 
 #: Stiffness and mass go with modulus, density and expansion, so that one condensation, with these
 #: round figures, serves every material of the same Poisson's ratio.

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -401,10 +402,15 @@ def _stress(
         here = slice(at, at + c.neck.size)
         if not c.neck.size:
             continue
-        local = (own @ basis[index]) * scale
-        parts = c.stress.reshape(-1, local.shape[0]) @ local
-        components = [0, 1, 2, 5] if c.stress.shape[1] == 4 else list(range(6))
-        matrix[here][:, components] += parts.reshape(c.neck.size, len(components), -1)
+        each = c.stress.shape[2]
+        forces = scale * ((c.forces @ own) @ basis[index])
+        components = [0, 1, 2, 5] if c.stress.shape[1] == 4 else slice(None)
+        ends = np.searchsorted(c.neck, np.arange(len(p.hinges) + 1))
+        for i, (first, end) in enumerate(pairwise(ends.tolist())):
+            found = c.stress[first:end].reshape(-1, each) @ forces[each * i : each * (i + 1)]
+            matrix[at + first : at + end, components] += found.reshape(
+                end - first, -1, forces.shape[1]
+            )
         owner[here] = np.array(p.hinges, dtype=np.intp)[c.neck]
         shared = 2 * (levels * owner[here] + np.abs(c.seam) - 1) + (c.seam > 0)
         point[here] = np.where(c.seam != 0, shared, used + c.point)

@@ -137,12 +137,13 @@ def fewer_modes(body: Condensed, count: int) -> Condensed:
     squares = np.diag(body.stiffness)[left_out]
     basis[left_out, body.inner] = (body.loads[:, left_out] / squares).T
     basis = np.delete(basis, left_out, axis=1)
+    m = body.interfaces
     return replace(
         body,
         stiffness=basis.T @ body.stiffness @ basis,
         mass=basis.T @ body.mass @ basis,
         loads=body.loads @ basis,
-        stress=body.stress @ basis,
+        reactions=body.reactions @ basis[m:, m:],
     )
 
 

@@ -36,5 +36,6 @@ class PanelView:
 #: In the order of the navigation.
 VIEWS: tuple[PanelView, ...] = (
     PanelView("Design", "architecture", "design", "Choose a stage, change it, see what that does"),
+    PanelView("Bench", "speed", "bench", "Connect to a stage, move it and record it"),
     PanelView("Report", "description", "report", "All that is known of a stage on one page"),
 )
