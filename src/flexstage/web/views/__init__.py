@@ -41,4 +41,5 @@ VIEWS: tuple[PanelView, ...] = (
         "Hysteresis", "all_inclusive", "hysteresis", "Identify a drive from a record, and undo it"
     ),
     PanelView("Bench", "speed", "bench", "Connect to a stage, move it and record it"),
+    PanelView("Report", "description", "report", "All that is known of a stage on one page"),
 )
