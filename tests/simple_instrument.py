@@ -290,6 +290,7 @@ class SimpleInstrument:
     )
     generator: bool = True
     simulated: bool = True
+    concurrent: bool = False
     cut_link_at: float = np.inf  # from this time on no order and no question is answered [s]
     fail_at: float = np.inf  # the controller refuses orders from this time on [s]
     nan_from: Mapping[str, float] = field(default_factory=dict)  # name of a column: time [s]

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from flexstage.cli.options import option
-from flexstage.cli.reading import understood
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,6 +44,7 @@ def read_drive(
     `given` are the fields of the options on reading files.
     """
     from flexstage.records.drives import read_drive as run
+    from flexstage.records.reading_options import understood
 
     how = understood(len(files), **given)
     return run(files, input, output, branches=branches, curve=curve, units=units, **how)

@@ -118,7 +118,10 @@ def predict(
         return
     screen = console()
     print_predictions(screen, found, file.model, f"{file.model.hysteresis.kind}, {model}")
-    _print_band(screen, found, file.errors.get("heldout_95"))
+    if (band := file.errors.get("heldout_95")) is not None:
+        from flexstage.report.identification import band_in_words
+
+        screen.print(band_in_words(found, band))
     print_notes(screen, (), written)
 
 
@@ -196,17 +199,3 @@ def print_predictions(
         for line in prediction_in_words(p, model):
             screen.print(line, markup=False, soft_wrap=True)
         print_notes(screen, p.notes, style="yellow")
-
-
-def _print_band(screen: "Console", found: "Sequence[Prediction]", band: float | None) -> None:
-    if band is None:
-        return
-    import numpy as np
-
-    errors = [(p.measured - p.predicted)[p.warm_up :] / p.stroke for p in found]
-    every = np.concatenate([e[np.isfinite(e)] for e in errors])
-    within = np.abs(every) <= 0.01 * band
-    screen.print(
-        f"band of the model, 95 % of its held-out errors: +-{band:.2f} % of the stroke; "
-        f"{100.0 * float(np.mean(within)):.1f} % of these samples lie within it"
-    )

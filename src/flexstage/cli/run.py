@@ -1,6 +1,5 @@
 """`flexstage run`: an experiment plan on an instrument, real or simulated."""
 
-import datetime
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -15,17 +14,14 @@ from flexstage.cli.output import (
     on_terminal,
     print_json,
     print_notes,
-    print_table,
     progress_bar,
     write_file,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.errors import FlexstageError, PlanError
-from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
     from flexstage.experiments import DryRun, PlanResult
-    from flexstage.experiments.verb import PlannedMotion
 
 
 @from_docstring
@@ -108,7 +104,9 @@ def run(
 
     if resume and out is None:
         raise PlanError("--resume needs --folder: the folder of the run that was interrupted")
-    folder = out if out is not None else _new_folder(own.name, file.stem)
+    from flexstage.experiments.runner import new_run_folder
+
+    folder = out if out is not None else new_run_folder(Path("runs"), own.name, file.stem)
     require_writable(folder)
     result = _carried_out(
         wanted, own, instrument, folder, title=file.stem, resume=resume, only=chosen,
@@ -121,19 +119,6 @@ def run(
         print_json(result.plain())
         return
     _print(result)
-
-
-def _new_folder(stage: str, plan: str) -> Path:
-    now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    words = [now, file_name(stage)]
-    if plan != stage:
-        words.append(file_name(plan))
-    made = Path("runs") / "-".join(words)
-    k = 2
-    while made.exists():
-        made = made.with_name(f"{'-'.join(words)}-{k}")
-        k += 1
-    return made
 
 
 def _catalogue(text: str | None) -> str | None:
@@ -210,47 +195,20 @@ def _plain_dry(found: "DryRun") -> dict[str, Any]:
 
 
 def _print_dry(found: "DryRun", title: str) -> None:
+    from flexstage.report.run_tables import dry_run_table
+
     screen = console()
-    planned: list[tuple[str, ...]] = []
-    for step in found.steps:
-        lasting = step.duration or step.command_duration
-        time = f"{lasting:.4g}" if lasting else ""
-        rows: list[PlannedMotion | None] = [*step.motions] if step.verb == "excite" else []
-        for k, motion in enumerate(rows or [None]):
-            head = (step.name, step.verb, step.what, time) if k == 0 else ("", "", "", "")
-            planned.append((*head, *_motion(motion)))
-    heads = "step", "<verb", "<what", "time, s", "<axis", "from", "to", "slope", "<allowed"
-    caption = f"{title}, {found.stage}: {found.duration:.0f} s of motion and records"
-    print_table(screen, caption, heads, planned)
+    screen.print(on_terminal(dry_run_table(found, title)))
     for step in found.steps:
         print_notes(screen, (f"{step.name}: {note}" for note in step.notes))
 
 
-def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
-    if motion is None:
-        return ("", "", "", "", "")
-    scale, unit = (1.0, "V") if motion.unit == "V" else (1e6, "um")
-    low, high = (scale * v for v in motion.limits)
-    about = "about " if motion.estimated else ""
-    limit = "" if motion.rate_limit is None else f", {scale * motion.rate_limit:.4g} {unit}/s"
-    return (
-        motion.axis,
-        f"{scale * motion.low:.4g} {unit}",
-        f"{scale * motion.high:.4g} {unit}",
-        f"{scale * motion.largest_rate:.4g} {unit}/s",
-        f"{about}{low:.4g} to {high:.4g} {unit}{limit}",
-    )
-
-
 def _print(result: "PlanResult") -> None:
-    from flexstage.characteristic import in_order
+    from flexstage.report.run_tables import figures_table
 
     screen = console()
     if result.figures:
-        every = in_order((*result.figures, *result.further_figures))
-        heads = "quantity", "<axis", "value", "95 %", "<unit", "<step", "published"
-        rows = (_figure(result, figure) for figure in every)
-        print_table(screen, f"{result.stage.name}, {result.origin}", heads, rows)
+        screen.print(on_terminal(figures_table(result)))
     for step in result.steps:
         if step.line:
             screen.print(step.line, markup=False)
@@ -258,22 +216,3 @@ def _print(result: "PlanResult") -> None:
             screen.print(on_terminal(replace(shown, notes=())))
             print_notes(screen, shown.notes)
     print_notes(screen, result.notes, [result.folder / "report.html"])
-
-
-def _figure(result: "PlanResult", figure: Any) -> tuple[str, ...]:
-    """Return the row of a figure, with the digits that its uncertainty leaves."""
-    from flexstage.quantities import beside, display, number
-
-    shown = display(figure.quantity)
-    value = figure.value * shown.factor
-    expanded = figure.estimate.expanded * shown.factor
-    known = [r for r in result.published_of(figure) if r.origin == "published-measured"]
-    label = shown.label + (", drives in place" if result.drives_in_place(figure) else "")
-    return (
-        label[:1].lower() + label[1:],
-        figure.axis,
-        *beside(value, expanded),
-        shown.shown_unit,
-        figure.test,
-        number(known[0].value * shown.factor) if known else "",
-    )

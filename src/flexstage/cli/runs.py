@@ -13,6 +13,7 @@ from flexstage.cli.output import (
     OutputFile,
     console,
     count,
+    on_terminal,
     output_path,
     print_json,
     print_notes,
@@ -204,21 +205,13 @@ def recover(
     remove
         Remove the stream after the HDF5 file has been read back and compared.
     """
-    from flexstage.instruments.recording.archive import archived
+    from flexstage.instruments.recording.archive import rescued
     from flexstage.instruments.recording.recovery import examine
-    from flexstage.instruments.recording.stream import in_use
 
     found = examine(file)
     target = None
     if not look:
-        if in_use(file):
-            raise RecordError(
-                f"'{file}' is being written by another program: wait until it ends, or look at it "
-                "with --look"
-            )
-        target = archived(file, out or file.with_suffix(".h5"))
-        if remove and not found.damaged_inside:
-            file.unlink()
+        target = rescued(file, out, remove=remove)
     removed = not file.exists()
     rate = found.head.sample_rate_hz
     result: dict[str, Any] = {
@@ -271,6 +264,7 @@ def calibrations(
         TIME: Only those valid at a date, or a date and time.
     """
     from flexstage.instruments.catalogue.catalogue import Catalogue
+    from flexstage.report.run_tables import shown_time
 
     time = _time(valid_at)
     with Catalogue.open(catalogue, make=False) as opened:
@@ -289,7 +283,7 @@ def calibrations(
             entry.unit,
             entry.stage.name,
             entry.stage.serial_number,
-            _shown(entry.valid_from),
+            shown_time(entry.valid_from),
             entry.run[:8],
         )
         for entry in found
@@ -371,26 +365,7 @@ def _state_of(entry: "RunEntry") -> str:
     return "as entered" if digest == entry.sha256 else "changed since it was entered"
 
 
-def _shown(time: datetime) -> str:
-    return time.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S")
-
-
 def _print_list(found: "list[RunEntry]", where: str) -> None:
-    heads = "run", "<start, UTC", "<stage", "<serial", "<kind", "<axis", "samples", "<status"
-    rows = (
-        (
-            entry.identifier[:8],
-            _shown(entry.started),
-            entry.stage.name,
-            entry.stage.serial_number,
-            entry.kind,
-            entry.axis,
-            entry.samples,
-            entry.status,
-            "virtual" if entry.simulated else "measured",
-            entry.step,
-        )
-        for entry in found
-    )
-    title = f"{count(len(found), 'run')} in {where}"
-    print_table(console(), title, (*heads, "<origin", "<step"), rows)
+    from flexstage.report.run_tables import runs_table
+
+    console().print(on_terminal(runs_table(found, f"{count(len(found), 'run')} in {where}")))

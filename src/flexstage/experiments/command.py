@@ -146,14 +146,17 @@ class CommandWaveform:
         metadata: RunMetadata,
         *,
         feedforward: Waveform | None = None,
+        parked: bool = True,
     ) -> Path:
         """Run it and record it to disk.
 
         Samples go to the stream while they come; the file beside it ends in ``.h5``. Where the run
-        fails, what was recorded until then is in the stream.
+        fails, what was recorded until then is in the stream. Other axes are `parked` first, or stay
+        where they are.
         """
         prepare_loops(instrument, self.axes, self.quantity)
-        park(instrument, self.axes)
+        if parked:
+            park(instrument, self.axes)
         if Capability.WAVE_GENERATOR not in instrument.capabilities:
             return _by_moves(instrument, self, signals, rate_hz, stream, metadata)
         rate = instrument.recorder.configure(signals, rate_hz, 2)

@@ -31,13 +31,14 @@ from flexstage.experiments.state import (
     read_state,
     write_state,
 )
+from flexstage.files.names import file_name
 from flexstage.files.plain import json_text
 from flexstage.files.write import write_whole
 from flexstage.instruments.catalogue.catalogue import Catalogue
 from flexstage.instruments.catalogue.entries import StageEntry
 from flexstage.instruments.catalogue.folder import enter_folder
 from flexstage.instruments.guard import guarded
-from flexstage.instruments.lock import stage_lock
+from flexstage.instruments.lock import instrument_lock
 from flexstage.instruments.protocol import Instrument
 from flexstage.instruments.ramp import to_safe
 from flexstage.provenance import content_hash
@@ -56,6 +57,7 @@ def run_plan(
     operator: str = "",
     note: str = "",
     catalogue: str | None = None,
+    held: str = "",
 ) -> PlanResult:
     """Carry out a plan.
 
@@ -83,6 +85,8 @@ def run_plan(
         Who works, and what they say about it.
     catalogue : str, optional
         Database that every record is entered into; none where not given.
+    held : str
+        Name under which this program has locked the stage already; empty where it has not.
 
     Returns
     -------
@@ -122,7 +126,8 @@ def run_plan(
     began = time.monotonic()
     told: tuple[str, ...] = ()
     try:
-        with _locked(instrument, serial or own.name), guarded(instrument):
+        locked = instrument_lock(instrument, serial or own.name, held=held)
+        with locked, guarded(instrument):
             state = _run_steps(context, state, plan.chosen(only))
             to_safe(instrument)
     finally:
@@ -148,6 +153,20 @@ def run_plan(
     )
     write_whole(where / "results.json", json_text(result.plain()))
     return result
+
+
+def new_run_folder(parent: Path, stage: str, plan: str) -> Path:
+    """Return a folder for a run that is not there yet, named after time, stage and plan."""
+    now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
+    words = [now, file_name(stage)]
+    if plan != stage:
+        words.append(file_name(plan))
+    made = parent / "-".join(words)
+    k = 2
+    while made.exists():
+        made = made.with_name(f"{'-'.join(words)}-{k}")
+        k += 1
+    return made
 
 
 def _require_possible(
@@ -196,15 +215,6 @@ def _begun(context: RunContext, *, resume: bool) -> RunState:
     )
     write_state(folder, state)
     return state
-
-
-@contextmanager
-def _locked(instrument: Instrument, name: str) -> Iterator[None]:
-    if instrument.identity.simulated:
-        yield
-        return
-    with stage_lock(name):
-        yield
 
 
 def _run_steps(context: RunContext, state: RunState, steps: tuple[Step, ...]) -> RunState:

@@ -16,6 +16,7 @@ from flexstage.errors import ModelError, NotConnectedError
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
 from flexstage.files.user_folder import user_folder
+from flexstage.instruments.protocol import Instrument
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +71,19 @@ def stage_lock(
         with suppress(OSError):
             note.unlink()
         lock.release()
+
+
+@contextmanager
+def instrument_lock(instrument: Instrument, name: str, *, held: str = "") -> Iterator[None]:
+    """Hold the stage at an instrument by its name; one that is simulated needs no lock.
+
+    Nothing is done where this program holds the stage already, under the name `held`.
+    """
+    if instrument.identity.simulated or name == held:
+        yield
+        return
+    with stage_lock(name):
+        yield
 
 
 def holder(serial_number: str, *, directory: Path | None = None) -> Holder | None:

@@ -259,6 +259,11 @@ class Instrument(Protocol):
         """Its wave generator; `ModelError` where it has none."""
         raise ModelError("this instrument has no wave generator")
 
+    @property
+    def concurrent(self) -> bool:
+        """Whether a second thread may read axes while another one works."""
+        return False
+
     def channel(self, number: int) -> float:
         """Return what a sensor, by its number, reads now [m, rad, N]."""
         raise ModelError(f"there is no sensor {number}: this instrument has none")

@@ -11,6 +11,7 @@ from flexstage.files.plain import plain
 from flexstage.hysteresis import Feedforward, Identification, Prediction
 from flexstage.hysteresis.drive_model import DriveModel, parameter_unit, start_in_words
 from flexstage.hysteresis.identification.model_choice import Candidate
+from flexstage.hysteresis.models.registry import MODELS
 from flexstage.table import Table, table
 from flexstage.units import readable, readable_unit
 
@@ -162,6 +163,35 @@ def identification_in_words(found: Identification) -> list[str]:
             f"of that changes readings by up to {factor * found.settling:.2g} {shown}"
         )
     return said
+
+
+def verdict_in_words(found: Identification) -> str:
+    """Say whether the model explains its records, and what it leaves of held-out cycles."""
+    if not found.verdict.fits:
+        return found.verdict.reason
+    records = "records" if len(found.measurement.sections) > 1 else "record"
+    title = MODELS[found.kind].title
+    error = found.heldout_rms_percent
+    left = (
+        f"it leaves {found.rms_percent:.2g} % of the stroke rms"
+        if error is None
+        else f"on cycles that it was not fitted to it leaves {error:.2g} % of the stroke rms"
+    )
+    return (
+        f"{title} explains the {records}: {left}; the noise is {found.noise_percent:.2g} %, a "
+        f"straight line leaves {found.verdict.line_percent:.2g} %"
+    )
+
+
+def band_in_words(found: Sequence[Prediction], band_percent: float) -> str:
+    """Say which share of the errors lies within the band of the model, that of half this width."""
+    errors = [(p.measured - p.predicted)[p.warm_up :] / p.stroke for p in found]
+    every = np.concatenate([e[np.isfinite(e)] for e in errors])
+    within = np.abs(every) <= 0.01 * band_percent
+    return (
+        f"band of the model, 95 % of its held-out errors: +-{band_percent:.2f} % of the stroke; "
+        f"{100.0 * float(np.mean(within)):.1f} % of these samples lie within it"
+    )
 
 
 def _rows(found: Identification) -> list[tuple[str, str, str, str]]:

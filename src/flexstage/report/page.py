@@ -129,8 +129,13 @@ def drawn_inline(picture: Picture, key: str) -> str:
     return inline_svg(drawn(picture), key, picture.title)
 
 
+def typeset(words: str) -> str:
+    """Write hyphens that are minus signs as such."""
+    return _HYPHEN_MINUS.sub("−", words)
+
+
 def _typeset(text: str) -> "Markup":
     """Write hyphens that are minus signs as such, in words and not in tags."""
     from markupsafe import Markup
 
-    return Markup(re.sub(r">[^<]+", lambda words: _HYPHEN_MINUS.sub("−", words[0]), text))
+    return Markup(re.sub(r">[^<]+", lambda words: typeset(words[0]), text))

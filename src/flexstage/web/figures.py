@@ -48,7 +48,7 @@ def chart(data: list[dict[str, Any]], layout: dict[str, Any], says: str) -> ui.p
         An axis has no title.
     """
     shown = ui.plotly(chart_figure(data, layout)).classes("chart")
-    shown.props["role"], shown.props["aria-label"] = "img", says
+    shown.props["role"], shown.props["aria-label"] = "figure", says
     return shown
 
 

@@ -1,5 +1,6 @@
 """What a view of the front panel is given: the panel, the person, long work, complaints."""
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from flexstage.errors import FlexstageError
+from flexstage.report.page import typeset
 from flexstage.web.jobs import BackgroundJob, Jobs
 from flexstage.web.options import PanelOptions
 from flexstage.web.preferences import Preferences
@@ -19,6 +21,8 @@ from flexstage.web.stops import Stops
 S = TypeVar("S")
 
 _LOOK_AT_JOBS = 0.25  # s
+_OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*[a-z])")
+_MICRO = re.compile(r"\bu(?=(m|rad|V|A)\b)|(?<=\d )u(?=s\b)")
 
 
 @dataclass(eq=False)
@@ -87,10 +91,29 @@ class Page:
         return timer
 
 
+def in_page_words(sentence: str) -> str:
+    """Return what the library says as the page says it.
+
+    An option of a command is the field of that name; units and signs are typeset.
+
+    Examples
+    --------
+    >>> in_page_words("give --sample-rate, such as 200 Hz: 4.5 um +- -0.1")
+    'give “Sample rate”, such as 200 Hz: 4.5 µm ± −0.1'
+    """
+    said = _OPTION.sub(lambda option: f"“{option[1].replace('-', ' ').capitalize()}”", sentence)
+    return typeset(_MICRO.sub("µ", said.replace("+-", "±")))
+
+
 def complain(sentence: str) -> None:
     """Show what is wrong, in a sentence that stays until it is read."""
     ui.notify(
-        sentence, type="negative", multi_line=True, close_button="OK", timeout=0, position="top"
+        in_page_words(sentence),
+        type="negative",
+        multi_line=True,
+        close_button="OK",
+        timeout=0,
+        position="top",
     )
 
 

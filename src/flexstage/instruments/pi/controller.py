@@ -154,6 +154,10 @@ class PiController(Instrument):
             raise ModelError("this controller lists no commands of a wave generator")
         return self._waves
 
+    @property
+    def concurrent(self) -> bool:
+        return True
+
     def channel(self, number: int) -> float:
         if number not in self._factors or not self.profile.knows("TSP?"):
             raise ModelError(

@@ -19,6 +19,7 @@ from flexstage.instruments.recording.metadata import (
     run_attributes,
 )
 from flexstage.instruments.recording.recovery import StreamRecovery, chunks, examine
+from flexstage.instruments.recording.stream import in_use
 
 
 def archived(stream: Path, target: Path) -> Path:
@@ -43,6 +44,23 @@ def archived(stream: Path, target: Path) -> Path:
             f"'{target}' cannot be written ({reason}): the stream '{stream}' stays"
         ) from error
     return target
+
+
+def rescued(stream: Path, target: Path | None = None, *, remove: bool = False) -> Path:
+    """Write what a crash has left of a stream as an HDF5 file, beside it where none is named.
+
+    Refused while another program writes the stream. It may be removed afterwards; one that a disk
+    has damaged stays in any case.
+    """
+    if in_use(stream):
+        raise RecordError(
+            f"'{stream}' is being written by another program: wait until it ends, or look at it "
+            "with --look"
+        )
+    made = archived(stream, target or stream.with_suffix(".h5"))
+    if remove and not examine(stream).damaged_inside:
+        stream.unlink()
+    return made
 
 
 def _keys(names: Sequence[str]) -> list[str]:

@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from flexstage.records import Channel, Record
 from flexstage.report.figures.responses import shown_lines
 from flexstage.report.figures.style import CYCLE, INK, dress, entitle, new_figure, scale
@@ -36,4 +38,34 @@ def draw_record(record: Record, *, title: str = "") -> "Figure":
     panels[-1].set_xlim(record.time[0], record.time[-1])
     if title:
         entitle(panels[0], title)
+    return figure
+
+
+def draw_drive_record(record: Record, driven: str | int, follows: str | int) -> "Figure":
+    """Draw what drives and what follows over time, and one over the other."""
+    figure = new_figure(9.6, 3.6)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.6, 1.0))
+    above = figure.add_subplot(grid[0, 0])
+    both = record.channel(driven), record.channel(follows)
+    for k, channel in enumerate(both):
+        axes = above if k == 0 else figure.add_subplot(grid[1, 0], sharex=above)
+        dress(axes)
+        shown, factor = scale(channel.unit)
+        at = shown_lines(channel.values)
+        axes.plot(record.time[at], factor * channel.values[at], color=CYCLE[k], linewidth=0.9)
+        axes.set_ylabel(f"{channel.name}{shown}", color=INK, parse_math=False)
+        axes.set_xlim(record.time[0], record.time[-1])
+        if k == 0:
+            axes.tick_params(labelbottom=False)
+        else:
+            axes.set_xlabel(_OVER[record.over], color=INK)
+    loop = figure.add_subplot(grid[:, 1])
+    dress(loop)
+    at = np.unique(np.concatenate([shown_lines(channel.values) for channel in both]))
+    (x, across), (y, up) = ((c.values[at], scale(c.unit)) for c in both)
+    loop.plot(across[1] * x, up[1] * y, color=CYCLE[1], linewidth=0.5)
+    for channel, (unit, _), say in zip(
+        both, (across, up), (loop.set_xlabel, loop.set_ylabel), strict=True
+    ):
+        say(f"{channel.name}{unit}", color=INK, parse_math=False)
     return figure

@@ -8,6 +8,7 @@ from fastapi import FastAPI
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
+from flexstage.errors import ModelError
 from flexstage.web.live.history import LiveChannel, LiveHistory
 from flexstage.web.live.transfer import SharedHistories, add_live_data
 from flexstage.web.page import Page, Panel
@@ -25,7 +26,7 @@ def add_live_charts(app: FastAPI, panel: Panel) -> None:
 
 @dataclass(slots=True)
 class ChartViews:
-    """What a browser shows of each live chart: window, loop, hidden channels."""
+    """What a browser shows in each live chart: window, loop, hidden channels."""
 
     views: dict[str, dict[str, Any]] = field(default_factory=dict)
     """By what the charts say that they show."""
@@ -34,7 +35,7 @@ class ChartViews:
 class LiveChart(
     Element, component=_STATIC / "live_chart.js", dependencies=[_STATIC / "live_drawing.js"]
 ):
-    """A chart of a history that pages share: over time, or one channel over another.
+    """A chart of a history that pages share: over time, one channel over another, or spectra.
 
     Parameters
     ----------
@@ -65,12 +66,24 @@ class LiveChart(
         self.props["channels"] = [described(page, channel) for channel in history.channels]
         self.props["rate"], self.props["seconds"] = history.rate_hz, history.seconds
         self.props["windows"], self.props["says"] = list(WINDOWS), says
-        self.props["loop"] = list(loop) if loop else None
+        self.props["begins"] = "loop" if loop else "time"
+        self.props["pair"] = _pair(history, loop)
         self.props["view"] = self._views.get(says, {})
         self.on("view", self._keep)
 
     def _keep(self, event: GenericEventArguments) -> None:
         self._views[self._says] = event.args
+
+
+def _pair(history: LiveHistory, loop: tuple[str, str] | None) -> list[int]:
+    """Return the places of the channels of a loop."""
+    names = [channel.name for channel in history.channels]
+    if loop is None:
+        return [0, len(names) - 1]
+    for name in loop:
+        if name not in names:
+            raise ModelError(f"there is no channel '{name}' to show: there are {', '.join(names)}")
+    return [names.index(name) for name in loop]
 
 
 def described(page: Page, channel: LiveChannel) -> dict[str, Any]:

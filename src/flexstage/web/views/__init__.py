@@ -36,4 +36,8 @@ class PanelView:
 #: In the order of the navigation.
 VIEWS: tuple[PanelView, ...] = (
     PanelView("Design", "architecture", "design", "Choose a stage, change it, see what that does"),
+    PanelView(
+        "Hysteresis", "all_inclusive", "hysteresis", "Identify a drive from a record, and undo it"
+    ),
+    PanelView("Bench", "speed", "bench", "Connect to a stage, move it and record it"),
 )

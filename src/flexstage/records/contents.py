@@ -1,0 +1,108 @@
+"""What is in a measured file, before anything is asked of it."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexstage.errors import RecordError
+from flexstage.records.read import read_record
+from flexstage.records.record import Record
+from flexstage.records.responses import responses_in_columns
+from flexstage.records.sampling import LARGEST_STEP
+from flexstage.table import Table, table
+from flexstage.units import readable_unit
+
+
+def read_whole(
+    file: str | Path,
+    *,
+    sample_rate_hz: float | None = None,
+    time: str | int | None = None,
+    **how: Any,
+) -> tuple[Record, str]:
+    """Read all columns of a file, with gaps and what is missing; by its rows where it has no times.
+
+    `how` goes on to `read_record`. Returns the record, and why there are no times; empty where
+    there are.
+    """
+    # no column has to be complete, and gaps are told
+    how |= {"columns": [], "largest_step": float("inf")}
+    try:
+        return read_record(file, sample_rate_hz=sample_rate_hz, time=time, **how), ""
+    except RecordError as error:
+        if sample_rate_hz is not None or time is not None:
+            raise
+        return read_record(file, over="point", **how), str(error)
+
+
+def contents(record: Record, without_times: str = "") -> dict[str, Any]:
+    """Return columns, their ranges, rate and gaps of what `read_whole` gives, as plain data."""
+    channels = []
+    for number, channel in enumerate(record.channels):
+        finite = channel.values[np.isfinite(channel.values)]
+        channels.append({
+            "number": number,
+            "name": channel.name,
+            "unit": channel.unit,
+            "smallest": float(finite.min()) if finite.size else None,
+            "largest": float(finite.max()) if finite.size else None,
+            "missing": int(channel.values.size - finite.size),
+        })  # fmt: skip
+    result: dict[str, Any] = {
+        "file": record.source,
+        "over": record.over,
+        "samples": record.size,
+        "columns": channels,
+        "notes": list(record.notes),
+    }
+    if record.over != "point":
+        result["from"], result["to"] = float(record.time[0]), float(record.time[-1])
+    if record.over == "time":
+        steps = np.diff(record.time)
+        usual = float(np.median(steps))
+        wide = np.flatnonzero(steps > LARGEST_STEP * usual)
+        result["sample_rate_hz"] = 1.0 / usual if wide.size else record.sample_rate_hz
+        result["uniform"] = record.uniform
+        result["gaps"] = [{"after_sample": int(i), "seconds": float(steps[i])} for i in wide]
+    if record.over == "point":
+        try:
+            table = responses_in_columns(record)
+        except RecordError:
+            # a table without responses has points, unless times were to be found
+            result["notes"] += [without_times]
+        else:
+            result["responses"] = [
+                c.name.removesuffix(" real") for c in table.channels if c.name.endswith(" real")
+            ]
+            result["from"], result["to"] = float(table.time[0]), float(table.time[-1])
+    return result
+
+
+def contents_table(one: dict[str, Any], caption: str = "", *, readable: bool = False) -> Table:
+    """Set out the columns of what `contents` returns; in units that are read easily if asked."""
+    heads = "no.", "<column", "<unit", "smallest", "largest", "missing"
+    rows = []
+    for channel in one["columns"]:
+        ends = (channel["smallest"], channel["largest"])
+        size = max((abs(end) for end in ends if end is not None), default=0.0)
+        unit, factor = readable_unit(size, channel["unit"]) if readable else (channel["unit"], 1.0)
+        figures = ("" if e is None else f"{factor * e:.6g}".replace("-", "−") for e in ends)
+        named = channel["number"], channel["name"], unit
+        rows.append((*named, *figures, channel["missing"] or ""))
+    return table(caption, heads, rows)
+
+
+def length_in_words(one: dict[str, Any]) -> str:
+    """Say how much there is of what `contents` returns, and over what."""
+    if one["over"] == "time":
+        even = "" if one["uniform"] else ", uneven"
+        return (
+            f"{one['samples']} samples over time, {one['sample_rate_hz']:.6g} Hz{even}, from "
+            f"{one['from']:.6g} to {one['to']:.6g} s"
+        )
+    if "from" not in one:
+        return f"{one['samples']} rows"
+    responses = one.get("responses", [])
+    what = f"frequency responses {', '.join(responses)}: " if responses else ""
+    return f"{what}{one['samples']} lines from {one['from']:.6g} to {one['to']:.6g} Hz"

@@ -1,0 +1,1 @@
+"""The view Bench: the link to a stage, who drives it, what is done with it."""

@@ -1,0 +1,169 @@
+"""What a run at the bench gave, and what earlier ones have left."""
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from nicegui import ui
+
+from flexstage.arrays import Array
+from flexstage.errors import FlexstageError
+from flexstage.quantities import Quantity
+from flexstage.records import Record
+from flexstage.report.run_tables import figures_table, runs_table
+from flexstage.web.bench.run_forms import RunForm
+from flexstage.web.bench.runs import LeftOver, RunOutcome, carry_out, left_over, recovered
+from flexstage.web.figures import chart, show_table
+from flexstage.web.live.history import POSITION, VOLTAGE
+from flexstage.web.page import Page, PanelHeading, quiet_button
+from flexstage.web.preferences import Preferences
+
+_DRAWN = 4000  # points of a curve at most
+_LISTED = 20  # runs of the catalogue
+
+
+def show_outcome(page: Page, outcome: RunOutcome) -> None:
+    """Show what a run gave: the loop or the record, figures of a plan, and its files."""
+    with ui.row().classes("items-center heading"):
+        PanelHeading(outcome.folder.name)
+        ui.space()
+        file, what = outcome.file, "report" if outcome.plan is not None else "record"
+        quiet_button(
+            f"Download the {what}",
+            on_click=lambda: ui.download.content(file.read_bytes(), file.name),
+        )
+    if outcome.plan is not None:
+        if outcome.plan.figures:
+            show_table(figures_table(outcome.plan))
+        for step in outcome.plan.steps:
+            if step.line:
+                ui.label(step.line).classes("small")
+    if outcome.record is not None:
+        with ui.element("div").classes("outcome"):
+            if outcome.loop is not None:
+                _loop(page.preferences, outcome.record, outcome.loop)
+            # the voltage that was read lies upon the one that was commanded
+            hidden = "command" if outcome.loop and outcome.loop[0] != "command" else ""
+            _over_time(page.preferences, outcome.record, hidden)
+    for note in outcome.notes:
+        ui.label(note).classes("muted small")
+    ui.label(f"It lies in {outcome.folder}").classes("muted small")
+
+
+def _shown(preferences: Preferences, unit: str) -> Quantity:
+    return preferences.shown(VOLTAGE if unit == "V" else POSITION)
+
+
+def _titled(text: str) -> dict[str, Any]:
+    return {"title": {"text": text}}
+
+
+def _thin(values: Array) -> Array:
+    return values[:: max(1, -(-values.size // _DRAWN))]
+
+
+def _loop(preferences: Preferences, record: Record, loop: tuple[str, str]) -> None:
+    x, y = (record.channel(name) for name in loop)
+    over, along = (_shown(preferences, c.unit) for c in (x, y))
+    trace = {
+        "x": (_thin(x.values) * over.factor).tolist(),
+        "y": (_thin(y.values) * along.factor).tolist(),
+        "mode": "lines",
+        "name": y.name,
+    }
+    layout = {
+        "xaxis": _titled(f"{over.label} [{over.shown_unit}]"),
+        "yaxis": _titled(f"{along.label} of {y.name} [{along.shown_unit}]"),
+        "showlegend": False,
+    }
+    chart([trace], layout, f"The recorded loop: {along.label} of {y.name} over {over.label}")
+
+
+def _over_time(preferences: Preferences, record: Record, hidden: str) -> None:
+    """Show columns over time, lengths above and voltages below."""
+    traces: list[dict[str, Any]] = []
+    layout: dict[str, Any] = {
+        "xaxis": _titled("Time [s]"),
+        "legend": {"orientation": "h", "yref": "container", "y": 1.0, "yanchor": "top"},
+        "margin": {"l": 64, "r": 16, "t": 58, "b": 48},
+    }
+    units = list(dict.fromkeys(c.unit for c in record.channels))
+    t = _thin(np.asarray(record.time)).tolist()
+    for k, unit in enumerate(units):
+        quantity, number = _shown(preferences, unit), "" if k == 0 else str(k + 1)
+        high = 1.0 - k / len(units)
+        layout[f"yaxis{number}"] = {
+            **_titled(f"{quantity.label} [{quantity.shown_unit}]"),
+            "domain": [high - 1.0 / len(units) + (0.06 if k + 1 < len(units) else 0.0), high],
+        }
+        for channel in record.channels:
+            if channel.unit == unit and channel.name != hidden:
+                y = (_thin(channel.values) * quantity.factor).tolist()
+                traces.append(
+                    {"x": t, "y": y, "mode": "lines", "name": channel.name, "yaxis": f"y{number}"}
+                )
+    layout["xaxis"]["anchor"] = f"y{'' if len(units) == 1 else len(units)}"
+    chart(traces, layout, "What was recorded, over time")
+
+
+class RunList(RunForm):
+    """The runs of the catalogue, and what interrupted ones have left."""
+
+    def build(self) -> None:
+        """Make the list; it is read when it is shown."""
+        self._left = ui.element("div").classes("full-width issues")
+        self._list = ui.element("div").classes("full-width")
+        quiet_button("Look again", on_click=self.read)
+        ui.timer(0.0, self.read, once=True)
+
+    def look(self) -> None:
+        """Do nothing: it is read when it is asked for."""
+
+    async def read(self) -> None:
+        """Read both."""
+        folder = self._page.panel.folder("bench")
+        left = await asyncio.to_thread(left_over, folder)
+        self._left.clear()
+        with self._left:
+            # what goes on looks like what was interrupted
+            for each in () if self._bench.busy else left:
+                self._row(each)
+        self._list.clear()
+        with self._list:
+            try:
+                found, where = await asyncio.to_thread(_listed)
+            except FlexstageError as error:
+                ui.label(str(error)).classes("muted small")
+                return
+            ui.label(f"{'The latest runs' if found else 'No run yet'} in {where}").classes("small")
+            if found:
+                show_table(runs_table(found, ""))
+
+    def _row(self, left: LeftOver) -> None:
+        with ui.row().classes("issue items-center"):
+            name = left.path.name if left.plan else f"{left.path.parent.parent.name}"
+            ui.label(f"{name}: interrupted, {left.about}")
+            ui.space()
+            if left.plan is None:
+                quiet_button("Recover", on_click=lambda: self._recover(left.path)).props("dense")
+            else:
+                quiet_button("Go on", on_click=lambda: self._resume(left)).props("dense")
+
+    async def _recover(self, stream: Path) -> None:
+        with self._page.sentences():
+            target = await asyncio.to_thread(recovered, stream)
+            ui.notify(f"recovered as {target}", type="positive")
+        await self.read()
+
+    def _resume(self, left: LeftOver) -> None:
+        with self._page.sentences():
+            given = (self._about(), str(left.plan), left.path, None, self._bench.locked)
+            self._run(f"plan {left.path.name}", carry_out, *given, moves=True)
+
+
+def _listed() -> tuple[Any, str]:
+    from flexstage.instruments.catalogue.catalogue import Catalogue
+
+    with Catalogue.open(None, make=False) as opened:
+        return opened.runs(limit=_LISTED), opened.address

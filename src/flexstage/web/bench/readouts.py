@@ -1,0 +1,225 @@
+"""The axes at the bench: what each reads, how far it may go, and the buttons that move it."""
+
+import asyncio
+import math
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Future
+from typing import Any
+
+from nicegui import ui
+
+from flexstage.instruments.protocol import Capability
+from flexstage.quantities import Quantity
+from flexstage.stage.limits import Range
+from flexstage.web.bench.instrument import AxisReading
+from flexstage.web.bench.link import BenchLink
+from flexstage.web.bench.state import BenchForms
+from flexstage.web.live.history import POSITION, VOLTAGE
+from flexstage.web.page import Page, PanelHeading
+
+#: Steps that are offered, in the usual unit of the quantity.
+_STEPS = {"V": (0.1, 1.0, 5.0, 20.0), "m": (0.01, 0.1, 1.0, 10.0)}
+_USUAL = {"V": 5.0, "m": 1.0}
+#: Last digit that is shown [V, m].
+_DIGIT = {"V": 0.01, "m": 1e-9}
+
+
+def shown_number(quantity: Quantity, value: float) -> str:
+    """Return a reading with as many decimals as its last digit has, whatever its size.
+
+    Examples
+    --------
+    >>> shown_number(POSITION, 12.3456e-6), shown_number(VOLTAGE, -0.001)
+    ('12.346', '0.00')
+    """
+    if not math.isfinite(value):
+        return "–"
+    decimals = max(0, round(-math.log10(_DIGIT[quantity.unit] * quantity.factor)))
+    text = f"{value * quantity.factor:.{decimals}f}"
+    text = text.removeprefix("-") if not float(text) else text
+    return text.replace("-", "−")
+
+
+class AxisCard:
+    """One axis.
+
+    Parameters
+    ----------
+    page
+        The page.
+    bench
+        The bench.
+    name
+        The axis.
+    """
+
+    def __init__(self, page: Page, bench: BenchLink, name: str) -> None:
+        self._page, self._bench, self._name = page, bench, name
+        self._forms = page.session.state(BenchForms)
+        device = bench.device
+        assert device is not None
+        self._axis = device.axes[name]
+        self._closed: bool | None = None
+        self._build()
+
+    def _build(self) -> None:
+        can = self._axis.capabilities
+        with ui.element("section").classes("panel axis").props("tabindex=0") as card:
+            card.props["aria-label"] = (
+                f"Axis {self._name}: the arrow keys step it while this has the focus"
+            )
+            with ui.row().classes("items-center heading"):
+                PanelHeading(f"Axis {self._name}")
+                self._moving = ui.label().classes("state")
+                self._loop = ui.label().classes("state")
+                ui.space()
+                self._servo = ui.switch("Position control", on_change=self._switched)
+                self._servo.visible = {Capability.CLOSED_LOOP, Capability.OPEN_LOOP} <= can
+            limits = self._axis.limits
+            with ui.element("div").classes("readouts"):
+                shown = self._page.preferences.shown
+                self._position = _Readout(shown(POSITION), limits.position)
+                self._voltage = None
+                if Capability.OPEN_LOOP in can:
+                    self._voltage = _Readout(shown(VOLTAGE), limits.voltage)
+            self._controls = ui.element("div").classes("drive")
+        for key, sign in (("left", -1), ("right", 1), ("down", -1), ("up", 1)):
+            card.on(f"keydown.{key}.self.prevent", self._stepper(sign))
+
+    @property
+    def _quantity(self) -> Quantity:
+        """What it is moved in: positions under control, else voltages."""
+        return self._page.preferences.shown(POSITION if self._closed else VOLTAGE)
+
+    def show(self, reading: AxisReading | None, *, drives: bool) -> None:
+        """Show a reading; the buttons are alive for who drives."""
+        if reading is None:
+            return
+        self._position.show(reading.position)
+        if self._voltage is not None:
+            self._voltage.show(reading.voltage)
+        _set(self._moving, "moves" if reading.moving else "at rest")
+        on = reading.closed_loop
+        _set(self._loop, "under position control" if on else "open loop")
+        if self._closed != on:
+            self._closed = on
+            self._servo.set_value(on)
+            self._build_controls()
+        if self._drives.enabled != drives:
+            self._drives.enabled = drives
+
+    def _build_controls(self) -> None:
+        quantity, unit = self._quantity, self._quantity.unit
+        relative = quantity.factor / {"V": 1.0, "m": 1e6}[unit]
+        steps = {s * relative / quantity.factor: f"{s * relative:g}" for s in _STEPS[unit]}
+        key = f"{self._name} {unit}"
+        usual = _USUAL[unit] * relative / quantity.factor
+        before = self._forms.steps.get(key, usual)
+        self._controls.clear()
+        with self._controls:
+            self._drives = _Enabled()
+            ui.label(f"Step, {quantity.shown_unit}").classes("muted small")
+            choice = ui.toggle(steps, value=before if before in steps else usual)
+            choice.props("dense no-caps").props["aria-label"] = f"Step of axis {self._name}"
+            choice.on_value_change(lambda e: self._forms.steps.update({key: e.value}))
+            self._forms.steps.setdefault(key, choice.value)
+            self._step = choice
+            for icon, sign, word in (("remove", -1, "down"), ("add", 1, "up")):
+                button = ui.button(icon=icon, on_click=self._stepper(sign)).props("dense")
+                button.props["aria-label"] = f"Step axis {self._name} {word}"
+                self._drives.add(button)
+            target = ui.number(f"Go to, {quantity.shown_unit}").props("dense outlined")
+            target.classes("target")
+
+            async def go() -> None:
+                if target.value is not None:
+                    value = float(target.value) / quantity.factor
+                    await self._told(lambda me: self._bench.go(me, self._name, value))
+
+            target.on("keydown.enter", go)
+            self._drives.add(ui.button("Go", on_click=go), self._servo)
+
+    def _stepper(self, sign: int) -> Callable[[], Any]:
+        async def step() -> None:
+            size = sign * float(self._step.value)
+            await self._told(lambda me: self._bench.jog(me, self._name, size))
+
+        return step
+
+    async def _switched(self, event: Any) -> None:
+        on = bool(event.value)
+        if on != self._closed:
+            await self._told(lambda me: self._bench.set_closed_loop(me, self._name, on))
+            reading = self._bench.readings.get(self._name)
+            if reading is not None:
+                # what was refused is not shown as done; what was done is read a little later
+                self._closed = None
+
+    async def _told(self, command: Callable[[str], "Future[Any]"]) -> None:
+        with self._page.sentences():
+            try:
+                await asyncio.wrap_future(command(self._page.session.id))
+            except (CancelledError, asyncio.CancelledError):
+                ui.notify("stopped before it began", type="warning")
+
+
+class _Readout:
+    """A large number with its unit, and where it is between its limits."""
+
+    def __init__(self, quantity: Quantity, limits: Range | None) -> None:
+        self._quantity, self._limits = quantity, limits
+        with ui.element("div").classes("readout"):
+            ui.label(quantity.label).classes("muted small")
+            with ui.element("div").classes("value"):
+                self._number = ui.label("–").classes("big")
+                ui.label(quantity.shown_unit).classes("unit")
+            if limits is None:
+                ui.label("no limits are known").classes("muted small")
+                self._mark = None
+                return
+            with ui.element("div").classes("range").props("aria-hidden=true"):
+                self._mark = ui.element("div").classes("mark")
+            with ui.element("div").classes("ends muted small"):
+                low, high = (shown_number(quantity, end) for end in limits)
+                ui.label(low)
+                ui.label("limits")
+                ui.label(high)
+
+    def show(self, value: float) -> None:
+        """Show a value."""
+        text = shown_number(self._quantity, value)
+        if text == self._number.text:
+            return
+        self._number.text = text
+        if self._mark is not None and self._limits is not None and math.isfinite(value):
+            low, high = self._limits
+            share = 100.0 * min(max((value - low) / (high - low), 0.0), 1.0)
+            self._mark.style(f"left: {share:.1f}%")
+
+
+class _Enabled:
+    """Elements that are alive for who drives."""
+
+    def __init__(self) -> None:
+        self._elements: list[Any] = []
+        self._enabled = True
+
+    def add(self, *elements: Any) -> None:
+        """Add elements."""
+        self._elements += elements
+
+    @property
+    def enabled(self) -> bool:
+        """Whether they are alive."""
+        return self._enabled
+
+    @enabled.setter
+    def enabled(self, on: bool) -> None:
+        self._enabled = on
+        for element in self._elements:
+            element.set_enabled(on)
+
+
+def _set(label: ui.label, text: str) -> None:
+    if label.text != text:
+        label.text = text

@@ -1,0 +1,253 @@
+"""The command in a page: what the drive shall follow, the waveform, what is left, its file."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from flexstage.hysteresis.drive_model import DriveModel
+from flexstage.report.identification import command_in_words
+from flexstage.units import readable
+from flexstage.web.hysteresis.files_form import FilesForm
+from flexstage.web.hysteresis.requests import WantedMotion
+from flexstage.web.hysteresis.shown import figure, save, sentence, show_lines
+from flexstage.web.hysteresis.state import HysteresisState
+from flexstage.web.hysteresis.tasks import Task
+from flexstage.web.hysteresis.work import Compensated, compensated, usual_motion, waveform
+from flexstage.web.page import Page, in_page_words
+
+_SHAPES = {"sine": "Sine", "triangle": "Triangle", "file": "From a file"}
+_STARTS = {
+    "conditioned": "conditioned: cycles over the whole range, then its low end",
+    "rest": "rest: unused",
+    "moved": "conditioned, and then moved as wanted for",
+}
+_FILES = {"csv": ".csv", "npz": ".npz", "hdf5": ".h5", "mat": ".mat"}
+_NUMBER = "outlined dense stack-label debounce=700"
+
+
+class CompensationPanel:
+    """The command for a motion.
+
+    Parameters
+    ----------
+    page
+        The page.
+    state
+        What is open.
+    """
+
+    def __init__(self, page: Page, state: HysteresisState) -> None:
+        self._page, self._state = page, state
+
+    def build(self) -> None:
+        """Make the panel."""
+        with ui.element("div").classes("columns asked"):
+            with ui.element("section").classes("panel"):
+                self._none = ui.label(
+                    "There is no model yet: identify one from a record, or open its file."
+                ).classes("issue")
+                self._form = ui.column().classes("full-width told")
+            with ui.element("section").classes("panel") as self._results:
+                self._working = ui.column().classes("full-width")
+                self._wrong = ui.label().classes("issue error").props('role="alert"')
+                self._shown = ui.column().classes("full-width told")
+        self._wrong.visible = False
+        self._task = Task(
+            self._page, self._state.jobs, "command", self._working, self._take, self._refuse
+        )
+        self.show()
+
+    def show(self) -> None:
+        """Show the fields for the model that is open, and the command."""
+        model = self._state.model
+        self._none.visible, self._results.visible = model is None, model is not None
+        self._form.clear()
+        if model is not None:
+            drive = model.file.model
+            self._state.motion = usual_motion(self._state.motion, drive, model.sample_rate_hz)
+            with self._form:
+                self._fields(drive)
+        self._refuse("")
+        self._show_command()
+        if model is not None and self._state.compensated is None and not self._task.running:
+            self.compute()
+
+    # what is wanted
+
+    def _fields(self, drive: DriveModel) -> None:
+        motion = self._state.motion
+        unit, factor = self._unit(drive)
+        ui.toggle(_SHAPES, value=motion.shape).props("no-caps").on_value_change(
+            lambda event: self._reshape(event.value)
+        ).props["aria-label"] = "Shape"
+        if motion.shape == "file":
+            self._file()
+        else:
+            if drive.validity is not None:
+                low, high = drive.validity.output_range
+                reach = in_page_words(readable(drive.output_unit, low, high, digits=4))
+                ui.label(f"The record of the model reaches {reach}.").classes("muted small")
+            with ui.element("div").classes("entries"):
+                self._number("centre", f"Centre{unit}", factor)
+                self._number("amplitude", f"Amplitude ±{unit}", factor)
+                self._number("rate_hz", "Frequency [Hz]")
+                self._number("sample_rate_hz", "Sample rate [Hz]")
+                periods = self._number("periods", "Periods (0: one that repeats without end)")
+                periods.props("min=0 step=1").classes("whole")
+        volt = f" [{drive.input_unit}]" if drive.input_unit else ""
+        slope = f" [{drive.input_unit}/s]" if drive.input_unit else " [1/s]"
+        with (
+            ui.expansion("Limits, and the state before", value=_is_limited(motion)).classes(
+                "folded"
+            ),
+            ui.element("div").classes("entries"),
+        ):
+            self._number("lowest", f"Lowest command{volt}")
+            self._number("highest", f"Highest command{volt}")
+            self._number("slew", f"Slew{slope}")
+            self._number("band_hz", "Reference bandwidth [Hz]")
+            start = ui.select(_STARTS, value=motion.start, label="Start")
+            start.props("outlined dense options-dense stack-label").classes("whole")
+            start.on_value_change(lambda event: self._set("start", event.value))
+            moved = self._number("moved_for", "Moved for [s]")
+            moved.bind_visibility_from(start, "value", value="moved")
+
+    def _file(self) -> None:
+        FilesForm(
+            self._page,
+            self._state.reference,
+            self._state.jobs,
+            key="reference",
+            label="Record of the wanted readings",
+            example=None,
+            changed=self._file_changed,
+            reference=True,
+        ).build()
+        relative = ui.checkbox(
+            "Relative: count from the lowest reading of the drive",
+            value=self._state.motion.relative,
+        )
+        relative.on_value_change(lambda event: self._set("relative", bool(event.value)))
+
+    def _unit(self, drive: DriveModel) -> tuple[str, float]:
+        if drive.output_unit == "m":
+            unit, factor = self._page.preferences.length_unit()
+        elif drive.output_unit == "rad":
+            unit, factor = self._page.preferences.angle_unit()
+        else:
+            unit, factor = drive.output_unit, 1.0
+        return (f" [{unit}]" if unit else ""), factor
+
+    def _number(self, name: str, label: str, factor: float = 1.0) -> ui.number:
+        value = getattr(self._state.motion, name)
+        shown = None if value is None else float(f"{value * factor:.6g}")
+        field = ui.number(label, value=shown, format="%.6g").props(_NUMBER)
+
+        def changed(event: Any) -> None:
+            given = event.value
+            if given is not None and shown_of(given) == shown_of(getattr(self._state.motion, name)):
+                return
+            self._set(name, None if given is None else given / factor)
+
+        def shown_of(number: float | None) -> str:
+            return "" if number is None else f"{number:.6g}"
+
+        field.on_value_change(changed)
+        return field
+
+    def _set(self, name: str, value: Any) -> None:
+        if name == "periods":
+            value = max(0, int(value or 0))
+        motion = replace(self._state.motion, **{name: value})
+        if motion != self._state.motion:
+            self._state.motion = motion
+            self.compute()
+
+    def _reshape(self, shape: Any) -> None:
+        self._state.motion = replace(self._state.motion, shape=shape)
+        self._state.compensated = None
+        self.show()
+
+    def _file_changed(self) -> None:
+        self.compute()
+
+    # what comes of it
+
+    def compute(self) -> None:
+        """Compute the command for what is wanted."""
+        state = self._state
+        if state.model is None:
+            return
+        motion = state.motion
+        if motion.shape == "file":
+            reference = state.reference
+            if reference.wrong or not reference.reading.files:
+                return
+            if not reference.looked:
+                return
+            motion = replace(motion, file=reference.reading)
+        self._task.start("the command", compensated, state.model.file, motion, "command")
+
+    def _take(self, made: Compensated) -> None:
+        self._state.compensated = made
+        self._refuse("")
+        self._show_command()
+
+    def _refuse(self, why: str) -> None:
+        self._wrong.text = in_page_words(sentence(why))
+        self._wrong.visible = bool(why)
+        if why:
+            self._shown.classes(add="stale")
+        else:
+            self._shown.classes(remove="stale")
+
+    def _show_command(self) -> None:
+        self._shown.clear()
+        made, model = self._state.compensated, self._state.model
+        if made is None or model is None:
+            return
+        drive, command = model.file.model, made.made
+        band = model.file.errors.get("heldout_95")
+        with self._shown:
+            with ui.element("div").classes("row-of-figures"):
+                ends = float(command.command.min()), float(command.command.max())
+                figure("Command", readable(drive.input_unit, *ends, digits=4))
+                figure(
+                    "Predicted error, the model with itself",
+                    f"{readable(drive.output_unit, command.rms_error)} rms",
+                    f"{readable(drive.output_unit, command.largest_error)} at most",
+                )
+                if band is not None and drive.validity is not None:
+                    low, high = drive.validity.output_range
+                    own = readable(drive.output_unit, 0.01 * band * (high - low))
+                    figure("What the model leaves of a drive, 95 % within", f"+-{own}")
+                self._downloads()
+            ui.html(made.svg, sanitize=False).classes("picture")
+            show_lines([sentence(note) for note in made.notes], "issue")
+            with ui.expansion("In words").classes("folded"):
+                show_lines([sentence(line) for line in command_in_words(command, drive)], "small")
+                show_lines([sentence(note) for note in model.file.notes], "muted small")
+
+    def _downloads(self) -> None:
+        with ui.row().classes("items-center no-wrap downloads"):
+            format = ui.select(_FILES, value="csv", label="Format").props(
+                "outlined dense options-dense"
+            )
+
+            def give() -> None:
+                made, model = self._state.compensated, self._state.model
+                if made is not None and model is not None and format.value:
+                    with self._page.sentences():
+                        name = f"{Path(model.name).stem}-{self._state.motion.shape}"
+                        content = waveform(made.made, model.file.model, format.value)
+                        save(self._page, f"{name}{_FILES[format.value]}", content)
+
+            ui.button("Download the waveform", icon="download", on_click=give)
+
+
+def _is_limited(motion: WantedMotion) -> bool:
+    usual = WantedMotion()
+    names = ("lowest", "highest", "slew", "band_hz", "start")
+    return any(getattr(motion, name) != getattr(usual, name) for name in names)

@@ -1,0 +1,296 @@
+"""Files of measured data in a page: dropped, told how to read, and what was read of them."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from nicegui import background_tasks, events, ui
+
+from flexstage.errors import FlexstageError
+from flexstage.records import FORMATS
+from flexstage.records.contents import contents_table, length_in_words
+from flexstage.web.figures import show_table
+from flexstage.web.hysteresis.requests import Reading
+from flexstage.web.hysteresis.shown import in_page
+from flexstage.web.hysteresis.state import MeasuredFiles
+from flexstage.web.hysteresis.tasks import Task
+from flexstage.web.hysteresis.work import Looked, is_light, looked_at
+from flexstage.web.jobs import BackgroundJob
+from flexstage.web.page import Page, in_page_words, quiet_button
+from flexstage.web.uploads import upload
+
+_ENDINGS = tuple(suffix for suffixes in FORMATS.values() for suffix in suffixes)
+_MOST = 128 * 2**20  # byte
+_PATIENT = "outlined dense stack-label debounce=700"
+#: Fields that most files do not need: name, label, what is written as an example.
+_UNUSUAL = (
+    ("rows", "Rows", "400:7200"),
+    ("resample", "Resample", "median, or 200 Hz"),
+    ("dataset", "Dataset", "name of a group or variable"),
+    ("skip_lines", "Skip lines", "0"),
+    ("delimiter", "Delimiter", "tab, comma, semicolon, space"),
+    ("decimal", "Decimal", ". or ,"),
+    ("branches", "Branches", "UP,DOWN: two columns of a table without times"),
+    ("curve", "Curve", "column that numbers reversal curves; or files, or columns"),
+)
+
+
+class FilesForm:
+    """The fields of files, and beside them what was read.
+
+    Parameters
+    ----------
+    page
+        The page.
+    source
+        The files.
+    jobs
+        Jobs of the session by what they are for.
+    key
+        What the files are for.
+    label
+        What is asked for.
+    example
+        Makes a file to start from, in a folder.
+    changed
+        Called when anything is different.
+    like
+        Gives how a file is read that is dropped.
+    reference
+        Whether it is one file with one column, that of a wanted motion.
+    """
+
+    def __init__(
+        self,
+        page: Page,
+        source: MeasuredFiles,
+        jobs: dict[str, BackgroundJob],
+        *,
+        key: str,
+        label: str,
+        example: Callable[[Path], Path] | None,
+        changed: Callable[[], object],
+        like: Callable[[], Reading] = Reading,
+        reference: bool = False,
+    ) -> None:
+        self._page, self._source, self._jobs, self._key = page, source, jobs, key
+        self._label, self._example, self._changed = label, example, changed
+        self._like, self._reference = like, reference
+        self._fields: dict[str, Any] = {}
+        self._reads = 0
+        self._syncing = False
+
+    def build(self) -> None:
+        """Make the fields."""
+        with ui.element("div").classes("take"):
+            upload(
+                self._page, self._label, _ENDINGS, self._replace, view="hysteresis", most=_MOST
+            ).classes("tall")
+            if self._example is not None:
+                quiet_button("Take the example", on_click=self._take_example).props("outline")
+        self._files = ui.element("div").classes("taken-files")
+        self._wrong = ui.label().classes("issue error").props('role="alert"')
+        self._back = quiet_button(on_click=self._go_back).props("dense")
+        with ui.element("div").classes("entries pairs") as self._grid:
+            if not self._reference:
+                self._column("input", "Input")
+                self._text("input_unit", "Input unit", "V")
+            self._column("output", "Column" if self._reference else "Output")
+            self._text("output_unit", "Reference unit" if self._reference else "Output unit", "um")
+            self._column("time", "Time", clearable=True)
+            self._text("sample_rate", "Sample rate", "200 Hz")
+        with (
+            ui.expansion("How the file is read", value=self._source.reading.unusual).classes(
+                "folded"
+            ) as self._more,
+            ui.element("div").classes("entries"),
+        ):
+            for name, label, example in _UNUSUAL[: -2 if self._reference else None]:
+                self._text(name, label, example)
+            self._select("format", "Format", {name: name for name in FORMATS}, clearable=True)
+            if not self._reference:
+                upload(
+                    self._page, "Another record of the same drive", _ENDINGS, self._add,
+                    view="hysteresis", most=_MOST,
+                ).classes("whole")  # fmt: skip
+        self._working = ui.column().classes("full-width")
+        self._task = Task(
+            self._page, self._jobs, self._key, self._working, self._take, self._refuse
+        )
+        self.sync()
+        if self._source.reading.files and self._source.looked is None and not self._source.wrong:
+            self.look()
+
+    # fields
+
+    def _text(self, name: str, label: str, example: str) -> None:
+        field = ui.input(label, placeholder=example, value=getattr(self._source.reading, name))
+        self._fields[name] = field.props(_PATIENT)
+        field.on_value_change(lambda event: self._set(name, event))
+
+    def _select(self, name: str, label: str, options: dict[str, str], **more: Any) -> None:
+        value = getattr(self._source.reading, name)
+        if value and value not in options:
+            options = {**options, value: value}
+        field = ui.select(options, label=label, value=value or None, **more)
+        self._fields[name] = field.props("outlined dense options-dense stack-label")
+        field.on_value_change(lambda event: self._set(name, event))
+
+    def _column(self, name: str, label: str, **more: Any) -> None:
+        # of curves in columns several are written, with commas
+        self._select(
+            name, label, self._columns(), with_input=True, new_value_mode="add-unique",
+            key_generator=str, **more,
+        )  # fmt: skip
+
+    def _columns(self) -> dict[str, str]:
+        if self._source.looked is None:
+            return {}
+        made = {}
+        for column in self._source.looked.contents[0]["columns"]:
+            unit = f" [{column['unit']}]" if column["unit"] else ""
+            made[str(column["number"])] = f"{column['number']}: {column['name']}{unit}"
+        return made
+
+    def _set(self, name: str, event: events.ValueChangeEventArguments[Any]) -> None:
+        value = (event.value or "").strip()
+        if self._syncing or value == getattr(self._source.reading, name):
+            return
+        self._source.reading = replace(self._source.reading, **{name: value})
+        self.look()
+
+    def sync(self) -> None:
+        """Show the state in the fields."""
+        reading, columns = self._source.reading, self._columns()
+        self._syncing = True
+        for name, field in self._fields.items():
+            value = getattr(reading, name)
+            if name in ("input", "output", "time"):
+                known = {**columns, **({value: value} if value and value not in columns else {})}
+                field.set_options(known, value=value or None)
+            elif (field.value or "") != value:
+                field.value = value or (None if name == "format" else "")
+        self._syncing = False
+        given = bool(reading.files)
+        self._grid.visible = self._more.visible = given
+        self._wrong.visible = bool(self._source.wrong)
+        self._wrong.text = in_page_words(self._source.wrong)
+        before = self._source.before
+        self._back.visible = bool(self._source.wrong and before is not None)
+        if before is not None:
+            self._back.text = f"Back to {', '.join(before.reading.names)}"
+        self._show_files()
+
+    def _show_files(self) -> None:
+        self._files.clear()
+        with self._files:
+            for file in self._source.reading.files:
+                with ui.row().classes("items-center no-wrap taken-file"):
+                    ui.icon("description").props("aria-hidden=true")
+                    ui.label(Path(file).name)
+                    gone = quiet_button(
+                        icon="close", on_click=lambda _, file=file: self._remove(file)
+                    ).props("dense round")
+                    gone.props["aria-label"] = f"Remove {Path(file).name}"
+
+    # files
+
+    def _replace(self, path: Path) -> None:
+        self._source.open(replace(self._like(), files=(str(path),)))
+        self.look()
+
+    def _add(self, path: Path) -> None:
+        reading = self._source.reading
+        others = tuple(file for file in reading.files if file != str(path))
+        self._source.reading = replace(reading, files=(*others, str(path)))
+        self.look()
+
+    def _remove(self, file: str) -> None:
+        left = tuple(f for f in self._source.reading.files if f != file)
+        if left:
+            self._source.reading = replace(self._source.reading, files=left)
+        else:
+            self._source.open(Reading())
+        self.look()
+
+    async def _take_example(self) -> None:
+        assert self._example is not None
+        folder = self._page.panel.folder(f"hysteresis/{self._page.session.id}")
+        with self._page.sentences():
+            self._replace(await asyncio.to_thread(self._example, folder))
+
+    def _go_back(self) -> None:
+        self._source.go_back()
+        self.sync()
+        self._changed()
+
+    # what is in them
+
+    def look(self) -> None:
+        """Look into the files."""
+        reading = self._source.reading
+        if not reading.files:
+            self._source.looked, self._source.wrong = None, ""
+            self.sync()
+            self._changed()
+            return
+        self._reads += 1
+        key = f"{self._key}{self._grid.id}-{self._reads}"
+        self._show_files()
+        try:
+            light = is_light(reading)
+        except OSError as error:
+            self._refuse(f"the file is gone: {error.strerror}")
+            return
+        if light:
+            self._task.stop()
+            client = ui.context.client
+            background_tasks.create(self._look(reading, key), name="look", context=client)
+        else:
+            self._task.start(f"reading {', '.join(reading.names)}", looked_at, reading, key)
+
+    async def _look(self, reading: Reading, key: str) -> None:
+        try:
+            found = await asyncio.to_thread(looked_at, reading, key)
+        except (FlexstageError, OSError) as error:
+            if self._source.reading == reading:
+                self._refuse(str(error))
+        else:
+            if self._source.reading == reading:
+                self._take(found)
+
+    def _take(self, found: Looked) -> None:
+        self._source.looked, self._source.wrong = found, ""
+        reading = found.reading
+        if self._reference and not reading.output:
+            reading = replace(reading, output=reading.input)
+        self._source.reading = reading
+        self.sync()
+        self._changed()
+
+    def _refuse(self, sentence: str) -> None:
+        for file in self._source.reading.files:
+            sentence = sentence.replace(file, Path(file).name)
+        self._source.wrong = sentence or "The file was not read: it was cancelled."
+        self.sync()
+        self._changed()
+
+
+def show_contents(looked: Looked) -> None:
+    """Show what was read of files."""
+    ui.html(looked.svg, sanitize=False).classes("picture")
+    for one in looked.contents:
+        name = Path(one["file"]).name
+        ui.label(f"{name}: {length_in_words(one)}")
+        show_table(in_page(contents_table(one, readable=True)))
+        gaps = one.get("gaps", [])
+        if gaps:
+            first = gaps[0]
+            ui.label(
+                f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''}, the first of "
+                f"{first['seconds']:.4g} s after sample {first['after_sample']}"
+            ).classes("issue")
+        for note in one["notes"]:
+            ui.label(in_page_words(note.replace(one["file"], name))).classes("muted small")

@@ -1,0 +1,388 @@
+"""What is computed for the view Hysteresis, in processes: as the commands do it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.errors import ModelError
+from flexstage.hysteresis import (
+    Feedforward,
+    Identification,
+    LogCreep,
+    ModelFile,
+    Prediction,
+    Sensor,
+    excitation,
+    feedforward,
+    identify,
+    model_text,
+    read_model_file,
+)
+from flexstage.hysteresis.drive_model import DriveModel, Start, in_unit_of_model, lowest_reading
+from flexstage.hysteresis.identification.fit_rows import ChainValues
+from flexstage.hysteresis.identification.identified_file import identified_file
+from flexstage.hysteresis.inversion import command_record
+from flexstage.hysteresis.prediction import predict_each
+from flexstage.records import Channel, Record, write_record
+from flexstage.records.contents import contents, read_whole
+from flexstage.records.detect import format_of
+from flexstage.records.drives import read_drive, train_range
+from flexstage.records.files import read_files
+from flexstage.records.reading_options import understood
+from flexstage.records.selectors import column
+from flexstage.records.write import record_bytes
+from flexstage.report.figures.feedforward import draw_feedforward
+from flexstage.report.figures.identification import draw_identification, draw_prediction
+from flexstage.report.figures.record import draw_drive_record, draw_record
+from flexstage.stage.assumptions import DAMPING_RATIO
+from flexstage.web.hysteresis.requests import Reading, Search, WantedMotion
+from flexstage.web.pictures import inline
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_TIMES = ("time", "t")
+_LIGHT = 4 * 2**20  # byte
+#: Share of the range of a model that a motion has as amplitude, unless another one is asked for.
+_USUAL_AMPLITUDE = 0.4
+
+
+# the record
+
+
+@dataclass(frozen=True, slots=True)
+class Looked:
+    """What is in files, before anything is asked of them."""
+
+    reading: Reading
+    """How they are read, with columns where the files leave no doubt."""
+    contents: tuple[dict[str, Any], ...]
+    """What is in each, as `flexstage records --json` prints it."""
+    svg: str
+    """A drawing of the first one, for a page."""
+
+
+def looked_at(reading: Reading, key: str) -> Looked:
+    """Look into files and draw the first; `key` makes the ids of that its own in a page."""
+    reading, found, record = whole(reading)
+    svg = inline(lambda: _drawn(record, reading), key, f"What is in {Path(record.source).name}")
+    return Looked(reading, found, svg)
+
+
+def whole(reading: Reading) -> tuple[Reading, tuple[dict[str, Any], ...], Record]:
+    """Read all of files; return how, what is in them, and the first one."""
+    how = _how(reading, len(reading.files))
+    rates = how.pop("rates_hz")
+    how.pop("resample_hz")
+    read = [
+        read_whole(file, sample_rate_hz=rate, **how)
+        for file, rate in zip(reading.files, rates, strict=True)
+    ]
+    found = tuple(contents(*one) for one in read)
+    return _with_columns(reading, found[0]), found, read[0][0]
+
+
+def _with_columns(reading: Reading, found: dict[str, Any]) -> Reading:
+    """Return how a file is read, with the columns that are likely where none are chosen.
+
+    The time is one that is called so. The input is the first column in V, the output the first in
+    m; else the first two that move.
+    """
+    columns = [c for c in found["columns"] if (c["smallest"] or 0.0) < (c["largest"] or 0.0)]
+    times = [c for c in columns if c["name"].casefold() in _TIMES]
+    if found["over"] == "point" and times and not (reading.time or reading.sample_rate):
+        reading = replace(reading, time=str(times[0]["number"]))
+    if reading.input or reading.output:
+        return reading
+    moving = [c for c in columns if c not in times and c["unit"] != "s"]
+    driven = next((c for c in moving if c["unit"] == "V"), None)
+    follows = next((c for c in moving if c["unit"] in ("m", "rad") and c is not driven), None)
+    rest = [c for c in moving if c is not driven and c is not follows]
+    driven = driven or (rest.pop(0) if rest else None)
+    follows = follows or (rest.pop(0) if rest else None)
+    return replace(
+        reading,
+        input="" if driven is None else str(driven["number"]),
+        output="" if follows is None else str(follows["number"]),
+    )
+
+
+def _drawn(record: Record, reading: Reading) -> "Figure":
+    numbers = {str(n) for n in range(len(record.channels))}
+    if not {reading.input, reading.output} <= numbers:
+        return draw_record(record)
+    return draw_drive_record(record, reading.input, reading.output)
+
+
+def is_light(reading: Reading) -> bool:
+    """Say whether files are short texts, which are read at once and can do no harm."""
+    paths = [Path(file) for file in reading.files]
+    return all(p.stat().st_size < _LIGHT and format_of(p) == "text" for p in paths)
+
+
+def _how(reading: Reading, files: int) -> dict[str, Any]:
+    lines = reading.skip_lines.strip() or "0"
+    if not lines.isdecimal():
+        raise ModelError(f"--skip-lines must be a number of lines, got '{lines}'")
+    return understood(files, **reading.how, skip_lines=int(lines))  # type: ignore[arg-type]
+
+
+def read(reading: Reading) -> tuple[list[Record], str | int, str | int]:
+    """Read what a drive was told and what followed, as `flexstage identify` does."""
+    return read_drive(
+        [Path(file) for file in reading.files],
+        reading.input,
+        reading.output or None,
+        branches=reading.branches or None,
+        curve=reading.curve or None,
+        units=(reading.input_unit.strip() or None, reading.output_unit.strip() or None),
+        **_how(reading, len(reading.files)),
+    )
+
+
+# the model
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """A model, and what is shown of it."""
+
+    found: Identification
+    """What was found."""
+    file: ModelFile
+    """What its file holds."""
+    text: str
+    """Its file."""
+    sample_rate_hz: float
+    """Samples in a second of the first record [Hz]."""
+    notes: tuple[str, ...]
+    """What was understood of the records."""
+    svg: str
+    """Loop, fit and residual, for a page."""
+
+
+def identified(reading: Reading, search: Search, key: str) -> Identified:
+    """Identify a drive, as `flexstage identify` does."""
+    records, driven, follows = read(reading)
+    chain = None
+    if search.delay is not None or search.creep is not None:
+        chain = ChainValues(delay=search.delay or 0.0, creep_per_decade=search.creep or 0.0)
+    elif reading.is_table and not reading.sample_rate:
+        chain = ChainValues()  # which rows without times do not tell
+    resonance = None
+    if search.resonance_hz is not None:
+        damping = DAMPING_RATIO if search.damping_ratio is None else search.damping_ratio
+        resonance = (search.resonance_hz, damping)
+    found = identify(
+        records,
+        driven,
+        follows,
+        model=search.models or "auto",
+        chain=chain,
+        resonance=resonance,
+        drift=search.drift,
+        train=train_range(search.train or None, records),
+    )
+    file = identified_file(found, records)
+    names = [record.source for record in records]
+    says = f"Measured and modelled loop, and residual, of {', '.join(reading.names)}"
+    return Identified(
+        found=found,
+        file=file,
+        text=model_text(file),
+        sample_rate_hz=records[0].sample_rate_hz,
+        notes=tuple(sorted({note for r in records for note in r.notes})),
+        svg=inline(lambda: draw_identification(found, names), key, says),
+    )
+
+
+def opened(path: Path) -> tuple[ModelFile, str]:
+    """Read a model file; return it, and its text."""
+    return read_model_file(path), path.read_text(encoding="utf-8")
+
+
+# the command
+
+
+@dataclass(frozen=True, slots=True)
+class Compensated:
+    """A command, and what is shown of it."""
+
+    made: Feedforward
+    """The command."""
+    notes: tuple[str, ...]
+    """What a user should know."""
+    svg: str
+    """The command, its loop and what is left, for a page."""
+
+
+def compensated(file: ModelFile, motion: WantedMotion, key: str) -> Compensated:
+    """Compute the command for a motion, and draw it."""
+    made, notes = command(file.model, motion)
+    band = file.errors.get("heldout_95")
+    says = "The command and what it leaves"
+    svg = inline(lambda: draw_feedforward(made, file.model, band), key, says)
+    return Compensated(made, notes, svg)
+
+
+def command(drive: DriveModel, motion: WantedMotion) -> tuple[Feedforward, tuple[str, ...]]:
+    """Return the command for a motion, as `flexstage compensate` does, and what should be known."""
+    notes: tuple[str, ...] = ()
+    if motion.shape == "file":
+        reference, dt, notes = _from_file(drive, motion)
+        periods = None
+    else:
+        reference, dt, notes = _repeated(motion)
+        periods = motion.periods
+    made = feedforward(
+        drive,
+        reference,
+        dt,
+        periods=periods,
+        limits=_limits(drive, motion),
+        largest_rate=motion.slew,
+        state=drive.hysteresis.initial_state() if motion.start == "rest" else None,
+        start=motion.moved_for if motion.start == "moved" else None,
+        band_hz=motion.band_hz,
+    )
+    return made, (*notes, *made.notes)
+
+
+def usual_motion(
+    motion: WantedMotion, drive: DriveModel, sample_rate_hz: float | None
+) -> WantedMotion:
+    """Return a motion with what was left open, as a model suggests it."""
+    made = motion
+    if drive.validity is not None:
+        low, high = drive.validity.output_range
+        if made.centre is None:
+            made = replace(made, centre=0.5 * (low + high))
+        if made.amplitude is None:
+            made = replace(made, amplitude=_USUAL_AMPLITUDE * (high - low))
+        slowest = drive.validity.rate_range_hz[0]
+        if made.rate_hz is None and slowest > 0.0:
+            made = replace(made, rate_hz=float(f"{slowest:.3g}"))
+    if made.sample_rate_hz is None and sample_rate_hz is not None:
+        made = replace(made, sample_rate_hz=float(f"{sample_rate_hz:.6g}"))
+    return made
+
+
+def _repeated(motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
+    from flexstage.control.trajectories.sine import sine
+    from flexstage.control.trajectories.triangle import triangle
+
+    make = sine if motion.shape == "sine" else triangle
+    values = (motion.centre, motion.amplitude, motion.rate_hz, motion.sample_rate_hz)
+    if None in values:
+        raise ModelError(
+            "a motion needs a centre, an amplitude, a frequency and a sample rate: give all four"
+        )
+    centre, amplitude, rate, sample_rate = (float(v or 0.0) for v in values)
+    path = make("x", centre - amplitude, centre + amplitude, rate, sample_rate_hz=sample_rate)
+    return path.positions["x"], 1.0 / path.sample_rate_hz, path.notes
+
+
+def _from_file(drive: DriveModel, motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
+    reading = motion.file
+    if not reading.files:
+        raise ModelError("there is no file of the reference: drop one, or choose another shape")
+    wanted = column(reading.output)
+    record = read_files(
+        [Path(reading.files[0])],
+        [wanted],
+        units=[reading.output_unit.strip() or None],
+        even=True,
+        **_how(reading, 1),
+    )[0]
+    channel = record.channel(wanted)
+    values, converted = in_unit_of_model(
+        channel.values, channel.unit, drive.output_unit, "reference"
+    )
+    zero = lowest_reading(drive) if motion.relative else 0.0
+    notes = (*((converted,) if converted else ()), *record.notes)
+    return values + zero, 1.0 / record.sample_rate_hz, notes
+
+
+def _limits(drive: DriveModel, motion: WantedMotion) -> tuple[float, float] | None:
+    if motion.lowest is None and motion.highest is None:
+        return None
+    own = (0.0, 0.0) if drive.validity is None else drive.validity.input_range
+    given = (motion.lowest, motion.highest)
+    low, high = (o if g is None else g for g, o in zip(given, own, strict=True))
+    return low, high
+
+
+def waveform(made: Feedforward, drive: DriveModel, format: str) -> bytes:
+    """Return a command as a file, as `flexstage compensate --out` writes it."""
+    return record_bytes(command_record(made, drive), format)
+
+
+# other records
+
+
+@dataclass(frozen=True, slots=True)
+class Predicted:
+    """A model on other records, and what is shown of it."""
+
+    found: tuple[Prediction, ...]
+    """One for each record."""
+    svg: str
+    """Loop and error of the first one, for a page."""
+
+
+def predicted(file: ModelFile, reading: Reading, start: Start | None, key: str) -> Predicted:
+    """Try a model on other records, as `flexstage predict` does."""
+    records, driven, follows = read(reading)
+    found = predict_each(file.model, records, driven, follows, start)
+    band = file.errors.get("heldout_95")
+    says = f"Measured and predicted loop, and error, of {reading.names[0]}"
+    svg = inline(lambda: draw_prediction(found[0], file.model, band), key, says)
+    return Predicted(tuple(found), svg)
+
+
+# an example
+
+_RATE_HZ = 400.0
+
+
+def example_record(folder: Path) -> Path:
+    """Write the record of a simulated piezo stack that was driven as `flexstage excite` does."""
+    drive = excitation(
+        (0.0, 120.0),
+        sample_rate_hz=_RATE_HZ,
+        duration=16.0,
+        rates_hz=(0.5, 5.0),
+        natural_frequency_hz=640.0,
+        resonance=False,
+    )
+    return _simulated(folder / "example.csv", drive.voltage, seed=4)
+
+
+def other_example(folder: Path) -> Path:
+    """Write another record of the same simulated stack: 2 Hz, with falling amplitude."""
+    t = np.arange(round(12.0 * _RATE_HZ)) / _RATE_HZ
+    envelope = np.interp(t, [0.0, 3.0, 12.0], [1.0, 1.0, 0.2])
+    return _simulated(
+        folder / "example-2-hz.csv", 60.0 - 60.0 * envelope * np.cos(4.0 * np.pi * t), seed=5
+    )
+
+
+def _simulated(path: Path, volts: Sequence[float] | Array, seed: int) -> Path:
+    from flexstage.virtual import virtual_stack
+
+    u = np.asarray(volts, dtype=np.float64)
+    dt = 1.0 / _RATE_HZ
+    free = virtual_stack((0.0, 120.0), 38e-6, 0.13).simulate(u).values
+    moved = LogCreep(rate_per_decade=0.015).simulate(free, dt).values
+    sensor = Sensor(bandwidth_hz=150.0, noise_rms=8e-9, offset=3.1e-6, seed=seed)
+    channels = (
+        Channel(name="voltage", values=u, unit="V"),
+        Channel(name="position", values=sensor.simulate(moved, dt).values, unit="m"),
+    )
+    return write_record(
+        Record(channels=channels, time=np.arange(u.size, dtype=np.float64) * dt), path
+    )

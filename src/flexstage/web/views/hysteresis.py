@@ -1,0 +1,183 @@
+"""Hysteresis: identify a drive from its record, and make it follow a motion."""
+
+from dataclasses import replace
+from typing import Any
+
+from nicegui import ui
+
+from flexstage.hysteresis import MODELS
+from flexstage.web.hysteresis.compensation_panel import CompensationPanel
+from flexstage.web.hysteresis.files_form import FilesForm, show_contents
+from flexstage.web.hysteresis.model_panel import ModelPanel
+from flexstage.web.hysteresis.prediction_panel import PredictionPanel
+from flexstage.web.hysteresis.state import HysteresisState, OpenModel
+from flexstage.web.hysteresis.tasks import Task
+from flexstage.web.hysteresis.work import Identified, example_record, identified
+from flexstage.web.page import Page, PanelHeading, in_page_words
+
+_STEPS = {
+    "record": ("1 Record", "description"),
+    "model": ("2 Model", "show_chart"),
+    "compensate": ("3 Compensate", "tune"),
+    "predict": ("4 Predict", "fact_check"),
+}
+_PURPOSES = (
+    "Drop what was measured of a drive: its command, usually a voltage, and the position that "
+    "followed, over time. Text, CSV, MATLAB, HDF5, TDMS, NumPy, LabVIEW and universal files are "
+    "read. Without a record of your own take the example, a simulated piezo stack.",
+    "Identify finds hysteresis, creep, delay and resonance in it by nine models, and says how far "
+    "each can be trusted: by its error on cycles that it was not fitted to.",
+    "The inverse of the model makes the command that lets the drive follow a sine, a triangle or a "
+    "path of your own: a file for the controller, with what it leaves.",
+    "A model proves itself on a record that it was not identified from, at another rate or on "
+    "another day.",
+)
+_NUMBER = "outlined dense stack-label"
+
+
+def build(page: Page) -> None:
+    """Make the view."""
+    HysteresisView(page).build()
+
+
+class HysteresisView:
+    """The view in one page.
+
+    Parameters
+    ----------
+    page
+        The page.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._state = page.session.state(HysteresisState)
+        self._model = ModelPanel(page, self._state, self._another_model)
+        self._compensation = CompensationPanel(page, self._state)
+        self._prediction = PredictionPanel(page, self._state)
+
+    def build(self) -> None:
+        """Make the view."""
+        with (
+            ui.tabs(on_change=self._stepped)
+            .classes("steps")
+            .props("inline-label no-caps dense align=left") as self._steps
+        ):
+            for name, (label, icon) in _STEPS.items():
+                ui.tab(name, label, icon=icon)
+        with ui.tab_panels(self._steps, value=self._state.step, animated=False).classes("step"):
+            with ui.tab_panel("record"):
+                self._record()
+            with ui.tab_panel("model"):
+                self._model.build()
+            with ui.tab_panel("compensate"):
+                self._compensation.build()
+            with ui.tab_panel("predict"):
+                self._prediction.build()
+
+    def _stepped(self, event: Any) -> None:
+        self._state.step = event.value
+
+    def _record(self) -> None:
+        state = self._state
+        with ui.element("div").classes("columns asked"):
+            with ui.element("section").classes("panel"):
+                form = FilesForm(
+                    self._page,
+                    state.source,
+                    state.jobs,
+                    key="record",
+                    label="Record of a drive: drop it here",
+                    example=example_record,
+                    changed=self._looked,
+                )
+                form.build()
+                with ui.column().classes("full-width told") as self._asked:
+                    self._search()
+                self._missing = ui.label().classes("issue")
+                self._go = ui.button("Identify", icon="play_arrow", on_click=self._identify)
+                working = ui.column().classes("full-width")
+            with ui.element("section").classes("panel"):
+                self._contents = ui.column().classes("full-width told")
+        self._task = Task(self._page, state.jobs, "model", working, self._take)
+        self._looked()
+
+    def _search(self) -> None:
+        search = self._state.search
+        kinds = {kind: model.title for kind, model in MODELS.items()}
+        ui.select(
+            kinds, label="Hysteresis model (all where none is chosen)", value=list(search.models),
+            multiple=True, clearable=True,
+        ).props("outlined dense options-dense stack-label use-chips").classes("full-width"
+        ).on_value_change(lambda event: self._set("models", tuple(event.value or ())))  # fmt: skip
+        known = replace(search, models=()) != type(search)()
+        with ui.expansion("What is known of the drive", value=known).classes("folded"):
+            with ui.element("div").classes("entries"):
+                ui.input("Train: samples to fit", value=search.train, placeholder="400:5000").props(
+                    _NUMBER
+                ).on_value_change(lambda event: self._set("train", (event.value or "").strip()))
+                self._number("resonance_hz", "Resonance [Hz]")
+                self._number("damping_ratio", "Damping ratio [%]", 100.0)
+                self._number("delay", "Delay [ms]", 1e3)
+                self._number("creep", "Creep per decade [%]", 100.0)
+            ui.checkbox(
+                "Drift: fit one of constant speed beside the model", value=search.drift
+            ).on_value_change(lambda event: self._set("drift", bool(event.value)))
+
+    def _number(self, name: str, label: str, factor: float = 1.0) -> None:
+        value = getattr(self._state.search, name)
+        ui.number(label, value=None if value is None else value * factor, min=0).props(
+            _NUMBER
+        ).on_value_change(
+            lambda event: self._set(name, None if event.value is None else event.value / factor)
+        )
+
+    def _set(self, name: str, value: Any) -> None:
+        self._state.search = replace(self._state.search, **{name: value})
+
+    def _looked(self) -> None:
+        """Follow a change of the record: what was read, and what is missing."""
+        source = self._state.source
+        missing = source.missing()
+        shown = "" if missing == source.wrong else missing
+        self._missing.text = in_page_words(shown)
+        self._missing.visible = bool(shown)
+        self._asked.visible = bool(source.reading.files)
+        self._go.set_enabled(not missing)
+        self._contents.clear()
+        with self._contents:
+            if source.looked is not None:
+                show_contents(source.looked)
+            elif not source.reading.files:
+                _explain()
+
+    def _identify(self) -> None:
+        state = self._state
+        asked = (state.source.reading, state.search)
+        name = f"identifying {', '.join(asked[0].names)}"
+        state.asking = asked
+        self._task.start(name, identified, *asked, "loop")
+
+    def _take(self, made: Identified) -> None:
+        state = self._state
+        state.asked, state.tried = state.asking, {made.found.kind: made}
+        name = "" if state.asked is None else ", ".join(state.asked[0].names)
+        state.take(OpenModel(name, made.file, made.text, made))
+        self._another_model()
+        self._steps.set_value("model")
+
+    def _another_model(self) -> None:
+        self._model.show()
+        self._compensation.show()
+        self._prediction.show()
+
+
+def _explain() -> None:
+    """Say what the view is for, where nothing is open."""
+    with ui.element("div").classes("explained"):
+        for (label, icon), text in zip(_STEPS.values(), _PURPOSES, strict=True):
+            with ui.element("div").classes("panel"):
+                with ui.row().classes("items-center"):
+                    ui.icon(icon).props("aria-hidden=true")
+                    PanelHeading(label)
+                ui.label(text)

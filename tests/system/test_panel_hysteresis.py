@@ -1,0 +1,281 @@
+"""The view Hysteresis: what the commands find and write, in a page."""
+
+import asyncio
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexstage.cli import main
+from flexstage.errors import RecordError
+from flexstage.records import read_record
+from flexstage.virtual.stack import virtual_stack
+from flexstage.web.hysteresis.requests import Reading, Search, WantedMotion
+from flexstage.web.hysteresis.state import HysteresisState, MeasuredFiles
+from flexstage.web.hysteresis.work import (
+    Identified,
+    Looked,
+    command,
+    example_record,
+    identified,
+    opened,
+    other_example,
+    predicted,
+    usual_motion,
+    waveform,
+    whole,
+)
+from tests.panel import looked_at, simulated
+
+RATE = 200.0
+#: A known chain: what is looked for is the hysteresis alone, which is quick.
+SEARCH = Search(models=("dahl", "prandtl-ishlinskii"), delay=0.0)
+
+
+def drive_file(folder: Path) -> Path:
+    """Write a record of a virtual stack, of falling cycles, without units, names or times."""
+    t = np.arange(1400) / RATE
+    u = 55.0 * (1.0 - np.clip(1.25 - t / t[-1], 0.2, 1.0) * np.cos(2.0 * np.pi * 1.25 * t))
+    y = 1e6 * virtual_stack((0.0, 120.0), 38e-6, 0.12).simulate(u).values - 17.2
+    y += np.random.default_rng(8).normal(0.0, 0.02, t.size)
+    path = folder / "drive.dat"
+    np.savetxt(path, np.column_stack((u, np.full(t.size, -3.0), y)), delimiter="\t")
+    return path
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reading, Identified]:
+    path = drive_file(tmp_path_factory.mktemp("drive"))
+    reading = Reading(
+        files=(str(path),), input="0", output="2", sample_rate="200 Hz", input_unit="V",
+        output_unit="um",
+    )  # fmt: skip
+    return path, reading, identified(reading, SEARCH, "loop")
+
+
+def said_by(capsys: Any, *words: object) -> dict[str, Any]:
+    """What a command says as JSON."""
+    with pytest.raises(SystemExit) as ended:
+        main([*(str(word) for word in words), "--json"])
+    assert ended.value.code == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_it_is_what_the_commands_find_and_write(
+    capsys: Any, tmp_path: Path, drive: tuple[Path, Reading, Identified]
+) -> None:
+    path, reading, made = drive
+    read = ["--sample-rate", "200", "--input-unit", "V", "--output-unit", "um"]
+    model = tmp_path / "m.yaml"
+    told = said_by(
+        capsys, "identify", path, "--input", 0, "--output", 2, *read, "--delay", "0 s",
+        "--hysteresis-model", "dahl,prandtl-ishlinskii", "--out", model,
+    )  # fmt: skip
+    found = made.found
+    assert told["model"] == found.kind
+    assert told["heldout_rms_percent"] == found.heldout_rms_percent
+    assert [c["heldout_rms_percent"] for c in told["candidates"]] == [
+        c.heldout_rms_percent for c in found.candidates
+    ]
+    assert told["warnings"] == list(found.warnings)
+    by_command, _ = opened(model)
+    (tmp_path / "page.yaml").write_text(made.text, encoding="utf-8")
+    by_page, _ = opened(tmp_path / "page.yaml")
+    assert by_page.errors == by_command.errors
+    assert by_page.provenance["records"] == by_command.provenance["records"]
+    mine, theirs = (file.model.hysteresis.parameters() for file in (by_page, by_command))
+    np.testing.assert_equal(mine, theirs)
+
+    wanted = tmp_path / "wanted.csv"
+    t = np.arange(800) / RATE
+    np.savetxt(wanted, 12.0 - 9.0 * np.cos(2.5 * np.pi * t), header="wanted (um)", comments="")
+    told = said_by(
+        capsys, "compensate", model, "--reference", wanted, "--relative", "--sample-rate", 200,
+        "--slew", "300 V/s", "--out", tmp_path / "command.npz",
+    )  # fmt: skip
+    file = Reading(files=(str(wanted),), output="0", sample_rate="200 Hz")
+    motion = WantedMotion(shape="file", file=file, relative=True, slew=300.0)
+    follows, notes = command(made.file.model, motion)
+    assert told["predicted_rms_error"] == follows.rms_error
+    assert sorted(told["notes"]) == sorted([*made.file.notes, *notes])
+    (tmp_path / "mine.npz").write_bytes(waveform(follows, made.file.model, "npz"))
+    for name in ("command", "predicted"):
+        own, other = (read_record(tmp_path / f).channel(name) for f in ("mine.npz", "command.npz"))
+        np.testing.assert_array_equal(own.values, other.values)
+
+    told = said_by(capsys, "predict", model, path, "--input", 0, "--output", 2, *read)
+    (again,) = predicted(made.file, reading, None, "p").found
+    assert told["records"][0]["as_predicted_rms_percent"] == again.as_predicted_rms_percent
+
+
+def test_columns_are_found_where_the_file_leaves_no_doubt(tmp_path: Path) -> None:
+    path = drive_file(tmp_path)
+    plain, (found,), _ = whole(Reading(files=(str(path),)))
+    # the column between them stands still
+    assert (plain.input, plain.output, found["over"]) == ("0", "2", "point")
+    assert "Sample rate" in MeasuredFiles(plain, Looked(plain, (found,), "")).missing()
+    rated, (found,), _ = whole(replace(plain, sample_rate="0.2 kHz"))
+    assert found["sample_rate_hz"] == pytest.approx(200.0)
+    assert MeasuredFiles(rated, Looked(rated, (found,), "")).missing() == ""
+    swapped = tmp_path / "swapped.csv"
+    swapped.write_text("Time,x (um),drive (V)\n0,1,0\n1,2,5\n2,3,8\n", encoding="utf-8")
+    by_unit = whole(Reading(files=(str(swapped),)))[0]
+    assert (by_unit.input, by_unit.output, by_unit.time) == ("2", "1", "0")
+    chosen = whole(Reading(files=(str(swapped),), input="1"))[0]
+    assert (chosen.input, chosen.output) == ("1", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("two.csv", b"0,1\n", "fewer than two samples"),
+        ("words.csv", b"to be or not to be\nthat is the question\n", "words.csv"),
+        ("binary.dat", bytes(range(256)) * 40, "binary.dat"),
+        ("cut.h5", b"\x89HDF\r\n\x1a\n\0\0", "cut.h5"),
+        ("empty.csv", b"", "empty.csv"),
+    ],
+)
+def test_a_file_that_is_none_is_refused_in_a_sentence(
+    tmp_path: Path, name: str, content: bytes, told: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(RecordError, match=told):
+        whole(Reading(files=(str(path),)))
+
+
+def test_what_cannot_be_identified_is_said_in_a_sentence(
+    tmp_path: Path, drive: tuple[Path, Reading, Identified]
+) -> None:
+    _, reading, _ = drive
+    with pytest.raises(RecordError, match="sample rate"):
+        identified(replace(reading, sample_rate=""), SEARCH, "a")
+    with pytest.raises(RecordError, match="no column 9"):
+        identified(replace(reading, output="9"), SEARCH, "a")
+    gap = tmp_path / "nan.csv"
+    gap.write_text("u (V),y (um)\n0,1\n1,nan\n2,3\n", encoding="utf-8")
+    with pytest.raises(RecordError, match="NaN"):
+        identified(Reading(files=(str(gap),), input="0", output="1", sample_rate="9"), SEARCH, "a")
+
+
+def test_a_motion_is_followed_within_what_the_drive_reaches(
+    drive: tuple[Path, Reading, Identified],
+) -> None:
+    model = drive[2].file.model
+    low, high = model.validity.output_range  # type: ignore[union-attr]
+    motion = usual_motion(WantedMotion(), model, RATE)
+    assert motion.centre == pytest.approx(0.5 * (low + high))
+    assert (motion.sample_rate_hz, motion.rate_hz) == (RATE, 1.25)
+    for periods, samples in ((3, 480), (0, 160)):
+        made, _ = command(model, replace(motion, periods=periods, shape="triangle"))
+        assert made.command.size == samples
+        assert np.ptp(made.wanted) == pytest.approx(0.8 * (high - low), rel=1e-3)
+        assert made.largest_error < 1e-3 * (high - low)
+    narrow, notes = command(model, replace(motion, highest=60.0))
+    assert narrow.command.max() <= 60.0
+    assert any("limits changed" in note for note in notes)
+
+
+def test_the_example_and_its_other_record_are_of_one_drive(tmp_path: Path) -> None:
+    first, other = (read_record(f(tmp_path)) for f in (example_record, other_example))
+    ranges = [np.ptp(record.channel("position").values[400:]) for record in (first, other)]
+    assert ranges[1] == pytest.approx(ranges[0], rel=0.02)
+    assert 30e-6 < ranges[0] < 45e-6
+
+
+async def come(condition: Callable[[], Any], seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it never came"
+        await asyncio.sleep(0.02)
+
+
+def test_a_wrong_file_loses_nothing(
+    tmp_path: Path, drive: tuple[Path, Reading, Identified]
+) -> None:
+    path, _, _ = drive
+
+    async def look(user: Any, panel: Any) -> None:
+        from nicegui import ui
+
+        (session,) = panel.access._sessions.values()
+        state = session.state(HysteresisState)
+
+        def alerts() -> list[str]:
+            return [e.text for e in user.find(ui.label).elements if "error" in e.classes]
+
+        state.source.open(Reading(files=(str(path),), input="0", output="2"))
+        await user.open("/hysteresis")
+        await come(lambda: state.source.looked)
+        (rate,) = (e for e in user.find(ui.input).elements if e.label == "Sample rate")
+        rate.value = "fast"
+        await come(alerts)
+        assert "'fast'" in alerts()[0]
+        rate.value = "200 Hz"
+        await come(lambda: not alerts() and not state.source.missing())
+        wrong = tmp_path / "wrong.csv"
+        wrong.write_bytes(b"\0" * 400)
+        state.source.open(Reading(files=(str(wrong),)))
+        await user.open("/hysteresis")
+        await come(alerts)
+        assert str(tmp_path) not in alerts()[0]
+        user.find("Back to drive.dat").click()
+        await come(lambda: not alerts())
+        assert state.source.reading.sample_rate == "200 Hz"
+
+    simulated(tmp_path, look)
+
+
+@pytest.mark.slow
+def test_from_a_record_to_the_waveform_in_a_browser(tmp_path: Path) -> None:
+    with looked_at(tmp_path) as look:
+        page = look.page
+        page.get_by_role("link", name="Hysteresis").click()
+        page.get_by_role("button", name="Identify").wait_for()
+        look.shot("hysteresis-first")
+        page.get_by_role("button", name="Take the example").first.click()
+        page.get_by_text("example.csv: 5992 samples").wait_for()
+        look.shot("hysteresis-record")
+        assert not look.grave_faults()
+        page.get_by_role("button", name="Identify").click()
+        # long work is found again after a reload
+        page.reload()
+        page.get_by_text("explains the record").wait_for()
+        assert page.get_by_role("row", name="generalised-bouc-wen").count() == 1
+        look.require_sound("hysteresis-model")
+        with page.expect_download() as waiting:
+            page.get_by_role("button", name="Download the model").click()
+        model = tmp_path / "model.yaml"
+        waiting.value.save_as(model)
+        assert (opened(model)[0].errors["heldout_95"] or 1.0) < 0.3
+        page.get_by_role("tab", name="3 Compensate").click()
+        page.get_by_label("Amplitude ± [µm]").fill("12")
+        page.get_by_role("button", name="Triangle").click()
+        page.get_by_text("The command begins at").wait_for()
+        look.require_sound("hysteresis-command")
+        with page.expect_download() as waiting:
+            page.get_by_role("button", name="Download the waveform").click()
+        waveform_file = tmp_path / "waveform.csv"
+        waiting.value.save_as(waveform_file)
+        record = read_record(waveform_file)
+        assert np.ptp(record.channel("reference").values) == pytest.approx(24e-6, rel=1e-3)
+        assert (tmp_path / "files" / "hysteresis" / "example-triangle.csv").exists()
+        page.get_by_role("tab", name="4 Predict").click()
+        page.get_by_role("button", name="Take the example").click()
+        page.get_by_role("button", name="Predict").click()
+        page.get_by_text("Band of the model").wait_for()
+        look.shot("hysteresis-prediction")
+        assert not look.grave_faults()
+        # a file that is no record is refused in a sentence, and what was read before is at hand
+        page.get_by_role("tab", name="1 Record").click()
+        (tmp_path / "wrong.csv").write_bytes(b"\0" * 400)
+        page.locator("input[type=file]").first.set_input_files(tmp_path / "wrong.csv")
+        page.get_by_role("alert").filter(has_text="wrong.csv").wait_for()
+        page.get_by_role("button", name="Back to example.csv").click()
+        page.get_by_text("example.csv: 5992 samples").wait_for()
+        assert not look.complaints
