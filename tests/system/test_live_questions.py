@@ -38,6 +38,7 @@ def require_units(user: Any, panel: Any) -> None:
         assert [c["unit"] for c in chart.props["channels"]] == ["V", "nm"]
         assert chart.props["channels"][1]["factor"] == 1e9
         assert chart.props["pair"] == [1, 0]
+        assert LiveChart(Page(panel, session), history).props["pair"] == [0, 1]
         with pytest.raises(ModelError, match="no channel 'y' to show: there are u, x"):
             LiveChart(Page(panel, session), history, loop=("x", "y"))
 

@@ -9,7 +9,7 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from flexstage.errors import ModelError
-from flexstage.web.live.history import LiveChannel, LiveHistory
+from flexstage.web.live.history import VOLTAGE, LiveChannel, LiveHistory
 from flexstage.web.live.transfer import SharedHistories, add_live_data
 from flexstage.web.page import Page, Panel
 
@@ -46,7 +46,8 @@ class LiveChart(
     says
         What it shows, for those who do not see it; different for each chart of a view.
     loop
-        Which channel is shown over which other one, and those come first: their names, x and y.
+        The loop that it begins with: the names of its channels, x and y. Over time where none is
+        given; a loop is then that of the first voltage and the first channel that is none.
     """
 
     def __init__(
@@ -79,7 +80,10 @@ def _pair(history: LiveHistory, loop: tuple[str, str] | None) -> list[int]:
     """Return the places of the channels of a loop."""
     names = [channel.name for channel in history.channels]
     if loop is None:
-        return [0, len(names) - 1]
+        # what is driven, and the first that follows it
+        driven = [channel.quantity == VOLTAGE for channel in history.channels]
+        mixed = len({*driven}) > 1
+        return [driven.index(True), driven.index(False)] if mixed else [0, len(names) - 1]
     for name in loop:
         if name not in names:
             raise ModelError(f"there is no channel '{name}' to show: there are {', '.join(names)}")
