@@ -13,7 +13,7 @@ from flexstage.experiments.command import CommandWaveform
 from flexstage.experiments.file import ready_plans
 from flexstage.experiments.run_context import base_rate_of
 from flexstage.instruments.protocol import Capability, Instrument
-from flexstage.quantities import Quantity
+from flexstage.quantities import Quantity, number
 from flexstage.report.run_tables import dry_run_table
 from flexstage.stage import Stage
 from flexstage.web.bench.link import BenchLink
@@ -135,7 +135,9 @@ class WaveformForm(RunForm):
         self._ends.clear()
         with self._ends:
             if forms.shape == "file":
-                upload(self._page, "Record", _RECORDS, self._given, view="bench").classes("slim")
+                upload(
+                    self._page, "File of the waveform", _RECORDS, self._given, view="bench"
+                ).classes("slim")
             else:
                 for k, word in enumerate(("Low end", "High end")):
                     value = shown_number(quantity, self._span()[k]).replace("−", "-")
@@ -190,10 +192,11 @@ class WaveformForm(RunForm):
         (values,) = made.values.values()
         rate = made.waveform.largest_rate(self._forms.axis, closed=made.cycles > 1)
         self._said.classes(remove="issue error")
+        file = f"{Path(self._forms.file).name}: " if self._forms.shape == "file" else ""
         self._said.text = (
-            f"{made.duration:.4g} s, {shown_number(quantity, float(values.min()))} to "
+            f"{file}{made.duration:.4g} s, {shown_number(quantity, float(values.min()))} to "
             f"{shown_number(quantity, float(values.max()))} {quantity.shown_unit}, at most "
-            f"{rate * quantity.factor:.4g} {quantity.shown_unit}/s: within the limits"
+            f"{number(rate * quantity.factor)} {quantity.shown_unit}/s: within the limits"
         )
 
     def _go(self) -> None:
