@@ -100,6 +100,8 @@ class PiWaves(WaveGenerator):
         generators = [str(self._index(name) + 1) for name in waveform.values]
         self._connection.drives_back()
         self._connection.tell("WGC " + " ".join(f"{g} {cycles}" for g in generators))
+        for name in waveform.values:
+            self._axes[name].started()
         self._connection.tell("WGO " + " ".join(f"{g} 1" for g in generators))
         self._on_start()
 

@@ -100,7 +100,7 @@ class AxisCard:
             self._voltage.show(reading.voltage)
         _set(self._moving, "moves" if reading.moving else "at rest")
         on = reading.closed_loop
-        _set(self._loop, "under position control" if on else "open loop")
+        _set(self._loop, "closed loop" if on else "open loop")
         if self._closed != on:
             self._closed = on
             self._servo.set_value(on)

@@ -20,6 +20,7 @@ from flexstage.web.bench.link import BenchLink
 from flexstage.web.bench.readouts import shown_number
 from flexstage.web.bench.runs import (
     AboutRun,
+    RunOutcome,
     WaveformOrder,
     carry_out,
     made_waveform,
@@ -48,10 +49,12 @@ class RunForm:
         The page.
     bench
         The bench.
+    show
+        Called with what an earlier run gave, to show it.
     """
 
-    def __init__(self, page: Page, bench: BenchLink) -> None:
-        self._page, self._bench = page, bench
+    def __init__(self, page: Page, bench: BenchLink, show: Callable[[RunOutcome], object]) -> None:
+        self._page, self._bench, self._show = page, bench, show
         self._forms = page.session.state(BenchForms)
 
     @property
