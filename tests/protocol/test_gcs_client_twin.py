@@ -262,12 +262,12 @@ def test_a_stop_at_rest_ends_no_later_motion_and_one_on_the_way_does(twin):
 
 
 def test_a_stop_just_before_a_waveform_begins_ends_it(twin, monkeypatch):
-    controller, device = twin
+    controller, _ = twin
     waves = controller.waves
     waves.load(
         Waveform(values={"x": np.linspace(0.0, 5.0, 50)}, sample_rate_hz=1000.0, quantity="voltage")
     )
-    connection = waves._connection  # noqa: SLF001 - a stop between two of its commands
+    connection = waves._connection
     tell = connection.tell
 
     def told(line: str) -> object:
