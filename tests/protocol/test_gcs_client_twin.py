@@ -261,6 +261,30 @@ def test_a_stop_at_rest_ends_no_later_motion_and_one_on_the_way_does(twin):
     assert device.voltage("1") < 73.0
 
 
+def test_a_stop_just_before_a_waveform_begins_ends_it(twin, monkeypatch):
+    controller, _ = twin
+    waves = controller.waves
+    waves.load(
+        Waveform(values={"x": np.linspace(0.0, 5.0, 50)}, sample_rate_hz=1000.0, quantity="voltage")
+    )
+    connection = waves._connection
+    tell = connection.tell
+
+    def told(line: str) -> object:
+        if line.startswith("WGO") and line.endswith(" 1"):
+            controller.stop()
+        return tell(line)
+
+    monkeypatch.setattr(connection, "tell", told)
+    with pytest.raises(ControllerError, match="stopped"):
+        waves.start(0)
+    assert not waves.running()
+    monkeypatch.setattr(connection, "tell", tell)
+    waves.start(0)
+    assert waves.running()
+    controller.stop()
+
+
 def test_a_second_client_may_look_and_stop_and_not_move():
     made = interpreter(5, hold=True)
     links = [InProcess(Loopback(made)) for _ in range(2)]
