@@ -1,11 +1,11 @@
-"""How far long work has come, for whoever wants to be told."""
+"""How far long work has come and what it found so far, for whoever wants to be told."""
 
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 _LONG = 2.0  # a phase that lasts so long is named [s]
 _EVERY = 10.0  # time between lines within a phase [s]
@@ -16,15 +16,21 @@ class _Span(NamedTuple):
     listener: Callable[[str, float], None]
     low: float
     high: float
+    taker: Callable[[Any], None] | None = None
 
 
 _span: ContextVar[_Span | None] = ContextVar("progress", default=None)
 
 
 @contextmanager
-def listen(listener: Callable[[str, float], None]) -> Iterator[None]:
-    """Tell a function what the work in this block does, and which share of it is done, 0 to 1."""
-    token = _span.set(_Span(listener, 0.0, 1.0))
+def listen(
+    listener: Callable[[str, float], None], taker: Callable[[Any], None] | None = None
+) -> Iterator[None]:
+    """Tell a function what the work in this block does, and which share of it is done, 0 to 1.
+
+    `taker` is called with whatever the work hands over on its way.
+    """
+    token = _span.set(_Span(listener, 0.0, 1.0, taker))
     try:
         yield
     finally:
@@ -39,7 +45,7 @@ def subtask(low: float, high: float) -> Iterator[None]:
         yield
         return
     length = span.high - span.low
-    token = _span.set(_Span(span.listener, span.low + low * length, span.low + high * length))
+    token = _span.set(span._replace(low=span.low + low * length, high=span.low + high * length))
     try:
         yield
     finally:
@@ -60,6 +66,22 @@ def update(what: str, done: float = 0.0) -> None:
     span = _span.get()
     if span is not None:
         span.listener(what, span.low + min(max(done, 0.0), 1.0) * (span.high - span.low))
+
+
+def hand_over(found: Any) -> None:
+    """Hand over what was found so far, such as a finished batch, before the work has ended.
+
+    Nobody need take it: it stands in the result again.
+
+    Examples
+    --------
+    >>> with listen(lambda what, done: None, taker=print):
+    ...     hand_over([1, 4, 9])
+    [1, 4, 9]
+    """
+    span = _span.get()
+    if span is not None and span.taker is not None:
+        span.taker(found)
 
 
 class ProgressLines:

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.cli.tolerance import scatter_of
 from flexstage.designs import design
 from flexstage.explore import open_workers
 from flexstage.explore.family import known_figures
 from flexstage.explore.figures import Figure, usual_figures
+from flexstage.explore.requests.tolerance import scatter_of
 from flexstage.explore.tolerance import tolerance
 from flexstage.progress import listen
 from flexstage.report.figures.tolerance import draw_spreads

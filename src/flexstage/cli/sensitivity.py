@@ -67,34 +67,19 @@ def sensitivity(
     figure
         Draw the changes as a map of colours. (.svg, .png or .pdf)
     """
-    from flexstage.explore import Family, known_figures
-    from flexstage.explore.figures import chosen_figures
-    from flexstage.explore.hinge_family import hinge_variables
-    from flexstage.explore.sensitivity import LENGTH, sensitivities, variables_by
-    from flexstage.studies.models import known_model
+    from flexstage.explore.requests.sensitivity import SensitivityRequest
 
-    known_model(model)
-    if hinges and model != "lumped":
-        raise ModelError(
-            "--hinges goes with --model lumped: a notch that is moved by itself leaves the edges "
-            "that finite elements cut it from"
-        )
-    length = positive_length(step, "--per") if step is not None else LENGTH if hinges else None
-    template = taken.template(stage)
-    known = known_figures(template.stage())
-    figures = chosen_figures(of, known)
-    if hinges:
-        family, left_out = hinge_variables(template, by or ()), {}
-    else:
-        variables, left_out = variables_by(template, by or ())
-        family = Family(template=template, variables=variables)
-        if not variables:
-            raise ModelError(
-                f"{template.source} has no parameter that changes continuously: give its "
-                "dimensions names under 'parameters' in the stage file, or look at its --hinges"
-            )
+    request = SensitivityRequest(
+        of=tuple(of or ()),
+        by=tuple(by or ()),
+        hinges=hinges,
+        step=None if step is None else positive_length(step, "--per"),
+        model=model,
+    )
+    template, length = taken.template(stage), request.length
+    run = request.ready(template)
     with progress_bar("sensitivity", quiet=quiet):
-        found = sensitivities(family, figures, model, left_out)
+        found = run()
     files = _written(found, length, folder, figure)
     if folder is not None and hinges:
         files += _necks(found, template.stage(), folder)
@@ -127,24 +112,16 @@ def _necks(found: "Sensitivities", stage: "Stage", folder: Path) -> list[Path]:
 def _written(
     found: "Sensitivities", length: float | None, folder: Path | None, figure: Path | None
 ) -> list[Path]:
-    from flexstage.files.plain import json_text
     from flexstage.files.write import write_files
-    from flexstage.report.figures.sensitivity import draw_sensitivities
 
     files: list[Path] = []
     if folder is not None:
-        from flexstage.explore.sensitivity_files import sensitivity_csv, sensitivity_results
+        from flexstage.report.explored_files import sensitivity_files
 
-        drawn = draw_sensitivities(found, length)
-        files += write_files(
-            folder,
-            {
-                "sensitivity.json": json_text(sensitivity_results(found, length)).encode(),
-                "sensitivity.csv": sensitivity_csv(found).encode(),
-                "sensitivity.svg": picture(Path("sensitivity.svg"), drawn),
-            },
-        )
+        files += write_files(folder, sensitivity_files(found, length))
     if figure is not None:
+        from flexstage.report.figures.sensitivity import draw_sensitivities
+
         drawn = draw_sensitivities(found, length)
         files += write_files(figure.parent, {figure.name: picture(figure, drawn)})
     return files

@@ -17,15 +17,10 @@ from flexstage.cli.output import (
     progress_bar,
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
-from flexstage.cli.worker_options import USUAL_WORKERS, WorkerOptions, finished_batches
+from flexstage.cli.worker_options import USUAL_WORKERS, WorkerOptions
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from matplotlib.figure import Figure as Drawing
-
-    from flexstage.designs import StageTemplate
     from flexstage.explore import Sweep
 
 
@@ -74,32 +69,21 @@ def sweep(
     figure
         Draw the figures over the parameters: curves, maps or diagrams. (.svg, .png or .pdf)
     """
-    from flexstage.choose import unknown
-    from flexstage.explore import Family, known_figures, usual_plan, variables_of
-    from flexstage.explore import sweep as run_sweep
-    from flexstage.explore.figures import chosen_figures
-    from flexstage.explore.sampling import SAMPLINGS
-    from flexstage.studies.models import known_model
+    from flexstage.explore.kept_batches import finished_batches
+    from flexstage.explore.requests.sweep import SweepRequest
 
-    known_model(model)
-    if plan is not None and plan not in SAMPLINGS:
-        raise ModelError(unknown("plan", plan, SAMPLINGS))
-    template = taken.template(stage)
-    if not over:
-        raise ModelError(_nothing_varied(template))
-    family = Family(template=template, variables=variables_of(template, over))
-    wanted = usual_plan(
-        family.variables,
-        model,
-        sampling=plan,  # type: ignore[arg-type]
+    run = SweepRequest(
+        over=tuple(over or ()),
+        of=tuple(of or ()),
+        plan=plan,
         samples=samples,
         seed=seed,
         indices=indices,
-    )
-    figures = chosen_figures(of, known_figures(family.stage(family.usual)))
+        model=model,
+    ).ready(taken.template(stage))
     with finished_batches(folder) as keep:
         with progress_bar("sweep", quiet=quiet), sharing.open() as workers:
-            found = run_sweep(family, figures, wanted, model=model, workers=workers, keep=keep)
+            found = run(workers=workers, keep=keep)
         files, notes = _written(found, folder, figure)
     if json:
         from flexstage.explore.sweep_files import sweep_results
@@ -116,60 +100,23 @@ def sweep(
     print_notes(screen, (*sweep_notes(found), *notes), files)
 
 
-def _nothing_varied(template: "StageTemplate") -> str:
-    """Say how a parameter of this stage is varied."""
-    from flexstage.explore.variables import every_variable, listed
-
-    variables = every_variable(template)
-    if not variables:
-        return (
-            f"{template.source} has no parameter that can be varied: give its dimensions names "
-            "under 'parameters' in the stage file"
-        )
-    neck = next((v for v in variables if "neck" in v.name), variables[0])
-    return (
-        f'name what is varied, such as --over "{neck.name}={neck.range_text}": the '
-        f"parameters of {template.source} are {listed([v.name for v in variables])}"
-    )
-
-
 def _written(
     found: "Sweep", folder: Path | None, figure: Path | None
 ) -> tuple[list[Path], list[str]]:
     """Write what was asked for; return the files, and what could not be made."""
-    from flexstage.explore.sweep_files import sweep_csv, sweep_parquet, sweep_results
-    from flexstage.files.plain import json_text
     from flexstage.files.write import write_files
-    from flexstage.report.figures.sweep import draw_indices, draw_sweep
-    from flexstage.report.sweep import sweep_html
+    from flexstage.report.explored_files import sweep_files
+    from flexstage.report.figures.sweep import draw_sweep
 
     files: list[Path] = []
     notes: list[str] = []
-
-    def made(path: Path, make: "Callable[[], Drawing | bytes | str]") -> dict[str, bytes]:
-        """Content of a file by its name; a note where it cannot be made."""
-        try:
-            content = make()
-        except ModelError as error:
-            notes.append(f"{path.name} was not written: {error}")
-            return {}
-        if isinstance(content, str):
-            return {path.name: content.encode()}
-        return {path.name: content if isinstance(content, bytes) else picture(path, content)}
-
     if figure is not None:
-        files += write_files(figure.parent, made(figure, lambda: draw_sweep(found)))
-    if folder is None:
-        return files, notes
-    contents = {
-        "sweep.csv": lambda: sweep_csv(found),
-        "sweep.parquet": lambda: sweep_parquet(found),
-        "sweep.json": lambda: json_text(sweep_results(found)),
-        "sweep.svg": lambda: draw_sweep(found),
-        **({} if found.indices is None else {"indices.svg": lambda: draw_indices(found)}),
-        "sweep.html": lambda: sweep_html(found),
-    }
-    whole: dict[str, bytes] = {}
-    for name, make in contents.items():
-        whole |= made(Path(name), make)
-    return files + write_files(folder, whole), notes
+        try:
+            files += write_files(figure.parent, {figure.name: picture(figure, draw_sweep(found))})
+        except ModelError as error:
+            notes.append(f"{figure.name} was not written: {error}")
+    if folder is not None:
+        whole, missing = sweep_files(found)
+        files += write_files(folder, whole)
+        notes += missing
+    return files, notes

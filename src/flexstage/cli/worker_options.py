@@ -1,13 +1,8 @@
 """Who does work that can be shared: processes of this machine, or a cluster."""
 
-import shutil
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
-
-from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
     from flexstage.explore import Workers
@@ -36,29 +31,6 @@ class WorkerOptions:
         from flexstage.explore import open_workers
 
         return open_workers(self.workers, self.scheduler)
-
-
-@contextmanager
-def finished_batches(folder: Path | None) -> Iterator[Path | None]:
-    """Give where finished batches are kept until this block ends, beside what is written there.
-
-    They stay where it is interrupted, so that the same run goes on from them. Those of a run that
-    fails by itself do not, as it would again; but those that were there before it do.
-    """
-    keep = None if folder is None else folder / "unfinished"
-    before = keep is not None and keep.exists()
-    try:
-        yield keep
-    except ModelError:
-        if not before:
-            _forget(keep)
-        raise
-    _forget(keep)
-
-
-def _forget(keep: Path | None) -> None:
-    if keep is not None and keep.exists():
-        shutil.rmtree(keep)
 
 
 #: None of them given.

@@ -93,6 +93,11 @@ class StageTemplate:
             source=self.source,
         )
 
+    def with_values(self, values: Mapping[str, float]) -> Self:
+        """Return it with other values of parameters, in SI units, that are set throughout."""
+        settings = dict(self.settings) | self._texts(values)
+        return replace(self, settings=tuple(settings.items()))
+
     def text(
         self, values: Mapping[str, float], name: str | None = None, title: str | None = None
     ) -> str:

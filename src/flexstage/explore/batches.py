@@ -65,6 +65,18 @@ class Job:
         return rows_of(self, number, self.work(self.payload, *self.span(number)))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FinishedBatch:
+    """A batch of a job that has not ended, as it is handed over to who watches."""
+
+    job: str
+    """Name of the job."""
+    start: int
+    """The first of its samples."""
+    arrays: Arrays
+    """What was found of them."""
+
+
 def rows_of(job: Job, number: int, found: Arrays) -> dict[str, np.ndarray]:
     """Return what was found of a batch as arrays, refusing what has not a row for each sample."""
     start, stop = job.span(number)

@@ -5,14 +5,15 @@ are, how they are divided into batches, or which other kinds are drawn.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, fields
+from typing import Literal, get_type_hints
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.stage import PiezoStack, Stage
+from flexstage.units import Dimension
 from flexstage.virtual.imperfections import Scatter
 
 _WORDS = 4  # that one step of the counter gives
@@ -49,6 +50,18 @@ KINDS: tuple[Kind, ...] = (
 )
 #: What each is called in tables, by the field of `Scatter`.
 LABELS: Mapping[str, str] = {kind.name: kind.label for kind in KINDS}
+
+
+def scatter_dimensions() -> dict[str, Dimension | None]:
+    """Return the dimension of every field of a scatter; None of a share."""
+    hints = get_type_hints(Scatter, include_extras=True)
+    return {
+        f.name: next(
+            (d for d in getattr(hints[f.name], "__metadata__", ()) if isinstance(d, Dimension)),
+            None,
+        )
+        for f in fields(Scatter)
+    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,8 +5,11 @@ import io
 import json
 import pickle
 import platform
+import shutil
 import zipfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +97,29 @@ class KeptBatches:
                 f"({', '.join(differs)}): {mend}"
             )
         return True
+
+
+@contextmanager
+def finished_batches(folder: Path | None) -> Iterator[Path | None]:
+    """Give where finished batches are kept until this block ends, beside what is written there.
+
+    They stay where it is interrupted, so that the same run goes on from them. Those of a run that
+    fails by itself do not, as it would again; but those that were there before it do.
+    """
+    keep = None if folder is None else folder / "unfinished"
+    before = keep is not None and keep.exists()
+    try:
+        yield keep
+    except ModelError:
+        if not before:
+            _forget(keep)
+        raise
+    _forget(keep)
+
+
+def _forget(keep: Path | None) -> None:
+    if keep is not None and keep.exists():
+        shutil.rmtree(keep)
 
 
 def _head_of(job: Job) -> dict[str, Any]:

@@ -104,6 +104,11 @@ class SweepPlan:
         return grid_counts(self.samples, [variable.count for variable in variables])
 
 
+def usual_cost(model: str) -> float:
+    """Return what a stage usually takes by a model [s]."""
+    return _COST.get(model, 1.0)
+
+
 def usual_plan(
     variables: Sequence[Variable],
     model: str,
@@ -327,7 +332,7 @@ def sweep(
         work=_evaluated,
         payload=(family, points, figures, model),
         count=len(points),
-        batch=batch_size(len(points), _COST.get(model, 1.0)),
+        batch=batch_size(len(points), usual_cost(model)),
     )
     # first, so that a wrong model or figure is refused at once
     usual = evaluate(family, family.usual[None], figures, model)

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage.errors import ModelError, WorkerError
-from flexstage.explore.batches import Job, joined
+from flexstage.explore.batches import FinishedBatch, Job, joined
 from flexstage.explore.kept_batches import KeptBatches
 from flexstage.lazy import require_extra
-from flexstage.progress import update
+from flexstage.progress import hand_over, update
 
 if TYPE_CHECKING:
     from flexstage.explore.cluster import Cluster
@@ -78,12 +78,14 @@ class Workers:
             found = kept.read(number) if kept else None
             if found is not None:
                 parts[number] = found
+                _hand_over(job, number, found)
         progress = _Progress(job, len(parts))
         try:
             for number, found in self._computed(job, parts, progress):
                 if kept:
                     kept.keep(number, found)
                 parts[number] = found
+                _hand_over(job, number, found)
                 progress.show(len(parts))
         except WorkerError as error:
             if not parts:
@@ -129,6 +131,11 @@ class Workers:
         if self._scheduler is None:
             self._cluster.start(self._count, batches)
         return self._cluster
+
+
+def _hand_over(job: Job, number: int, found: dict[str, np.ndarray]) -> None:
+    # a dictionary of its own: what is joined is taken out of the other
+    hand_over(FinishedBatch(job=job.name, start=job.span(number)[0], arrays=dict(found)))
 
 
 @contextmanager

@@ -5,6 +5,7 @@ import collections.abc
 import inspect
 import math
 import textwrap
+import threading
 import typing
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
@@ -26,6 +27,8 @@ from flexstage.units import DIMENSIONS, Dimension
 _NUMBER = r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?"
 _UNIT = "[A-Za-zµμ°1]"
 _EXPRESSION = r"^\s*="
+# two threads that parse at a time mix up how deep they are (Python 3.11)
+_ONE_PARSES = threading.Lock()
 _PLAIN: dict[Any, Any] = {
     str: {"type": ["string", "number", "boolean"]},
     bool: {"type": "boolean"},
@@ -222,7 +225,8 @@ def field_texts(cls: type) -> dict[str, str]:
 
 
 def _own_texts(cls: type) -> dict[str, str]:
-    definition = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
+    with _ONE_PARSES:
+        definition = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
     assert isinstance(definition, ast.ClassDef)
     texts = {}
     for field, text in zip(definition.body, definition.body[1:], strict=False):

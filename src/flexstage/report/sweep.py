@@ -40,6 +40,11 @@ def sweep_tables(sweep: Sweep) -> Iterator[Table]:
     """Yield what people read of a sweep first."""
     if len(sweep.variables) == 1 and sweep.moving:
         yield _rows(sweep)
+    yield from range_tables(sweep)
+
+
+def range_tables(sweep: Sweep) -> Iterator[Table]:
+    """Yield between what the figures of a sweep lie, and where they are least and greatest."""
     yield _ranges(sweep)
     if 1 < len(sweep.variables) <= _VARIABLES:
         yield _extremes(sweep)

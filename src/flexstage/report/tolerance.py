@@ -2,11 +2,9 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import fields
-from typing import get_type_hints
 
 import flexstage
-from flexstage.explore.deviations import KINDS, LABELS
+from flexstage.explore.deviations import KINDS, LABELS, scatter_dimensions
 from flexstage.explore.figures import Figure
 from flexstage.explore.spread import Spread, Yield, samples_for
 from flexstage.explore.tolerance import VALIDITY, ToleranceStudy
@@ -16,7 +14,6 @@ from flexstage.report.page import page_html
 from flexstage.report.tables import value_text
 from flexstage.section import Bullets, Picture, Section
 from flexstage.table import Table, table
-from flexstage.units import Dimension
 from flexstage.virtual.imperfections import Scatter
 
 _LEAST = 0.01  # share of the variance that is told [1]
@@ -161,18 +158,6 @@ def scatter_text(scatter: Scatter, name: str) -> str:
     """Return a field of a scatter with its unit."""
     value, dimension = getattr(scatter, name), scatter_dimensions()[name]
     return _percent(value) if dimension is None else value_text(value, dimension.name, 3)
-
-
-def scatter_dimensions() -> dict[str, Dimension | None]:
-    """Return the dimension of every field of a scatter; None of a share."""
-    hints = get_type_hints(Scatter, include_extras=True)
-    return {
-        f.name: next(
-            (d for d in getattr(hints[f.name], "__metadata__", ()) if isinstance(d, Dimension)),
-            None,
-        )
-        for f in fields(Scatter)
-    }
 
 
 def _percent(share: float, digits: int = 3) -> str:

@@ -44,6 +44,8 @@ class BackgroundJob:
     """What it is doing."""
     share: float = 0.0
     """Which share is done, 0 to 1."""
+    found: list[Any] = field(default_factory=list)
+    """What it handed over on its way; nothing any more once it is done, as the result has it."""
     result: Any = None
     """What it gave, once it is done."""
     error: str = ""
@@ -74,6 +76,8 @@ class BackgroundJob:
     def _end(self, state: State, result: Any = None, error: str = "") -> None:
         self.result, self.error, self.seconds = result, error, time.time() - self.began
         self.state = state
+        if state == "done":
+            self.found = []
         self._ended.set()
 
 
@@ -100,7 +104,8 @@ class Jobs:
         """Have a function called in a process of its own.
 
         It is found by its module and name, and what it is given and returns is sent: no closures.
-        Its `flexstage.progress` is the job's; to cancel it ends the process.
+        Its `flexstage.progress` is the job's, and so is what it hands over; to cancel it ends the
+        process.
         """
         job = self._new(name, owner)
         self._thread(job, lambda: self._in_process(job, function, arguments))
@@ -176,8 +181,8 @@ class Jobs:
         try:
             worker.connection.send((function, arguments))
             kind, told = "progress", ["", 0.0]
-            while kind == "progress":
-                job._tell(*told)
+            while kind in ("progress", "found"):
+                job._tell(*told) if kind == "progress" else job.found.append(told[0])
                 while not worker.connection.poll(0.1):
                     if job._cancel.is_set():
                         job._end("cancelled")
@@ -210,7 +215,7 @@ def _in_thread(job: BackgroundJob, function: Callable[..., Any], arguments: Any)
 
     job.state = "running"
     try:
-        with listen(tell):
+        with listen(tell, job.found.append):
             result = function(*arguments)
     except Cancelled:
         job._end("cancelled")
@@ -250,11 +255,14 @@ def _work(connection: Connection) -> None:
     def tell(what: str, share: float) -> None:
         connection.send(("progress", what, share))
 
+    def take(found: Any) -> None:
+        connection.send(("found", found))
+
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
             try:
                 function, arguments = connection.recv()
-                with listen(tell):
+                with listen(tell, take):
                     answer = ("done", function(*arguments))
             except FlexstageError as error:
                 answer = ("failed", str(error))

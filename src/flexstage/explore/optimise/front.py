@@ -37,6 +37,18 @@ _IMPOSSIBLE = 1e3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Generation:
+    """Stages that a search for a front looked at, as they are handed over to who watches."""
+
+    points: Array
+    """The variables, in SI, shape (S, d)."""
+    values: Array
+    """Figures of the problem by the lumped model, shape (S, F)."""
+    kept: Bools
+    """Which keep every requirement, shape (S,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Front:
     """Stages of which none is better in every goal than another."""
 
@@ -154,10 +166,12 @@ def evaluate_rows(payload: Any, start: int, stop: int) -> dict[str, Array]:
     return {"values": values}
 
 
-def evaluate_with(workers: Workers, problem: Problem, points: Array, model: str) -> Array:
+def evaluate_with(
+    workers: Workers, problem: Problem, points: Array, model: str, name: str = "optimise"
+) -> Array:
     """Return figures (S, F) of points (S, d) in SI, shared by workers; NaN of what is at fault."""
     job = Job(
-        name="optimise",
+        name=name,
         work=evaluate_rows,
         payload=(problem, points, model),
         count=len(points),
@@ -226,13 +240,15 @@ class _FrontSearch:
         """Return the problem as a program, for its requirements alone."""
         return StageProgram(problem=self.problem, nearest_to=self.start, counts=self.counts)
 
-    def _evaluate(self, x: Array) -> Array:
+    def _evaluate(self, x: Array, name: str = "optimise") -> Array:
         """Evaluate points from 0 to 1, and remember them."""
         problem = self.problem
-        found = evaluate_with(self.workers, problem, problem.point(x), "lumped")
+        found = evaluate_with(self.workers, problem, problem.point(x), "lumped", name)
         self.counts["lumped"] += len(x)
         self.points.append(x)
         self.figures.append(found)
+        kept = self._kept(x, found)
+        progress.hand_over(Generation(points=problem.point(x), values=found, kept=kept))
         return found
 
     def _violations(self, x: Array, figures: Array) -> Array:
@@ -245,9 +261,12 @@ class _FrontSearch:
     def _costs(self, figures: Array) -> Array:
         return figures[:, self.columns] * self.signs
 
-    def _feasible(self) -> Bools:
-        x, figures = np.concatenate(self.points), np.concatenate(self.figures)
+    def _kept(self, x: Array, figures: Array) -> Bools:
+        """Say which stages keep every requirement."""
         return np.all(self._violations(x, figures) <= 10.0 * FEASIBLE, axis=1)
+
+    def _feasible(self) -> Bools:
+        return self._kept(np.concatenate(self.points), np.concatenate(self.figures))
 
     # ------------------------------------------------------------------ the search
 
@@ -294,10 +313,11 @@ class _FrontSearch:
         generations = 0
         budget = self.options.budget(d) - _REFINED * 10 * (d + 1)
         while generations == 0 or self.counts["lumped"] + _POPULATION <= budget:
-            progress.update(f"generation {generations + 1}", self.counts["lumped"] / max(budget, 1))
             bred: Any = algorithm.ask()
             x = np.clip(np.asarray(bred.get("X"), dtype=float), 0.0, 1.0)
-            figures = self._evaluate(x)
+            done = self.counts["lumped"]
+            with progress.subtask(done / max(budget, 1), (done + len(x)) / max(budget, 1)):
+                figures = self._evaluate(x, f"generation {generations + 1}")
             costs = np.where(np.isfinite(figures), figures, 0.0)[:, self.columns] * self.signs
             static = StaticProblem(bounds, F=costs, G=self._violations(x, figures) - FEASIBLE)
             Evaluator().eval(static, bred)

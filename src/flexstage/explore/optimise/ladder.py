@@ -22,7 +22,15 @@ from flexstage.explore.optimise.local_search import (
     violation_of,
 )
 from flexstage.explore.optimise.multipliers import held_by
-from flexstage.explore.optimise.optimum import TOLERANCE, Level, Optimum, Rung, Trace, new_names
+from flexstage.explore.optimise.optimum import (
+    TOLERANCE,
+    Level,
+    Optimum,
+    Rung,
+    SearchStep,
+    Trace,
+    new_names,
+)
 from flexstage.explore.optimise.problem import Problem, StageProgram
 from flexstage.explore.optimise.rounding import drawn, drawn_point, is_drawn
 from flexstage.explore.optimise.walls import Wall
@@ -285,14 +293,15 @@ class _Climb:
 
         def told(iterate: Iterate) -> None:
             self._tell(iterate)
-            self.trace.append(
-                Trace(
-                    search=number,
-                    evaluations=self.program.counts["lumped"],
-                    objective=self._shown(iterate),
-                    violation=iterate.violation,
-                )
+            step = Trace(
+                search=number,
+                evaluations=self.program.counts["lumped"],
+                objective=self._shown(iterate),
+                violation=iterate.violation,
             )
+            self.trace.append(step)
+            point = self.problem.point(iterate.point)
+            progress.hand_over(SearchStep(trace=step, point=point))
 
         began = time.perf_counter()
         d = len(start)

@@ -102,6 +102,16 @@ class Trace:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SearchStep:
+    """An accepted step of a search that goes on, as it is handed over to who watches."""
+
+    trace: Trace
+    """The step."""
+    point: Array
+    """The variables, in SI, shape (d,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Optimum:
     """The best stage that was found."""
 

@@ -57,8 +57,9 @@ def draw_sensitivities(found: Sensitivities, length: float | None = None) -> "Fi
             continue
         strength = float(part[row, column])
         axes.add_patch(_cell(column, row, colour(0.5 + 0.42 * strength)))
+        text = change_text(float(value)).replace("-", "−")
         axes.text(
-            column, row, change_text(float(value)), ha="center", va="center", fontsize=7,
+            column, row, text, ha="center", va="center", fontsize=7,
             color=PAPER if abs(strength) > 0.8 else INK,
         )  # fmt: skip
     axes.set_xlim(-0.5, len(kept) - 0.5)

@@ -210,6 +210,14 @@ class LiveHistory:
         with self._lock:
             return (self._origin, float(self._times[self._filled - 1])) if self._filled else None
 
+    @property
+    def newest(self) -> Array:
+        """Values of the newest sample, NaN where none came."""
+        with self._lock:
+            if not self._filled:
+                return np.full(len(self.channels), np.nan)
+            return self._values[self._filled - 1].copy()
+
     def window(
         self,
         begin: float,

@@ -1,11 +1,14 @@
 """How pages ask for what a history holds: each for what it lacks, when it is ready to draw it."""
 
+import asyncio
 import math
 from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
 import numpy as np
 
+from flexstage.errors import FlexstageError, ModelError
+from flexstage.measure.spectra.density import spectral_density
 from flexstage.web.live.history import POINTS, HistoryWindow, LiveHistory
 
 if TYPE_CHECKING:
@@ -17,8 +20,15 @@ if TYPE_CHECKING:
 
     from flexstage.web.page import Panel
 
+#: What a live chart shows.
+MODES = ("time", "loop", "spectrum")
+
 #: Where the data of a history are asked for.
 PATH = "/live/"
+
+_LONGEST = 1e12  # time that is one [s]
+_FEWEST = 64  # samples of a spectrum
+_GAP = 10.0  # mean distances of samples that one of them may be
 
 
 class SharedHistories:
@@ -47,13 +57,27 @@ def add_live_data(app: "FastAPI", panel: "Panel") -> None:
         history = histories.get(request.path_params["key"])
         if history is None:
             return Response(status_code=204)
+        asked = request.query_params
         try:
-            body = packed(history, request.query_params)
+            if asked.get("mode") == "spectrum":
+                body = await asyncio.to_thread(_packed_or_why, history, asked)
+            else:
+                body = packed(history, asked)
         except (KeyError, ValueError):
             return Response(status_code=400)
+        if isinstance(body, str):
+            return Response(body, media_type="text/plain")
         return Response(body, media_type="application/octet-stream")
 
     app.add_route(PATH + "{key}", answer, methods=["GET"], include_in_schema=False)
+
+
+def _packed_or_why(history: LiveHistory, asked: "Mapping[str, str]") -> bytes | str:
+    """Return what a page asked for, or the sentence why there is none."""
+    try:
+        return packed(history, asked)
+    except FlexstageError as error:
+        return str(error)
 
 
 def packed(history: LiveHistory, asked: "Mapping[str, str]") -> bytes:
@@ -61,32 +85,44 @@ def packed(history: LiveHistory, asked: "Mapping[str, str]") -> bytes:
 
     Nine numbers (generation, tier, length of a bin, newest time, begin, end, count of points,
     whether they have a greatest value beside the least, time of the first sample that ever came),
-    times of points, all in 8 bytes, then the least and the greatest values in 4.
+    the newest value of each channel, times of points, all in 8 bytes, then the least and the
+    greatest values in 4.
 
-    `asked` has `length` [s] and, where it does not follow, `end`; `loop` for samples alone;
-    `generation`, `tier` and `after` of what the page has already.
+    `asked` has the `mode` (`time`; `loop` for samples alone; `spectrum`, whose points have
+    frequencies for times), the `length` [s] and, where it does not follow, the `end`; `generation`,
+    `tier` and `after` of what the page has already.
 
     Raises
     ------
+    FlexstageError
+        There is no spectrum of what was measured, and why.
     KeyError, ValueError
         It is nothing that a page asks.
     """
     span = history.span
-    length = _number(asked["length"])
+    mode, length = asked["mode"], _number(asked["length"])
     end = _number(asked["end"]) if "end" in asked else span[1] if span else 0.0
-    if length <= 0.0:
-        raise ValueError(length)
+    if length <= 0.0 or mode not in MODES:
+        raise ValueError(asked)
     generation = history.generation
     known: tuple[int, float] | None = None
     if asked.get("generation") == str(generation):
         known = int(asked["tier"]), _number(asked["after"])
-    found = _found(history, end - length, end, "loop" in asked, known)
+    if mode == "spectrum":
+        found = spectrum(history, end - length, end)
+    else:
+        found = _found(history, end - length, end, mode == "loop", known)
     both = found.high is not found.low
     origin, newest = span or (math.nan, math.nan)
     of_window = (end - length, end, found.times.size, both, origin)
     head = np.array([generation, found.tier, found.step, newest, *of_window], dtype="<f8")
     values = [found.low, found.high] if both else [found.low]
-    parts = [head, found.times.astype("<f8"), *(v.astype("<f4") for v in values)]
+    parts = [
+        head,
+        history.newest.astype("<f8"),
+        found.times.astype("<f8"),
+        *(v.astype("<f4") for v in values),
+    ]
     return b"".join(part.tobytes() for part in parts)
 
 
@@ -101,8 +137,42 @@ def _found(
     return history.samples(begin, end, POINTS, after=known[1])
 
 
+def spectrum(history: LiveHistory, begin: float, end: float) -> HistoryWindow:
+    """Return root spectral densities [unit/√Hz], with frequencies [Hz] for times.
+
+    The samples are taken as evenly spaced: at each multiple of their mean distance stands the one
+    that is nearest.
+
+    Validity
+    --------
+    Times that stray from even ones by an rms of s take (2 pi f s)^2 of the power of a line at f,
+    and spread it; the level of white noise stays.
+
+    Raises
+    ------
+    ModelError
+        There are few samples, or none for a while.
+    """
+    found = history.samples(begin, end)
+    if found.times.size < _FEWEST:
+        raise ModelError(f"a spectrum needs {_FEWEST} samples, there are {found.times.size}")
+    steps = np.diff(found.times)
+    mean = float(steps.mean())
+    if steps.max() > _GAP * mean:
+        raise ModelError(
+            f"a spectrum needs evenly spaced samples: for {steps.max():.3g} s of the last "
+            f"{end - begin:g} s there was none"
+        )
+    even = found.times[0] + mean * np.arange(found.times.size)
+    nearest = np.searchsorted(0.5 * (found.times[1:] + found.times[:-1]), even)
+    made = [spectral_density(values, 1.0 / mean) for values in found.low[nearest].T]
+    roots = np.sqrt([one.density[1:] for one in made]).T
+    lines = made[0].frequency_hz[1:]
+    return HistoryWindow(tier=0, step=0.0, times=lines, low=roots, high=roots)
+
+
 def _number(text: str) -> float:
     value = float(text)
-    if not math.isfinite(value):
+    if not abs(value) < _LONGEST:
         raise ValueError(text)
     return value

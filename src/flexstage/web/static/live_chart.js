@@ -1,28 +1,34 @@
 // A chart that follows what is measured: it asks the server for what it lacks, and draws it.
-import { Points, axes, clipped, curve, extent, keptRange, loop, readable, written } from "live_drawing";
+import { Points, axes, clipped, envelope, extent, keptRange, line, loop, readable, written } from "live_drawing";
 
 const PERIOD = 45; // from one question to the next [ms]
+const SLOW = 1000; // the same for spectra [ms]
 const PATIENCE = 1500; // after a question without an answer [ms]
+const GAP = 0.5; // without a sample for longer than this, a curve is broken [s]
 const READ = 200; // from one text to the next [ms]
-const MARGIN = { left: 70, right: 14, top: 10, bottom: 46, between: 16 };
+const MARGIN = { left: 74, right: 14, top: 10, bottom: 46, between: 16 };
+const MODES = { time: "Time", loop: "Loop", spectrum: "Spectrum" };
+const LENGTHS = { loop: [1, 2, 5, 10, 30, 60], spectrum: [10, 60, 300, 600] };
 
 export default {
   template: `
     <div role="group" :aria-label="says">
       <div class="live-tools">
+        <div v-if="modes.length > 1" class="live-choice" role="group" aria-label="What is shown">
+          <button v-for="m in modes" type="button" :aria-pressed="String(mode === m)" @click="show(m)">{{ called(m) }}</button>
+        </div>
         <div v-if="mode === 'time'" class="live-choice" role="group" aria-label="Window">
           <button v-for="w in windows" type="button" :aria-pressed="String(follows && length === w)" @click="choose(w)">{{ lasting(w) }}</button>
         </div>
         <template v-if="mode === 'loop'">
-          <label>x <select v-model.number="loopX" @change="changed()"><option v-for="(c, k) in channels" :value="k">{{ c.name }}</option></select></label>
-          <label>y <select v-model.number="loopY" @change="changed()"><option v-for="(c, k) in channels" :value="k">{{ c.name }}</option></select></label>
-          <label>last <select v-model.number="loopLength" @change="changed()"><option v-for="s in [1, 2, 5, 10, 30, 60]" :value="s">{{ s }} s</option></select></label>
+          <label>x <select v-model.number="loopX" @change="keep()"><option v-for="(c, k) in channels" :value="k">{{ c.name }}</option></select></label>
+          <label>y <select v-model.number="loopY" @change="keep()"><option v-for="(c, k) in channels" :value="k">{{ c.name }}</option></select></label>
         </template>
-        <button type="button" :aria-pressed="String(!follows)" @click="toggle()">{{ follows ? "Pause" : "Follow" }}</button>
-        <button v-if="channels.length > 1" type="button" :aria-pressed="String(mode === 'loop')" @click="switchMode()">Loop</button>
-        <span class="muted small live-where" ref="where"></span>
+        <label v-if="mode !== 'time'">last <select v-model.number="lengths[mode]" @change="keep()"><option v-for="s in lengthsOf(mode)" :value="s">{{ lasting(s) }}</option></select></label>
+        <button type="button" @click="toggle()">{{ follows ? "Pause" : "Follow" }}</button>
+        <span class="muted small" ref="where"></span>
       </div>
-      <canvas ref="canvas" tabindex="0" role="img" :aria-label="described" aria-keyshortcuts="Space ArrowLeft ArrowRight + - Home"
+      <canvas ref="canvas" tabindex="0" role="application" aria-roledescription="chart" :aria-label="described"
         @keydown="pressed" @wheel="turned" @pointerdown="down" @pointermove="moved" @pointerup="up" @pointercancel="up"
         @pointerleave="left" @dblclick="followAgain()"></canvas>
       <ul class="live-readout" ref="readout">
@@ -32,43 +38,45 @@ export default {
       </ul>
       <p class="hidden-title" role="status">{{ told }}</p>
     </div>`,
-  props: { address: String, channels: Array, rate: Number, seconds: Number, windows: Array, says: String, loop: Array, view: Object },
+  props: { address: String, channels: Array, rate: Number, seconds: Number, windows: Array, says: String, begins: String, pair: Array, view: Object },
   data() {
-    const named = (name, otherwise) => Math.max(this.channels.findIndex((c) => c.name === name), otherwise);
     const usual = {
-      mode: this.loop ? "loop" : "time",
+      mode: this.begins,
       length: this.windows[0],
-      loopX: this.loop ? named(this.loop[0], 0) : 0,
-      loopY: this.loop ? named(this.loop[1], 0) : Math.min(1, this.channels.length - 1),
-      loopLength: 5,
+      loopX: this.pair[0],
+      loopY: this.pair[1],
+      lengths: { loop: 5, spectrum: 60 },
       hidden: [],
     };
     return { ...usual, ...this.view, follows: true, told: "" };
   },
   computed: {
+    modes() {
+      return Object.keys(MODES).filter((mode) => mode !== "loop" || this.channels.length > 1);
+    },
     panels() {
       const found = new Map();
       this.channels.forEach((channel, index) => {
-        if (!found.has(channel.quantity)) found.set(channel.quantity, { title: titled(channel.label, channel.unit), shown: [] });
+        if (!found.has(channel.quantity)) found.set(channel.quantity, { ...channel, shown: [] });
         if (!this.hidden.includes(index)) found.get(channel.quantity).shown.push({ ...channel, index });
       });
       const panels = [...found.values()];
       return panels.some((panel) => panel.shown.length) ? panels.filter((panel) => panel.shown.length) : panels.slice(0, 1);
     },
     described() {
-      const what = this.mode === "loop" ? `${this.channels[this.loopY].name} over ${this.channels[this.loopX].name}` : this.channels.map((c) => c.name).join(", ");
-      return `${this.says}: ${what}. Space pauses, arrows move, plus and minus zoom, Home follows again; the values stand below.`;
+      const names = this.channels.filter((_, k) => !this.hidden.includes(k)).map((channel) => channel.name);
+      const what = this.mode === "loop" ? `${this.channels[this.loopY].name} over ${this.channels[this.loopX].name}` : names.join(", ");
+      const keys = this.mode === "time" ? ", arrows move, plus and minus zoom, Shift with an arrow reads a value, Home follows again" : "";
+      return `${this.says}: ${MODES[this.mode]} of ${what}. Space pauses${keys}. The values stand below.`;
     },
   },
   created() {
     this.points = new Points(this.channels.length);
-    this.got = null; // what the last answer said
+    this.got = null; // what the last answer said, and what was asked
     this.ranges = new Map();
-    this.frames = 0;
-    this.end = 0;
+    this.frames = this.answers = this.end = this.readAt = 0;
     this.busy = this.gone = false;
-    this.cursor = this.dragged = null;
-    this.readAt = 0;
+    this.cursor = this.pointer = this.dragged = this.wrong = null;
   },
   mounted() {
     this.$el.live = this;
@@ -87,60 +95,77 @@ export default {
     document.removeEventListener("visibilitychange", this.wake);
   },
   methods: {
+    called: (mode) => MODES[mode],
+    lengthsOf: (mode) => LENGTHS[mode],
     lasting: (seconds) => (seconds < 60 ? `${seconds} s` : seconds < 3600 ? `${seconds / 60} min` : `${seconds / 3600} h`),
 
     // what is asked
 
     question() {
-      const looped = this.mode === "loop";
-      const length = looped ? this.loopLength : this.length;
-      const asked = new URLSearchParams({ length });
-      if (!this.follows) asked.set("end", this.end);
-      if (looped) asked.set("loop", 1);
-      const same = this.got && this.got.looped === looped && this.got.length === length;
-      if (this.follows && same && this.got.follows && this.points.count > 1) {
-        asked.set("generation", this.got.generation);
-        asked.set("tier", this.got.tier);
+      const { mode, follows, got } = this;
+      const length = mode === "time" ? this.length : this.lengths[mode];
+      const asked = new URLSearchParams({ mode, length });
+      if (!follows) asked.set("end", this.end);
+      const goesOn = follows && got?.follows && got.mode === mode && got.length === length && this.points.count > 1;
+      if (goesOn) {
+        asked.set("generation", got.generation);
+        asked.set("tier", got.tier);
         // the last bin may have become fuller
-        asked.set("after", this.points.times[this.points.last - (this.got.step > 0 ? 1 : 0)]);
+        asked.set("after", this.points.times[this.points.last - (got.step > 0 ? 1 : 0)]);
       }
-      return { address: `${window.path_prefix ?? ""}${this.address}?${asked}`, length, looped, follows: this.follows };
+      return { address: `${window.path_prefix ?? ""}${this.address}?${asked}`, length, mode, follows, goesOn };
     },
+    /** Ask for what is lacking, draw it, and ask again: never twice at once, and not where nobody looks. */
     async ask() {
       clearTimeout(this.timer);
       if (this.gone || this.busy || document.hidden) return;
       const began = performance.now();
       const question = this.question();
-      this.asked = question.address;
       this.busy = true;
       let wait = PERIOD;
       try {
         const answer = await fetch(question.address);
-        if (answer.status === 200) this.take(await answer.arrayBuffer(), question);
-        else wait = PATIENCE;
+        if (question.mode === "spectrum" && this.mode === "spectrum") wait = SLOW;
+        if (answer.status !== 200) wait = PATIENCE;
+        else if (answer.headers.get("content-type").startsWith("text/")) this.wrong = await answer.text();
+        else this.take(await answer.arrayBuffer(), question);
       } catch {
         wait = PATIENCE;
       }
       this.busy = false;
       if (this.gone) return;
-      await new Promise((drawn) => requestAnimationFrame(drawn));
-      this.draw();
-      const stale = !this.follows && this.question().address !== this.asked;
-      if (this.follows || stale || wait > PERIOD) this.timer = setTimeout(() => this.ask(), Math.max(wait - (performance.now() - began), 0));
+      if (this.looksOther()) {
+        await new Promise((frame) => requestAnimationFrame(frame));
+        this.draw();
+      } else this.read();
+      const other = !this.follows && this.question().address !== question.address;
+      if (this.follows || other || wait === PATIENCE) this.timer = setTimeout(() => this.ask(), other ? 0 : Math.max(wait - (performance.now() - began), 0));
     },
     take(buffer, question) {
-      const head = new Float64Array(buffer, 0, 9);
-      const [generation, tier, step, newest, begin, end, count, both, origin] = head;
+      const [generation, tier, step, newest, begin, , count, both, origin] = new Float64Array(buffer, 0, 9);
       const channels = this.channels.length;
-      const times = new Float64Array(buffer, 72, count);
-      const low = new Float32Array(buffer, 72 + 8 * count, count * channels);
-      const high = both ? new Float32Array(buffer, 72 + 8 * count + 4 * count * channels, count * channels) : low;
-      const goesOn = question.address.includes("&after=") && this.got.generation === generation && this.got.tier === tier;
-      if (!goesOn) this.points.clear();
-      this.points.both = both > 0;
+      const size = count * channels;
+      const values = new Float64Array(buffer, 72, channels);
+      const times = new Float64Array(buffer, 72 + 8 * channels, count);
+      const low = new Float32Array(buffer, 72 + 8 * (channels + count), size);
+      const high = both ? new Float32Array(buffer, 72 + 8 * (channels + count) + 4 * size, size) : low;
+      if (!question.goesOn || this.got.generation !== generation || this.got.tier !== tier) this.points.clear();
       this.points.add(times, low, high);
-      this.points.dropBefore(begin - step);
-      this.got = { ...question, generation, tier, step, newest, begin, end, origin };
+      if (question.mode !== "spectrum") this.points.dropBefore(begin - step);
+      this.got = { ...question, generation, tier, step, newest, begin, origin, values };
+      this.wrong = null;
+      this.answers += 1;
+    },
+    /** Whether a picture drawn now would differ from the last one. */
+    looksOther() {
+      const { points, got } = this;
+      const at = points.last * points.channels;
+      const now = [points.count, points.low.subarray(at, at + points.channels), points.high.subarray(at, at + points.channels)];
+      const place = got && Math.round((got.newest / got.length) * this.$refs.canvas.width);
+      const looks = [this.wrong, this.mode, this.follows, place, ...now].join();
+      const other = looks !== this.looks;
+      this.looks = looks;
+      return other;
     },
 
     // what is drawn
@@ -148,7 +173,8 @@ export default {
     relook() {
       const style = getComputedStyle(this.$el);
       const colour = (name) => style.getPropertyValue(name).trim();
-      this.look = { font: `12px ${style.fontFamily}`, ink: colour("--ink"), muted: colour("--muted"), grid: colour("--grid"), data: [0, 1, 2, 3, 4, 5].map((k) => colour(`--data${k}`)) };
+      const data = [0, 1, 2, 3, 4, 5].map((k) => colour(`--data${k}`));
+      this.look = { font: `12px ${style.fontFamily}`, ink: colour("--ink"), muted: colour("--muted"), grid: colour("--grid"), data };
       this.draw();
     },
     draw() {
@@ -165,92 +191,124 @@ export default {
       context.clearRect(0, 0, width, height);
       const whole = { left: MARGIN.left, top: MARGIN.top, width: width - MARGIN.left - MARGIN.right, height: height - MARGIN.top - MARGIN.bottom };
       this.titles = [];
-      if (this.mode === "loop") this.drawLoop(context, whole);
-      else this.drawTime(context, whole);
+      const drawn = this.got?.mode === this.mode && !this.wrong;
+      if (this.mode === "loop") this.drawLoop(context, whole, drawn);
+      else if (this.mode === "spectrum") this.drawSpectrum(context, whole, drawn);
+      else this.drawTime(context, whole, drawn, scale);
       const titles = JSON.stringify(this.titles);
       if (canvas.dataset.axes !== titles) canvas.dataset.axes = titles;
       this.frames += 1;
       this.read();
     },
-    /** The times of the window, in what they are shown. */
+    /** Draw a panel for each quantity, with a common axis below. */
+    drawPanels(context, whole, x, key, yOf, curves) {
+      const each = (whole.height - MARGIN.between * (this.panels.length - 1)) / this.panels.length;
+      this.panels.forEach((panel, row) => {
+        const box = { ...whole, top: whole.top + row * (each + MARGIN.between), height: each };
+        const name = `${key} ${panel.quantity}`;
+        const y = yOf(panel, this.ranges.get(name));
+        this.ranges.set(name, [y.low, y.high]);
+        const below = row === this.panels.length - 1;
+        const { toX, toY } = axes(context, box, below ? x : { ...x, title: "" }, y, this.look);
+        this.titles.push({ axis: `y${row + 1}`, title: y.title }, ...(below ? [{ axis: "x", title: x.title }] : []));
+        clipped(context, box, () => curves(panel, box, toX, toY));
+      });
+    },
+    /** The times of the window, and in what they are shown. */
     times() {
       const end = this.follows ? this.got?.newest || 0 : this.end;
       const [unit, seconds] = this.length > 120 ? ["min", 60] : ["s", 1];
       return { begin: end - this.length, end, unit, seconds, origin: this.got?.origin || 0 };
     },
-    drawTime(context, whole) {
+    drawTime(context, whole, drawn, scale) {
       const { begin, end, unit, seconds, origin } = this.times();
-      const x = { low: (begin - origin) / seconds, high: (end - origin) / seconds };
-      const gap = Math.max(5 / this.rate, 1.5 * (this.got?.step || 0));
-      const each = (whole.height - MARGIN.between * (this.panels.length - 1)) / this.panels.length;
-      this.boxes = [];
-      this.panels.forEach((panel, row) => {
-        const box = { ...whole, top: whole.top + row * (each + MARGIN.between), height: each };
-        const range = keptRange(this.ranges.get(panel.title), ...extent(this.points, panel.shown, begin, end));
-        this.ranges.set(panel.title, range);
-        const below = row === this.panels.length - 1;
-        x.title = below ? `Time [${unit}]` : "";
-        const { toX, toY } = axes(context, box, x, { low: range[0], high: range[1], title: panel.title }, this.look);
-        this.titles.push({ axis: `y${row + 1}`, title: panel.title });
-        if (below) this.titles.push({ axis: "x", title: x.title });
-        this.toTime = (place) => begin + ((place - box.left) / box.width) * this.length;
+      const step = this.got?.step || 0;
+      const gap = Math.max(GAP, 5 / this.rate, 1.5 * step);
+      // before the first sample there is no time to mark
+      const x = { low: (begin - origin) / seconds, high: (end - origin) / seconds, title: `Time [${unit}]`, least: 0 };
+      this.plot = whole;
+      if (this.pointer !== null) this.cursor = this.timeAt(this.pointer);
+      const yOf = (panel, kept) => {
+        const [low, high] = keptRange(kept, ...extent(this.points, drawn ? panel.shown : [], begin, end));
+        return { low, high, title: titled(panel.label, panel.unit) };
+      };
+      this.drawPanels(context, whole, x, "time", yOf, (panel, box, toX, toY) => {
         const place = (time) => toX((time - origin) / seconds);
-        clipped(context, box, () => {
-          for (const { index, factor } of panel.shown) curve(context, this.points, index, factor, this.look.data[index % 6], place, toY, gap);
-          this.drawCursor(context, box, place);
-        });
-        this.boxes.push(box);
+        for (const { index, factor } of drawn ? panel.shown : []) {
+          const given = [context, this.points, index, factor, this.look.data[index % 6], place, toY, gap];
+          if (step > 0) envelope(...given, step, scale);
+          else line(...given);
+        }
+        this.drawCursor(context, box, place);
       });
     },
     drawCursor(context, box, place) {
-      if (this.dragged && this.cursor !== null) {
+      if (this.cursor === null) return;
+      const at = place(this.cursor);
+      if (this.dragged && !this.dragged.pans) {
         context.globalAlpha = 0.15;
         context.fillStyle = this.look.ink;
-        context.fillRect(place(this.dragged.time), box.top, place(this.cursor) - place(this.dragged.time), box.height);
+        context.fillRect(place(this.dragged.time), box.top, at - place(this.dragged.time), box.height);
         context.globalAlpha = 1;
       }
-      if (this.cursor === null) return;
       context.strokeStyle = this.look.ink;
       context.lineWidth = 1;
-      context.beginPath();
-      context.moveTo(place(this.cursor), box.top);
-      context.lineTo(place(this.cursor), box.top + box.height);
-      context.stroke();
+      context.strokeRect(at, box.top - 2, 0, box.height + 4);
     },
-    drawLoop(context, box) {
-      const [across, up] = [this.channels[this.loopX], this.channels[this.loopY]];
-      const range = (channel, index) => {
-        const key = `loop ${channel.name}`;
-        this.ranges.set(key, keptRange(this.ranges.get(key), ...extent(this.points, [{ index, factor: channel.factor }], -Infinity, Infinity)));
-        return this.ranges.get(key);
+    drawSpectrum(context, whole, drawn) {
+      const { times, first, last, count } = this.points;
+      const shown = drawn && count > 1;
+      const x = { low: shown ? times[first] : 1, high: shown ? times[last] : this.rate / 2, title: "Frequency [Hz]", log: true };
+      const yOf = (panel) => {
+        const [low, high] = extent(this.points, shown ? panel.shown : [], -Infinity, Infinity);
+        const [least, most] = high > 0 ? [Math.max(low, 1e-6 * high), high] : [0.1, 1];
+        const title = titled(panel.label, `${panel.unit}/√Hz`);
+        return { low: 10 ** Math.floor(Math.log10(least)), high: 10 ** Math.ceil(Math.log10(1.01 * most)), title, log: true };
       };
-      const named = (channel) => titled(`${channel.name}: ${channel.label}`, channel.unit);
-      const [x, y] = [range(across, this.loopX), range(up, this.loopY)];
-      this.titles = [{ axis: "x", title: named(across) }, { axis: "y", title: named(up) }];
-      const { toX, toY } = axes(context, box, { low: x[0], high: x[1], title: named(across) }, { low: y[0], high: y[1], title: named(up) }, this.look);
-      clipped(context, box, () => loop(context, this.points, [this.loopX, this.loopY], [across.factor, up.factor], this.look.data[this.loopY % 6], toX, toY));
+      this.drawPanels(context, whole, x, "spectrum", yOf, (panel, box, toX, toY) => {
+        for (const { index, factor } of shown ? panel.shown : []) line(context, this.points, index, factor, this.look.data[index % 6], toX, toY, Infinity);
+      });
+    },
+    drawLoop(context, box, drawn) {
+      const [across, up] = [this.channels[this.loopX], this.channels[this.loopY]];
+      const axis = (channel, index) => {
+        const key = `loop ${channel.name}`;
+        const [low, high] = keptRange(this.ranges.get(key), ...extent(this.points, drawn ? [{ ...channel, index }] : [], -Infinity, Infinity));
+        this.ranges.set(key, [low, high]);
+        return { low, high, title: titled(channel.name, channel.unit) };
+      };
+      const [x, y] = [axis(across, this.loopX), axis(up, this.loopY)];
+      this.titles = [{ axis: "x", title: x.title }, { axis: "y", title: y.title }];
+      const { toX, toY } = axes(context, box, x, y, this.look);
+      if (drawn) clipped(context, box, () => loop(context, this.points, [this.loopX, this.loopY], [across.factor, up.factor], this.look.data[this.loopY % 6], toX, toY));
     },
     /** Write the values at the cursor, or the newest, as text. */
     read() {
       const now = performance.now();
       if (now - this.readAt < READ || !this.$refs.readout) return;
       this.readAt = now;
-      const { points } = this;
-      const at = this.cursor === null ? points.last : points.nearest(this.cursor);
+      const { points, cursor, wrong } = this;
+      const held = cursor !== null && points.count > 0;
+      const at = held ? points.nearest(cursor) : 0;
       this.$refs.readout.querySelectorAll(".value").forEach((value, index) => {
-        const { factor } = this.channels[index];
-        const [low, high] = points.count ? [points.low, points.high].map((v) => readable(factor * v[at * points.channels + index])) : ["–", "–"];
-        const text = low === high ? low : `${low} … ${high}`;
+        const place = at * points.channels + index;
+        const read = held ? [points.low[place], points.high[place]] : [this.got?.values[index] ?? NaN];
+        const text = [...new Set(read.map((v) => readable(this.channels[index].factor * v)))].join(" … ");
         if (value.textContent !== text) value.textContent = text;
       });
-      this.$refs.where.textContent = !points.count ? "no samples yet" : this.cursor === null ? "" : `at ${written(points.times[at] - this.got.origin, 0.001)} s`;
+      const where = held ? `at ${written(points.times[at] - this.got.origin, 0.001)} s` : "";
+      this.$refs.where.textContent = wrong ?? (points.count ? where : "no samples yet");
     },
 
     // what a person does
 
-    changed() {
-      const { mode, length, loopX, loopY, loopLength, hidden } = this;
-      this.$emit("view", { mode, length, loopX, loopY, loopLength, hidden });
+    /** Draw and ask anew; what is shown stays so after a reload. */
+    keep() {
+      const { mode, length, loopX, loopY, lengths, hidden } = this;
+      this.$emit("view", { mode, length, loopX, loopY, lengths: { ...lengths }, hidden: [...hidden] });
+      this.renew();
+    },
+    renew() {
       this.readAt = 0;
       this.draw();
       this.ask();
@@ -261,14 +319,15 @@ export default {
     },
     followAgain() {
       this.follows = true;
-      if (!this.windows.includes(this.length) && this.mode === "time") this.length = this.windows.reduce((a, b) => (Math.abs(b - this.length) < Math.abs(a - this.length) ? b : a));
-      this.told = `follows, ${this.lasting(this.length)}`;
-      this.changed();
+      const nearer = (a, b) => (Math.abs(b - this.length) < Math.abs(a - this.length) ? b : a);
+      this.length = this.windows.reduce(nearer);
+      this.told = "follows";
+      this.keep();
     },
     toggle() {
       if (!this.follows) return this.followAgain();
       this.halt();
-      this.changed();
+      this.renew();
     },
     halt() {
       if (!this.follows) return;
@@ -276,91 +335,99 @@ export default {
       this.follows = false;
       this.told = "paused";
     },
-    switchMode() {
-      this.mode = this.mode === "loop" ? "time" : "loop";
-      this.cursor = null;
-      this.points.clear();
-      this.changed();
+    show(mode) {
+      if (mode === this.mode) return;
+      this.mode = mode;
+      this.cursor = this.pointer = this.wrong = null;
+      this.follows = true;
+      this.keep();
     },
     hide(index) {
       this.hidden = this.hidden.includes(index) ? this.hidden.filter((k) => k !== index) : [...this.hidden, index];
-      this.changed();
+      this.keep();
     },
-    /** Show another while; at the newest sample it follows again. */
-    show(begin, end) {
-      const newest = this.got?.newest || 0;
-      const length = Math.min(Math.max(end - begin, 4 / this.rate), this.seconds);
+    /** Show another while, and stay there. */
+    lookAt(begin, end) {
+      if (!this.got) return;
       this.halt();
+      const length = Math.min(Math.max(end - begin, 4 / this.rate), this.seconds);
+      this.end = Math.min(0.5 * (begin + end + length), this.got.newest);
       this.length = length;
-      this.end = Math.min(0.5 * (begin + end) + 0.5 * length, newest);
-      this.told = `${written(this.end - length - this.got.origin, 0.01)} s to ${written(this.end - this.got.origin, 0.01)} s`;
-      this.changed();
+      const from = this.end - length - this.got.origin;
+      this.told = `${written(from, 0.01)} s to ${written(from + length, 0.01)} s`;
+      this.renew();
     },
-    zoom(factor, about = null) {
+    zoom(factor, about) {
       const { begin, end } = this.times();
-      const middle = about ?? 0.5 * (begin + end);
-      this.show(middle + (begin - middle) * factor, middle + (end - middle) * factor);
+      this.lookAt(about + (begin - about) * factor, about + (end - about) * factor);
     },
     pressed(event) {
-      if (event.ctrlKey || event.altKey || event.metaKey || this.mode === "loop" && event.key !== " ") return;
+      if (event.ctrlKey || event.altKey || event.metaKey) return;
       const { begin, end } = this.times();
       const by = 0.1 * (end - begin);
-      const actions = {
-        " ": () => this.toggle(),
-        Home: () => this.followAgain(),
-        "+": () => this.zoom(0.5),
-        "=": () => this.zoom(0.5),
-        "-": () => this.zoom(2),
-        ArrowLeft: () => (event.shiftKey ? this.point(-1) : this.show(begin - by, end - by)),
-        ArrowRight: () => (event.shiftKey ? this.point(1) : this.show(begin + by, end + by)),
-      };
+      const middle = this.cursor ?? 0.5 * (begin + end);
+      const moved = (sign) => (event.shiftKey ? this.point(sign) : this.lookAt(begin + sign * by, end + sign * by));
+      const inTime = { "+": () => this.zoom(0.5, middle), "=": () => this.zoom(0.5, middle), "-": () => this.zoom(2, middle) };
+      Object.assign(inTime, { Home: () => this.followAgain(), ArrowLeft: () => moved(-1), ArrowRight: () => moved(1) });
+      const actions = { " ": () => this.toggle(), ...(this.mode === "time" ? inTime : {}) };
       if (!(event.key in actions)) return;
       event.preventDefault();
       event.stopPropagation();
       actions[event.key]();
     },
-    /** Move the cursor by some of the width, and say what is there. */
-    point(direction) {
+    /** Move the cursor by a part of the width, and say what is there. */
+    point(sign) {
       const { begin, end } = this.times();
       this.halt();
-      this.cursor = Math.min(Math.max((this.cursor ?? 0.5 * (begin + end)) + 0.02 * direction * (end - begin), begin), end);
+      this.pointer = null;
+      this.cursor = Math.min(Math.max((this.cursor ?? 0.5 * (begin + end)) + 0.02 * sign * (end - begin), begin), end);
       this.readAt = 0;
       this.draw();
-      this.told = `${this.$refs.where.textContent}: ${[...this.$refs.readout.querySelectorAll("li")].map((line) => line.textContent.trim()).join(", ")}`;
+      const lines = [...this.$refs.readout.querySelectorAll("li")];
+      this.told = `${this.$refs.where.textContent}: ${lines.map((read) => read.textContent.trim()).join(", ")}`;
+    },
+    timeAt(place) {
+      const { begin } = this.times();
+      return begin + ((place - this.plot.left) / this.plot.width) * this.length;
     },
     turned(event) {
       // a wheel over a chart that nobody has chosen scrolls the page
-      if (this.mode === "loop" || !(event.ctrlKey || document.activeElement === this.$refs.canvas)) return;
+      if (this.mode !== "time" || !(event.ctrlKey || document.activeElement === this.$refs.canvas)) return;
       event.preventDefault();
-      this.zoom(event.deltaY > 0 ? 1.25 : 0.8, this.follows ? this.times().end : this.toTime(event.offsetX));
+      this.zoom(event.deltaY > 0 ? 1.25 : 0.8, this.timeAt(event.offsetX));
     },
     down(event) {
-      if (this.mode === "loop" || event.button !== 0) return;
+      if (this.mode !== "time" || event.button !== 0 || !this.got) return;
       this.$refs.canvas.setPointerCapture(event.pointerId);
+      this.dragged = { from: event.offsetX, followed: this.follows, pans: event.shiftKey };
       this.halt();
-      this.dragged = { from: event.offsetX, time: this.toTime(event.offsetX), ...this.times(), pans: event.shiftKey };
+      Object.assign(this.dragged, this.times(), { time: this.timeAt(event.offsetX) });
     },
     moved(event) {
-      if (this.mode === "loop") return;
-      this.cursor = this.toTime(event.offsetX);
+      if (this.mode !== "time" || !this.got) return;
       if (this.dragged?.pans) {
-        const by = ((this.dragged.from - event.offsetX) / this.boxes[0].width) * this.length;
-        this.cursor = null;
-        this.show(this.dragged.begin + by, this.dragged.end + by);
-      } else if (!this.follows) this.draw();
+        const by = ((this.dragged.from - event.offsetX) / this.plot.width) * this.length;
+        this.lookAt(this.dragged.begin + by, this.dragged.end + by);
+        return;
+      }
+      this.pointer = event.offsetX;
+      this.draw();
     },
     up(event) {
-      const dragged = this.dragged;
+      const { dragged } = this;
       this.dragged = null;
       if (!dragged || dragged.pans) return;
-      if (Math.abs(event.offsetX - dragged.from) > 6) {
-        const other = this.toTime(event.offsetX);
-        this.show(Math.min(dragged.time, other), Math.max(dragged.time, other));
-      } else this.changed();
+      const other = this.timeAt(event.offsetX);
+      if (event.type === "pointerup" && Math.abs(event.offsetX - dragged.from) > 6) this.lookAt(Math.min(dragged.time, other), Math.max(dragged.time, other));
+      else {
+        // a click alone chooses the chart, for the wheel and the keys
+        this.follows = dragged.followed;
+        this.renew();
+      }
     },
     left() {
-      if (this.dragged) return;
-      this.cursor = null;
+      if (this.dragged || this.cursor === null) return;
+      this.cursor = this.pointer = null;
       this.readAt = 0;
       this.draw();
     },

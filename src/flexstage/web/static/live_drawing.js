@@ -10,7 +10,6 @@ export class Points {
   clear() {
     this.room(4096);
     this.first = this.count = 0;
-    this.both = false;
   }
 
   room(size) {
@@ -99,34 +98,65 @@ export function keptRange(kept, low, high) {
   return [middle - half, middle + half];
 }
 
+/** Ticks of an axis whose decades are equally long: places, and the text of those that have one. */
+function decades(low, high) {
+  const marked = [];
+  const few = Math.log10(high / low) < 2.5;
+  for (let power = Math.floor(Math.log10(low)); power <= Math.log10(high); power += 1)
+    for (const n of [1, 2, 5]) {
+      const place = n * 10 ** power;
+      if (place < low || place > high || (n > 1 && !few)) continue;
+      const plain = power >= -3 && power <= 5;
+      marked.push([place, plain ? written(place, 10 ** power) : `${n > 1 ? `${n}·` : ""}10${raised(power)}`]);
+    }
+  return marked;
+}
+
+function raised(power) {
+  return String(power).replace("-", "⁻").replace(/\d/g, (digit) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit]);
+}
+
+function marks({ low, high, log, least = -Infinity }, count) {
+  if (log) return decades(low, high);
+  const { step, places } = ticks(low, high, count);
+  return places.filter((place) => place >= least).map((place) => [place, written(place, step)]);
+}
+
+/** What turns values of an axis into places between two pixels. */
+function placing({ low, high, log }, from, to) {
+  if (!log) return (value) => from + ((value - low) / (high - low)) * (to - from);
+  const decade = (to - from) / Math.log(high / low);
+  return (value) => from + Math.log(value / low) * decade;
+}
+
 /** Draw the axes of a panel, and return what turns values into places. */
 export function axes(context, box, x, y, look) {
-  const toX = (value) => box.left + ((value - x.low) / (x.high - x.low)) * box.width;
-  const toY = (value) => box.top + (1 - (value - y.low) / (y.high - y.low)) * box.height;
+  const [right, bottom] = [box.left + box.width, box.top + box.height];
+  const [toX, toY] = [placing(x, box.left, right), placing(y, bottom, box.top)];
   context.font = look.font;
   context.lineWidth = 1;
   context.strokeStyle = look.grid;
   context.fillStyle = look.ink;
-  const across = ticks(x.low, x.high, Math.max(2, Math.min(10, box.width / 90)));
-  const up = ticks(y.low, y.high, Math.max(2, box.height / 42));
+  const across = marks(x, Math.max(2, Math.min(10, box.width / 90)));
+  const up = marks(y, Math.max(2, box.height / 42));
   context.beginPath();
-  for (const place of across.places) {
+  for (const [place] of across) {
     context.moveTo(Math.round(toX(place)) + 0.5, box.top);
-    context.lineTo(Math.round(toX(place)) + 0.5, box.top + box.height);
+    context.lineTo(Math.round(toX(place)) + 0.5, bottom);
   }
-  for (const place of up.places) {
+  for (const [place] of up) {
     context.moveTo(box.left, Math.round(toY(place)) + 0.5);
-    context.lineTo(box.left + box.width, Math.round(toY(place)) + 0.5);
+    context.lineTo(right, Math.round(toY(place)) + 0.5);
   }
   context.stroke();
   context.textAlign = "right";
   context.textBaseline = "middle";
-  for (const place of up.places) context.fillText(written(place, up.step), box.left - 7, toY(place));
+  for (const [place, text] of up) context.fillText(text, box.left - 7, toY(place));
   if (x.title) {
     context.textAlign = "center";
     context.textBaseline = "top";
-    for (const place of across.places) context.fillText(written(place, across.step), toX(place), box.top + box.height + 6);
-    context.fillText(x.title, box.left + box.width / 2, box.top + box.height + 24);
+    for (const [place, text] of across) context.fillText(text, toX(place), bottom + 6);
+    context.fillText(x.title, box.left + box.width / 2, bottom + 24);
   }
   context.save();
   context.translate(13, box.top + box.height / 2);
@@ -150,32 +180,61 @@ export function clipped(context, box, draw) {
   context.restore();
 }
 
-/** Draw a channel over time: a line through samples, or what lies between least and greatest. */
-export function curve(context, points, channel, factor, colour, toX, toY, gap) {
-  const { times, low, high, channels, both } = points;
-  context.strokeStyle = context.fillStyle = colour;
+/** Draw a line through the samples of a channel; where there is none for longer, it is broken. */
+export function line(context, points, channel, factor, colour, toX, toY, gap) {
+  const { times, low, channels } = points;
+  context.strokeStyle = colour;
   context.lineWidth = 1.4;
   context.lineJoin = "bevel";
   context.beginPath();
-  let began = -1;
-  const close = (end) => {
-    if (both && began >= 0)
-      for (let k = end; k >= began; k -= 1) context.lineTo(toX(times[k]), toY(factor * low[k * channels + channel]));
-    began = -1;
+  let before = -Infinity;
+  for (let k = points.first; k <= points.last; k += 1) {
+    const value = factor * low[k * channels + channel];
+    if (Number.isNaN(value)) continue;
+    if (times[k] - before > gap) context.moveTo(toX(times[k]), toY(value));
+    else context.lineTo(toX(times[k]), toY(value));
+    before = times[k];
+  }
+  context.stroke();
+}
+
+/** Draw what lies between least and greatest values, a bar for each column of pixels. */
+export function envelope(context, points, channel, factor, colour, toX, toY, gap, step, scale) {
+  const { times, low, high, channels } = points;
+  context.save();
+  // bars on whole pixels need no smoothing, which takes most of the time of a filled outline
+  context.setTransform(1, 0, 0, 1, 0, 0);
+  context.fillStyle = colour;
+  const least = Math.round(1.4 * scale);
+  let [left, right, top, bottom] = [0, -1, 0, 0];
+  let [before, lastTop, lastBottom] = [-Infinity, 0, 0];
+  const bar = () => {
+    if (right < left) return;
+    const height = Math.max(Math.ceil(bottom - top), least);
+    context.fillRect(left, Math.round(0.5 * (top + bottom - height)), right - left, height);
   };
   for (let k = points.first; k <= points.last; k += 1) {
-    const value = factor * high[k * channels + channel];
-    const broken = began >= 0 && times[k] - times[k - 1] > gap;
-    if (broken || Number.isNaN(value)) close(k - 1);
-    if (Number.isNaN(value)) continue;
-    if (began < 0) {
-      context.moveTo(toX(times[k]), toY(value));
-      began = k;
-    } else context.lineTo(toX(times[k]), toY(value));
+    const place = k * channels + channel;
+    const highest = scale * toY(factor * high[place]);
+    if (Number.isNaN(highest)) continue;
+    const lowest = scale * toY(factor * low[place]);
+    const joined = times[k] - before <= gap;
+    // bars that do not meet are made longer until they do
+    const up = joined ? Math.min(highest, lastBottom) : highest;
+    const down = joined ? Math.max(lowest, lastTop) : lowest;
+    [before, lastTop, lastBottom] = [times[k], highest, lowest];
+    const from = joined && right >= left ? right : Math.floor(scale * toX(times[k] - 0.5 * step));
+    const to = Math.ceil(scale * toX(times[k] + 0.5 * step));
+    if (joined && to <= right) {
+      top = Math.min(top, up);
+      bottom = Math.max(bottom, down);
+    } else {
+      bar();
+      [left, right, top, bottom] = [from, to, up, down];
+    }
   }
-  close(points.last);
-  if (both) context.fill();
-  context.stroke();
+  bar();
+  context.restore();
 }
 
 /** Draw one channel over another: what is older paler, and a dot where it is now. */

@@ -1,0 +1,265 @@
+"""Points that were looked at, as a page shows them: what was varied, and what came out."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.explore.batches import FinishedBatch
+from flexstage.explore.family import Family
+from flexstage.explore.figures import Figure
+from flexstage.explore.optimise.front import Front, Generation, non_dominated
+from flexstage.explore.optimise.optimum import Optimum, SearchStep, Trace
+from flexstage.explore.optimise.problem import Problem
+from flexstage.explore.sweep import Sweep, SweepPlan
+from flexstage.explore.variables import Variable
+from flexstage.web.preferences import Preferences
+
+#: What points of a search for a front are called.
+SEARCHED, ON_FRONT = "searched", "on the front"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PointColumn:
+    """A column of numbers."""
+
+    name: str
+    """What it is called among the others."""
+    heading: str
+    """Its name in words, with the unit."""
+    values: Array
+    """Its numbers in that unit, NaN where there is none."""
+    described: float
+    """The number of the stage as it is described; NaN where that is not known."""
+    is_varied: bool = False
+    """Whether it is a parameter that was varied."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PointTable:
+    """Points, a row each: those that are not computed yet have no figures."""
+
+    variables: tuple[str, ...]
+    """Names of what was varied."""
+    points: Array
+    """Their values in SI units, shape (S, d)."""
+    columns: tuple[PointColumn, ...]
+    """What is shown of each."""
+    labels: tuple[str, ...] = ()
+    """What rows are called beside their number."""
+    counts: tuple[int, ...] = ()
+    """Number of values of each variable on a grid; empty for other points."""
+    computed: int = 0
+    """Points that were looked at."""
+
+    @property
+    def shown(self) -> np.ndarray:
+        """The rows that have figures."""
+        outcome = [c.values for c in self.columns if not c.is_varied]
+        return np.flatnonzero(np.any(np.isfinite(outcome), axis=0))
+
+    @property
+    def varied(self) -> tuple[PointColumn, ...]:
+        """The columns of what was varied."""
+        return tuple(c for c in self.columns if c.is_varied)
+
+    @property
+    def outcome(self) -> tuple[PointColumn, ...]:
+        """The columns of what came out."""
+        return tuple(c for c in self.columns if not c.is_varied)
+
+    def column(self, name: str) -> PointColumn | None:
+        """Return a column by its name."""
+        return next((c for c in self.columns if c.name == name), None)
+
+    def ordered(self, name: str, *, descending: bool) -> list[int]:
+        """Return the rows that have figures in the order of a column.
+
+        Without one as they are, those of a front that was not found yet before the others.
+        """
+        rows = self.shown
+        column = self.column(name)
+        if column is None:
+            searched = [bool(self.labels) and self.labels[i] == SEARCHED for i in rows]
+            return rows[np.argsort(searched, kind="stable")].tolist()
+        values = column.values[rows]
+        order = np.argsort(-values if descending else values, kind="stable")
+        return rows[order].tolist()
+
+    def values(self, row: int) -> dict[str, float]:
+        """Return the parameters of a row, in SI units."""
+        return dict(zip(self.variables, map(float, self.points[row]), strict=True))
+
+
+def _varied(variable: Variable, values: Array) -> PointColumn:
+    return PointColumn(
+        name=variable.name,
+        heading=variable.heading.replace("_", " "),
+        values=values * variable.factor,
+        described=variable.usual * variable.factor,
+        is_varied=True,
+    )
+
+
+def _outcome(
+    figure: Figure, values: Array, described: float, preferences: Preferences
+) -> PointColumn:
+    shown = preferences.shown(figure.shown)
+    known = np.abs(values[np.isfinite(values)])
+    if shown == figure.shown and known.size:
+        shown = shown.fitting(float(known.max()))
+    return PointColumn(
+        name=figure.name,
+        heading=figure.heading_in(shown),
+        values=np.where(np.abs(values) < shown.zero, 0.0, values) * shown.factor,
+        described=described * shown.factor,
+    )
+
+
+def _table(
+    variables: Sequence[Variable],
+    figures: Sequence[Figure],
+    points: Array,
+    values: Array,
+    described: Array,
+    preferences: Preferences,
+) -> PointTable:
+    columns = [_varied(v, points[:, i]) for i, v in enumerate(variables)]
+    columns += [
+        _outcome(f, values[:, k], float(described[k]), preferences) for k, f in enumerate(figures)
+    ]
+    return PointTable(
+        variables=tuple(v.name for v in variables),
+        points=points,
+        columns=tuple(columns),
+        computed=len(points),
+    )
+
+
+def of_sweep(found: Sweep, preferences: Preferences) -> PointTable:
+    """Return the points of a sweep, with the figures that vary."""
+    order = list(found.moving) or list(range(len(found.figures)))
+    table = _table(
+        found.variables,
+        [found.figures[k] for k in order],
+        found.points,
+        found.values[:, order],
+        found.described[order],
+        preferences,
+    )
+    return replace(table, counts=found.counts)
+
+
+def of_batches(
+    question: tuple[Family, tuple[Figure, ...], SweepPlan],
+    batches: Iterable[object],
+    preferences: Preferences,
+) -> PointTable:
+    """Return the points of a sweep that goes on, or was cancelled, as far as it came."""
+    family, figures, plan = question
+    points = plan.points(family.variables)
+    values = np.full((len(points), len(figures)), np.nan)
+    computed = 0
+    for batch in batches:
+        if isinstance(batch, FinishedBatch) and batch.job == "sweep":
+            found = batch.arrays["values"]
+            values[batch.start : batch.start + len(found)] = found
+            computed += len(found)
+    unknown = np.full(len(figures), np.nan)
+    table = _table(family.variables, figures, points, values, unknown, preferences)
+    return replace(table, counts=plan.counts(family.variables), computed=computed)
+
+
+def of_front(found: Front, preferences: Preferences) -> PointTable:
+    """Return the points of a front; the last row is the chosen design, made better."""
+    best = found.optimum
+    own = [best.figures.index(figure) for figure in found.figures]
+    table = _front_table(
+        found.problem,
+        np.vstack((found.points, best.point)),
+        np.vstack((found.values, best.levels[0].best[own])),
+        preferences,
+    )
+    labels = [ON_FRONT] * len(found.points)
+    labels[found.chosen] = "chosen"
+    return replace(table, labels=(*labels, "chosen, improved"))
+
+
+def of_generations(
+    problem: Problem, found: Iterable[object], preferences: Preferences
+) -> PointTable | None:
+    """Return the stages of a search for a front that keep every requirement; None of none yet."""
+    known = [each for each in found if isinstance(each, Generation)]
+    if not any(each.kept.any() for each in known):
+        return None
+    points, values, kept = (
+        np.concatenate([getattr(each, name) for each in known])
+        for name in ("points", "values", "kept")
+    )
+    table = _front_table(problem, points[kept], values[kept], preferences)
+    columns = [problem.figures.index(goal.figure) for goal in problem.goals]
+    signs = np.array([goal.sign for goal in problem.goals])
+    best = non_dominated(values[kept][:, columns] * signs)
+    labels = tuple(ON_FRONT if one else SEARCHED for one in best)
+    return replace(table, labels=labels, computed=len(points))
+
+
+def _front_table(
+    problem: Problem, points: Array, values: Array, preferences: Preferences
+) -> PointTable:
+    unknown = np.full(len(problem.figures), np.nan)
+    variables = problem.family.variables
+    table = _table(variables, problem.figures, points, values, unknown, preferences)
+    return replace(table, columns=(*table.outcome, *table.varied))
+
+
+def of_steps(
+    problem: Problem, found: Iterable[object], preferences: Preferences
+) -> PointTable | None:
+    """Return the steps of a search that goes on, or was cancelled; None before the first."""
+    steps = [each for each in found if isinstance(each, SearchStep)]
+    if not steps:
+        return None
+    points = np.array([step.point for step in steps])
+    varied = [_varied(v, points[:, i]) for i, v in enumerate(problem.family.variables)]
+    return PointTable(
+        variables=tuple(v.name for v in problem.family.variables),
+        points=points,
+        columns=(*way_columns(problem, [s.trace for s in steps], preferences), *varied),
+        computed=len(steps),
+    )
+
+
+def way_columns(
+    problem: Problem, trace: Sequence[Trace], preferences: Preferences
+) -> tuple[PointColumn, ...]:
+    """Return the way of a search: evaluations, goal, and what the requirements are missed by."""
+    objective = np.array([step.objective for step in trace])
+    if problem.goals:
+        goal = _outcome(problem.goals[0].figure, objective, np.nan, preferences)
+    else:
+        goal = _plain("distance", "Distance from the start [parts of the bounds]", objective)
+    missed = 100.0 * np.array([step.violation for step in trace])
+    at = np.array([float(step.evaluations) for step in trace])
+    return (
+        _plain("evaluations", "Evaluations of the lumped model", at),
+        goal,
+        _plain("missed", "Requirements missed by [%]", missed),
+    )
+
+
+def _plain(name: str, heading: str, values: Array) -> PointColumn:
+    return PointColumn(name=name, heading=heading, values=values, described=np.nan)
+
+
+def of_optimum(found: Optimum, preferences: Preferences) -> PointTable:
+    """Return start and best stage, by the finest model."""
+    level = found.levels[-1]
+    table = _front_table(
+        found.problem,
+        np.array([found.start, found.point]),
+        np.array([level.start, level.best]),
+        preferences,
+    )
+    return replace(table, labels=("start", "best"))

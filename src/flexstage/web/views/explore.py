@@ -1,0 +1,183 @@
+"""Explore: what moves what, sweeps, the best stage, and what the workshop makes of it."""
+
+import asyncio
+import hashlib
+
+from nicegui import background_tasks, ui
+
+from flexstage.errors import FlexstageError
+from flexstage.files.names import file_name
+from flexstage.web.design.choice import StageChoice
+from flexstage.web.design.state import DesignState, Variant
+from flexstage.web.design.work import checked
+from flexstage.web.explore.command import Request
+from flexstage.web.explore.facts import StageFacts, facts_of
+from flexstage.web.explore.fields import Fields
+from flexstage.web.explore.forms import build_form, what_it_takes
+from flexstage.web.explore.results import Results
+from flexstage.web.explore.state import KINDS, ExploreState, Run
+from flexstage.web.explore.work import explored, ready
+from flexstage.web.page import Page, PanelHeading
+
+_PURPOSES = {
+    "sweep": "Vary parameters, and see what the figures do.",
+    "optimise": "Find the best dimensions; of several goals the Pareto front.",
+    "tolerance": "What the workshop makes of the stage: spread, yield, what to tighten.",
+    "sensitivity": "Which parameter moves which figure.",
+}
+
+
+def build(page: Page) -> None:
+    """Make the view."""
+    ExploreView(page).build()
+
+
+class ExploreView:
+    """The view in one page.
+
+    Parameters
+    ----------
+    page
+        The page.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._design = page.session.state(DesignState)
+        self._state = page.session.state(ExploreState)
+        self._facts: StageFacts | None = None
+
+    def build(self) -> None:
+        """Make the view."""
+        self._client = ui.context.client
+        with ui.element("section").classes("panel toolbar"):
+            StageChoice(self._page, self._opened)
+            self._changed_label = ui.label().classes("muted")
+            ui.space()
+            ui.toggle(KINDS, value=self._state.kind, on_change=self._turn).props("no-caps").classes(
+                "explore-kinds"
+            )
+        with ui.element("div").classes("columns explore"):
+            self._form = ui.element("section").classes("panel")
+            self._results = ui.element("section").classes("panel")
+        self._opened()
+        if self._state.kind in self._state.runs:
+            self._show_results()
+
+    # the form
+
+    def _opened(self) -> None:
+        """Fill the form for the stage at hand, once its figures are known."""
+        variant = self._design.now
+        changed = len(variant.values)
+        self._changed_label.text = f"{variant.name}, {changed} changed in Design" if changed else ""
+        self._facts = self._state.facts.get(variant)
+        if self._state.kind not in self._state.runs:
+            self._show_results()
+        if self._facts is not None:
+            self._show_form(variant)
+            return
+        self._form.clear()
+        with self._form:
+            ui.label("Reading the stage …").classes("muted").props('role="status"')
+        background_tasks.create(self._read(variant), name="explore", context=self._client)
+
+    async def _read(self, variant: Variant) -> None:
+        try:
+            facts = await asyncio.to_thread(facts_of, variant)
+        except FlexstageError as error:
+            self._form.clear()
+            with self._form:
+                ui.label(str(error)).classes("issue error").props('role="alert"')
+            return
+        self._state.facts.put(variant, facts)
+        if variant == self._design.now:
+            self._facts = facts
+            self._show_form(variant)
+
+    def _show_form(self, variant: Variant) -> None:
+        state, facts = self._state, self._facts
+        assert facts is not None
+        state.fit(variant, facts)
+        self._form.clear()
+        with self._form:
+            PanelHeading(KINDS[state.kind])
+            ui.label(_PURPOSES[state.kind]).classes("muted small")
+            fields = Fields(facts, self._page.preferences, self._changed)
+            with ui.element("div").classes("form"):
+                build_form(state.form, fields)
+            self._takes = ui.label().classes("muted small").props('role="status"')
+            self._go = ui.button(f"Run {KINDS[state.kind].casefold()}", on_click=self._start)
+            self._go.props('icon=play_arrow aria-keyshortcuts="Enter"')
+        self._changed()
+
+    def _turn(self, event: object) -> None:
+        self._state.kind = getattr(event, "value", "") or self._state.kind
+        if self._facts is not None:
+            self._show_form(self._design.now)
+        self._show_results()
+
+    def _changed(self) -> None:
+        """Say what the form as it is takes, or what it lacks."""
+        assert self._facts is not None
+        form = self._state.form
+        try:
+            form.request(self._facts)
+            told, is_possible = what_it_takes(form, self._facts), True
+        except FlexstageError as error:
+            told, is_possible = str(error), False
+        self._takes.text = told
+        self._takes.classes(
+            add="" if is_possible else "issue", remove="issue" if is_possible else ""
+        )
+        self._go.set_enabled(is_possible)
+
+    # runs
+
+    async def _start(self) -> None:
+        state, facts, variant = self._state, self._facts, self._design.now
+        assert facts is not None
+        with self._page.sentences():
+            request = state.form.request(facts)
+            await asyncio.to_thread(ready, facts.template, request)
+            before = state.runs.get(state.kind)
+            if before is not None:
+                before.job.cancel()
+                await asyncio.to_thread(before.job.wait, 5.0)
+            said = _folder_name(state.kind, facts, request, self._page.session.id)
+            folder = self._page.panel.folder(f"explore/{said}")
+            name = f"{KINDS[state.kind]} of {variant.name}"
+            job = self._page.panel.jobs.start(
+                name, explored, folder, facts.template, request, f"found-{state.kind}",
+                owner=self._page.session.id,
+            )  # fmt: skip
+            state.runs[state.kind] = Run(variant, facts, request, folder, job)
+            self._show_results()
+
+    def _show_results(self) -> None:
+        self._results.clear()
+        run = self._state.runs.get(self._state.kind)
+        with self._results:
+            if run is not None:
+                Results(self._page, run).build()
+                return
+            PanelHeading(self._design.now.name)
+            ui.label(
+                f"Nothing was run yet. Press Run {KINDS[self._state.kind].casefold()}: the form is "
+                "filled with what is usual for this stage."
+            ).classes("muted")
+            drawing = ui.html("", sanitize=False).classes("picture")
+        background_tasks.create(self._draw(drawing), name="drawing", context=self._client)
+
+    async def _draw(self, drawing: ui.html) -> None:
+        """Draw the stage at hand where nothing was found yet."""
+        with self._page.sentences():
+            found = await asyncio.to_thread(checked, self._design.now, f"at-hand{drawing.id}")
+            if not drawing.is_deleted:
+                drawing.content = found.svg
+
+
+def _folder_name(kind: str, facts: StageFacts, request: Request, owner: str) -> str:
+    """Return a name that the same run of a person has again, to go on from what was finished."""
+    said = hashlib.sha256(repr((facts.template, request, owner)).encode()).hexdigest()[:8]
+    return file_name(f"{kind}-{facts.template.stage().name}-{said}")
