@@ -119,7 +119,7 @@ class CompensationPanel:
             moved.bind_visibility_from(start, "value", value="moved")
 
     def _file(self) -> None:
-        FilesForm(
+        form = FilesForm(
             self._page,
             self._state.reference,
             self._state.jobs,
@@ -128,9 +128,11 @@ class CompensationPanel:
             example=None,
             changed=self._file_changed,
             reference=True,
-        ).build()
+        )
+        form.build()
         self._missing = ui.label().classes("issue")
         self._missing.visible = False
+        form.begin()
         relative = ui.checkbox(
             "Relative: count from the lowest reading of the drive",
             value=self._state.motion.relative,

@@ -120,7 +120,11 @@ class FilesForm:
             self._page, self._jobs, self._key, self._working, self._take, self._refuse
         )
         self.sync()
-        if self._source.reading.files and self._source.looked is None and not self._source.wrong:
+
+    def begin(self) -> None:
+        """Look into files that nobody has read yet, once all that follows them is there."""
+        source = self._source
+        if source.reading.files and source.looked is None and not source.wrong:
             self.look()
 
     # fields

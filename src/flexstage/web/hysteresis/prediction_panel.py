@@ -72,6 +72,7 @@ class PredictionPanel:
                 self._shown = ui.column().classes("full-width told")
         self._task = Task(self._page, state.jobs, "prediction", self._working, self._take)
         self.show()
+        form.begin()
 
     def show(self) -> None:
         """Show what the model predicts."""

@@ -102,6 +102,7 @@ class HysteresisView:
                 self._contents = ui.column().classes("full-width told")
         self._task = Task(self._page, state.jobs, "model", working, self._take)
         self._looked()
+        form.begin()
 
     def _search(self) -> None:
         search = self._state.search
