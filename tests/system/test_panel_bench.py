@@ -186,7 +186,8 @@ def test_a_waveform_is_run_as_it_was_checked_and_kept(
     for wrong, told in (
         ({"high": 121.0}, "cannot be sent to 121 V"),
         ({"low": 80.0}, "from a low end to a high end"),
-        ({"rate_hz": 4000.0}, "."),
+        ({"rate_hz": 4000.0}, "raise command_rate"),
+        ({"cycles": 2000}, "the instrument holds"),
     ):
         with pytest.raises(FlexstageError, match=told):
             made_waveform(made.device, STAGE, WaveformOrder(**{**_plain(TWO_HZ), **wrong}))
