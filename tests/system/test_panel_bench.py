@@ -272,11 +272,13 @@ def test_a_lost_link_is_told_and_opened_again(
     monkeypatch.setattr(link, "connect", connect)
     instrument.cut_link_at = 0.0
     until(lambda: made.trouble == "nobody answers there")
+    assert made.lost
     with pytest.raises(NotConnectedError, match="the link is lost"):
         made.jog("a", "x", 1.0)
     made.stop()  # which never fails
     there.set()
     until(lambda: not made.trouble)
+    assert not made.lost
     made.jog("a", "x", 3.0).result(10.0)
     until(lambda: made.readings["x"].voltage == pytest.approx(3.0))
 
