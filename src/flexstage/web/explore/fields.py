@@ -62,11 +62,15 @@ class Fields:
     def model(self, form: Any, finer: str) -> None:
         """Show by which model: the lumped one, or superelements, which cost more."""
         options = {"lumped": "lumped: quick, some per cent off", "superelement": finer}
-        field = ui.select(options, value=form.model, label="Model")
+        self.choice("Model", form, "model", options)
+
+    def choice(self, label: str, form: Any, name: str, options: dict[str, str]) -> None:
+        """Show a field of a form that is one of some words."""
+        field = ui.select(options, value=getattr(form, name), label=label)
         field.props(_FIELD).classes("full-width")
 
         def take(event: Any) -> None:
-            form.model = event.value
+            setattr(form, name, event.value)
             self.changed()
 
         field.on_value_change(take)
@@ -173,7 +177,7 @@ class Fields:
             row.value = None if value is None else value / shown.factor
 
         has_value = row.sign not in ("maximise", "minimise")
-        with ui.element("div").classes("limit"):
+        with ui.element("div").classes("limit" if has_value else "limit goal"):
             figure = ui.select(dict(options), value=row.figure, with_input=True)
             figure.props(_FIELD).classes("figure").props["aria-label"] = "Figure"
             sign = ui.select(dict(signs), value=row.sign)

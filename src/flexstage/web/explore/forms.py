@@ -138,6 +138,8 @@ def _optimise(form: OptimiseForm, fields: Fields) -> None:
         names = ui.element("div").classes("rows")
     _count(form, facts, fold)
     fields.model(form, "superelement: corrects the lumped one, takes some minutes")
+    starts = {"described": "the stage as it is", "middle": "the middle of all bounds"}
+    fields.choice("Start", form, "start", starts)
     fields.number(
         "Evaluations at most", form.evaluations, lambda v: setattr(form, "evaluations", v),
         whole=True, min=1,
