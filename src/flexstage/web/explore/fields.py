@@ -180,14 +180,14 @@ class Fields:
         with ui.element("div").classes("limit" if has_value else "limit goal"):
             figure = ui.select(dict(options), value=row.figure, with_input=True)
             figure.props(_FIELD).classes("figure").props["aria-label"] = "Figure"
+            figure.props["hide-dropdown-icon"] = has_value  # its name needs the room
             sign = ui.select(dict(signs), value=row.sign)
-            sign.props(_FIELD).props["aria-label"] = f"What of {row.figure}"
+            sign.props(_FIELD).classes("sign").props["aria-label"] = f"What of {row.figure}"
             if has_value:
                 value = row.value
                 number = None if value is None else float(f"{value * shown.factor:.5g}")
                 field = self.number(None, number, take)
                 field.props["aria-label"] = f"Value of {row.figure} [{shown.shown_unit or '1'}]"
-                ui.label(shown.shown_unit).classes("muted unit")
             if drop is not None:
                 remove = quiet_button(icon="close", on_click=lambda: drop(row)).props("dense")
                 remove.props["aria-label"] = f"Remove {row.figure}"

@@ -59,7 +59,7 @@ class ExploreView:
                 "explore-kinds"
             )
         with ui.element("div").classes("columns explore"):
-            self._form = ui.element("section").classes("panel")
+            self._form = ui.element("section").classes("panel asked")
             self._results = ui.element("section").classes("panel")
         self._opened()
         if self._state.kind in self._state.runs:
@@ -107,9 +107,10 @@ class ExploreView:
             fields = Fields(facts, self._page.preferences, self._changed)
             with ui.element("div").classes("form"):
                 build_form(state.form, fields)
-            self._takes = ui.label().classes("muted small").props('role="status"')
-            self._go = ui.button(f"Run {KINDS[state.kind].casefold()}", on_click=self._start)
-            self._go.props("icon=play_arrow")
+            with ui.element("div").classes("go"):
+                self._takes = ui.label().classes("muted small").props('role="status"')
+                self._go = ui.button(f"Run {KINDS[state.kind].casefold()}", on_click=self._start)
+                self._go.props("icon=play_arrow")
         self._changed()
 
     def _turn(self, event: object) -> None:
