@@ -75,8 +75,8 @@ def study(
     """
     from flexstage.cache import Memory, open_cache
     from flexstage.files.write import require_writable, write_files
-    from flexstage.report.study import report_pages
-    from flexstage.studies import results_json, run_study, study_results
+    from flexstage.report.study import study_files
+    from flexstage.studies import run_study
     from flexstage.studies.results import characteristic_row
 
     described = taken.stage(stage)
@@ -103,14 +103,8 @@ def study(
             seed=seed,
             cache=cache,
         )
-        pages = report_pages(result, Memory(open_cache(cache)))
-    files = write_files(
-        directory,
-        {
-            **{name: page.encode() for name, page in pages.items()},
-            "results.json": results_json(study_results(result)),
-        },
-    )
+        written = study_files(result, Memory(open_cache(cache)))
+    files = write_files(directory, written)
     if json:
         print_json(
             {

@@ -63,12 +63,9 @@ class StageStudy:
     def write(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write the report and the figures behind it: ``report.html`` and ``results.json``."""
         from flexstage.files.write import write_files
-        from flexstage.report import report_html
-        from flexstage.studies import results_json, study_results
+        from flexstage.report.study import study_files
 
-        results = results_json(study_results(self.study))
-        page = report_html(self.study).encode()
-        return write_files(Path(folder), {"report.html": page, "results.json": results})
+        return write_files(Path(folder), study_files(self.study))
 
     def __repr__(self) -> str:
         title = f"{self.study.stage.name}, {', '.join(self.study.runs)}"

@@ -40,6 +40,7 @@ from flexstage.report.tables import (
 from flexstage.report.traditional import assumption_section, drift_section, motion_error_section
 from flexstage.section import Bullets, Content, Definitions, Picture, Pictures, Section
 from flexstage.studies.measurement import MeasurementComparison
+from flexstage.studies.results import results_json, study_results
 from flexstage.studies.study import Study
 from flexstage.table import Table
 
@@ -114,6 +115,12 @@ def report_pages(study: Study, memory: Memory | None = None) -> dict[str, str]:
     if isinstance(study.virtual, MeasurementComparison):
         pages[_VIRTUAL_FILE] = measurement_text(study.virtual, memory)
     return pages
+
+
+def study_files(study: Study, memory: Memory | None = None) -> dict[str, bytes]:
+    """Write the pages of a study, and its results as JSON, by name of the file."""
+    pages = {name: page.encode() for name, page in report_pages(study, memory).items()}
+    return pages | {"results.json": results_json(study_results(study))}
 
 
 def study_section(study: Study, key: str) -> Section:

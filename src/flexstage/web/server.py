@@ -53,12 +53,14 @@ def application(options: PanelOptions, announce: Callable[[], object] = lambda: 
     from flexstage.web.gate import Gate
     from flexstage.web.live.chart import add_live_charts
     from flexstage.web.page import Panel
+    from flexstage.web.report.written import serve_reports
     from flexstage.web.sessions import Access
     from flexstage.web.shell import add_style, build_page
 
     panel = Panel(options, Access(options.password))
     outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_style()
+    serve_reports(outer, panel.options.folder / "report")
     add_live_charts(outer, panel)
     ui.run_with(
         outer,

@@ -1,0 +1,1 @@
+"""The view Report: what was written, and how it is written."""

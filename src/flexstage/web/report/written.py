@@ -1,0 +1,82 @@
+"""Reports that were written: where they lie, and the address of each file in the panel."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+#: What a report may consist of, and what each file is called in the page.
+FILES: Mapping[str, str] = MappingProxyType(
+    {
+        "report.html": "Report",
+        "virtual-measurement.html": "Simulated measurement",
+        "results.json": "Results (JSON)",
+    }
+)
+_FIRST = next(iter(FILES))
+_ADDRESS = "/reports"
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenReport:
+    """A report in a folder of its own."""
+
+    folder: Path
+    """The folder."""
+
+    @property
+    def name(self) -> str:
+        """The name of its folder, which begins with that of the stage."""
+        return self.folder.name
+
+    @property
+    def title(self) -> str:
+        """Of which stage it is, and when it was written."""
+        stage = self.name.rpartition("_")[0] or self.name
+        return f"{stage}, {datetime.fromtimestamp(self._written):%d %b %Y %H:%M:%S}"
+
+    @property
+    def files(self) -> list[str]:
+        """The files that it has."""
+        return [name for name in FILES if (self.folder / name).is_file()]
+
+    def address(self, file: str = _FIRST) -> str:
+        """Return where the panel serves a file of it."""
+        return f"{_ADDRESS}/{self.name}/{file}"
+
+    @property
+    def _written(self) -> float:
+        return (self.folder / _FIRST).stat().st_mtime
+
+
+def written_reports(folder: Path) -> list[WrittenReport]:
+    """Return the reports in a folder, the newest first."""
+    found = [WrittenReport(path.parent) for path in folder.glob(f"*/{_FIRST}")]
+    return sorted(found, key=lambda report: (report._written, report.name), reverse=True)
+
+
+def new_folder(folder: Path, stage: str) -> Path:
+    """Return a folder for a new report of a stage."""
+    stem = f"{stage}_{datetime.now():%Y%m%d-%H%M%S}"
+    taken = {path.name for path in folder.glob(f"{stem}*")}
+    count = next(k for k in range(len(taken) + 1) if _numbered(stem, k) not in taken)
+    return folder / _numbered(stem, count)
+
+
+def _numbered(stem: str, count: int) -> str:
+    return f"{stem}-{count + 1}" if count else stem
+
+
+def serve_reports(application: Any, folder: Path) -> None:
+    """Let an application (FastAPI) serve the files of reports, and nothing else of the folder."""
+    from fastapi import HTTPException
+    from fastapi.responses import FileResponse
+
+    @application.get(f"{_ADDRESS}/{{name}}/{{file}}")
+    def _serve(name: str, file: str) -> FileResponse:
+        for report in written_reports(folder):
+            if report.name == name and file in report.files:
+                return FileResponse(report.folder / file)
+        raise HTTPException(404, "there is no such report")
