@@ -36,9 +36,11 @@ export default {
         <q-btn dense outline no-caps color="link" :icon="playing ? 'pause' : 'play_arrow'" :label="playing ? 'Pause' : 'Play'" @click="toggle" />
         <label class="small">Amplitude <input type="range" min="0" max="3" step="0.05" v-model.number="amplitude" aria-label="Amplitude" @input="draw"></label>
         <span class="small muted">{{ magnified }}</span>
-        <span class="moving-views" v-if="!geometry.flat">
+        <span class="moving-views">
           <q-btn dense flat no-caps color="link" label="From above" :aria-pressed="String(above)" @click="look(true)" />
-          <q-btn dense flat no-caps color="link" label="In space" :aria-pressed="String(!above)" @click="look(false)" />
+          <q-btn dense flat no-caps color="link" label="In space" :aria-pressed="String(!above)" @click="look(false)" v-if="!geometry.flat" />
+          <q-btn dense flat color="link" icon="zoom_in" aria-label="Zoom in" @click="zoom(1.4)" />
+          <q-btn dense flat color="link" icon="zoom_out" aria-label="Zoom out" @click="zoom(1 / 1.4)" />
         </span>
       </div>
       <div class="moving-picture">

@@ -67,7 +67,8 @@ class Shapes:
                     "largest stress."
                 ).classes("muted small")
             ui.label(
-                "Drag to move or turn it; keys: arrows, + and −, Home, space for play and pause."
+                "Drag to move or turn it. Once it was clicked: wheel, arrows, + and −, Home, and "
+                "space for play and pause."
             ).classes("muted small")
         self._say(one)
 
