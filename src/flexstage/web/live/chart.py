@@ -28,8 +28,8 @@ def add_live_charts(app: FastAPI, panel: Panel) -> None:
 class ChartViews:
     """What a browser shows in each live chart: window, loop, hidden channels."""
 
-    views: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """By what the charts say that they show."""
+    views: dict[tuple[str, ...], dict[str, Any]] = field(default_factory=dict)
+    """By what the charts say that they show, and the names of their channels."""
 
 
 class LiveChart(
@@ -61,7 +61,8 @@ class LiveChart(
         super().__init__()
         # pages are answered as long as somebody holds it
         self._history = history
-        self._views, self._says = page.session.state(ChartViews).views, says
+        self._views = page.session.state(ChartViews).views
+        self._key = (says, *(channel.name for channel in history.channels))
         self.classes("live-chart")
         self.props["address"] = page.panel.state(SharedHistories).add(history)
         self.props["channels"] = [described(page, channel) for channel in history.channels]
@@ -69,11 +70,11 @@ class LiveChart(
         self.props["windows"], self.props["says"] = list(WINDOWS), says
         self.props["begins"] = "loop" if loop else "time"
         self.props["pair"] = _pair(history, loop)
-        self.props["view"] = self._views.get(says, {})
+        self.props["view"] = self._views.get(self._key, {})
         self.on("view", self._keep)
 
     def _keep(self, event: GenericEventArguments) -> None:
-        self._views[self._says] = event.args
+        self._views[self._key] = event.args
 
 
 def _pair(history: LiveHistory, loop: tuple[str, str] | None) -> list[int]:

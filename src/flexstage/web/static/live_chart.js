@@ -224,7 +224,8 @@ export default {
       const { begin, end, unit, seconds, origin } = this.times();
       const step = this.got?.step || 0;
       const gap = Math.max(GAP, 5 / this.rate, 1.5 * step);
-      const x = { low: (begin - origin) / seconds, high: (end - origin) / seconds, title: `Time [${unit}]` };
+      // before the first sample there is no time to mark
+      const x = { low: (begin - origin) / seconds, high: (end - origin) / seconds, title: `Time [${unit}]`, least: 0 };
       this.plot = whole;
       if (this.pointer !== null) this.cursor = this.timeAt(this.pointer);
       const yOf = (panel, kept) => {
