@@ -522,7 +522,14 @@ def test_a_record_outlives_its_page_and_its_server(tmp_path: Path) -> None:
                 page.get_by_text("samples are safe").wait_for()
                 page.get_by_role("button", name="Recover").click()
                 page.get_by_text("recovered as").wait_for()
-            assert not stream.exists()
+                # a server that is asked to end stops the run and keeps what was recorded
+                page.get_by_role("tab", name="Record").click()
+                page.get_by_role("button", name="Record", exact=True).click()
+                page.get_by_text("recording, ").wait_for()
+                until(lambda: len([*(tmp_path / "files" / "bench").rglob("*.stream")]) == 1)
+                page.wait_for_timeout(1500)
+            assert not [*(tmp_path / "files" / "bench").rglob("*.stream")]
+            assert len([*(tmp_path / "files" / "bench").rglob("*.h5")]) == 2
             assert read_record(stream.with_suffix(".h5")).size > 1000
     finally:
         twin.send_signal(signal.SIGINT)

@@ -147,9 +147,6 @@ class RunList(RunForm):
         self._list = ui.element("div").classes("full-width")
         ui.timer(0.0, self.read, once=True)
 
-    def look(self) -> None:
-        """Do nothing: it is read when it is asked for."""
-
     async def read(self) -> None:
         """Read both."""
         left = await asyncio.to_thread(left_over, self._page.panel.folder("bench"))
