@@ -80,6 +80,7 @@ class FilesForm:
         self._like, self._reference = like, reference
         self._fields: dict[str, Any] = {}
         self._reads = 0
+        self._plain: Reading | None = None
         self._syncing = False
 
     def build(self) -> None:
@@ -204,7 +205,8 @@ class FilesForm:
     # files
 
     def _replace(self, path: Path) -> None:
-        self._source.open(replace(self._like(), files=(str(path),)))
+        self._plain = Reading(files=(str(path),))
+        self._source.open(replace(self._like(), files=self._plain.files, rows=""))
         self.look()
 
     def _add(self, path: Path) -> None:
@@ -225,7 +227,9 @@ class FilesForm:
         assert self._example is not None
         folder = self._page.panel.folder(f"hysteresis/{self._page.session.id}")
         with self._page.sentences():
-            self._replace(await asyncio.to_thread(self._example, folder))
+            path = await asyncio.to_thread(self._example, folder)
+            self._source.open(Reading(files=(str(path),)))
+            self.look()
 
     def _go_back(self) -> None:
         self._source.go_back()
@@ -270,7 +274,7 @@ class FilesForm:
                 self._take(found)
 
     def _take(self, found: Looked) -> None:
-        self._source.looked, self._source.wrong = found, ""
+        self._source.looked, self._source.wrong, self._plain = found, "", None
         reading = found.reading
         if self._reference and not reading.output:
             reading = replace(reading, output=reading.input)
@@ -279,6 +283,11 @@ class FilesForm:
         self._changed()
 
     def _refuse(self, sentence: str) -> None:
+        plain, self._plain = self._plain, None
+        if plain is not None and sentence and plain != self._source.reading:
+            self._source.reading = plain  # it is not like the other one
+            self.look()
+            return
         self._source.wrong = (
             self._page.words(sentence) or "The file was not read: it was cancelled."
         )

@@ -13,7 +13,7 @@ from flexstage.report.identification import (
 )
 from flexstage.web.figures import show_table
 from flexstage.web.hysteresis.example import other_example
-from flexstage.web.hysteresis.files_form import FilesForm
+from flexstage.web.hysteresis.files_form import FilesForm, show_contents
 from flexstage.web.hysteresis.shown import figure, in_page, sentence, show_lines
 from flexstage.web.hysteresis.state import HysteresisState
 from flexstage.web.hysteresis.tasks import Task
@@ -53,7 +53,7 @@ class PredictionPanel:
                     key="other",
                     label="Another record of the drive: drop it here",
                     example=other_example,
-                    changed=self._changed,
+                    changed=self._other_record,
                     like=lambda: state.source.reading,
                 )
                 form.build()
@@ -75,12 +75,15 @@ class PredictionPanel:
         form.begin()
 
     def show(self) -> None:
-        """Show what the model predicts."""
-        self._changed()
+        """Show what the model predicts, or the record until it does."""
+        self._say_missing()
         self._shown.clear()
-        found, model = self._state.predicted, self._state.model
-        self._results.visible = found is not None
+        found, model, looked = self._state.predicted, self._state.model, self._state.other.looked
+        self._results.visible = found is not None or looked is not None
         if found is None or model is None:
+            with self._shown:
+                if looked is not None:
+                    show_contents(looked)
             return
         first, drive = found.found[0], model.file.model
         with self._shown:
@@ -96,7 +99,11 @@ class PredictionPanel:
             show_lines([sentence(line) for line in lines], "small")
             show_lines([sentence(note) for p in found.found for note in p.notes], "issue")
 
-    def _changed(self) -> None:
+    def _other_record(self) -> None:
+        self._state.predicted = None
+        self.show()
+
+    def _say_missing(self) -> None:
         missing = (
             "There is no model yet: identify one from a record, or open its file."
             if self._state.model is None
