@@ -207,12 +207,26 @@ def _good(reading: CentreReading, target: float) -> bool:
     return reading.length.interval()[1] < target
 
 
+def trial_length(eccentricity: float, uncertainty: float) -> float:
+    r"""Return how long a trial move of one axis should be [m].
+
+    About as long as the later moves, :math:`e / \sqrt 2`, and 30 standard uncertainties u at least,
+    with which eccentricity and place are known [m].
+
+    Examples
+    --------
+    >>> f"{trial_length(50e-6, 0.1e-6):.3g}", f"{trial_length(0.2e-6, 0.1e-6):.3g}"
+    ('3.54e-05', '3e-06')
+    """
+    return max(eccentricity / math.sqrt(2.0), _SHORTEST_TRIAL * uncertainty)
+
+
 def _trial(positioner: Positioner, axis: int, reading: CentreReading) -> tuple[float, float]:
     """Command of a trial move: about as long as the later moves, to the side with more room."""
     low, high = positioner.limits[axis]
     now = positioner.position[axis]
     u = math.sqrt(float(np.trace(reading.covariance))) + positioner.resolution[axis]
-    wanted = max(float(np.hypot(*reading.vector)) / math.sqrt(2.0), _SHORTEST_TRIAL * u)
+    wanted = trial_length(float(np.hypot(*reading.vector)), u)
     room = max(high - now, now - low)
     length = min(wanted, _LONGEST_TRIAL * (high - low), room)
     if not length > 0.0:
