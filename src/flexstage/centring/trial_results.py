@@ -30,7 +30,7 @@ def trial(
         "harmonic_unit": "m" if settings[0].heads[0].radial else "rad",
         "orders": [_plain(r) for r in found],
         "order": None if best is None else best.order,
-        "notes": _notes(best, kind, len(settings)),
+        "notes": _notes(best, kind, len(settings), last),
     }
     if best is not None and best.x is not None and best.y is not None:
         out["centre"] = {
@@ -67,7 +67,9 @@ def _plain(r: OrderResponse) -> dict[str, Any]:
     }
 
 
-def _notes(best: OrderResponse | None, kind: str | None, count: int) -> list[str]:
+def _notes(
+    best: OrderResponse | None, kind: str | None, count: int, last: tuple[float, float]
+) -> list[str]:
     if best is None:
         which = "no order follows" if kind == MAGNET else "order 1 does not follow"
         return [
@@ -80,9 +82,24 @@ def _notes(best: OrderResponse | None, kind: str | None, count: int) -> list[str
             "three positions are as many as proportion has numbers: a fourth would show whether it "
             "holds"
         )
+    if _is_there(best, last):
+        notes.append(
+            "the move from the last position is within its uncertainty: the scale is centred as "
+            "well as these records tell"
+        )
     if best.follows == "in proportion":
         notes.append(
             f"there the whole of order {best.order} vanishes, with what of it is the scale's or "
             "its signals' own: measure again there"
         )
     return notes
+
+
+def _is_there(best: OrderResponse, last: tuple[float, float]) -> bool:
+    """Say whether a position is the centre, as far as that is known with 95 % confidence."""
+    return (
+        best.x is not None
+        and best.y is not None
+        and best.x.covers(last[0])
+        and best.y.covers(last[1])
+    )

@@ -33,24 +33,30 @@ def figures(
     unit, factor = preferences.length_unit()
     shown: list[tuple[str, str, str]] = []
     if (e := found.get("eccentricity")) is not None:
-        low, high = (number(factor * end) for end in e["interval"])
+        low, high = (number(factor * end, 3) for end in e["interval"])
         value = f"{pair(e['value'], e['uncertainty'], factor)} {unit}"
         shown.append(("Eccentricity", value, f"95 %: {low} to {high} {unit}"))
-    first = first_order(found, radius)
-    if first is not None:
-        shown.append(("Error once per turn", f"{number(first)} arcsec", "amplitude"))
+    if (first := first_order(found, radius)) is not None:
+        shown.append(("Error once per turn", f"{pair(*first, 1.0)} arcsec", "amplitude"))
     shown.append(("Rest beside the fit", residual(found, preferences), "rms"))
     return shown
 
 
-def first_order(found: dict[str, Any], radius: float | None) -> float | None:
-    """Return the amplitude of the error of order 1 [arcsec]; of a gauge that of a scale there."""
+def first_order(found: dict[str, Any], radius: float | None) -> tuple[float, float] | None:
+    """Return the amplitude of the error of order 1 and its standard uncertainty [arcsec].
+
+    Of a gauge it is that of a scale with this radius.
+    """
     first = next((h for h in found["harmonics"] if h["order"] == 1), None)
     if first is None:
         return None
-    if first["amplitude_arcsec"] is not None:
-        return first["amplitude_arcsec"]
-    return None if radius is None else 1e-6 * first["amplitude_um"] / radius / ARCSEC
+    size = first["amplitude_arcsec"]
+    if size is None:
+        if radius is None:
+            return None
+        size = 1e-6 * first["amplitude_um"] / radius / ARCSEC
+    amplitude = first["amplitude"]
+    return size, first["amplitude_uncertainty"] * (size / amplitude if amplitude else 0.0)
 
 
 def residual(found: dict[str, Any], preferences: Preferences) -> str:
@@ -58,9 +64,11 @@ def residual(found: dict[str, Any], preferences: Preferences) -> str:
     first = found["harmonics"][0]
     left, size = found["residual_rms"], first["amplitude"]
     if first["amplitude_arcsec"] is not None:
-        return f"{number(left * first['amplitude_arcsec'] / size)} arcsec" if size else "–"
+        return f"{number(left * first['amplitude_arcsec'] / size, 3)} arcsec" if size else "–"
     unit, factor = preferences.length_unit()
-    return f"{number(left * factor * 1e-6 * first['amplitude_um'] / size)} {unit}" if size else "–"
+    return (
+        f"{number(left * factor * 1e-6 * first['amplitude_um'] / size, 3)} {unit}" if size else "–"
+    )
 
 
 def rows_of(state: CentringState, preferences: Preferences) -> Table:
@@ -80,7 +88,7 @@ def rows_of(state: CentringState, preferences: Preferences) -> Table:
             cells = [
                 "–" if e is None else pair(e["value"], e["uncertainty"], factor),
                 "–" if e is None else in_page_words(f"{e['phase_deg']:.1f}"),
-                "–" if first is None else number(first),
+                "–" if first is None else pair(*first, 1.0),
                 residual(found[i], preferences),
             ]
         rows.append((f"{i + 1} {_KINDS[each.kind]}", *at, *cells))

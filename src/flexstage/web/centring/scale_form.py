@@ -10,7 +10,8 @@ from flexstage.centring.record_heads import MAGNET
 from flexstage.web.centring.state import CentringState, Source
 from flexstage.web.page import Page, quiet_button
 
-_SOURCES: dict[Source, str] = {
+#: Where records come from, as the page names it.
+SOURCES: dict[Source, str] = {
     "example": "Example (simulated)",
     "records": "Records of an encoder",
     "gauge": "Readings of a gauge",
@@ -46,7 +47,7 @@ class ScaleForm:
         state = self._state
         self._area.clear()
         with self._area:
-            source = ui.select(_SOURCES, value=state.source, label="Where records come from")
+            source = ui.select(SOURCES, value=state.source, label="Where records come from")
             source.props(_DENSE).on_value_change(lambda e: self._begin(e.value))
             radius = ui.number(
                 "Radius of the scale [mm]",

@@ -25,6 +25,15 @@ def place_of(bench: BenchLink) -> tuple[float, float] | None:
     return x, y
 
 
+def limits_of(bench: BenchLink) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Return how far the axes of a connected stage go [m], where that is known."""
+    axes, device = axes_of(bench), bench.device
+    if axes is None or device is None:
+        return None
+    x, y = (device.axes[axis].limits.position for axis in axes)
+    return None if x is None or y is None else (x, y)
+
+
 def move_to(bench: BenchLink, session: str, target: tuple[float, float]) -> tuple[float, float]:
     """Lead both axes to a place [m] and wait until they rest; return where they stand then.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from flexstage.centring.from_records import CentreOptions
-from flexstage.centring.procedure import trial_length
+from flexstage.centring.procedure import trial_length, trial_position
 from flexstage.web.centring.work import (
     EXAMPLE_HEADS,
     EXAMPLE_RADIUS,
@@ -18,6 +18,7 @@ from flexstage.web.centring.work import (
 from flexstage.web.jobs import BackgroundJob
 
 Source = Literal["records", "gauge", "example"]
+_FAR = 1.0  # where nobody says how far a stage goes [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,8 @@ class CentringState:
     """What was measured, in sequence."""
     at: tuple[float, float] = (0.0, 0.0)
     """Where the stage stands for the next measurement, x and y [m]."""
+    limits: tuple[tuple[float, float], tuple[float, float]] = ((-_FAR, _FAR), (-_FAR, _FAR))
+    """How far the axes of the stage go [m]."""
     found: CentreFound | None = None
     """What the measurements say."""
     columns: tuple[str, ...] = ()
@@ -70,6 +73,11 @@ class CentringState:
     """Their unit."""
     jobs: dict[str, BackgroundJob] = field(default_factory=dict)
     """Long work whose result nobody has taken."""
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Where the stage stood at first, x and y [m]."""
+        return self.measured[0].at if self.measured else self.at
 
     @property
     def step(self) -> int:
@@ -115,9 +123,9 @@ class CentringState:
         self.at = self.measured.pop().at
         self.found = None
 
-    def begin(self, source: Source) -> None:
-        """Begin anew."""
-        fresh = CentringState(at=self.at, radius=self.radius, kind=self.kind)
+    def begin(self, source: Source, at: tuple[float, float] | None = None) -> None:
+        """Begin anew, with the stage at a place; in the middle where that is not known."""
+        fresh = CentringState(at=at or (0.0, 0.0), radius=self.radius, kind=self.kind)
         fresh.source = source
         if source == "example":
             fresh.columns = ("angle", *(f"head {j + 1}" for j in range(len(EXAMPLE_HEADS))))
@@ -143,9 +151,9 @@ class CentringState:
         if self.step == 3:
             centre = self.found.result["trial"].get("centre")
             return None if centre is None else (centre["x"], centre["y"])
-        length = self._trial_length()
-        x, y = self.measured[-1].at
-        return (x + length, y) if len(self.measured) == 1 else (x, y + length)
+        axis, to = len(self.measured) - 1, list(self.measured[-1].at)
+        to[axis] = trial_position(to[axis], self.limits[axis], self._trial_length())
+        return to[0], to[1]
 
     def _trial_length(self) -> float:
         """Length of a trial move [m], to two digits; 20 µm of a scale without a radius."""

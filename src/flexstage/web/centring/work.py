@@ -62,9 +62,14 @@ def evaluated(request: CentreRequest, key: str) -> CentreFound:
     names = options.columns
     read = read_files(request.files, names, units=options.units, over="point")
     found = centre_records(read, options)
-    ends = found.settings if len(found.settings) < 2 else [found.settings[0], found.settings[-1]]
+    numbers = sorted({1, len(found.settings)})
+    ends = [found.settings[number - 1] for number in numbers]
     svg = inline(
-        lambda: draw_polar([s.fits[0] for s in ends], [s.heads[0].angle for s in ends]),
+        lambda: draw_polar(
+            [s.fits[0] for s in ends],
+            [s.heads[0].angle for s in ends],
+            [f"in turn {number}" for number in numbers],
+        ),
         key,
         "Error of the scale over the turn, polar, with the fitted curve, and its harmonics",
     )
@@ -122,12 +127,12 @@ def gauge_record(text: str, factor: float, path: Path) -> None:
     _write(path, angle, {"gauge": (factor * values, "m")})
 
 
-def simulated_record(at: Sequence[float], index: int, path: Path) -> None:
-    """Write what the heads of the example read with its stage at a place, x and y [m]."""
+def simulated_record(by: Sequence[float], index: int, path: Path) -> None:
+    """Write what the heads of the example read after its stage moved so far, x and y [m]."""
     c, s = math.cos(_TURNED), math.sin(_TURNED)
     # mounted turned and mirrored, as a real one may be
     matrix = np.array([[c, s], [s, -c]]) @ np.diag(_GAINS)
-    x, y = np.array(_CENTRE) + matrix @ np.asarray(at)
+    x, y = np.array(_CENTRE) + matrix @ np.asarray(by)
     table = VirtualTable(
         radius=EXAMPLE_RADIUS,
         heads=EXAMPLE_HEADS,

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,8 @@ from flexstage.files.write import write_whole
 from flexstage.records import FORMATS
 from flexstage.web.bench.state import bench_of
 from flexstage.web.centring.findings import figures, pair, place, rows_of
-from flexstage.web.centring.scale_form import ScaleForm
-from flexstage.web.centring.stage_moves import axes_of, move_to, place_of
+from flexstage.web.centring.scale_form import SOURCES, ScaleForm
+from flexstage.web.centring.stage_moves import axes_of, limits_of, move_to, place_of
 from flexstage.web.centring.state import CentringState, Source
 from flexstage.web.centring.work import (
     CentreFound,
@@ -30,7 +31,13 @@ from flexstage.web.uploads import upload
 
 _ENDINGS = tuple(suffix for suffixes in FORMATS.values() for suffix in suffixes)
 _STEPS = ("Measure", "Trial moves", "Move", "Verify")
-_HOW = {
+_PURPOSES = (
+    "How far the centre of the scale is from the axis, and in which direction.",
+    "Each axis is moved once by a known way: that tells its direction, sign and gain.",
+    "Where the stage has to stand for the error of order 1 to vanish.",
+    "What is left, and whether a further move would help.",
+)
+_HOW: dict[Source, str] = {
     "records": "Turn the table once or more with the stage at rest, and give the record: its angle "
     "and the error of each head (angle read minus true angle).",
     "gauge": "Turn the table once by hand, and read the gauge on the rim at even angles.",
@@ -56,8 +63,12 @@ class CentringView:
     def __init__(self, page: Page) -> None:
         self._page, self._bench = page, bench_of(page)
         self._state = page.session.state(CentringState)
-        if not self._state.columns and self._state.source == "records":
-            self._state.begin("example")
+        if not self._state.measured:
+            first = not self._state.columns and self._state.source == "records"
+            source: Source = "example" if first else self._state.source
+            self._state.begin(source, place_of(self._bench))
+        if (limits := limits_of(self._bench)) is not None:
+            self._state.limits = limits
         self._folder = page.panel.folder(f"centring/{page.session.id}")
 
     def build(self) -> None:
@@ -78,9 +89,7 @@ class CentringView:
 
     def _begin(self, source: Source) -> None:
         self._task.stop()
-        self._state.begin(source)
-        if (at := place_of(self._bench)) is not None:
-            self._state.at = at
+        self._state.begin(source, place_of(self._bench))
         self._form.build()
         self._show()
 
@@ -105,8 +114,9 @@ class CentringView:
 
     async def _turn(self) -> None:
         with self._page.sentences():
-            path, count = self._new_file(".csv"), len(self._state.measured)
-            await asyncio.to_thread(simulated_record, self._state.at, count, path)
+            state, path = self._state, self._new_file(".csv")
+            by = [at - first for at, first in zip(state.at, state.origin, strict=True)]
+            await asyncio.to_thread(simulated_record, by, len(state.measured), path)
             self._take_record(path)
 
     def _new_file(self, suffix: str) -> Path:
@@ -176,14 +186,10 @@ class CentringView:
                 PanelHeading(f"{number} {name}")
                 if done:
                     ui.label("done").classes("state")
-            if number == 1 and is_current:
-                self._measure()
-            elif number == 2 and is_current:
-                self._trial()
-            elif number == 3 and is_current:
-                self._towards_centre()
-            elif number == 4 and is_current:
-                self._verify()
+            if is_current:
+                (self._measure, self._trial, self._towards_centre, self._verify)[number - 1]()
+            elif not done:
+                ui.label(_PURPOSES[number - 1]).classes("muted small")
 
     @property
     def _moves(self) -> int:
@@ -210,6 +216,31 @@ class CentringView:
         self._go_button(target)
         self._place_fields()
         self._record_field()
+        self._known_direction()
+
+    def _known_direction(self) -> None:
+        """Offer the move that follows at once where the direction of the stage is known."""
+        found = self._state.found
+        move = None if found is None else found.settings[-1].get("move")
+        if move is None:
+            return
+        unit, factor = self._page.preferences.length_unit()
+        with ui.expansion("You know how the stage lies on the table").classes("full-width"):
+            field = ui.number(
+                "Direction of its x axis [°], as the angle counts",
+                value=round(math.degrees(self._state.mount), 9),
+            ).props("dense outlined debounce=800")
+            field.on_value_change(lambda e: self._mounted(e.value))
+            by = ", ".join(
+                f"{axis} {pair(move[axis], move[f'uncertainty_{axis}'], factor)} {unit}"
+                for axis in "xy"
+            )
+            ui.label(f"Then move it at once from where it stands: {by}.")
+
+    def _mounted(self, degrees: float | None) -> None:
+        if degrees is not None:
+            self._state.mount = math.radians(degrees)
+            self._evaluate()
 
     def _towards_centre(self) -> None:
         state, preferences = self._state, self._page.preferences
@@ -220,6 +251,7 @@ class CentringView:
         for axis, by in zip("xy", centre["move_from_last"], strict=True):
             value = pair(centre[axis], centre[f"uncertainty_{axis}"], factor)
             figure(f"Stage to {axis}", f"{value} {unit}", f"by {factor * by:+.4g} {unit}")
+        show_lines(state.found.result["trial"]["notes"] if state.found else (), "muted small")
         self._go_button(target)
 
     def _verify(self) -> None:
@@ -273,7 +305,7 @@ class CentringView:
         with ui.row().classes("items-center place"):
             for axis in (0, 1):
                 value = float(f"{factor * self._state.at[axis]:.6g}")
-                field = ui.number(f"Stage stands at {'xy'[axis]} [{unit}]", value=value)
+                field = ui.number(f"Stage at {'xy'[axis]} [{unit}]", value=value)
                 field.props("dense outlined")
                 field.on_value_change(lambda e, axis=axis: self._stand(axis, e.value))
 
@@ -297,10 +329,12 @@ class CentringView:
         state, preferences = self._state, self._page.preferences
         if not state.measured:
             PanelHeading("Nothing is measured yet")
-            ui.label(
-                "Four steps: measure the eccentricity, move each axis of the stage on trial, move "
-                "the scale to the centre, and verify what is left."
-            )
+            ui.label("Begin on the left. Records may come from three places:")
+            with ui.element("div").classes("chapters"):
+                for source, how in _HOW.items():
+                    with ui.element("div"):
+                        PanelHeading(SOURCES[source], 3)
+                        ui.label(how).classes("muted small")
             return
         found = state.found if state.up_to_date else None
         if found is not None:
@@ -314,7 +348,7 @@ class CentringView:
             if found is not None:
                 quiet_button("Results (JSON)", icon="download", on_click=self._give)
         if found is not None:
-            show_lines(found.result["notes"], "muted small")
+            show_lines(dict.fromkeys(found.result["notes"]), "muted small")
 
     def _give(self) -> None:
         if self._state.found is not None:
