@@ -129,6 +129,7 @@ class Look:
     def shot(self, name: str) -> None:
         """Keep a picture of the whole page among the outputs of the tests."""
         OUT.mkdir(parents=True, exist_ok=True)
+        self.page.evaluate("scrollTo(0, 0)")  # the bar stands where it is scrolled to
         self.page.screenshot(path=OUT / f"{name}.png", full_page=True)
 
     def unlabelled_axes(self) -> int:

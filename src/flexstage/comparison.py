@@ -19,6 +19,15 @@ _TITLES = {
     "virtual": "virtual measurement",
 }
 
+#: What each model is, in words.
+MODEL_WORDS: Mapping[str, str] = {
+    "lumped": "rigid bodies",
+    "superelement": "bodies condensed to their hinges",
+    "plane": "finite elements in the plane",
+    "superelement-3d": "condensed bodies in three dimensions",
+    "solid": "finite elements in three dimensions",
+}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparisonRow:
@@ -44,13 +53,13 @@ class ComparisonRow:
     def difference_percent(self, column: str, reference: str) -> float | None:
         """Return by how much a column is above another, in percent of that.
 
-        None where one is missing, the reference is 0, or the value is 0 but for rounding.
+        None where one is missing, or one is 0 but for rounding.
         """
-        value = self.value(column)
+        values = self.value(column), self.value(reference)
         # a value that is shown as zero is what the model leaves out, not 100 % less
-        if value is not None and abs(value) < display(self.quantity).zero:
+        if any(v is not None and abs(v) < display(self.quantity).zero for v in values):
             return None
-        return difference_percent(value, self.value(reference))
+        return difference_percent(*values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -201,7 +201,13 @@ def test_what_is_no_sample_and_no_question_is_refused() -> None:
         LiveHistory((CHANNELS[0], CHANNELS[0]), 100.0)
     with pytest.raises(ModelError, match="are positive, got 0 Hz"):
         LiveHistory(CHANNELS, 0.0)
-    wrong = ({"length": "nan"}, {"length": "-1"}, {"end": "inf"}, {"mode": "polar"})
+    wrong = (
+        {"length": "nan"},
+        {"length": "-1"},
+        {"end": "inf"},
+        {"mode": "polar"},
+        {"end": "-1e308"},
+    )
     for asked in ({}, {"mode": "time"}, *(TEN_SECONDS | more for more in wrong)):
         with pytest.raises((KeyError, ValueError)):
             packed(history, asked)

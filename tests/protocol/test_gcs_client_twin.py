@@ -20,6 +20,7 @@ from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import GcsServer
 from flexstage.instruments.pi.simulated.session import Loopback
 from flexstage.instruments.protocol import Capability, Instrument, Signal
+from flexstage.instruments.ramp import lead_to
 from flexstage.instruments.transport import InProcess, TcpLink
 from flexstage.instruments.waveform import Waveform
 from flexstage.system.servo import Notch, ServoSettings
@@ -240,6 +241,48 @@ def test_a_wave_that_is_endless_is_stopped_from_another_thread(twin):
     assert not device.wave_running("1")
     # nobody is blamed for the stop
     controller.recorder.configure([Signal(kind="position", source="x", name="p")], 1e3, 10)
+
+
+def test_a_stop_at_rest_ends_no_later_motion_and_one_on_the_way_does(twin):
+    controller, device = twin
+    lead_to(controller, {"x": 17.0}, "voltage")
+    controller.stop()
+    lead_to(controller, {"x": 31.0}, "voltage")
+    assert device.voltage("1") == pytest.approx(31.0)
+    pause = controller.pause
+
+    def stopped(seconds: float) -> None:
+        controller.stop()
+        pause(seconds)
+
+    controller.pause = stopped
+    with pytest.raises(ControllerError, match="axis 'x' was stopped before"):
+        lead_to(controller, {"x": 73.0}, "voltage")
+    assert device.voltage("1") < 73.0
+
+
+def test_a_stop_just_before_a_waveform_begins_ends_it(twin, monkeypatch):
+    controller, _ = twin
+    waves = controller.waves
+    waves.load(
+        Waveform(values={"x": np.linspace(0.0, 5.0, 50)}, sample_rate_hz=1000.0, quantity="voltage")
+    )
+    connection = waves._connection
+    tell = connection.tell
+
+    def told(line: str) -> object:
+        if line.startswith("WGO") and line.endswith(" 1"):
+            controller.stop()
+        return tell(line)
+
+    monkeypatch.setattr(connection, "tell", told)
+    with pytest.raises(ControllerError, match="stopped"):
+        waves.start(0)
+    assert not waves.running()
+    monkeypatch.setattr(connection, "tell", tell)
+    waves.start(0)
+    assert waves.running()
+    controller.stop()
 
 
 def test_a_second_client_may_look_and_stop_and_not_move():

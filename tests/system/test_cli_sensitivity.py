@@ -18,6 +18,7 @@ from flexstage.explore.hinge_family import hinge_variables
 from flexstage.explore.sensitivity import sensitivities, variables_by
 from flexstage.report.figures.moving_necks import draw_moving_necks
 from flexstage.report.figures.sensitivity import draw_sensitivities
+from flexstage.report.page import typeset
 from flexstage.report.pictures import drawn
 from flexstage.report.sensitivity import sensitivity_table
 from flexstage.section import Picture
@@ -167,7 +168,8 @@ def test_the_picture_shows_the_numbers_of_the_table() -> None:
     variables, _ = variables_by(template)
     figures = usual_figures(known_figures(template.stage()))
     found = sensitivities(Family(template=template, variables=variables), figures)
-    shown = {cell.text for row in sensitivity_table(found).rows[1:] for cell in row[2:]}
+    rows = sensitivity_table(found).rows[1:]
+    shown = {typeset(cell.text) for row in rows for cell in row[2:]}
     for figure in (draw_sensitivities(found), drawn(Picture(result=found, title="", caption=""))):
         texts = {text.get_text() for text in figure.axes[0].texts}
         assert texts == shown

@@ -25,6 +25,7 @@ from flexstage.report.figures.style import encode
 from flexstage.report.study import study_section
 from flexstage.studies import ModelRun, Study
 from flexstage.system import Analysis
+from flexstage.system.mechanical import StressMap
 from tests import meshed_stages
 from tests.studies import sections_of
 from tests.undrawn import without_figures
@@ -220,8 +221,9 @@ def test_the_worst_neck_carries_the_stress_of_the_analysis(
 def test_necks_of_another_stress_have_their_own_picture(plane_analysis: Analysis) -> None:
     axis = plane_analysis.axes[0]
     names = [h.name for h in STAGE.hinges]
-    values = dict(zip(names, (90e6, 101e6, 60e6, 0.3e6), strict=True))
-    static = replace(axis.static, hinge_stress=values)
+    values = np.array([[90e6], [101e6], [60e6], [0.3e6]])
+    stress = StressMap(hinges=tuple(names), matrix=values, owner=np.arange(4))
+    static = replace(axis.static, q=np.ones(1), stress=stress)
     changed = replace(plane_analysis, axes=(replace(axis, static=static),))
     necks = worst_necks(changed, "x")
     # one that bears less than a hundredth of the largest is left out
@@ -229,7 +231,7 @@ def test_necks_of_another_stress_have_their_own_picture(plane_analysis: Analysis
     assert [n.number for n in necks] == [2, 1, 3]
     assert [n.alike for n in necks] == [1, 1, 1]
     assert len(worst_necks(changed, "x", most=2)) == 2
-    still = replace(axis.static, hinge_stress=dict.fromkeys(names, 0.0))
+    still = replace(static, q=np.zeros(1))
     assert not worst_necks(replace(changed, axes=(replace(axis, static=still),)), "x")
 
 

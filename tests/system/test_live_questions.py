@@ -27,6 +27,8 @@ def test_a_chart_has_its_units_and_its_data_on_the_page_alone(tmp_path: Path) ->
 
 
 def require_units(user: Any, panel: Any) -> None:
+    from nicegui.events import GenericEventArguments
+
     from flexstage.web.live.chart import LiveChart
     from flexstage.web.page import Page
 
@@ -38,6 +40,12 @@ def require_units(user: Any, panel: Any) -> None:
         assert [c["unit"] for c in chart.props["channels"]] == ["V", "nm"]
         assert chart.props["channels"][1]["factor"] == 1e9
         assert chart.props["pair"] == [1, 0]
+        assert LiveChart(Page(panel, session), history).props["pair"] == [0, 1]
+        # a browser sees again what it chose, but not of other channels
+        chart._keep(GenericEventArguments(sender=chart, client=chart.client, args={"hidden": [1]}))
+        assert LiveChart(Page(panel, session), history).props["view"] == {"hidden": [1]}
+        other = LiveHistory([LiveChannel("z", POSITION)], 100.0)
+        assert LiveChart(Page(panel, session), other).props["view"] == {}
         with pytest.raises(ModelError, match="no channel 'y' to show: there are u, x"):
             LiveChart(Page(panel, session), history, loop=("x", "y"))
 

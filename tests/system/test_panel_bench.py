@@ -314,6 +314,30 @@ def test_a_real_stage_is_locked_and_moves_when_its_way_is_clear(
         pass
 
 
+def test_an_interrupted_plan_is_gone_on_with(
+    bench: Callable[..., BenchLink], tmp_path: Path
+) -> None:
+    plan = tmp_path / "small.yaml"
+    plan.write_text(PLAN + "  - {name: later, measure: {of: loops, test: motion, along: x}}\n")
+    instrument = SimpleInstrument(noise=1e-9)
+    made = bench(instrument)
+    instrument.nan_from = {"x": instrument.now + 1.8}  # in the second record
+    given = (about(tmp_path / "runs"), str(plan), None, None, "")
+    made.run("a", "plan", carry_out, *given, moves=True)
+    ended(made, "failed")
+    assert made.job is not None
+    assert "step 'later'" in made.job.error
+    (left,) = left_over(tmp_path / "runs")
+    assert left.about == "a plan that has not ended"
+    instrument.nan_from = {}
+    given = (about(tmp_path / "runs"), str(left.plan), left.path, None, "")
+    made.run("a", "plan", carry_out, *given, moves=True)
+    found = ended(made)
+    taken = {step.name: step.repeated for step in found.plan.of("measure")}
+    assert taken == {"motion": False, "later": True}
+    assert not left_over(tmp_path / "runs")
+
+
 def test_what_a_killed_server_leaves_is_found_and_recovered(tmp_path: Path) -> None:
     records = tmp_path / "20310102T030405Z-vgtu-piezo-record" / "records"
     records.mkdir(parents=True)
@@ -427,6 +451,21 @@ def test_a_record_outlives_its_page_and_its_server(tmp_path: Path) -> None:
                 page = context.new_page()
                 page.goto(address)
                 connected(page, at)
+                # a second browser sees all, and drives when the first one hands over
+                assert process.stdout is not None
+                other = running.new_context().new_page()
+                other.goto(json.loads(process.stdout.readline())["address"])
+                other.get_by_role("link", name="Bench").click()
+                other.get_by_text("you see everything and drive nothing").wait_for()
+                up = other.get_by_role("button", name="Step axis x up")
+                assert up.is_disabled()
+                other.get_by_role("button", name="Ask for control").click()
+                page.get_by_role("button", name="Hand over").click()
+                other.get_by_text("You drive the stage").wait_for()
+                up.click()
+                page.get_by_text("5.00", exact=True).first.wait_for()
+                other.get_by_role("button", name="Release control").click()
+                page.get_by_role("button", name="Take control").click()
                 page.get_by_role("tab", name="Record").click()
                 page.get_by_label("Duration, s").fill("50")
                 page.get_by_label("Record at, Hz").fill("500")
@@ -450,7 +489,14 @@ def test_a_record_outlives_its_page_and_its_server(tmp_path: Path) -> None:
                 page.get_by_text("samples are safe").wait_for()
                 page.get_by_role("button", name="Recover").click()
                 page.get_by_text("recovered as").wait_for()
-            assert not stream.exists()
+                # a server that is asked to end stops the run and keeps what was recorded
+                page.get_by_role("tab", name="Record").click()
+                page.get_by_role("button", name="Record", exact=True).click()
+                page.get_by_text("recording, ").wait_for()
+                until(lambda: len([*(tmp_path / "files" / "bench").rglob("*.stream")]) == 1)
+                page.wait_for_timeout(1500)
+            assert not [*(tmp_path / "files" / "bench").rglob("*.stream")]
+            assert len([*(tmp_path / "files" / "bench").rglob("*.h5")]) == 2
             assert read_record(stream.with_suffix(".h5")).size > 1000
     finally:
         twin.send_signal(signal.SIGINT)

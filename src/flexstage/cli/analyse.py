@@ -19,7 +19,6 @@ from flexstage.cli.output import (
     OutputFolder,
     console,
     on_terminal,
-    picture,
     print_json,
     print_notes,
     print_table,
@@ -27,7 +26,6 @@ from flexstage.cli.output import (
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.errors import FlexstageError, ModelError
-from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -133,11 +131,13 @@ def _printed(
     runs: "Mapping[str, ModelRun]", left_out: dict[str, str], files: list[Path]
 ) -> dict[str, Any]:
     """What is printed as JSON: of one model its results, of several those of each by its name."""
+    from flexstage.studies.results import model_results
+
     beside = {"files": [str(file) for file in files]}
     if len(runs) == 1 and not left_out:
-        return _results(next(iter(runs.values()))) | beside
+        return model_results(next(iter(runs.values()))) | beside
     return {
-        "models": {name: _results(run) for name, run in runs.items()},
+        "models": {name: model_results(run) for name, run in runs.items()},
         "left_out": left_out,
     } | beside
 
@@ -147,23 +147,23 @@ def _written(
 ) -> list[Path]:
     """Write what was asked for: of several models each into a folder of its name."""
     from flexstage.files.write import write_files
-    from flexstage.studies import results_json
+    from flexstage.report.analysis_files import analysis_files, bode_files
+    from flexstage.studies.results import model_results
 
     files: list[Path] = []
     for name, run in runs.items():
         within = folder / name if folder is not None and len(runs) > 1 else folder
         if within is not None:
-            written = {"analysis.json": results_json(_results(run))}
-            written |= _diagrams(run.analysis) | _workspace(run.analysis)
-            files += write_files(within, written)
+            files += write_files(within, analysis_files(run.analysis, model_results(run)))
             if vtu and run.mesh is not None:
                 from flexstage.export import field_files
 
                 fields = field_files(run.analysis.stage, run.analysis, mesh=run.mesh)
                 files += write_files(within / "vtu", fields)
         if figure is not None:
-            drawn = _diagrams(run.analysis, figure, name if len(runs) > 1 else "")
-            files += write_files(figure.parent, drawn)
+            stem = f"{figure.stem}-{name}" if len(runs) > 1 else figure.stem
+            kind = figure.suffix.lstrip(".")
+            files += write_files(figure.parent, bode_files(run.analysis, stem, kind))
     return files
 
 
@@ -177,35 +177,6 @@ def _print(screen: "Console", run: "ModelRun") -> None:
     _loads(screen, analysis)
     _bars(screen, run.bars)
     print_notes(screen, analysis.validity)
-
-
-def _results(run: "ModelRun") -> dict[str, Any]:
-    from flexstage.studies.results import analysis_results, run_results
-
-    return analysis_results(run.analysis, responses=True) | run_results(run)
-
-
-def _diagrams(
-    analysis: "Analysis", figure: Path = Path("bode.svg"), model: str = ""
-) -> dict[str, bytes]:
-    """A Bode diagram of each axis, by the name of the figure, the model and the axis."""
-    from flexstage.report.figures.responses import draw_bode
-
-    stem = f"{figure.stem}-{model}" if model else figure.stem
-    return {
-        f"{stem}-{file_name(a.axis)}{figure.suffix}": picture(figure, draw_bode(analysis, a.axis))
-        for a in analysis.axes
-    }
-
-
-def _workspace(analysis: "Analysis") -> dict[str, bytes]:
-    """A picture of what all drives reach together, where two displacements are axes."""
-    from flexstage.report.figures.reachable_area import draw_reachable_area
-
-    reached = None if analysis.coupling is None else analysis.coupling.workspace
-    if reached is None:
-        return {}
-    return {"workspace.svg": picture(Path("workspace.svg"), draw_reachable_area(reached))}
 
 
 def _characteristics(screen: "Console", analysis: "Analysis") -> None:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
+from flexstage.comparison import MODEL_WORDS
 from flexstage.errors import ModelError
 
 
@@ -98,11 +99,7 @@ def _with_help(name: str, kind: Any, text: str, panel: str | None) -> Any:
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the result, or the error, as one JSON object.")
 ]
-_MODELS = (
-    "lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite elements "
-    "in the plane; superelement-3d: condensed bodies in three dimensions; solid: finite elements "
-    "in three dimensions"
-)
+_MODELS = "; ".join(f"{name}: {words}" for name, words in MODEL_WORDS.items())
 ModelOption = Annotated[
     str,
     option("NAME", f"{_MODELS}."),

@@ -26,7 +26,7 @@ from flexstage.explore.spread import (
 )
 from flexstage.explore.workers import Workers
 from flexstage.hinges.other_notch import with_neck_thickness
-from flexstage.progress import subtask
+from flexstage.progress import hand_over, subtask
 from flexstage.provenance import Provenance, provenance
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
@@ -320,6 +320,7 @@ def tolerance(
         raise ModelError(f"there must be at least 2 samples, got {samples}")
     with subtask(0.0, 0.0):  # so that the share that is done is that of the batches
         lot, how = lot_of(stage, process, every, seed=seed, model=model, follow_necks=follow_necks)
+    hand_over(lot)
     values, gone = lot.values(samples, workers or Workers(1), keep)
     nominal = lot.nominal()
     spreads = tuple(

@@ -1,8 +1,9 @@
 """A condensed body whose necks become thicker or thinner: what that changes is local."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,8 +14,8 @@ from flexstage.fem.freedom import freedom
 from flexstage.fem.substructure import Substructure
 from flexstage.hinges import Profile
 from flexstage.hinges.other_notch import with_neck_thickness
-from flexstage.stage import Loop
-from flexstage.stage.hinge_attachment import hinge_root
+from flexstage.stage import Hinge, Loop
+from flexstage.stage.hinge_attachment import TOLERANCE, Root, hinge_root, root_line
 
 # Largest ratio of the thicknesses of a neck; a body with another is condensed anew.
 _FARTHEST = 1.15
@@ -55,7 +56,7 @@ def changed_necks(before: Substructure, after: Substructure) -> list[ChangedNeck
         return []
     try:
         return [
-            _changed_neck(before, after, i)
+            _changed_neck(before, new.profile, i)
             for i, (old, new) in enumerate(zip(before.necks, after.necks, strict=True))
             if old != new
         ]
@@ -63,9 +64,8 @@ def changed_necks(before: Substructure, after: Substructure) -> list[ChangedNeck
         return []
 
 
-def _changed_neck(before: Substructure, after: Substructure, number: int) -> ChangedNeck:
-    old, new = before.necks[number].profile, after.necks[number].profile
-    thick = new.neck_thickness
+def _changed_neck(before: Substructure, new: Profile, number: int) -> ChangedNeck:
+    old, thick = before.necks[number].profile, new.neck_thickness
     thicker = thick / old.neck_thickness
     if not 1.0 / _FARTHEST < thicker < _FARTHEST:
         raise HingeError(f"a neck {thicker:.3g} times as thick is not followed")
@@ -73,28 +73,42 @@ def _changed_neck(before: Substructure, after: Substructure, number: int) -> Cha
     made = _outward if _outward(old, thick) == new else with_neck_thickness
     if made(old, thick) != new:
         raise HingeError("another dimension than the thickness of the neck is not followed")
-    stage = after.stage()
-    hinge_root(stage, stage.hinges[number], after.necks[number].which)
-    block = _block(before, number)
-    (neck,) = block.necks
-    profiles = (made(old, math.exp(x) * old.neck_thickness) if x else old for x in _nodes())
-    return ChangedNeck(
-        number=number,
-        thicker=thicker,
-        blocks=tuple(
-            replace(block, necks=(replace(neck, profile=p, contour=p.contour()),)) for p in profiles
-        ),
-    )
+    hinge, root = _root(before, number)
+    ends = root_line(replace(hinge, profile=new), before.necks[number].which)
+    for end, corner, side in zip(ends, root.edge, (-1.0, 1.0), strict=True):
+        (x, y), (edge, most) = hinge.from_plane(end), hinge.from_plane(corner)
+        if abs(x - edge) > TOLERANCE or side * (y - most) > TOLERANCE:
+            raise StageError("the notch does not end within the edge of its body")
+    return ChangedNeck(number=number, thicker=thicker, blocks=_blocks(before, number, made))
 
 
 def _outward(profile: Profile, thickness: float) -> Profile:
     return replace(profile, neck_thickness=thickness)
 
 
+@lru_cache(maxsize=1024)
+def _root(part: Substructure, number: int) -> tuple[Hinge, Root]:
+    """Return a hinge of a body and where it grows from it."""
+    stage = part.stage()
+    return stage.hinges[number], hinge_root(stage, stage.hinges[number], part.necks[number].which)
+
+
+@lru_cache(maxsize=1024)
+def _blocks(
+    part: Substructure, number: int, made: Callable[[Profile, float], Profile]
+) -> tuple[Substructure, ...]:
+    block = _block(part, number)
+    (neck,) = block.necks
+    old = neck.profile
+    profiles = (made(old, math.exp(x) * old.neck_thickness) if x else old for x in _nodes())
+    return tuple(
+        replace(block, necks=(replace(neck, profile=p, contour=p.contour()),)) for p in profiles
+    )
+
+
 def _block(part: Substructure, number: int) -> Substructure:
-    neck, stage = part.necks[number], part.stage()
-    hinge = stage.hinges[number]
-    root = hinge_root(stage, hinge, neck.which)
+    neck = part.necks[number]
+    hinge, root = _root(part, number)
     reach = _BEYOND * neck.profile.root_height
     # as wide as the thickest neck needs, where the root takes all of the edge
     least = (_FARTHEST - 1.0) * neck.profile.neck_thickness
@@ -151,6 +165,7 @@ class NeckFamily:
             largest.append(np.log(np.abs(block.stress).max(axis=(0, 1))))
         self.flexibility = np.array(found)
         self.mass = np.array([block.inertia[0] for block in members])
+        self.as_it_was = self.flexibility[_MEMBERS // 2], float(self.mass[_MEMBERS // 2])
         self.powers = np.polynomial.polynomial.polyfit(nodes, np.array(largest), 2)[1:]
 
     def at(self, thicker: float) -> tuple[Array, Array, float]:
@@ -162,7 +177,8 @@ class NeckFamily:
         x = math.log(thicker)
         share = x ** np.arange(_MEMBERS) @ self.weights
         scale = np.exp(np.array([x, x * x]) @ self.powers)
-        return np.einsum("k,kij->ij", share, self.flexibility), scale, float(share @ self.mass)
+        flexibility = share @ self.flexibility.reshape(_MEMBERS, -1)
+        return flexibility.reshape(self.flexibility.shape[1:]), scale, float(share @ self.mass)
 
 
 def with_other_necks(
@@ -206,13 +222,14 @@ def with_other_necks(
     way = freedom(part.through)
     each = len(way.necks)
     size = np.ones(r)  # of the coordinates, in those that they were before
-    more, gains = np.zeros((m, m)), []
+    more, gains, scales = np.zeros((m, m)), [], []
     for neck, blocks in necks:
         own = np.arange(each * neck.number, each * (neck.number + 1))
         size[own[way.turning]] = neck.thicker
-        (before, _, light), (after, _, heavy) = blocks.at(1.0), blocks.at(neck.thicker)
+        (before, light), (after, scale, heavy) = blocks.as_it_was, blocks.at(neck.thicker)
         more[np.ix_(own, own)] = after - before * np.outer(size[own], size[own])
         gains.append(heavy - light)
+        scales.append(scale)
     K = (condensed.stiffness / np.outer(size, size))[:m, :m]
     held = condensed.reactions / size[:m, None]
     Y = np.linalg.solve(np.eye(m) + more @ K, more)
@@ -232,8 +249,8 @@ def with_other_necks(
         riding = way.read((x, y), part.necks[neck.number].at) @ loads[:3]
         mass += gain * riding.T @ riding
     stress = condensed.stress.copy()
-    for neck, blocks in necks:
-        stress[condensed.neck == neck.number] *= blocks.at(neck.thicker)[1]
+    for (neck, _), scale in zip(necks, scales, strict=True):
+        stress[condensed.neck == neck.number] *= scale
     return replace(
         condensed,
         stiffness=0.5 * (stiffness + stiffness.T),

@@ -76,11 +76,10 @@ class Condensed:
         """Each reading [m, or rad for a rotation], shape (k, r)."""
         return self.loads[len(LOADS) :]
 
-    @property
-    def forces(self) -> Array:
-        """Force on each interface for each coordinate, shape (i, r)."""
-        own = slice(0, self.interfaces)
-        return np.hstack((self.stiffness[own, own], self.reactions))
+    def forces(self, q: Array) -> Array:
+        """Return the force on each interface, shape (i, k), for coordinates, shape (r, k)."""
+        m = self.interfaces
+        return self.stiffness[:m, :m] @ q[:m] + self.reactions @ q[m:]
 
     @property
     def modes(self) -> slice:

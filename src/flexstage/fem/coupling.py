@@ -81,9 +81,9 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
         own[c.inner, index[b].size :] = inside[b]
         shares.append((at, own))
         where = np.ix_(at, at)
-        K[where] += stiff * (own.T @ c.stiffness @ own)
-        M[where] += heavy * (own.T @ c.mass @ own)
-        acting = c.loads @ own
+        K[where] += stiff * _responding(c.stiffness, inside[b])
+        M[where] += heavy * _responding(c.mass, inside[b])
+        acting = np.hstack((c.loads[:, : index[b].size], c.loads[:, c.inner] @ inside[b]))
         for extra in () if p.body.fixed else p.body.extra_masses:
             riding = way.carried(acting[:3], own_centre(p, c), extra.at)
             M[where] += riding.T @ (way.inertia(extra)[:, None] * riding)
@@ -107,6 +107,14 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
         loads={key: (f, loads[key].unit) for key, f in zip(whole, forces, strict=True)},
         shares=tuple(shares),
     )
+
+
+def _responding(matrix: Array, inside: Array) -> Array:
+    """Return a matrix of a body whose last coordinates, the inner ones, respond to loads."""
+    first = len(matrix) - len(inside)
+    side = matrix[:first, first:] @ inside
+    corner = inside.T @ matrix[first:, first:] @ inside
+    return np.block([[matrix[:first, :first], side], [side.T, corner]])
 
 
 def _coordinates(

@@ -104,6 +104,10 @@ class Substructure:
     through: ThroughThickness | None = None
     """How displacements run through its thickness; None in plane stress and plane strain."""
 
+    def __hash__(self) -> int:
+        # of a part of it: bodies are looked up by the hundred
+        return hash((self.outline, self.through, len(self.necks)))
+
     def key(self) -> str:
         """Return the SHA-256 of all that its condensation depends on, the software included."""
         # the text of a float is that of no other float

@@ -403,13 +403,17 @@ def _stress(
         if not c.neck.size:
             continue
         each = c.stress.shape[2]
-        forces = scale * ((c.forces @ own) @ basis[index])
+        forces = scale * c.forces(own @ basis[index])
+        # those of its own way to move
+        moving = np.flatnonzero(forces.any(axis=0)).tolist() or [0]
+        columns = slice(moving[0], moving[-1] + 1)
         components = [0, 1, 2, 5] if c.stress.shape[1] == 4 else slice(None)
         ends = np.searchsorted(c.neck, np.arange(len(p.hinges) + 1))
         for i, (first, end) in enumerate(pairwise(ends.tolist())):
-            found = c.stress[first:end].reshape(-1, each) @ forces[each * i : each * (i + 1)]
-            matrix[at + first : at + end, components] += found.reshape(
-                end - first, -1, forces.shape[1]
+            carried = forces[each * i : each * (i + 1), columns]
+            found = c.stress[first:end].reshape(-1, each) @ carried
+            matrix[at + first : at + end, components, columns] += found.reshape(
+                end - first, -1, carried.shape[1]
             )
         owner[here] = np.array(p.hinges, dtype=np.intp)[c.neck]
         shared = 2 * (levels * owner[here] + np.abs(c.seam) - 1) + (c.seam > 0)

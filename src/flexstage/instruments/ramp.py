@@ -48,10 +48,10 @@ def lead_to(
         return
     # An axis that stands outside its range, as a stage at rest may, is first moved to its end.
     begins = {n: _led(limits[n], here[n], quantity) for n in ends}
-    for name, begin in begins.items():
-        if quantity == "position" and begin != here[name]:
-            instrument.axes[name].move_to(begin, wait=False)
-    for name in begins:
+    outside = [n for n, b in begins.items() if quantity == "position" and b != here[n]]
+    for name in outside:
+        instrument.axes[name].move_to(begins[name], wait=False)
+    for name in outside:
         instrument.axes[name].wait(timeout)
     screws = [n for n in ends if limits[n].voltage is None]
     if Capability.WAVE_GENERATOR in instrument.capabilities and not screws:

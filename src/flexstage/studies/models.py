@@ -200,6 +200,30 @@ MODELS: Mapping[str, Callable[[Stage, ModelOptions], ModelRun]] = {
     "solid": _solid,
 }
 
+#: What each model can be asked for.
+_CHOICES: Mapping[str, tuple[str, ...]] = {
+    "lumped": ("plane",),
+    "superelement": ("plane", "supports", "estimate"),
+    "plane": ("plane", "supports", "accuracy", "quantity", "stroke"),
+    "superelement-3d": ("supports", "estimate"),
+    "solid": ("supports", "accuracy", "quantity"),
+}
+
+
+def fitting_options(model: str, options: ModelOptions) -> ModelOptions:
+    """Return what a model can be asked for of some choices, with the usual one for all others.
+
+    Examples
+    --------
+    >>> asked = ModelOptions(estimate=True, accuracy=0.001)
+    >>> fitting_options("solid", asked) == ModelOptions(accuracy=0.001)
+    True
+    """
+    known_model(model)
+    return ModelOptions(
+        cache=options.cache, **{name: getattr(options, name) for name in _CHOICES[model]}
+    )
+
 
 def run_model(stage: Stage, model: str, options: ModelOptions | None = None) -> ModelRun:
     """Analyse a stage with one of `MODELS`."""

@@ -149,6 +149,11 @@ def run_results(run: ModelRun) -> dict[str, Any]:
     return out
 
 
+def model_results(run: ModelRun) -> dict[str, Any]:
+    """Return all that one model found as plain data, with its frequency responses."""
+    return analysis_results(run.analysis, responses=True) | run_results(run)
+
+
 def study_results(study: "Study") -> dict[str, Any]:
     """Return a study as plain data.
 

@@ -101,7 +101,8 @@ def axis_characteristics(
     if static.hinge_stress:
         worst = max(static.hinge_stress, key=lambda k: static.hinge_stress[k])
         stress = static.hinge_stress[worst]
-        scatter = None if system.stress is None else system.stress.scatter(static.q)[worst]
+        own = None if static.stress is None else static.stress.of(worst)
+        scatter = None if own is None else own.scatter(static.q)[worst]
         # nothing is known of its scatter where the stress comes from no mesh
         where = "full stroke" if alone else "change from end to end (the largest is of the stage)"
         add.stress(stage.material, stress, f"hinge '{worst}', {where}", scatter or None)

@@ -121,6 +121,18 @@ class StressMap:
             worst[owner[first]] = np.maximum.reduceat(self.equivalent(q)[order], first)
         return dict(zip(self.hinges, worst.tolist(), strict=True))
 
+    def of(self, hinge: str) -> "StressMap":
+        """Return that of one hinge."""
+        own = self.owner == self.hinges.index(hinge)
+        return StressMap(
+            hinges=(hinge,),
+            matrix=self.matrix[own],
+            owner=np.zeros(np.count_nonzero(own), dtype=np.intp),
+            point=None
+            if self.point is None
+            else np.unique(self.point[own], return_inverse=True)[1].ravel(),
+        )
+
     def scatter(self, q: Array) -> dict[str, float]:
         """Return by how much the elements about the most stressed point of each hinge differ.
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,13 +12,19 @@ from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
 from flexstage.stage.model import only_drive
 from flexstage.system.linalg import solve_stiffness
-from flexstage.system.mechanical import AxisPort, DriveCondition, DrivePort, MechanicalSystem
+from flexstage.system.mechanical import (
+    AxisPort,
+    DriveCondition,
+    DrivePort,
+    MechanicalSystem,
+    StressMap,
+)
 
 #: Two drives whose elongations are the same to this part are one.
 DEPENDENT = 1e12
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class StaticSolution:
     """A state of equilibrium."""
 
@@ -31,10 +38,15 @@ class StaticSolution:
     """Reading of every probe [m]."""
     body_motion: dict[str, tuple[float, float, float]]
     """Displacement x, y [m] and rotation [rad] of every body."""
-    hinge_stress: dict[str, float]
-    """Largest equivalent stress in every hinge [Pa]."""
+    stress: StressMap | None
+    """Stress for the coordinates; None where it is not known."""
 
     __repr__ = short_repr
+
+    @cached_property
+    def hinge_stress(self) -> dict[str, float]:
+        """Largest equivalent stress in every hinge [Pa]; empty where it is not known."""
+        return {} if self.stress is None else self.stress.largest(self.q)
 
 
 def static_forces(
@@ -161,7 +173,7 @@ def static_loads(
     q, _ = solve_stiffness(system.K + added, right, held)
     found = static_state(system, q[:, 0], {})
     if any(name.startswith("temperature") for name in loads):
-        return replace(found, hinge_stress={})
+        return replace(found, stress=None)
     return found
 
 
@@ -258,7 +270,7 @@ def static_state(system: MechanicalSystem, q: Array, force: dict[str, float]) ->
         drive_displacement={d.name: float(d.vector @ q) for d in system.drives},
         readings={p.name: float(p.vector @ q) for p in system.probes},
         body_motion={k: (float(v[0]), float(v[1]), float(v[2])) for k, v in motion.items()},
-        hinge_stress={} if system.stress is None else system.stress.largest(q),
+        stress=system.stress,
     )
 
 

@@ -38,6 +38,7 @@ def chart_figure(data: list[dict[str, Any]], layout: dict[str, Any]) -> dict[str
         "font": {"family": "inherit", "size": 13},
         "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom"},
         "hovermode": "closest",
+        "modebar": {"bgcolor": "rgba(0,0,0,0)"},
         "uirevision": "kept",
     }
     config = {"responsive": True, "displaylogo": False, "modeBarButtonsToRemove": ["toImage"]}

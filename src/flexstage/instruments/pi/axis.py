@@ -192,6 +192,10 @@ class PiAxis(MotionAxis):
             return bool(self._client.ask_values("ONT?", [self.facts.identifier])[0])
         return not self.moving()
 
+    def started(self) -> None:
+        """Take note that a waveform moves it: stops from now on end its motion."""
+        self._stops, self._target = self._client.stops, None
+
     def _refuse_stopped(self) -> None:
         if self._client.stops != self._stops:
             self._stops, self._target = self._client.stops, None

@@ -98,9 +98,16 @@ class PiWaves(WaveGenerator):
         for name in waveform.values:
             self._check_start(waveform, name)
         generators = [str(self._index(name) + 1) for name in waveform.values]
+        stops = self._connection.client.stops
         self._connection.drives_back()
         self._connection.tell("WGC " + " ".join(f"{g} {cycles}" for g in generators))
+        for name in waveform.values:
+            self._axes[name].started()
         self._connection.tell("WGO " + " ".join(f"{g} 1" for g in generators))
+        if self._connection.client.stops != stops:
+            # a stop that came before the generators ran has not ended them
+            self._connection.client.stop()
+            raise ControllerError("the waveform was stopped as it began", 10)
         self._on_start()
 
     def running(self) -> bool:

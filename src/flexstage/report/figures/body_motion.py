@@ -234,8 +234,8 @@ def _quantity(value: float, unit: str) -> str:
 
 #: Modes that are drawn for each condition of the drives.
 MOST_SHOWN = 6
-# the largest motion of a mode is drawn as this part of the size of the stage
-_SHOWN_OF_MODES = 0.03
+#: The largest motion of a mode is drawn as this part of the size of the stage [1].
+SHOWN_OF_MODES = 0.03
 
 
 def mode_motion(
@@ -315,7 +315,7 @@ def _card(
     x0, y0, x1, y1 = (v * _MM for v in extent(shapes))
     size = max(x1 - x0, y1 - y0)
     margin = 0.03 * size
-    reach = _SHOWN_OF_MODES * size
+    reach = SHOWN_OF_MODES * size
     motion = mode_motion(analysis.system, shape, analysis.stage)
     centres = {port.name: port.centre for port in analysis.system.bodies}
     bodies: list[MovingBody | None] = []

@@ -67,6 +67,16 @@ def draw_bode(
     return figure
 
 
+def bode_curves(response: FrequencyResponse) -> tuple[str, Array, Array]:
+    """Return the unit of the magnitude of a response, its magnitude, and its phase [deg].
+
+    The phase does not jump, and begins within half a turn of 0.
+    """
+    unit, factor = _UNITS.get(response.unit, (response.unit, 1.0))
+    phase = np.degrees(np.unwrap(np.angle(response.value)))
+    return unit, factor * np.abs(response.value), phase - 360.0 * np.round(phase[0] / 360.0)
+
+
 def _column(
     upper: "Axes",
     lower: "Axes",
@@ -77,7 +87,7 @@ def _column(
     from matplotlib.ticker import MultipleLocator
 
     first = responses[0]
-    unit, factor = _UNITS.get(first.unit, (first.unit, 1.0))
+    unit = bode_curves(first)[0]
     for axes in (upper, lower):
         dress(axes)
         axes.set_xscale("log")
@@ -85,9 +95,9 @@ def _column(
     upper.set_yscale("log")
     sizes, phases = [], []
     for k, response in enumerate(responses):
-        sizes.append(factor * np.abs(response.value))
-        phase = np.degrees(np.unwrap(np.angle(response.value)))
-        phases.append(phase - 360.0 * np.round(phase[0] / 360.0))
+        _, size, phase = bode_curves(response)
+        sizes.append(size)
+        phases.append(phase)
         line: dict[str, Any] = {"color": CYCLE[k % len(CYCLE)], "linewidth": 1.4}
         if len(responses) > 1:
             line["label"] = f"'{response.drive}'"

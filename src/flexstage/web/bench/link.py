@@ -185,6 +185,8 @@ class BenchLink:
         device = self.device
         if device is None or not self._reading.acquire(blocking=device.concurrent):
             return
+        # by a clock that is never set back
+        now = self._epoch + time.monotonic()
         try:
             found = {
                 name: read_axis(axis, self.readings.get(name), slow=slow)
@@ -194,8 +196,6 @@ class BenchLink:
             self._reading.release()
         self.readings, self.trouble = found, ""
         if self.history is not None:
-            # by a clock that is never set back
-            now = self._epoch + time.monotonic()
             self.history.append([now], [live_values(device, found)])
 
     def _open_again(self) -> None:

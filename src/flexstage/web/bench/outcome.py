@@ -2,7 +2,7 @@
 
 import asyncio
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from nicegui import ui
@@ -11,13 +11,16 @@ from flexstage.arrays import Array
 from flexstage.errors import FlexstageError
 from flexstage.quantities import Quantity
 from flexstage.records import Record
-from flexstage.report.run_tables import figures_table, runs_table
+from flexstage.report.run_tables import figures_table, runs_table, shown_time
 from flexstage.web.bench.run_forms import RunForm
-from flexstage.web.bench.runs import LeftOver, RunOutcome, carry_out, left_over, recovered
+from flexstage.web.bench.runs import LeftOver, RunOutcome, carry_out, earlier, left_over, recovered
 from flexstage.web.figures import chart, show_table
 from flexstage.web.live.history import POSITION, VOLTAGE
 from flexstage.web.page import Page, PanelHeading, quiet_button
 from flexstage.web.preferences import Preferences
+
+if TYPE_CHECKING:
+    from flexstage.instruments.catalogue.entries import RunEntry
 
 _DRAWN = 4000  # points of a curve at most
 _LISTED = 20  # runs of the catalogue
@@ -113,42 +116,51 @@ class RunList(RunForm):
     def build(self) -> None:
         """Make the list; it is read when it is shown."""
         self._left = ui.element("div").classes("full-width issues")
+        self._where = ui.label().classes("small")
+        with ui.row().classes("items-center full-width"):
+            self._choice = ui.select({}, label="Open a run", on_change=self._open)
+            self._choice.props("dense options-dense outlined").classes("run-choice")
+            quiet_button("Look again", on_click=self.read)
         self._list = ui.element("div").classes("full-width")
-        quiet_button("Look again", on_click=self.read)
         ui.timer(0.0, self.read, once=True)
-
-    def look(self) -> None:
-        """Do nothing: it is read when it is asked for."""
 
     async def read(self) -> None:
         """Read both."""
-        folder = self._page.panel.folder("bench")
-        left = await asyncio.to_thread(left_over, folder)
+        left = await asyncio.to_thread(left_over, self._page.panel.folder("bench"))
         self._left.clear()
         with self._left:
             # what goes on looks like what was interrupted
             for each in () if self._bench.busy else left:
                 self._row(each)
         self._list.clear()
-        with self._list:
-            try:
-                found, where = await asyncio.to_thread(_listed)
-            except FlexstageError as error:
-                ui.label(str(error)).classes("muted small")
-                return
-            ui.label(f"{'The latest runs' if found else 'No run yet'} in {where}").classes("small")
-            if found:
+        try:
+            found, where = await asyncio.to_thread(_listed)
+        except FlexstageError as error:
+            found, self._where.text = [], str(error)
+        else:
+            self._where.text = f"{'The latest runs' if found else 'No run yet'} in {where}"
+        self._entries = {entry.identifier: entry for entry in found}
+        self._choice.set_options({key: _name(entry) for key, entry in self._entries.items()})
+        self._choice.visible = bool(found)
+        if found:
+            with self._list:
                 show_table(runs_table(found, ""))
 
     def _row(self, left: LeftOver) -> None:
         with ui.row().classes("issue items-center"):
-            name = left.path.name if left.plan else f"{left.path.parent.parent.name}"
+            name = left.path.name if left.plan else left.path.parent.parent.name
             ui.label(f"{name}: interrupted, {left.about}")
             ui.space()
             if left.plan is None:
                 quiet_button("Recover", on_click=lambda: self._recover(left.path)).props("dense")
             else:
                 quiet_button("Go on", on_click=lambda: self._resume(left)).props("dense")
+
+    async def _open(self, event: Any) -> None:
+        entry = self._entries.get(event.value)
+        if entry is not None:
+            with self._page.sentences():
+                self._show(await asyncio.to_thread(earlier, entry))
 
     async def _recover(self, stream: Path) -> None:
         with self._page.sentences():
@@ -162,8 +174,13 @@ class RunList(RunForm):
             self._run(f"plan {left.path.name}", carry_out, *given, moves=True)
 
 
-def _listed() -> tuple[Any, str]:
+def _name(entry: "RunEntry") -> str:
+    words = (entry.stage.name, entry.kind, entry.axis, entry.step)
+    return f"{shown_time(entry.started)}, {' '.join(word for word in words if word)}"
+
+
+def _listed() -> "tuple[list[RunEntry], str]":
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
     with Catalogue.open(None, make=False) as opened:
-        return opened.runs(limit=_LISTED), opened.address
+        return list(opened.runs(limit=_LISTED)), opened.address

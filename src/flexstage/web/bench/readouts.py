@@ -74,7 +74,9 @@ class AxisCard:
                 self._loop = ui.label().classes("state")
                 ui.space()
                 self._servo = ui.switch("Position control", on_change=self._switched)
+                # where there is a choice, its switch says which one is made
                 self._servo.visible = {Capability.CLOSED_LOOP, Capability.OPEN_LOOP} <= can
+                self._loop.visible = not self._servo.visible
             limits = self._axis.limits
             with ui.element("div").classes("readouts"):
                 shown = self._page.preferences.shown
@@ -100,7 +102,7 @@ class AxisCard:
             self._voltage.show(reading.voltage)
         _set(self._moving, "moves" if reading.moving else "at rest")
         on = reading.closed_loop
-        _set(self._loop, "under position control" if on else "open loop")
+        _set(self._loop, "closed loop" if on else "open loop")
         if self._closed != on:
             self._closed = on
             self._servo.set_value(on)
@@ -109,35 +111,42 @@ class AxisCard:
             self._drives.enabled = drives
 
     def _build_controls(self) -> None:
-        quantity, unit = self._quantity, self._quantity.unit
+        self._controls.clear()
+        self._drives = _Enabled()
+        self._drives.add(self._servo)
+        with self._controls:
+            with ui.element("div").classes("together"):
+                self._build_step(self._quantity)
+            with ui.element("div").classes("together to"):
+                self._build_target(self._quantity)
+
+    def _build_step(self, quantity: Quantity) -> None:
+        unit = quantity.unit
         relative = quantity.factor / {"V": 1.0, "m": 1e6}[unit]
         steps = {s * relative / quantity.factor: f"{s * relative:g}" for s in _STEPS[unit]}
         key = f"{self._name} {unit}"
         usual = _USUAL[unit] * relative / quantity.factor
         before = self._forms.steps.get(key, usual)
-        self._controls.clear()
-        with self._controls:
-            self._drives = _Enabled()
-            ui.label(f"Step, {quantity.shown_unit}").classes("muted small")
-            choice = ui.toggle(steps, value=before if before in steps else usual)
-            choice.props("dense no-caps").props["aria-label"] = f"Step of axis {self._name}"
-            choice.on_value_change(lambda e: self._forms.steps.update({key: e.value}))
-            self._forms.steps.setdefault(key, choice.value)
-            self._step = choice
-            for icon, sign, word in (("remove", -1, "down"), ("add", 1, "up")):
-                button = ui.button(icon=icon, on_click=self._stepper(sign)).props("dense")
-                button.props["aria-label"] = f"Step axis {self._name} {word}"
-                self._drives.add(button)
-            target = ui.number(f"Go to, {quantity.shown_unit}").props("dense outlined")
-            target.classes("target")
+        ui.label(f"Step, {quantity.shown_unit}").classes("muted small")
+        choice = ui.toggle(steps, value=before if before in steps else usual)
+        choice.props("dense no-caps").props["aria-label"] = f"Step of axis {self._name}"
+        choice.on_value_change(lambda e: self._forms.steps.update({key: e.value}))
+        self._step = choice
+        for icon, sign, word in (("remove", -1, "down"), ("add", 1, "up")):
+            button = ui.button(icon=icon, on_click=self._stepper(sign)).props("dense")
+            button.props["aria-label"] = f"Step axis {self._name} {word}"
+            self._drives.add(button)
 
-            async def go() -> None:
-                if target.value is not None:
-                    value = float(target.value) / quantity.factor
-                    await self._told(lambda me: self._bench.go(me, self._name, value))
+    def _build_target(self, quantity: Quantity) -> None:
+        target = ui.number(f"Go to, {quantity.shown_unit}").props("dense outlined")
 
-            target.on("keydown.enter", go)
-            self._drives.add(ui.button("Go", on_click=go), self._servo)
+        async def go() -> None:
+            if target.value is not None:
+                value = float(target.value) / quantity.factor
+                await self._told(lambda me: self._bench.go(me, self._name, value))
+
+        target.on("keydown.enter", go)
+        self._drives.add(ui.button("Go", on_click=go))
 
     def _stepper(self, sign: int) -> Callable[[], Any]:
         async def step() -> None:

@@ -13,13 +13,14 @@ from flexstage.experiments.command import CommandWaveform
 from flexstage.experiments.file import ready_plans
 from flexstage.experiments.run_context import base_rate_of
 from flexstage.instruments.protocol import Capability, Instrument
-from flexstage.quantities import Quantity
+from flexstage.quantities import Quantity, number
 from flexstage.report.run_tables import dry_run_table
 from flexstage.stage import Stage
 from flexstage.web.bench.link import BenchLink
 from flexstage.web.bench.readouts import shown_number
 from flexstage.web.bench.runs import (
     AboutRun,
+    RunOutcome,
     WaveformOrder,
     carry_out,
     made_waveform,
@@ -48,11 +49,20 @@ class RunForm:
         The page.
     bench
         The bench.
+    show
+        Called with what an earlier run gave, to show it.
     """
 
-    def __init__(self, page: Page, bench: BenchLink) -> None:
-        self._page, self._bench = page, bench
+    def __init__(self, page: Page, bench: BenchLink, show: Callable[[RunOutcome], object]) -> None:
+        self._page, self._bench, self._show = page, bench, show
         self._forms = page.session.state(BenchForms)
+        self._start: ui.button | None = None
+
+    def look(self) -> None:
+        """Follow the bench: runs are begun by who drives."""
+        drives = self._bench.control.holds(self._page.session.id)
+        if self._start is not None and self._start.enabled != drives:
+            self._start.set_enabled(drives)
 
     @property
     def _device(self) -> Instrument:
@@ -93,12 +103,13 @@ class WaveformForm(RunForm):
             kept(ui.select(_SHAPES, label="Shape"), forms, "shape", self._anew).props(_CHOICE)
             self._ends = ui.element("div").classes("fields inner")
         self._said = ui.label().classes("small").props('role="status"')
-        ui.button("Run the waveform", icon="play_arrow", on_click=self._go)
+        self._start = ui.button("Run the waveform", icon="play_arrow", on_click=self._go)
         self._closed: bool | None = None
         self.look()
 
     def look(self) -> None:
-        """Follow the axis, whose position control may have been switched."""
+        super().look()
+        # the position control of the axis may have been switched
         closed = self._bench.readings.get(self._forms.axis)
         if closed is not None and closed.closed_loop != self._closed:
             self._closed = closed.closed_loop
@@ -124,7 +135,9 @@ class WaveformForm(RunForm):
         self._ends.clear()
         with self._ends:
             if forms.shape == "file":
-                upload(self._page, "Record", _RECORDS, self._given, view="bench").classes("slim")
+                upload(
+                    self._page, "File of the waveform", _RECORDS, self._given, view="bench"
+                ).classes("slim")
             else:
                 for k, word in enumerate(("Low end", "High end")):
                     value = shown_number(quantity, self._span()[k]).replace("−", "-")
@@ -179,10 +192,11 @@ class WaveformForm(RunForm):
         (values,) = made.values.values()
         rate = made.waveform.largest_rate(self._forms.axis, closed=made.cycles > 1)
         self._said.classes(remove="issue error")
+        file = f"{Path(self._forms.file).name}: " if self._forms.shape == "file" else ""
         self._said.text = (
-            f"{made.duration:.4g} s, {shown_number(quantity, float(values.min()))} to "
+            f"{file}{made.duration:.4g} s, {shown_number(quantity, float(values.min()))} to "
             f"{shown_number(quantity, float(values.max()))} {quantity.shown_unit}, at most "
-            f"{rate * quantity.factor:.4g} {quantity.shown_unit}/s: within the limits"
+            f"{number(rate * quantity.factor)} {quantity.shown_unit}/s: within the limits"
         )
 
     def _go(self) -> None:
@@ -207,10 +221,7 @@ class RecordForm(RunForm):
             "Position and voltage of every axis, at the rate of the controller. The stage may be "
             "moved by hand meanwhile; what was recorded until a stop is kept."
         ).classes("muted small")
-        ui.button("Record", icon="fiber_manual_record", on_click=self._go)
-
-    def look(self) -> None:
-        """Do nothing: nothing here follows the stage."""
+        self._start = ui.button("Record", icon="fiber_manual_record", on_click=self._go)
 
     def _go(self) -> None:
         with self._page.sentences():
@@ -246,13 +257,10 @@ class PlanForm(RunForm):
             upload(self._page, "Plan file", (".yaml", ".yml"), given, view="bench").classes("slim")
             kept(ui.input("Note"), forms, "note").props(_FIELD)
         self._said = ui.label().classes("small").props('role="status"')
-        ui.button("Carry out the plan", icon="play_arrow", on_click=self._go)
+        self._start = ui.button("Carry out the plan", icon="play_arrow", on_click=self._go)
         self._shown = ui.element("div").classes("full-width")
         self._steps()
         ui.timer(0.0, self._try, once=True)
-
-    def look(self) -> None:
-        """Do nothing: nothing here follows the stage."""
 
     def _steps(self) -> None:
         with self._page.sentences():

@@ -33,6 +33,7 @@ from flexstage.stage import Stage
 
 if TYPE_CHECKING:
     from flexstage.experiments import PlanResult
+    from flexstage.instruments.catalogue.entries import RunEntry
 
 #: Samples in a cycle of a waveform that is made here; straight lines between them.
 _IN_CYCLE = 500
@@ -289,6 +290,20 @@ def _entered(file: Path) -> tuple[str, ...]:
     from flexstage.instruments.catalogue.folder import enter_folder
 
     return tuple(enter_folder(file.parent.parent).problems)
+
+
+def earlier(entry: "RunEntry") -> RunOutcome:
+    """Return what an earlier run gave, by its entry in the catalogue."""
+    file = Path(entry.folder) / entry.file
+    record = read_record(file)
+    known = [channel.name for channel in record.channels]
+    over = next((n for n in (f"voltage {entry.axis}", "command") if n in known), None)
+    return RunOutcome(
+        folder=Path(entry.folder),
+        record=record,
+        file=file,
+        loop=(over, entry.axis) if over is not None and entry.axis in known else None,
+    )
 
 
 def _stream(folder: Path, name: str) -> Path:

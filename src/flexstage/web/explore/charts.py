@@ -174,35 +174,35 @@ def _parallel(table: PointTable, colour: PointColumn, picked: int | None) -> Cha
             "x": places * len(of), "y": [v for ys in heights for v in (*_numbers(ys), None)],
             "customdata": [int(i) for i in of for _ in places],
             "text": [t for texts in told for t in (*texts, "")], "hoverinfo": "text",
-            "line": {"width": width, "color": tint}, "marker": {"size": 4 + width, "color": tint},
+            "line": {"width": width, "color": tint}, "marker": {"size": 3 + width, "color": tint},
             "showlegend": False,
         }  # fmt: skip
 
     best = _thirds(colour, rows)
     data = [
-        line(part, 0.8, tint, name)
+        line(part, 0.7, tint, name)
         for part, tint, name in zip(best, (CYCLE[5], CYCLE[0], CYCLE[2]), _THIRDS, strict=True)
         if len(part)
     ]
     for trace in data:
         trace["showlegend"] = True
-        trace["name"] = f"{colour.heading}: {trace['name']}"
     if picked is not None:
         data.append(line([picked], 3.0, CYCLE[3], "picked"))
     ticks = [
-        f"{_broken(c.heading)}<br>{a:.4g} to {b:.4g}"
+        f"{_broken(c.short)}<br>{a:.4g}<br>to {b:.4g}"
         for c, a, b in zip(columns, low, high, strict=True)
     ]
     layout = {
         "xaxis": {
-            "title": {"text": "What was varied, and the figures"}, "tickvals": places[:-1],
+            "title": {"text": "What was varied, and the figures: from least to greatest"},
+            "tickvals": places[:-1],
             "ticktext": ticks, "showgrid": True, "tickfont": {"size": 10}, "tickangle": 0,
         },
         "yaxis": {
-            "title": {"text": "From its least to its greatest value"}, "tickvals": [0, 1],
-            "ticktext": ["least", "greatest"], "range": [-0.05, 1.05],
+            "title": {"text": "From least to greatest", "standoff": 4}, "tickvals": [0, 1],
+            "ticktext": ["least", "greatest"], "range": [-0.05, 1.05], "automargin": True,
         },
-        "margin": {"l": 70, "r": 30, "t": 24, "b": 110},
+        "margin": {"l": 80, "r": 30, "t": 24, "b": 120},
     }  # fmt: skip
     return data, layout
 
@@ -218,7 +218,7 @@ def _thirds(column: PointColumn, rows: np.ndarray) -> list[list[int]]:
 def _broken(heading: str) -> str:
     """Break a heading into lines of few letters, as axes stand close."""
     lines = [""]
-    for word in heading.replace(".", ". ").split(" "):
+    for word in heading.split(" "):
         if lines[-1] and len(lines[-1]) + len(word) > 10:
             lines.append("")
         lines[-1] = f"{lines[-1]} {word}".strip()

@@ -62,11 +62,15 @@ class Fields:
     def model(self, form: Any, finer: str) -> None:
         """Show by which model: the lumped one, or superelements, which cost more."""
         options = {"lumped": "lumped: quick, some per cent off", "superelement": finer}
-        field = ui.select(options, value=form.model, label="Model")
+        self.choice("Model", form, "model", options)
+
+    def choice(self, label: str, form: Any, name: str, options: dict[str, str]) -> None:
+        """Show a field of a form that is one of some words."""
+        field = ui.select(options, value=getattr(form, name), label=label)
         field.props(_FIELD).classes("full-width")
 
         def take(event: Any) -> None:
-            form.model = event.value
+            setattr(form, name, event.value)
             self.changed()
 
         field.on_value_change(take)
@@ -173,17 +177,17 @@ class Fields:
             row.value = None if value is None else value / shown.factor
 
         has_value = row.sign not in ("maximise", "minimise")
-        with ui.element("div").classes("limit"):
+        with ui.element("div").classes("limit" if has_value else "limit goal"):
             figure = ui.select(dict(options), value=row.figure, with_input=True)
             figure.props(_FIELD).classes("figure").props["aria-label"] = "Figure"
+            figure.props["hide-dropdown-icon"] = has_value  # its name needs the room
             sign = ui.select(dict(signs), value=row.sign)
-            sign.props(_FIELD).props["aria-label"] = f"What of {row.figure}"
+            sign.props(_FIELD).classes("sign").props["aria-label"] = f"What of {row.figure}"
             if has_value:
                 value = row.value
                 number = None if value is None else float(f"{value * shown.factor:.5g}")
                 field = self.number(None, number, take)
                 field.props["aria-label"] = f"Value of {row.figure} [{shown.shown_unit or '1'}]"
-                ui.label(shown.shown_unit).classes("muted unit")
             if drop is not None:
                 remove = quiet_button(icon="close", on_click=lambda: drop(row)).props("dense")
                 remove.props["aria-label"] = f"Remove {row.figure}"

@@ -69,7 +69,7 @@ def _sweep(form: SweepForm, fields: Fields) -> None:
         box.clear()
         with box:
             for row in form.over:
-                with ui.element("div").classes("range"):
+                with ui.element("div").classes("vary"):
                     with ui.element("div").classes("over"):
                         choice = ui.select(names, value=row.name, with_input=True)
                         choice.props("outlined dense options-dense")
@@ -138,6 +138,8 @@ def _optimise(form: OptimiseForm, fields: Fields) -> None:
         names = ui.element("div").classes("rows")
     _count(form, facts, fold)
     fields.model(form, "superelement: corrects the lumped one, takes some minutes")
+    starts = {"described": "the stage as it is", "middle": "the middle of all bounds"}
+    fields.choice("Start", form, "start", starts)
     fields.number(
         "Evaluations at most", form.evaluations, lambda v: setattr(form, "evaluations", v),
         whole=True, min=1,
@@ -161,7 +163,7 @@ def _chosen(form: OptimiseForm, fields: Fields, fold: ui.expansion, box: ui.elem
 
     with box:
         for name, variable in facts.variables.items():
-            with ui.element("div").classes("range chosen"):
+            with ui.element("div").classes("vary chosen"):
                 choice = ui.checkbox(name.replace("_", " "), value=name in form.over)
                 choice.props("dense").on_value_change(partial(toggle, name))
                 fields.bounds(form.bounds.setdefault(name, RangeWords(name)), variable)

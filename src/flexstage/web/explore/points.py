@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.characteristic import WHOLE_STAGE
 from flexstage.explore.batches import FinishedBatch
 from flexstage.explore.family import Family
 from flexstage.explore.figures import Figure
@@ -14,6 +15,7 @@ from flexstage.explore.optimise.optimum import Optimum, SearchStep, Trace
 from flexstage.explore.optimise.problem import Problem
 from flexstage.explore.sweep import Sweep, SweepPlan
 from flexstage.explore.variables import Variable
+from flexstage.report.sensitivity import short_label
 from flexstage.web.preferences import Preferences
 
 #: What points of a search for a front are called.
@@ -28,6 +30,8 @@ class PointColumn:
     """What it is called among the others."""
     heading: str
     """Its name in words, with the unit."""
+    short: str
+    """The same where there is little room."""
     values: Array
     """Its numbers in that unit, NaN where there is none."""
     described: float
@@ -96,6 +100,7 @@ def _varied(variable: Variable, values: Array) -> PointColumn:
     return PointColumn(
         name=variable.name,
         heading=variable.heading.replace("_", " "),
+        short=variable.heading.replace("_", " "),
         values=values * variable.factor,
         described=variable.usual * variable.factor,
         is_varied=True,
@@ -109,9 +114,12 @@ def _outcome(
     known = np.abs(values[np.isfinite(values)])
     if shown == figure.shown and known.size:
         shown = shown.fitting(float(known.max()))
+    axis = "" if figure.axis == WHOLE_STAGE else figure.axis
+    unit = f"[{shown.shown_unit}]" if shown.shown_unit else ""
     return PointColumn(
         name=figure.name,
         heading=figure.heading_in(shown),
+        short=f"{short_label(figure)} {axis} {unit}".replace("\n", " "),
         values=np.where(np.abs(values) < shown.zero, 0.0, values) * shown.factor,
         described=described * shown.factor,
     )
@@ -250,7 +258,7 @@ def way_columns(
 
 
 def _plain(name: str, heading: str, values: Array) -> PointColumn:
-    return PointColumn(name=name, heading=heading, values=values, described=np.nan)
+    return PointColumn(name=name, heading=heading, short=heading, values=values, described=np.nan)
 
 
 def of_optimum(found: Optimum, preferences: Preferences) -> PointTable:

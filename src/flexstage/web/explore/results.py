@@ -1,11 +1,6 @@
 """What was found in the view Explore: while it is computed, and afterwards."""
 
-import asyncio
-import io
-import zipfile
-from collections.abc import Callable, Iterable
-from html import escape
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,23 +11,25 @@ from flexstage.explore.optimise.optimum import TOLERANCE, Optimum, SearchStep
 from flexstage.explore.optimise.problem import Problem
 from flexstage.explore.requests.optimise import OptimiseRequest
 from flexstage.explore.requests.sweep import SweepRequest
+from flexstage.explore.requests.tolerance import ToleranceRequest
 from flexstage.explore.sweep import Sweep
 from flexstage.quantities import number
 from flexstage.web.design.state import DesignState
 from flexstage.web.explore import charts, points
 from flexstage.web.explore.charts import Chart
-from flexstage.web.explore.command import command_line
+from flexstage.web.explore.downloads import show_command, show_downloads
+from flexstage.web.explore.lot_chart import LotChart
+from flexstage.web.explore.point_rows import PRESSED, ROWS, row_name, rows_html
 from flexstage.web.explore.points import PointTable
 from flexstage.web.explore.state import KINDS, Run
 from flexstage.web.explore.tables import notes_of, tables_of
+from flexstage.web.explore.words import in_form_words
 from flexstage.web.explore.work import BEFORE_AFTER
 from flexstage.web.figures import chart, show_table
-from flexstage.web.page import Page, PanelHeading, quiet_button, show_job
+from flexstage.web.page import Page, PanelHeading, show_job
 from flexstage.web.pictures import chart_figure
 
 _LOOK = 0.4  # time between looks at what was handed over [s]
-_ROWS = 12  # of the table at a time
-_MARKS = {True: " ▼", False: " ▲"}
 
 
 class Results:
@@ -48,6 +45,7 @@ class Results:
         self._page, self._run = page, run
         self._seen = -1
         self._plot: ui.plotly | None = None
+        self._lot: LotChart | None = None
         self._table: PointTable | None = None
         self._question = _question(run)
 
@@ -58,11 +56,11 @@ class Results:
             PanelHeading(f"{_kind(run)} of {run.variant.name}")
             self._said = ui.label().classes("muted small").props('role="status"')
         if not run.job.is_over:
-            show_job(self._page, run.job, lambda _: self._over())
+            show_job(self._page, run.job)
+            self._page.watch(run.job, lambda _: self._over())
         self._body = ui.column().classes("full-width results")
         self._all()
-        follows = not run.job.is_over and self._question is not None
-        self._timer = ui.timer(_LOOK, self._look, active=follows)
+        self._timer = ui.timer(_LOOK, self._look, active=not run.job.is_over)
 
     def _look(self) -> None:
         """Show what was handed over since the last look."""
@@ -70,7 +68,8 @@ class Results:
         if job.is_over:
             self._timer.deactivate()
         elif len(job.found) != self._seen:
-            self._follow()
+            self._follow() if self._lot is None else self._lot.show()
+            self._seen = len(job.found)
 
     def _over(self) -> None:
         if self._run.job.state == "done":
@@ -84,31 +83,31 @@ class Results:
         self._body.clear()
         with self._body:
             if job.state == "failed":
-                ui.label(job.error).classes("issue error").props('role="alert"')
+                ui.label(in_form_words(job.error)).classes("issue error").props('role="alert"')
             elif job.state == "cancelled":
                 ui.label(_cancelled(run)).classes("issue")
             self._points()
             if job.state == "done":
                 self._done()
-            _command(run)
+            show_command(run)
 
     # points: chart, what was picked, table
 
     def _points(self) -> None:
-        run = self._run
-        if not isinstance(run.request, SweepRequest | OptimiseRequest):
+        if isinstance(self._run.request, ToleranceRequest) and self._run.job.state != "done":
+            self._lot = LotChart(self._run, self._page.preferences)
+        if self._question is None:
             return
         self._controls = ui.row().classes("items-center controls")
         self._chart_box = ui.element("div").classes("full-width")
         self._picked_box = ui.element("div").classes("full-width").props('aria-live="polite"')
         self._table_html = ui.html("", sanitize=False).classes("tables points")
-        self._table_html.on("click", self._pressed, js_handler=_PRESSED)
+        self._table_html.on("click", self._pressed, js_handler=PRESSED)
         self._follow()
 
     def _follow(self) -> None:
         """Show the points that are known now."""
         run = self._run
-        self._seen = len(run.job.found)
         before = self._table
         self._table = table = self._known()
         if table is None:
@@ -257,7 +256,7 @@ class Results:
         more = len(table.varied) - len(told)
         told += [f"and {more} more"] if more > 0 else []
         with self._picked_box, ui.row().classes("picked items-center"):
-            ui.label(f"{_row_name(table, row)}. {'; '.join(told)}")
+            ui.label(f"{row_name(table, row)}. {'; '.join(told)}")
             ui.button("Open in Design", on_click=lambda: self._open(table.values(row)))
 
     def _best(self, table: PointTable) -> int:
@@ -284,10 +283,10 @@ class Results:
         if self._is_way and run.job.state == "done":
             return  # the table of its parameters says more
         order = table.ordered(run.sort, descending=run.descending)
-        pages = max(1, -(-len(order) // _ROWS))
+        pages = max(1, -(-len(order) // ROWS))
         run.page = min(run.page, pages - 1)
-        rows = order[run.page * _ROWS : (run.page + 1) * _ROWS]
-        self._table_html.content = _table_html(table, run, rows, pages) if order else ""
+        rows = order[run.page * ROWS : (run.page + 1) * ROWS]
+        self._table_html.content = rows_html(table, run, rows, pages) if order else ""
 
     # when it is done
 
@@ -299,14 +298,7 @@ class Results:
                 ui.html(pictures.pop(0)[1], sanitize=False).classes("picture")
         for shown in tables_of(run.request, found.result):
             show_table(shown)
-        with ui.row().classes("items-center downloads"):
-            for path in _given_first(found.files):
-                quiet_button(path.name, icon="download", on_click=_download(path)).props(
-                    "dense outline"
-                )
-            quiet_button("all (ZIP)", icon="download", on_click=lambda: _all(found.files)).props(
-                "dense outline"
-            )
+        show_downloads(run, found.files)
         for title, svg in pictures:
             is_open = isinstance(run.request, OptimiseRequest) and title == BEFORE_AFTER
             with ui.expansion(title, value=is_open).classes("group full-width"):
@@ -315,14 +307,10 @@ class Results:
         with ui.expansion("What to know of it").classes("group full-width"), ui.element("ul"):
             for note in notes:
                 with ui.element("li"):
-                    ui.label(note)
+                    ui.label(in_form_words(note))
 
 
 _CLICKED = "(event) => { const at = event.points[0]?.customdata; if (at != null) emit(at); }"
-_PRESSED = """(event) => {
-  const button = event.target.closest("[data-do]");
-  if (button) emit(button.dataset.do);
-}"""
 
 
 def _kind(run: Run) -> str:
@@ -364,91 +352,6 @@ def _usual_axes(table: PointTable) -> tuple[str, str]:
     return first, next(frequencies, table.outcome[0].name)
 
 
-def _row_name(table: PointTable, row: int) -> str:
-    label = table.labels[row] if table.labels else ""
-    return f"Point {row + 1}" + (f", {label}" if label else "")
-
-
 def _select(label: str, options: dict[str, str], value: str, chosen: Callable[[Any], None]) -> None:
     field = ui.select(options, value=value, label=label, on_change=chosen)
     field.props("dense options-dense outlined")
-
-
-def _table_html(table: PointTable, run: Run, rows: list[int], pages: int) -> str:
-    """Return the rows of a table with buttons to pick each, to sort by a column, to turn pages."""
-    heads = []
-    for column in table.columns:
-        here = run.sort == column.name
-        way = ("descending" if run.descending else "ascending") if here else "none"
-        mark = _MARKS[run.descending] if here else ""
-        heads.append(
-            f'<th aria-sort="{way}"><button data-do="sort:{escape(column.name)}" '
-            f'title="Sort by it">{escape(column.heading)}{mark}</button></th>'
-        )
-    body = []
-    for row in rows:
-        chosen = run.picked == row
-        cells = "".join(f"<td>{_cell(c.values[row])}</td>" for c in table.columns)
-        label = f" {escape(table.labels[row])}" if table.labels else ""
-        body.append(
-            f'<tr{" class=chosen" if chosen else ""}><td class="text"><button '
-            f'data-do="pick:{row}" aria-pressed="{str(chosen).lower()}" '
-            f'aria-label="Pick point {row + 1}">{row + 1}</button>{label}</td>{cells}</tr>'
-        )
-    turn = ""
-    if pages > 1:
-        at = run.page
-        back, on = max(at - 1, 0), min(at + 1, pages - 1)
-        turn = (
-            f'<div class="turn"><button data-do="page:{back}" aria-label="Rows before">◀</button>'
-            f" {at + 1} of {pages} "
-            f'<button data-do="page:{on}" aria-label="Next rows">▶</button></div>'
-        )
-    return (
-        f'<div class="scroll" tabindex="0"><table><thead><tr><th class="text">point</th>'
-        f"{''.join(heads)}</tr></thead><tbody>{''.join(body)}</tbody></table></div>{turn}"
-    )
-
-
-def _cell(value: float) -> str:
-    return number(float(value)).replace("-", "−") if np.isfinite(value) else "–"
-
-
-def _command(run: Run) -> None:
-    """Show the command line that does the same, to be copied."""
-    text = command_line(run.facts.template, run.request)
-    with ui.element("div").classes("command"):
-        ui.label("The same at the prompt").classes("muted small")
-        ui.label(text).classes("code").props("tabindex=0")
-
-        def copy() -> None:
-            ui.clipboard.write(text)
-            ui.notify("copied", type="positive")
-
-        quiet_button(icon="content_copy", on_click=copy).props("dense").props["aria-label"] = (
-            "Copy the command line"
-        )
-
-
-def _given_first(files: Iterable[Path]) -> list[Path]:
-    order = (".csv", ".json", ".yaml", ".parquet", ".html")
-    data = [path for path in files if path.suffix in order]
-    return sorted(data, key=lambda path: order.index(path.suffix))
-
-
-def _download(path: Path) -> Callable[[], Any]:
-    async def download() -> None:
-        ui.download.content(await asyncio.to_thread(path.read_bytes), path.name)
-
-    return download
-
-
-async def _all(files: Iterable[Path]) -> None:
-    def packed() -> bytes:
-        content = io.BytesIO()
-        with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
-            for path in files:
-                archive.write(path, path.name)
-        return content.getvalue()
-
-    ui.download.content(await asyncio.to_thread(packed), "explore.zip")

@@ -113,6 +113,8 @@ class OptimiseForm:
     """Names of what is varied."""
     bounds: dict[str, RangeWords] = field(default_factory=dict)
     """Bounds that were changed."""
+    start: str = "described"
+    """Where the search starts."""
     evaluations: int | None = None
     """Evaluations of the lumped model at most."""
     model: str = "lumped"
@@ -136,6 +138,7 @@ class OptimiseForm:
             keep=tuple(row.text(facts) for row in self.keep),
             over=() if usual else tuple(w.text(facts.variables[w.name]) for w in words),
             without=tuple(name for name in facts.unasked if name not in self.required),
+            start=self.start,
             evaluations=self.evaluations,
             model=self.model,
         )

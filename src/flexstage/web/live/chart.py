@@ -9,7 +9,7 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from flexstage.errors import ModelError
-from flexstage.web.live.history import LiveChannel, LiveHistory
+from flexstage.web.live.history import VOLTAGE, LiveChannel, LiveHistory
 from flexstage.web.live.transfer import SharedHistories, add_live_data
 from flexstage.web.page import Page, Panel
 
@@ -28,8 +28,8 @@ def add_live_charts(app: FastAPI, panel: Panel) -> None:
 class ChartViews:
     """What a browser shows in each live chart: window, loop, hidden channels."""
 
-    views: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """By what the charts say that they show."""
+    views: dict[tuple[str, ...], dict[str, Any]] = field(default_factory=dict)
+    """By what the charts say that they show, and the names of their channels."""
 
 
 class LiveChart(
@@ -46,7 +46,8 @@ class LiveChart(
     says
         What it shows, for those who do not see it; different for each chart of a view.
     loop
-        Which channel is shown over which other one, and those come first: their names, x and y.
+        The loop that it begins with: the names of its channels, x and y. Over time where none is
+        given; a loop is then that of the first voltage and the first channel that is none.
     """
 
     def __init__(
@@ -60,7 +61,8 @@ class LiveChart(
         super().__init__()
         # pages are answered as long as somebody holds it
         self._history = history
-        self._views, self._says = page.session.state(ChartViews).views, says
+        self._views = page.session.state(ChartViews).views
+        self._key = (says, *(channel.name for channel in history.channels))
         self.classes("live-chart")
         self.props["address"] = page.panel.state(SharedHistories).add(history)
         self.props["channels"] = [described(page, channel) for channel in history.channels]
@@ -68,18 +70,21 @@ class LiveChart(
         self.props["windows"], self.props["says"] = list(WINDOWS), says
         self.props["begins"] = "loop" if loop else "time"
         self.props["pair"] = _pair(history, loop)
-        self.props["view"] = self._views.get(says, {})
+        self.props["view"] = self._views.get(self._key, {})
         self.on("view", self._keep)
 
     def _keep(self, event: GenericEventArguments) -> None:
-        self._views[self._says] = event.args
+        self._views[self._key] = event.args
 
 
 def _pair(history: LiveHistory, loop: tuple[str, str] | None) -> list[int]:
     """Return the places of the channels of a loop."""
     names = [channel.name for channel in history.channels]
     if loop is None:
-        return [0, len(names) - 1]
+        # what is driven, and the first that follows it
+        driven = [channel.quantity == VOLTAGE for channel in history.channels]
+        mixed = len({*driven}) > 1
+        return [driven.index(True), driven.index(False)] if mixed else [0, len(names) - 1]
     for name in loop:
         if name not in names:
             raise ModelError(f"there is no channel '{name}' to show: there are {', '.join(names)}")

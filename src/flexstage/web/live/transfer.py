@@ -26,6 +26,7 @@ MODES = ("time", "loop", "spectrum")
 #: Where the data of a history are asked for.
 PATH = "/live/"
 
+_LONGEST = 1e12  # time that is one [s]
 _FEWEST = 64  # samples of a spectrum
 _GAP = 10.0  # mean distances of samples that one of them may be
 
@@ -172,6 +173,6 @@ def spectrum(history: LiveHistory, begin: float, end: float) -> HistoryWindow:
 
 def _number(text: str) -> float:
     value = float(text)
-    if not math.isfinite(value):
+    if not abs(value) < _LONGEST:
         raise ValueError(text)
     return value

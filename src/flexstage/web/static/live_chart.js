@@ -4,6 +4,7 @@ import { Points, axes, clipped, envelope, extent, keptRange, line, loop, readabl
 const PERIOD = 45; // from one question to the next [ms]
 const SLOW = 1000; // the same for spectra [ms]
 const PATIENCE = 1500; // after a question without an answer [ms]
+const GAP = 0.5; // without a sample for longer than this, a curve is broken [s]
 const READ = 200; // from one text to the next [ms]
 const MARGIN = { left: 74, right: 14, top: 10, bottom: 46, between: 16 };
 const MODES = { time: "Time", loop: "Loop", spectrum: "Spectrum" };
@@ -222,8 +223,9 @@ export default {
     drawTime(context, whole, drawn, scale) {
       const { begin, end, unit, seconds, origin } = this.times();
       const step = this.got?.step || 0;
-      const gap = Math.max(5 / this.rate, 1.5 * step);
-      const x = { low: (begin - origin) / seconds, high: (end - origin) / seconds, title: `Time [${unit}]` };
+      const gap = Math.max(GAP, 5 / this.rate, 1.5 * step);
+      // before the first sample there is no time to mark
+      const x = { low: (begin - origin) / seconds, high: (end - origin) / seconds, title: `Time [${unit}]`, least: 0 };
       this.plot = whole;
       if (this.pointer !== null) this.cursor = this.timeAt(this.pointer);
       const yOf = (panel, kept) => {

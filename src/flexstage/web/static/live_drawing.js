@@ -116,10 +116,10 @@ function raised(power) {
   return String(power).replace("-", "⁻").replace(/\d/g, (digit) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit]);
 }
 
-function marks({ low, high, log }, count) {
+function marks({ low, high, log, least = -Infinity }, count) {
   if (log) return decades(low, high);
   const { step, places } = ticks(low, high, count);
-  return places.map((place) => [place, written(place, step)]);
+  return places.filter((place) => place >= least).map((place) => [place, written(place, step)]);
 }
 
 /** What turns values of an axis into places between two pixels. */

@@ -36,6 +36,7 @@ class PanelView:
 #: In the order of the navigation.
 VIEWS: tuple[PanelView, ...] = (
     PanelView("Design", "architecture", "design", "Choose a stage, change it, see what that does"),
+    PanelView("Analyse", "insights", "analyse", "Run models of the stage, and look at its motion"),
     PanelView("Explore", "travel_explore", "explore", "Sweep, optimise, tolerance, sensitivity"),
     PanelView(
         "Hysteresis", "all_inclusive", "hysteresis", "Identify a drive from a record, and undo it"

@@ -8,6 +8,7 @@ from flexstage.web.bench.connection import ConnectionBar
 from flexstage.web.bench.outcome import RunList, show_outcome
 from flexstage.web.bench.readouts import AxisCard
 from flexstage.web.bench.run_forms import PlanForm, RecordForm, RunForm, WaveformForm
+from flexstage.web.bench.runs import RunOutcome
 from flexstage.web.bench.state import BenchForms, bench_of
 from flexstage.web.jobs import BackgroundJob
 from flexstage.web.live.chart import LiveChart
@@ -84,8 +85,10 @@ class BenchView:
             self._whole.classes(add="apart")
             with self._area, ui.element("section").classes("panel"):
                 PanelHeading("Runs")
-                self._form = RunList(self._page, bench)
+                self._form = RunList(self._page, bench, self._show)
                 self._form.build()
+            with self._area:
+                self._make_result()
             return
         self._whole.classes(remove="apart")
         with self._area:
@@ -100,14 +103,23 @@ class BenchView:
                         bench.history,
                         says="Position and voltage of every axis as they are read",
                     )
-                self._result = ui.element("section").classes("panel").props('aria-live="polite"')
-                self._result.visible = False
+                self._make_result()
+
+    def _make_result(self) -> None:
+        self._result = ui.element("section").classes("panel").props('aria-live="polite"')
+        self._result.visible = False
+
+    def _show(self, outcome: RunOutcome) -> None:
+        self._result.clear()
+        self._result.visible = True
+        with self._result:
+            show_outcome(self._page, outcome)
 
     def _runs(self) -> None:
         with ui.tabs(on_change=self._open).props("dense no-caps align=left") as tabs:
             for name, (icon, _) in _TABS.items():
                 ui.tab(name, icon=icon)
-        self._doing = ui.element("div").classes("full-width")
+        self._doing = ui.element("div").classes("full-width doing")
         self._fields = ui.element("div").classes("run-form")
         tabs.value = self._forms.tab
 
@@ -115,7 +127,7 @@ class BenchView:
         self._forms.tab = event.value
         self._fields.clear()
         with self._fields, self._page.sentences():
-            self._form = _TABS[event.value][1](self._page, self._bench)
+            self._form = _TABS[event.value][1](self._page, self._bench, self._show)
             self._form.build()
 
     def _follow_job(self) -> None:
@@ -129,15 +141,16 @@ class BenchView:
             return
         self._doing.clear()
         with self._doing:
-            show_job(self._page, job, self._ended)
+            show_job(self._page, job)
+            self._page.watch(job, self._ended)
 
     def _ended(self, job: BackgroundJob) -> None:
+        if job.state == "done":
+            self._show(job.result)
+            return
         self._result.clear()
         self._result.visible = True
         with self._result:
-            if job.state == "done":
-                show_outcome(self._page, job.result)
-                return
             PanelHeading(f"{job.name}: stopped" if job.state == "cancelled" else job.name)
             ui.label(
                 job.error or "The stage was stopped; what was recorded until then is kept: see Runs"

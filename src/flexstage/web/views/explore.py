@@ -16,8 +16,9 @@ from flexstage.web.explore.fields import Fields
 from flexstage.web.explore.forms import build_form, what_it_takes
 from flexstage.web.explore.results import Results
 from flexstage.web.explore.state import KINDS, ExploreState, Run
+from flexstage.web.explore.words import in_form_words
 from flexstage.web.explore.work import explored, ready
-from flexstage.web.page import Page, PanelHeading
+from flexstage.web.page import Page, PanelHeading, complain
 
 _PURPOSES = {
     "sweep": "Vary parameters, and see what the figures do.",
@@ -58,7 +59,7 @@ class ExploreView:
                 "explore-kinds"
             )
         with ui.element("div").classes("columns explore"):
-            self._form = ui.element("section").classes("panel")
+            self._form = ui.element("section").classes("panel asked")
             self._results = ui.element("section").classes("panel")
         self._opened()
         if self._state.kind in self._state.runs:
@@ -88,7 +89,7 @@ class ExploreView:
         except FlexstageError as error:
             self._form.clear()
             with self._form:
-                ui.label(str(error)).classes("issue error").props('role="alert"')
+                ui.label(in_form_words(str(error))).classes("issue error").props('role="alert"')
             return
         self._state.facts.put(variant, facts)
         if variant == self._design.now:
@@ -106,9 +107,10 @@ class ExploreView:
             fields = Fields(facts, self._page.preferences, self._changed)
             with ui.element("div").classes("form"):
                 build_form(state.form, fields)
-            self._takes = ui.label().classes("muted small").props('role="status"')
-            self._go = ui.button(f"Run {KINDS[state.kind].casefold()}", on_click=self._start)
-            self._go.props('icon=play_arrow aria-keyshortcuts="Enter"')
+            with ui.element("div").classes("go"):
+                self._takes = ui.label().classes("muted small").props('role="status"')
+                self._go = ui.button(f"Run {KINDS[state.kind].casefold()}", on_click=self._start)
+                self._go.props("icon=play_arrow")
         self._changed()
 
     def _turn(self, event: object) -> None:
@@ -125,7 +127,7 @@ class ExploreView:
             form.request(self._facts)
             told, is_possible = what_it_takes(form, self._facts), True
         except FlexstageError as error:
-            told, is_possible = str(error), False
+            told, is_possible = in_form_words(str(error)), False
         self._takes.text = told
         self._takes.classes(
             add="" if is_possible else "issue", remove="issue" if is_possible else ""
@@ -135,24 +137,28 @@ class ExploreView:
     # runs
 
     async def _start(self) -> None:
+        try:
+            await self._started()
+        except (FlexstageError, OSError) as error:
+            complain(in_form_words(str(error)))
+
+    async def _started(self) -> None:
         state, facts, variant = self._state, self._facts, self._design.now
         assert facts is not None
-        with self._page.sentences():
-            request = state.form.request(facts)
-            await asyncio.to_thread(ready, facts.template, request)
-            before = state.runs.get(state.kind)
-            if before is not None:
-                before.job.cancel()
-                await asyncio.to_thread(before.job.wait, 5.0)
-            said = _folder_name(state.kind, facts, request, self._page.session.id)
-            folder = self._page.panel.folder(f"explore/{said}")
-            name = f"{KINDS[state.kind]} of {variant.name}"
-            job = self._page.panel.jobs.start(
-                name, explored, folder, facts.template, request, f"found-{state.kind}",
-                owner=self._page.session.id,
-            )  # fmt: skip
-            state.runs[state.kind] = Run(variant, facts, request, folder, job)
-            self._show_results()
+        request = state.form.request(facts)
+        await asyncio.to_thread(ready, facts.template, request)
+        before = state.runs.get(state.kind)
+        if before is not None:
+            before.job.cancel()
+            await asyncio.to_thread(before.job.wait, 5.0)
+        said = _folder_name(state.kind, facts, request, self._page.session.id)
+        folder = self._page.panel.folder(f"explore/{said}")
+        job = self._page.panel.jobs.start(
+            f"{KINDS[state.kind]} of {variant.name}", explored, folder, facts.template, request,
+            f"found-{state.kind}", owner=self._page.session.id,
+        )  # fmt: skip
+        state.runs[state.kind] = Run(variant, facts, request, folder, job)
+        self._show_results()
 
     def _show_results(self) -> None:
         self._results.clear()

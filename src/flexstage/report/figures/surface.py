@@ -1,0 +1,250 @@
+"""A stage as a surface of triangles with its states, for pictures that move and turn."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexstage import progress
+from flexstage.arrays import Array, Integers
+from flexstage.export.vtu.body_cells import BodyCells, body_cells
+from flexstage.quantities import number
+from flexstage.report.figures.body_motion import MOST_SHOWN, elongation_words
+from flexstage.system import Analysis, AxisAnalysis, DriveCondition
+
+if TYPE_CHECKING:
+    from flexstage.fem import StageModel
+    from flexstage.fem.sampling import Sample
+
+# A surface is divided while it has fewer triangles than this, of which the solid has two sides.
+_MOST_TRIANGLES = 40_000
+_FINEST = 4
+# An edge is drawn where two faces meet at more than 30 degrees.
+_SHARP = 0.866
+# Corners nearer than this [m] are one.
+_SAME = 1e-9
+# Faces of a tetrahedron and of a wedge, by the numbers of their corners.
+_FACES = {
+    4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
+    6: ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SurfaceState:
+    """How a surface moves in a static state or a mode."""
+
+    name: str
+    """What it is called: the axis at full stroke, or the number of the mode with its frequency."""
+    words: str
+    """What causes it, in words."""
+    displacement: Array
+    """Displacement of each corner [m], of a mode as part of the largest [1], shape (n, 3)."""
+    stress: Array | None = None
+    """Equivalent stress of each corner [Pa], NaN where none is known, shape (n,); None of a mode.
+    """
+    limit: float = 0.0
+    """Largest stress at the hinges [Pa]: that at held edges, where there is no limit, is above."""
+
+    @property
+    def largest(self) -> float:
+        """The largest displacement [m], of a mode [1]."""
+        return float(np.linalg.norm(self.displacement, axis=1).max(initial=0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StageSurface:
+    """The surface of a stage at rest, and its states.
+
+    Notes
+    -----
+    Validity: that of the model. Rigid bodies, and condensed ones, are drawn as such with notches
+    as bent bars between them, which is only a picture, with the largest stress of each notch; of a
+    mesh stress is averaged over the elements about a corner.
+    """
+
+    points: Array
+    """Corners at rest [m], shape (n, 3)."""
+    triangles: Integers
+    """Corners of each triangle, shape (m, 3)."""
+    edges: Integers
+    """Corners of each edge that is drawn, shape (k, 2)."""
+    flat: bool
+    """Whether all of it lies in a plane."""
+    statics: tuple[SurfaceState, ...]
+    """Each axis at full stroke."""
+    modes: dict[DriveCondition, tuple[SurfaceState, ...]]
+    """The lowest modes, by condition of the drives."""
+
+    @property
+    def size(self) -> float:
+        """The longer side of the stage in its plane [m]."""
+        return float(np.ptp(self.points[:, :2], axis=0).max())
+
+
+def stage_surface(analysis: Analysis, mesh: "StageModel | None" = None) -> StageSurface:
+    """Return the surface of a stage with the states of an analysis.
+
+    `mesh` is that of the finite elements behind it, where there are any.
+    """
+    drawn = _Meshed(analysis, mesh) if mesh is not None else _Bodies(analysis)
+    kept, triangles = np.unique(drawn.triangles, return_inverse=True)
+    triangles = triangles.reshape(-1, 3)
+    count = len(analysis.axes) + sum(min(MOST_SHOWN, f.frequency_hz.size)
+                                     for f in analysis.modes.values())  # fmt: skip
+    done = 0
+
+    def told() -> None:
+        nonlocal done
+        progress.update("shapes", done / max(count, 1))
+        done += 1
+
+    statics = []
+    for axis in analysis.axes:
+        told()
+        displacement, stress = drawn.static(axis)
+        statics.append(
+            SurfaceState(
+                name=f"{axis.axis} at full stroke",
+                words=_cause(analysis, axis),
+                displacement=displacement[kept],
+                stress=stress[kept],
+                limit=max(axis.static.hinge_stress.values(), default=0.0),
+            )
+        )
+    modes: dict[DriveCondition, tuple[SurfaceState, ...]] = {}
+    for condition, found in analysis.modes.items():
+        states = []
+        for k, frequency in enumerate(found.frequency_hz[:MOST_SHOWN].tolist()):
+            told()
+            moved, words = drawn.mode(found.shapes[:, k])
+            largest = float(np.linalg.norm(moved, axis=1).max(initial=0.0)) or 1.0
+            states.append(
+                SurfaceState(
+                    name=f"{k + 1}: {number(frequency)} Hz",
+                    words=f"mode {k + 1}, drives {condition}{words}",
+                    displacement=moved[kept] / largest,
+                )
+            )
+        modes[condition] = tuple(states)
+    return StageSurface(
+        points=drawn.points[kept],
+        triangles=triangles,
+        edges=sharp_edges(drawn.points[kept], triangles),
+        flat=drawn.flat,
+        statics=tuple(statics),
+        modes=modes,
+    )
+
+
+def _cause(analysis: Analysis, axis: AxisAnalysis) -> str:
+    unit = "µrad" if analysis.system.probe(axis.probe).unit == "rad" else "µm"
+    read = f"{number(axis.output_displacement * 1e6)} {unit}"
+    return f"{elongation_words(axis)}: '{axis.probe}' reads {read}"
+
+
+class _Bodies:
+    """Rigid bodies over the whole thickness, with bent notches between them."""
+
+    flat = False
+
+    def __init__(self, analysis: Analysis) -> None:
+        self._system = analysis.system
+        self._cells: BodyCells = body_cells(analysis.stage)
+        self._mass = analysis.characteristics.value("mass", "stage")
+        self.points = self._cells.points
+        # corners stay apart where two parts meet, and so do their surfaces
+        self.triangles = outer_faces(self._cells.cells)
+
+    def static(self, axis: AxisAnalysis) -> tuple[Array, Array]:
+        cells, stress = self._cells, axis.static.hinge_stress
+        by_hinge = np.array([*(stress.get(h.name, np.nan) for h in cells.stage.hinges), np.nan])
+        return (
+            cells.displacement(self._system, axis.static.q),
+            by_hinge[cells.hinge][cells.point_region],
+        )
+
+    def mode(self, q: Array) -> tuple[Array, str]:
+        moved = self._cells.displacement(self._system, q)
+        # of a mode of unit modal mass that bodies move in the plane, some point has 1/sqrt(mass)
+        if self._mass * float((moved**2).sum(axis=1).max(initial=0.0)) < 0.5:
+            return np.zeros_like(moved), "; out of the plane or within a body: not seen here"
+        return moved, ""
+
+
+class _Meshed:
+    """The surface of a mesh."""
+
+    def __init__(self, analysis: Analysis, mesh: "StageModel") -> None:
+        from flexstage.fem.sampling import Sampler
+
+        solid = mesh.problems[0].continuum.dimension == 3
+        most = _MOST_TRIANGLES // (2 if solid else 1)
+        fine = [d for d in range(1, _FINEST + 1) if mesh.elements * d**2 <= most]
+        self._sampler: Sampler = Sampler(
+            model=mesh, divisions=max(fine, default=1), extent="whole", seams=False
+        )
+        rest: Sample = self._sampler.read(np.zeros(mesh.system.order), stress=False)
+        self.points = rest.points
+        self.flat = not solid
+        self.triangles = outer_faces(rest.cells) if solid else rest.cells
+
+    def static(self, axis: AxisAnalysis) -> tuple[Array, Array]:
+        sample = self._sampler.read(axis.static.q)
+        return sample.displacement, sample.von_mises
+
+    def mode(self, q: Array) -> tuple[Array, str]:
+        return self._sampler.read(q, stress=False).displacement, ""
+
+
+def outer_faces(cells: Integers) -> Integers:
+    """Return the faces that one tetrahedron or wedge alone has, shape (m, 3).
+
+    Examples
+    --------
+    >>> outer_faces(np.array([[0, 1, 2, 3], [0, 2, 1, 4]])).shape
+    (6, 3)
+    """
+    found = []
+    faces = _FACES[cells.shape[1]]
+    for corners in (3, 4):
+        every = [cells[:, face] for face in faces if len(face) == corners]
+        if not every:
+            continue
+        stacked = np.concatenate(every)
+        _, first, count = np.unique(
+            np.sort(stacked, axis=1), axis=0, return_index=True, return_counts=True
+        )
+        alone = stacked[first[count == 1]]
+        found.append(alone[:, :3])
+        if corners == 4:
+            found.append(alone[:, [0, 2, 3]])
+    return np.concatenate(found)
+
+
+def sharp_edges(points: Array, triangles: Integers) -> Integers:
+    """Return the edges of triangles at which a surface ends or turns by more than 30 degrees.
+
+    Corners in one place count as one; shape (k, 2).
+    """
+    _, same = np.unique(np.rint(points / _SAME), axis=0, return_inverse=True)
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    size = np.linalg.norm(normal, axis=1)
+    normal = normal / np.where(size > 0.0, size, 1.0)[:, None]
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    of = np.tile(np.arange(len(triangles)), 3)
+    key = np.sort(same.reshape(-1)[edges], axis=1)
+    order = np.lexsort(key.T)
+    key, of, edges = key[order], of[order], edges[order]
+    first = np.ones(len(key), dtype=bool)
+    first[1:] = (key[1:] != key[:-1]).any(axis=1)
+    starts = np.flatnonzero(first)
+    count = np.diff(np.append(starts, len(key)))
+    pair = count == 2
+    turn = np.ones(len(starts), dtype=bool)
+    one, other = of[starts[pair]], of[starts[pair] + 1]
+    turn[pair] = np.abs(np.einsum("ij,ij->i", normal[one], normal[other])) < _SHARP
+    # more than two triangles at an edge: parts that touch
+    turn[count > 2] = False
+    return edges[starts[turn]]

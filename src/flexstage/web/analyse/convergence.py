@@ -1,0 +1,98 @@
+"""How far the figures may be off: meshes that were refined, and estimates of errors."""
+
+from collections.abc import Callable
+
+from nicegui import ui
+
+from flexstage.characteristic import WHOLE_STAGE
+from flexstage.comparison import title_of
+from flexstage.quantities import display, number
+from flexstage.table import Table, table
+from flexstage.web.analyse.state import AnalyseState
+from flexstage.web.analyse.work import Analysed
+from flexstage.web.figures import show_table
+from flexstage.web.page import Page, quiet_button
+
+
+class Convergence:
+    """What is known of the errors of what was found.
+
+    Parameters
+    ----------
+    page
+        The page.
+    start
+        Starts a model with what is asked for now.
+    """
+
+    def __init__(self, page: Page, start: Callable[[str], bool]) -> None:
+        self._state = page.session.state(AnalyseState)
+        self._start = start
+        self._place = ui.element("div").classes("full-width stacked")
+
+    def show(self, found: dict[str, Analysed]) -> None:
+        """Show what is known."""
+        self._place.clear()
+        refined = [one for one in found.values() if one.convergence]
+        estimated = [one for one in found.values() if one.options.estimate]
+        with self._place:
+            for one in refined:
+                ui.html(one.convergence, sanitize=False).classes("picture")
+                show_table(meshes_table(one))
+            for one in (*refined, *estimated):
+                with ui.expansion(f"Estimated errors, {title_of(one.model)}", value=True):
+                    show_table(errors_table(one))
+            if not refined:
+                ui.label(
+                    "Refine the mesh of a model of finite elements to see how its figures settle."
+                ).classes("muted")
+                ui.button("Refine FEM 2D", on_click=self._refine).classes("own-width")
+            if not estimated:
+                ui.label(
+                    "Superelements estimate their errors by bodies of a lower order and more modes."
+                ).classes("muted")
+                quiet_button("Estimate errors", on_click=self._estimate).props("outline").classes(
+                    "own-width"
+                )
+
+    def _refine(self) -> None:
+        self._state.asked.refine = True
+        self._start("plane")
+
+    def _estimate(self) -> None:
+        self._state.asked.estimate = True
+        self._start("superelement")
+
+
+def meshes_table(one: Analysed) -> Table:
+    """Return the meshes of a model that was refined, and the quantity that was asked for."""
+    found = one.results["refinement"]
+    quantity = display(found["quantity"])
+    steps = found["steps"]
+    axes = [v["axis"] for v in steps[-1]["values"] if v["quantity"] == quantity.name]
+    rows = []
+    for step in steps:
+        values = {v["axis"]: v["value"] for v in step["values"] if v["quantity"] == quantity.name}
+        rows.append(
+            [
+                str(step["order"]), number(step["neck_size"], 2), str(step["unknowns"]),
+                number(step["seconds"], 2), *(quantity.text(values.get(axis)) for axis in axes),
+            ]
+        )  # fmt: skip
+    heads = ["order", "element / neck [1]", "unknowns", "time [s]"]
+    heads += [f"{quantity.heading}{'' if axis == WHOLE_STAGE else f', {axis}'}" for axis in axes]
+    return table("", heads, rows)
+
+
+def errors_table(one: Analysed) -> Table:
+    """Return the estimated error of each figure of a model."""
+    rows = []
+    for row in one.analysis.characteristics:
+        if not row.uncertainty:
+            continue  # none is known, or nothing is uncertain
+        shown = display(row.quantity)
+        share = f"{number(100.0 * row.uncertainty / abs(row.value), 2)} %" if row.value else "–"
+        spread = number(row.uncertainty * shown.factor, 2)
+        axis = "" if row.axis == WHOLE_STAGE else row.axis
+        rows.append([shown.heading, axis, shown.text(row.value), spread, share])
+    return table("", ["figure", "<axis", "value", "± estimate", "share"], rows)

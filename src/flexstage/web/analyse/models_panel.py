@@ -1,0 +1,138 @@
+"""Which models are run and what is asked of them, and how far each has come."""
+
+from pathlib import Path
+
+from nicegui import ui
+
+from flexstage.comparison import MODEL_WORDS, title_of
+from flexstage.files.names import file_name
+from flexstage.quantities import QUANTITIES, number
+from flexstage.web.analyse.state import AnalyseState
+from flexstage.web.analyse.work import analysed
+from flexstage.web.design.state import DesignState, Variant
+from flexstage.web.page import Page, PanelHeading, show_job
+
+_PLANES = {"auto": "by width and neck", "stress": "plane stress", "strain": "plane strain"}
+_SUPPORTS = {"rigid": "rigid", "elastic": "elastic"}
+#: Quantities that a mesh can be refined for, as a model gives them.
+_REFINED = ("natural_frequency_hz", "max_stress", "transmission_ratio", "output_stiffness")
+_MESHED = ("plane", "solid")
+
+
+class ModelsPanel:
+    """The models of the stage that is open.
+
+    Parameters
+    ----------
+    page
+        The page.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._state = page.session.state(AnalyseState)
+        self._design = page.session.state(DesignState)
+        self._rows: dict[str, tuple[ui.label, ui.element, ui.label]] = {}
+        self._shown_jobs: dict[str, str] = {}
+        with ui.row().classes("items-center heading"):
+            PanelHeading("Models")
+            ui.space()
+            ui.button("Analyse", icon="play_arrow", on_click=self._start_chosen)
+        for model in MODEL_WORDS:
+            self._row(model)
+        with ui.expansion("Options").classes("options"):
+            self._options()
+
+    def _row(self, model: str) -> None:
+        with ui.element("div").classes("model"):
+            box = ui.checkbox(title_of(model), value=model in self._state.chosen).props("dense")
+            words = ui.label(MODEL_WORDS[model]).classes("muted small")
+            status = ui.label().classes("small number")
+            working = ui.element("div").classes("working")
+            wrong = ui.label().classes("issue error")
+        words.props["aria-hidden"] = "true"
+        box.on_value_change(lambda event: self._choose(model, bool(event.value)))
+        self._rows[model] = (status, working, wrong)
+
+    def _options(self) -> None:
+        asked = self._state.asked
+
+        def field(element: ui.element, name: str, hint: str) -> None:
+            element.classes("full-width").props(f'dense hint="{hint}" persistent-hint')
+            element.bind_value(asked, name)  # type: ignore[attr-defined]
+
+        with ui.element("div").classes("fields"):
+            field(ui.select(_PLANES, label="Plane state"), "plane", "models in the plane")
+            field(ui.select(_SUPPORTS, label="Supports"), "supports", "all but rigid bodies")
+        for label, name, hint in (
+            ("Estimate the error of each figure", "estimate", "condensed bodies; twice the time"),
+            ("Follow the stroke with large displacements", "stroke", "FEM 2D"),
+            ("Write fields for ParaView (VTU)", "fields", "FEM 2D and 3D"),
+            ("Refine the mesh until it has settled", "refine", "FEM 2D and 3D"),
+        ):
+            box = ui.checkbox(f"{label} ({hint})").props("dense")
+            box.bind_value(asked, name)
+        with ui.element("div").classes("fields").bind_visibility_from(asked, "refine"):
+            percent = ui.number("To an accuracy of [%]", min=0.001, max=50, format="%g")
+            field(percent, "percent", "relative change that is left")
+            names = {name: QUANTITIES[name].label for name in _REFINED}
+            field(ui.select(names, label="Of the quantity"), "quantity", "the others follow")
+
+    def _choose(self, model: str, chosen: bool) -> None:
+        others = [name for name in self._state.chosen if name != model]
+        self._state.chosen = [m for m in MODEL_WORDS if m in others or (chosen and m == model)]
+
+    def _start_chosen(self) -> None:
+        if not self._state.chosen:
+            ui.notify("Choose a model first", type="warning", position="top")
+            return
+        started = [model for model in self._state.chosen if self.start(model)]
+        if not started:
+            ui.notify("All of this is known already, or on its way", position="top")
+
+    def start(self, model: str) -> bool:
+        """Start a model of the stage that is open, unless that is known or on its way."""
+        variant, asked = self._design.now, self._state.asked
+        key = (variant, model)
+        with self._page.sentences():
+            options = asked.options(model)
+            known = self._state.found(variant, model)
+            fields = self._fields(variant, model) if asked.fields else None
+            if key in self._state.jobs or (
+                known and known.options == options and (fields is None or known.fields == fields)
+            ):
+                return False
+            self._state.failed.pop(key, None)
+            self._state.jobs[key] = self._page.panel.jobs.start(
+                f"{variant.name}, {title_of(model)}", analysed, variant, model, options, fields,
+                owner=self._page.session.id,
+            )  # fmt: skip
+            self.sync()
+            return True
+        return False
+
+    def _fields(self, variant: Variant, model: str) -> Path | None:
+        if model not in _MESHED:
+            return None
+        return self._page.panel.folder("analyse") / file_name(variant.name) / model
+
+    def sync(self) -> None:
+        """Show how each model of the stage that is open stands."""
+        variant = self._design.now
+        for model, (status, working, wrong) in self._rows.items():
+            key = (variant, model)
+            job, known = self._state.jobs.get(key), self._state.found(variant, model)
+            now = job.id if job else ""
+            if self._shown_jobs.get(model, "") != now:
+                self._shown_jobs[model] = now
+                working.clear()
+                if job is not None:
+                    with working:
+                        show_job(self._page, job)
+            status.text = _told(known.seconds) if known else ""
+            wrong.text = self._state.failed.get(key, "")
+            wrong.visible = bool(wrong.text)
+
+
+def _told(seconds: float) -> str:
+    return f"done in {number(seconds, 2)} s"

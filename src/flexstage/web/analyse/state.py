@@ -1,0 +1,110 @@
+"""What is open in the view Analyse: models, what is asked of them and found, what is shown."""
+
+from collections import OrderedDict
+from dataclasses import dataclass, field
+
+from flexstage.studies.models import ModelOptions, fitting_options
+from flexstage.web.analyse.work import Analysed
+from flexstage.web.design.state import Variant
+from flexstage.web.jobs import BackgroundJob
+
+_KEPT = 20  # analyses with their pictures, some MB each
+
+Key = tuple[Variant, str]
+
+
+@dataclass
+class Asked:
+    """What is asked of the models, each of which takes what it can."""
+
+    plane: str = "auto"
+    """Plane state: auto, stress or strain."""
+    supports: str = "rigid"
+    """Supports: rigid or elastic."""
+    estimate: bool = False
+    """Whether errors are estimated."""
+    refine: bool = False
+    """Whether meshes are refined."""
+    percent: float = 0.5
+    """To which accuracy [%]."""
+    quantity: str = "natural_frequency_hz"
+    """Of which quantity."""
+    stroke: bool = False
+    """Whether the stroke is followed with large displacements."""
+    fields: bool = False
+    """Whether fields for ParaView are written."""
+
+    def options(self, model: str) -> ModelOptions:
+        """Return it as one model takes it."""
+        return fitting_options(
+            model,
+            ModelOptions(
+                plane=self.plane,  # type: ignore[arg-type]
+                supports=self.supports,  # type: ignore[arg-type]
+                estimate=self.estimate,
+                accuracy=self.percent / 100.0 if self.refine else None,
+                quantity=self.quantity if self.refine else "natural_frequency_hz",
+                stroke=self.stroke,
+            ),
+        )
+
+
+@dataclass
+class Shown:
+    """What of the results is shown."""
+
+    part: str = "Shapes"
+    """The part of the results that is open."""
+    model: str = ""
+    """The model whose shapes are shown."""
+    state: str = ""
+    """The state that is shown: a static one by its axis, a mode by its number."""
+    drives: str = "removed"
+    """Condition of the drives of the modes."""
+    colour: str = "stress"
+    """What colours a static state: ``stress`` or ``displacement``."""
+    pair: tuple[str, str] | None = None
+    """Drive and probe of the Bode diagram."""
+    bode_drives: str = "in place"
+    """Condition of the drives of the Bode diagram."""
+    cursors: list[float] = field(default_factory=list)
+    """Frequencies of its two cursors [Hz]."""
+
+
+@dataclass
+class AnalyseState:
+    """What one person has open in the view Analyse."""
+
+    chosen: list[str] = field(default_factory=lambda: ["lumped", "superelement"])
+    """Models that are chosen."""
+    asked: Asked = field(default_factory=Asked)
+    """What is asked of them."""
+    shown: Shown = field(default_factory=Shown)
+    """What of the results is shown."""
+    jobs: dict[Key, BackgroundJob] = field(default_factory=dict)
+    """What is being computed."""
+    failed: dict[Key, str] = field(default_factory=dict)
+    """Why a model gave nothing, in a sentence."""
+    revision: int = 0
+    """Counts what has come, so that each page of a browser sees that something did."""
+    _found: OrderedDict[Key, Analysed] = field(default_factory=OrderedDict)
+
+    def found(self, variant: Variant, model: str) -> Analysed | None:
+        """Return what a model found of a variant, if anything."""
+        return self._found.get((variant, model))
+
+    def take(self) -> None:
+        """Take what has come of jobs that are over."""
+        over = [key for key, job in self.jobs.items() if job.is_over]
+        for key in over:
+            job = self.jobs.pop(key)
+            self.failed.pop(key, None)
+            if job.state == "done":
+                # what is kept here need not be kept there
+                self._found[key], job.result = job.result, None
+                self._found.move_to_end(key)
+            elif job.state == "failed":
+                self.failed[key] = job.error
+        while len(self._found) > _KEPT:
+            self._found.popitem(last=False)
+        self.revision += len(over)

@@ -1,0 +1,285 @@
+"""The view Analyse without a browser: its figures are the command's, its pictures the model's."""
+
+import asyncio
+import base64
+import json
+import time
+import zipfile
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexstage.designs import StageTemplate
+from flexstage.errors import ModelError
+from flexstage.report.figures.surface import outer_faces, sharp_edges
+from flexstage.studies.models import MODELS, ModelOptions, fitting_options, run_model
+from flexstage.web.analyse.bode import reading, readings_table
+from flexstage.web.analyse.moving_stage import sent_state, sent_surface
+from flexstage.web.analyse.state import AnalyseState
+from flexstage.web.analyse.tables import figures_tables, hinges_table, modes_table
+from flexstage.web.analyse.work import Analysed, analysed, saved
+from flexstage.web.design.state import DesignState, Variant
+from flexstage.web.preferences import Preferences
+from tests.panel import looked_at, simulated
+
+GUIDE = Variant(StageTemplate.of("parallelogram"))
+
+
+@pytest.fixture(scope="module")
+def lumped() -> Analysed:
+    return analysed(GUIDE, "lumped", ModelOptions())
+
+
+def unpacked(text: str, kind: str, columns: int) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), dtype=kind).reshape(-1, columns)
+
+
+def test_results_are_those_of_the_command(
+    lumped: Analysed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from flexstage.cli import main
+
+    with pytest.raises(SystemExit) as ended:
+        main(["analyse", "parallelogram", "--model", "lumped", "--json"])
+    assert not ended.value.code
+    printed = json.loads(capsys.readouterr().out)
+    own = json.loads(json.dumps(dict(lumped.results)))
+    # the day on which each was computed
+    del printed["files"], printed["provenance"], own["provenance"]
+    assert own == printed
+    first, others = figures_tables(Preferences(), [lumped])
+    values = [row[2].value for row in (*first.rows, *others.rows)]
+    assert sorted(values) == sorted(row["value"] for row in printed["characteristics"])
+    for condition, rows in printed["modes"].items():
+        shown = modes_table([lumped], condition)
+        assert [row[1].value for row in shown.rows] == [
+            row["natural_frequency_hz"] for row in rows[:6]
+        ]
+
+
+def test_models_and_errors_stand_side_by_side(lumped: Analysed) -> None:
+    rows = [
+        replace(
+            row, origin="superelement", value=1.1 * row.value, uncertainty=0.02 * abs(row.value)
+        )
+        for row in lumped.analysis.characteristics
+    ]
+    analysis = replace(
+        lumped.analysis,
+        characteristics=type(lumped.analysis.characteristics)(rows),
+        system=replace(lumped.analysis.system, model="superelement"),
+    )
+    first, _ = figures_tables(
+        Preferences(length="mm"), [lumped, replace(lumped, analysis=analysis)]
+    )
+    headings = [column.heading for column in first.columns]
+    assert headings == ["figure", "axis", "lumped", "FEM 2D, condensed", "difference"]
+    stroke = next(row for row in first.rows if row[0].text == "Output displacement [mm]")
+    assert [cell.text for cell in stroke] == [
+        "Output displacement [mm]", "x", "0.2000", "0.2200 ± 0.004", "+10.0 %"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_model_is_asked_for_what_it_takes(model: str) -> None:
+    asked = {"plane": "strain", "supports": "elastic", "estimate": True, "accuracy": 0.01}
+    asked["stroke"] = True
+    fitting = fitting_options(model, ModelOptions(**asked))  # type: ignore[arg-type]
+    for name, value in asked.items():
+        if getattr(fitting, name) != value:
+            with pytest.raises(ModelError):
+                run_model(GUIDE.stage(), model, ModelOptions(**{name: value}))  # type: ignore[arg-type]
+
+
+def test_the_surface_is_closed_and_moves_as_the_stage_does(lumped: Analysed) -> None:
+    surface = lumped.surface
+    _, same = np.unique(np.rint(surface.points / 1e-9), axis=0, return_inverse=True)
+    corners = same.reshape(-1)[surface.triangles]
+    edges = Counter(tuple(sorted((int(t[i]), int(t[i - 1])))) for t in corners for i in range(3))
+    # parts meet at seams, each with a closed surface of its own
+    assert not [edge for edge, count in edges.items() if count % 2]
+    (state,) = surface.statics
+    # the platform moves by what the probe reads, and no corner much further
+    assert state.largest == pytest.approx(200e-6, rel=0.01)
+    assert state.limit == lumped.analysis.characteristics.value("max_stress", "x")
+    assert np.nanmax(state.stress) == state.limit
+    assert [len(states) for states in surface.modes.values()] == [6, 6, 6]
+
+
+def test_faces_and_edges_of_a_box() -> None:
+    box = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], float)
+    faces = outer_faces(np.array([[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]]))
+    assert faces.shape == (12, 3)
+    # of 18 edges six are diagonals of faces
+    assert sharp_edges(box, faces).shape == (12, 2)
+
+
+@pytest.mark.parametrize("colour", ["stress", "displacement"])
+def test_the_page_gets_what_was_found(lumped: Analysed, colour: str) -> None:
+    surface, state = lumped.surface, lumped.surface.statics[0]
+    sent, given = sent_surface(surface), sent_state(surface, state, colour, Preferences())
+    assert unpacked(sent["points"], "<f4", 3) == pytest.approx(1e3 * surface.points, abs=1e-4)
+    assert (unpacked(sent["triangles"], "<u4", 3) == surface.triangles).all()
+    values = unpacked(given["values"], "<i2", 4) / 32767
+    moved = values[:, :3] * given["reach"] / given["factor"] * 1e-3
+    assert moved == pytest.approx(state.displacement, abs=1e-4 * state.largest)
+    top = float(given["bar"]["ticks"][-1][1])
+    if colour == "stress":
+        assert given["bar"]["title"] == "equivalent stress [MPa]"
+        assert top == pytest.approx(state.limit * 1e-6, rel=1e-2)
+        assert ((values[:, 3] < 0.0) == np.isnan(state.stress)).all()
+    else:
+        assert given["bar"]["title"] == "displacement [µm]"
+        assert top == pytest.approx(state.largest * 1e6, rel=1e-2)
+        size = np.linalg.norm(state.displacement, axis=1)
+        assert values[:, 3] == pytest.approx(size / state.largest, abs=1e-4)
+
+
+def test_cursors_read_the_response(lumped: Analysed) -> None:
+    own = next(r for r in lumped.analysis.responses if r.drives == "in place")
+    every = [r for r in lumped.responses if (r.drive, r.probe) == (own.drive, own.probe)]
+    (response,) = [r for r in every if r.drives == "in place"]
+    assert (response.value == own.value).all()
+    at = [float(own.frequency_hz[k]) for k in (10, 300)]
+    size, phase = reading(response, at[1])
+    assert size == pytest.approx(abs(own.value[300]), rel=1e-9)
+    assert np.exp(1j * np.radians(phase)) == pytest.approx(own.value[300] / abs(own.value[300]))
+    shown = readings_table([("lumped", response)], at)
+    texts = [cell.text for cell in shown.rows[1]]
+    assert texts[0] == "lumped: magnitude [µm/µm]"
+    ratio = abs(own.value[300]) / abs(own.value[10])
+    assert texts[3].startswith(f"× {ratio:.4g}"[:5])
+
+
+def test_results_are_saved_by_model(lumped: Analysed, tmp_path: Path) -> None:
+    path = saved(tmp_path, [lumped])
+    with zipfile.ZipFile(path) as archive:
+        assert archive.namelist() == ["lumped/analysis.json", "lumped/bode-x.svg"]
+        assert json.loads(archive.read("lumped/analysis.json")) == dict(lumped.results)
+    assert [c.heading for c in hinges_table(lumped).columns][1].endswith("x [MPa]")
+
+
+async def come(condition: Callable[[], Any], seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it never came"
+        await asyncio.sleep(0.02)
+
+
+def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        from nicegui import ui
+
+        started: list[str] = []
+
+        def start(name: str, function: Any, *arguments: Any, owner: str = "") -> Any:
+            started.append(name)
+            return panel.jobs.start_thread(name, function, *arguments, owner=owner)
+
+        panel.jobs.start = start
+        await user.open("/design")
+        (session,) = panel.access._sessions.values()
+        session.state(DesignState).open(GUIDE.template)
+        state = session.state(AnalyseState)
+        await user.open("/analyse")
+        # the quick model is run at once, of the stage that Design has open
+        await come(lambda: state.found(GUIDE, "lumped"))
+        await user.should_see("193.7")
+        await user.open("/analyse")
+        await user.should_see("193.7")
+        assert started == ["parallelogram, lumped"]
+        # what fails says why, and the others go on
+        state.chosen, state.asked.refine, state.asked.percent = ["plane"], True, 0.0
+        user.find(kind=ui.button, content="Analyse").click()
+        await come(lambda: state.failed)
+        await user.should_see("the accuracy must lie between 0 and 1")
+        await user.should_see("193.7")
+
+    simulated(tmp_path, look)
+
+
+@pytest.mark.slow
+def test_a_stage_is_analysed_in_the_page(tmp_path: Path) -> None:
+    with looked_at(tmp_path) as look:
+        page = look.page
+        page.get_by_role("link", name="Analyse").click()
+        page.get_by_role("heading", name="Models").wait_for()
+        page.get_by_role("combobox", name="Design").fill("parallelogram")
+        page.get_by_role("option", name="parallelogram", exact=True).click()
+        page.get_by_role("heading", name="parallelogram", exact=True).wait_for()
+        # the quick model is there by itself; finite elements are asked for, with a finer mesh
+        moving = page.locator("canvas[aria-label*='reads 200.0 µm']")
+        moving.wait_for()
+        page.get_by_role("checkbox", name="FEM 2D", exact=True).click()
+        page.get_by_role("checkbox", name="FEM 2D, condensed").click()
+        page.get_by_text("Options").click()
+        page.get_by_role("checkbox", name="Refine the mesh").click()
+        page.get_by_label("To an accuracy of [%]").wait_for()
+        page.get_by_role("button", name="Analyse", exact=True).click()
+        page.locator(".model", has_text="FEM 2D").locator(".job").first.wait_for()
+        # a reload finds what is being computed
+        page.reload()
+        page.locator(".model", has_text="finite elements in the plane").get_by_text(
+            "done in"
+        ).wait_for()
+        page.get_by_role("combobox", name="Model").click()
+        page.get_by_role("option", name="FEM 2D", exact=True).click()
+        page.get_by_text("Bodies are drawn rigid").wait_for(state="hidden")
+        page.locator("canvas[aria-label*='equivalent stress [MPa], up to 99']").wait_for()
+        assert drawn(page)
+        page.get_by_role("button", name="Pause").click()
+        still = drawn(page)
+        assert still == drawn(page)
+        page.get_by_role("slider", name="Amplitude").fill("3")
+        assert drawn(page) != still
+        page.get_by_role("group", name="States").get_by_role("button").nth(1).click()
+        page.locator("canvas[aria-label*='mode 1, drives removed']").wait_for()
+        look.require_sound("analyse-shapes")
+        page.get_by_role("tab", name="Bode").click()
+        # an upright line has no width, which the browser takes for not to be seen
+        page.locator(".js-plotly-plot .shapelayer path").nth(1).wait_for(state="attached")
+        row = page.locator(".bode tr", has_text="frequency [Hz]")
+        page.get_by_label("Cursor B [Hz]").fill("500")
+        page.wait_for_function(
+            "document.querySelector('.bode tbody tr').textContent.includes('500.00')"
+        )
+        before = row.locator("td").nth(1).inner_text()
+        dragged(page, 0, 60.0)
+        page.wait_for_function(
+            "before => document.querySelectorAll('.bode tbody tr td')[1].innerText !== before",
+            arg=before,
+        )
+        look.require_sound("analyse-bode")
+        page.get_by_role("tab", name="Convergence").click()
+        page.locator("svg[aria-label='Convergence of the plane model']").wait_for()
+        look.require_sound("analyse-convergence")
+        with page.expect_download() as waiting:
+            page.get_by_role("button", name="Save results").click()
+        assert waiting.value.suggested_filename == "parallelogram-analysis.zip"
+        assert not look.complaints
+
+
+def drawn(page: Any) -> str:
+    """Return a fingerprint of what the canvas shows."""
+    page.wait_for_timeout(300)
+    return page.locator("canvas").screenshot().hex()
+
+
+def dragged(page: Any, cursor: int, by: float) -> None:
+    """Drag a cursor of the Bode diagram sideways [px]."""
+    x, y = page.evaluate(
+        """k => {
+        const box = document.querySelectorAll(".shapelayer path")[k].getBoundingClientRect();
+        return [box.x + box.width / 2, box.y + 0.3 * box.height] }""",
+        cursor,
+    )
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + by / 2, y, steps=4)
+    page.mouse.move(x + by, y, steps=4)
+    page.mouse.up()
