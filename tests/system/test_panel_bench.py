@@ -188,7 +188,8 @@ def test_a_waveform_is_run_as_it_was_checked_and_kept(
     for wrong, told in (
         ({"high": 121.0}, "cannot be sent to 121 V"),
         ({"low": 80.0}, "from a low end to a high end"),
-        ({"rate_hz": 4000.0}, "."),
+        ({"rate_hz": 4000.0}, "raise command_rate"),
+        ({"cycles": 2000}, "the instrument holds"),
     ):
         with pytest.raises(FlexstageError, match=told):
             made_waveform(made.device, STAGE, WaveformOrder(**{**_plain(TWO_HZ), **wrong}))
@@ -304,11 +305,13 @@ def test_a_lost_link_is_told_and_opened_again(
     monkeypatch.setattr(link, "connect", connect)
     instrument.cut_link_at = 0.0
     until(lambda: made.trouble == "nobody answers there")
+    assert made.lost
     with pytest.raises(NotConnectedError, match="the link is lost"):
         made.jog("a", "x", 1.0)
     made.stop()  # which never fails
     there.set()
     until(lambda: not made.trouble)
+    assert not made.lost
     made.jog("a", "x", 3.0).result(10.0)
     until(lambda: made.readings["x"].voltage == pytest.approx(3.0))
 

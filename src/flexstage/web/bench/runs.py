@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from flexstage.errors import FlexstageError, ModelError, RecordError
+from flexstage.errors import FlexstageError, LimitError, ModelError, RecordError
 from flexstage.experiments import run_plan
 from flexstage.experiments.axis_limits import axis_setting
 from flexstage.experiments.command import CommandWaveform
@@ -170,6 +170,12 @@ def checked(device: Instrument, command: CommandWaveform) -> CommandWaveform:
     """Return a waveform that the axes of an instrument may run, or refuse it."""
     limits = {name: axis.limits for name, axis in device.axes.items()}
     check_waveform(limits, command.waveform, cycles=command.cycles)
+    size = command.waveform.size
+    if Capability.WAVE_GENERATOR in device.capabilities and size > device.waves.capacity:
+        raise LimitError(
+            f"the waveform has {size} samples, and the instrument holds {device.waves.capacity}: "
+            "let it have fewer cycles"
+        )
     return command
 
 
