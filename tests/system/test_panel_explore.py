@@ -132,7 +132,10 @@ def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> No
         found = found_by_the_page(tmp_path, facts, request)
     same(front_results(found), by_the_command(facts, request))
     shown = points.of_front(found, UNITS)
-    live = points.of_generations(found.problem, stages, UNITS)
+    search = points.SearchedFront(found.problem)
+    for number in range(len(stages)):
+        search.table(stages[:number], UNITS)
+    live = search.table(stages, UNITS)
     assert live is not None
     # the front that filled while it ran is the one that was found
     assert live.labels.count(points.ON_FRONT) == len(found.points)

@@ -12,8 +12,8 @@ from flexstage.web.explore.points import ON_FRONT, SEARCHED, PointColumn, PointT
 Chart = tuple[list[dict[str, Any]], dict[str, Any]]
 
 CURVE, MAP, SCATTER, LINES = "curve", "map", "scatter", "parallel coordinates"
-# lines of parallel coordinates beyond which nobody sees more
-_LINES = 400
+# lines of parallel coordinates, and points, beyond which nobody sees more, and a page becomes slow
+_LINES, _POINTS = 400, 2500
 _MARK = {"symbol": "diamond", "size": 11, "color": CYCLE[1], "line": {"width": 1}}
 _PICKED = {"symbol": "circle-open", "size": 17, "color": CYCLE[3], "line": {"width": 3}}
 _FRONT = {SEARCHED: CYCLE[5], ON_FRONT: CYCLE[0], "chosen": CYCLE[1]}
@@ -103,7 +103,7 @@ def _map(table: PointTable, figure: PointColumn) -> Chart:
         "colorscale": "YlGnBu", "reversescale": True,
         "colorbar": {"title": {"text": figure.heading, "side": "right"}, "thickness": 14},
     }  # fmt: skip
-    rows = list(range(len(table.points)))
+    rows = _thinned(list(range(len(table.points))))
     data: list[dict[str, Any]] = [
         {
             "type": "contour", "x": x[:, 0].tolist(), "y": y[0].tolist(),
@@ -111,8 +111,8 @@ def _map(table: PointTable, figure: PointColumn) -> Chart:
             "hoverinfo": "skip", "name": figure.heading, **colours,
         },
         {
-            "type": "scatter", "mode": "markers", "x": across.values.tolist(),
-            "y": up.values.tolist(), "customdata": rows, "hoverinfo": "text",
+            "type": "scatter", "mode": "markers", "x": across.values[rows].tolist(),
+            "y": up.values[rows].tolist(), "customdata": rows, "hoverinfo": "text",
             "text": _hover(table, rows, across, up, figure), "showlegend": False,
             "marker": {"size": 5, "color": "rgba(20, 30, 40, 0.35)"},
         },
@@ -127,7 +127,7 @@ def _scatter(table: PointTable, across: PointColumn, up: PointColumn) -> Chart:
     shown = set(table.shown.tolist())
     data = []
     for label in sorted({labels[i] for i in table.shown}, key=lambda one: one != SEARCHED):
-        rows = [i for i, own in enumerate(labels) if own == label and i in shown]
+        rows = _thinned([i for i, own in enumerate(labels) if own == label and i in shown])
         star = label.startswith("chosen")
         marker = {
             "size": 13 if star else 4 if label == SEARCHED else 7,
@@ -148,6 +148,13 @@ def _scatter(table: PointTable, across: PointColumn, up: PointColumn) -> Chart:
     return _with_described(data, across, up), {"xaxis": _axis(across), "yaxis": _axis(up)}
 
 
+def _thinned(rows: list[int], most: int = _POINTS) -> list[int]:
+    """Return as many rows as can be seen, evenly."""
+    if len(rows) <= most:
+        return rows
+    return [rows[k] for k in np.linspace(0, len(rows) - 1, most).astype(int)]
+
+
 def _parallel(table: PointTable, colour: PointColumn, picked: int | None) -> Chart:
     """Draw a line for each point through an axis for each column, from its least to its greatest.
 
@@ -156,9 +163,7 @@ def _parallel(table: PointTable, colour: PointColumn, picked: int | None) -> Cha
     columns = [c for c in table.columns if np.ptp(c.values[np.isfinite(c.values)], axis=0) > 0.0][
         :14
     ]
-    rows = table.shown[
-        np.linspace(0, len(table.shown) - 1, min(len(table.shown), _LINES)).astype(int)
-    ]
+    rows = np.array(_thinned(table.shown.tolist(), _LINES), dtype=int)
     low = [float(np.nanmin(c.values)) for c in columns]
     high = [float(np.nanmax(c.values)) for c in columns]
     places = [*range(len(columns)), None]
