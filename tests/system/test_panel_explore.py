@@ -276,4 +276,6 @@ def test_stages_are_explored_in_the_page(tmp_path: Path) -> None:
         page.get_by_text("Cancelled: what was found until then is below.").wait_for()
         page.locator(".points tbody button").first.click()
         page.get_by_role("button", name="Open in Design").wait_for()
+        page.get_by_role("button", name="parallel coordinates").click()
+        page.get_by_text("lowest third").wait_for()
         look.require_sound("explore-front")

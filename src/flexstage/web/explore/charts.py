@@ -1,5 +1,6 @@
 """Charts of points that one can pick: curves, maps, scatter and parallel coordinates."""
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +15,8 @@ Chart = tuple[list[dict[str, Any]], dict[str, Any]]
 CURVE, MAP, SCATTER, LINES = "curve", "map", "scatter", "parallel coordinates"
 # lines of parallel coordinates, and points, beyond which nobody sees more, and a page becomes slow
 _LINES, _POINTS = 400, 2500
+# axes of parallel coordinates, whose headings stand side by side
+_AXES = 12
 _MARK = {"symbol": "diamond", "size": 11, "color": CYCLE[1], "line": {"width": 1}}
 _PICKED = {"symbol": "circle-open", "size": 17, "color": CYCLE[3], "line": {"width": 3}}
 _FRONT = {SEARCHED: CYCLE[5], ON_FRONT: CYCLE[0], "chosen": CYCLE[1]}
@@ -160,9 +163,7 @@ def _parallel(table: PointTable, colour: PointColumn, picked: int | None) -> Cha
 
     One trace has all lines, so that a page of many stays quick; a click on a point of a line picks.
     """
-    columns = [c for c in table.columns if np.ptp(c.values[np.isfinite(c.values)], axis=0) > 0.0][
-        :14
-    ]
+    columns = [c for c in table.columns if c.varies][:_AXES]
     rows = np.array(_thinned(table.shown.tolist(), _LINES), dtype=int)
     low = [float(np.nanmin(c.values)) for c in columns]
     high = [float(np.nanmax(c.values)) for c in columns]
@@ -201,13 +202,14 @@ def _parallel(table: PointTable, colour: PointColumn, picked: int | None) -> Cha
         "xaxis": {
             "title": {"text": "What was varied, and the figures: from least to greatest"},
             "tickvals": places[:-1],
-            "ticktext": ticks, "showgrid": True, "tickfont": {"size": 10}, "tickangle": 0,
+            "ticktext": ticks, "showgrid": True, "tickangle": 0,
+            "tickfont": {"size": 9 if len(columns) > 9 else 10},
         },
         "yaxis": {
             "title": {"text": "From least to greatest", "standoff": 4}, "tickvals": [0, 1],
             "ticktext": ["least", "greatest"], "range": [-0.05, 1.05], "automargin": True,
         },
-        "margin": {"l": 80, "r": 30, "t": 24, "b": 120},
+        "margin": {"l": 80, "r": 30, "t": 24, "b": 130},
     }  # fmt: skip
     return data, layout
 
@@ -221,12 +223,14 @@ def _thirds(column: PointColumn, rows: np.ndarray) -> list[list[int]]:
 
 
 def _broken(heading: str) -> str:
-    """Break a heading into lines of few letters, as axes stand close."""
+    """Break a heading into lines of few letters, also behind dots, as axes stand close."""
     lines = [""]
-    for word in heading.split(" "):
-        if lines[-1] and len(lines[-1]) + len(word) > 10:
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {word}".strip()
+    for word in re.findall(r"[^ .]+\.*", heading):
+        between = "" if lines[-1].endswith(".") or not lines[-1] else " "
+        if lines[-1] and len(lines[-1] + between + word) > 10:
+            lines.append(word)
+        else:
+            lines[-1] += between + word
     return "<br>".join(lines)
 
 

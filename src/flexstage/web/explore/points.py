@@ -39,6 +39,12 @@ class PointColumn:
     is_varied: bool = False
     """Whether it is a parameter that was varied."""
 
+    @property
+    def varies(self) -> bool:
+        """Whether its numbers differ by more than a ten-thousandth of their size."""
+        known = self.values[np.isfinite(self.values)]
+        return bool(known.size) and bool(np.ptp(known) > 1e-4 * np.abs(known).max())
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PointTable:

@@ -339,11 +339,12 @@ def _so_far(run: Run, table: PointTable) -> str:
 
 def _usual_axes(table: PointTable) -> tuple[str, str]:
     """Return which columns are shown at first: across and upwards."""
-    first, second = table.columns[0].name, table.columns[min(1, len(table.columns) - 1)].name
+    first, *others = table.columns
     if table.labels:  # goals stand first
-        return second, first
+        across = next((c for c in others if c.varies), others[0])
+        return across.name, first.name
     frequencies = (c.name for c in table.outcome if c.name.startswith("natural_frequency"))
-    return first, next(frequencies, table.outcome[0].name)
+    return first.name, next(frequencies, table.outcome[0].name)
 
 
 def _select(label: str, options: dict[str, str], value: str, chosen: Callable[[Any], None]) -> None:
