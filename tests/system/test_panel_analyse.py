@@ -203,64 +203,98 @@ def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
     simulated(tmp_path, look)
 
 
+LEVER = """\
+flexstage: 1
+name: lever
+length_unit: mm
+thickness: 8 mm
+material: Al 7075-T6
+bodies:
+  base:
+    fixed: true
+    outline: [[0, 0], [40, 0], [40, 16], [14, 16], [14, 6], [0, 6]]
+    mounting_holes:
+      - {centre: [34, 3], radius: 1.6}
+  arm:
+    outline: [[3, 9], [9, 9], [9, 40], [3, 40]]
+hinges:
+  pivot:
+    bodies: [base, arm]
+    at: [6, 7.5]
+    direction: 90 deg
+    profile: {kind: circular, neck_thickness: 0.6, radius: 1.5}
+drives:
+  push: {kind: screw, pushes: arm, reacts: base, at: [[9, 12], [14, 12]], direction: 180 deg,
+    pitch: 0.25 mm, smallest_step: 0.5 um, travel: 0.05 mm, patch_half_width: 1 mm}
+probes:
+  tip: {body: arm, at: [9, 38], direction: 180 deg}
+axes:
+  x: {drive: push, probe: tip}
+"""
+
+
 @pytest.mark.slow
 def test_a_stage_is_analysed_in_the_page(tmp_path: Path) -> None:
+    (tmp_path / "lever.yaml").write_text(LEVER, encoding="utf-8")
     with looked_at(tmp_path) as look:
         page = look.page
         page.get_by_role("link", name="Analyse").click()
         page.get_by_role("heading", name="Models").wait_for()
-        page.get_by_role("combobox", name="Design").fill("parallelogram")
-        page.get_by_role("option", name="parallelogram", exact=True).click()
-        page.get_by_role("heading", name="parallelogram", exact=True).wait_for()
+        page.locator("input[type=file]").set_input_files(tmp_path / "lever.yaml")
+        page.get_by_role("heading", name="lever.yaml", exact=True).wait_for()
         # the quick model is there by itself; finite elements are asked for, with a finer mesh
-        moving = page.locator("canvas[aria-label*='reads 200.0 µm']")
-        moving.wait_for()
-        page.get_by_role("checkbox", name="FEM 2D", exact=True).click()
-        page.get_by_role("checkbox", name="FEM 2D, condensed").click()
+        page.locator("canvas[aria-label*='reads 3']").wait_for()
         page.get_by_text("Options").click()
         page.get_by_role("checkbox", name="Refine the mesh").click()
-        page.get_by_label("To an accuracy of [%]").wait_for()
+        page.get_by_label("To an accuracy of [%]").fill("2")
+        for model in ("FEM 2D, condensed", "FEM 3D"):
+            page.get_by_role("checkbox", name=model, exact=True).click()
         page.get_by_role("button", name="Analyse", exact=True).click()
-        page.locator(".model", has_text="FEM 2D").locator(".job").first.wait_for()
+        solid = page.locator(".model", has_text="finite elements in three dimensions")
+        solid.get_by_role("button", name="Cancel").click()
+        solid.locator(".job").wait_for(state="detached")
+        page.get_by_role("button", name="Analyse", exact=True).click()
+        solid.locator(".job").wait_for()
         # a reload finds what is being computed
         page.reload()
-        page.locator(".model", has_text="finite elements in the plane").get_by_text(
-            "done in"
-        ).wait_for()
+        solid.get_by_text("done in").wait_for()
         page.get_by_role("combobox", name="Model").click()
-        page.get_by_role("option", name="FEM 2D", exact=True).click()
+        page.get_by_role("option", name="FEM 3D", exact=True).click()
         page.get_by_text("Bodies are drawn rigid").wait_for(state="hidden")
-        page.locator("canvas[aria-label*='equivalent stress [MPa], up to 99']").wait_for()
-        assert drawn(page)
+        page.locator("canvas[aria-label*='equivalent stress [MPa]']").wait_for()
         page.get_by_role("button", name="Pause").click()
         still = drawn(page)
         assert still == drawn(page)
         page.get_by_role("slider", name="Amplitude").fill("3")
-        assert drawn(page) != still
+        moved = drawn(page)
+        assert moved != still
+        page.locator("canvas").press("ArrowRight")
+        assert drawn(page) != moved
+        look.require_sound("analyse-shapes")
         page.get_by_role("group", name="States").get_by_role("button").nth(1).click()
         page.locator("canvas[aria-label*='mode 1, drives removed']").wait_for()
-        look.require_sound("analyse-shapes")
         page.get_by_role("tab", name="Bode").click()
         # an upright line has no width, which the browser takes for not to be seen
         page.locator(".js-plotly-plot .shapelayer path").nth(1).wait_for(state="attached")
-        row = page.locator(".bode tr", has_text="frequency [Hz]")
         page.get_by_label("Cursor B [Hz]").fill("500")
-        page.wait_for_function(
-            "document.querySelector('.bode tbody tr').textContent.includes('500.00')"
-        )
-        before = row.locator("td").nth(1).inner_text()
-        dragged(page, 0, 60.0)
+        cells = page.locator(".bode tbody tr").first.locator("td")
+        cells.nth(2).get_by_text("500.00").wait_for()
+        before = cells.nth(1).inner_text()
+        dragged(page, 0, -60.0)
         page.wait_for_function(
             "before => document.querySelectorAll('.bode tbody tr td')[1].innerText !== before",
             arg=before,
         )
+        assert float(cells.nth(1).inner_text()) < float(before)
         look.require_sound("analyse-bode")
         page.get_by_role("tab", name="Convergence").click()
-        page.locator("svg[aria-label='Convergence of the plane model']").wait_for()
-        look.require_sound("analyse-convergence")
+        page.locator("svg[aria-label='Convergence of the solid model']").wait_for()
+        look.shot("analyse-convergence")
+        assert look.overflow() <= 0
+        assert not look.grave_faults()
         with page.expect_download() as waiting:
             page.get_by_role("button", name="Save results").click()
-        assert waiting.value.suggested_filename == "parallelogram-analysis.zip"
+        assert waiting.value.suggested_filename == "lever-analysis.zip"
         assert not look.complaints
 
 

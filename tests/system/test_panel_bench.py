@@ -2,13 +2,14 @@
 
 import asyncio
 import json
+import math
 import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,11 @@ from flexstage.experiments.file import read_plan
 from flexstage.instruments.lock import stage_lock
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
-from flexstage.records import read_record
+from flexstage.records import Channel, Record, read_record, write_record
 from flexstage.web.bench import link
 from flexstage.web.bench.control import GONE, Control
 from flexstage.web.bench.link import BenchLink
+from flexstage.web.bench.loops import loop_figures
 from flexstage.web.bench.runs import (
     AboutRun,
     WaveformOrder,
@@ -40,7 +42,7 @@ from flexstage.web.bench.runs import (
 from flexstage.web.jobs import Jobs
 from flexstage.web.stops import Stops
 from tests.panel import browser, looked_at, served, simulated, until
-from tests.simple_instrument import SimpleInstrument
+from tests.simple_instrument import GAINS, SimpleInstrument
 
 STAGE = design("vgtu-piezo")
 PLAN = """\
@@ -186,10 +188,42 @@ def test_a_waveform_is_run_as_it_was_checked_and_kept(
     for wrong, told in (
         ({"high": 121.0}, "cannot be sent to 121 V"),
         ({"low": 80.0}, "from a low end to a high end"),
-        ({"rate_hz": 4000.0}, "."),
+        ({"rate_hz": 4000.0}, "raise command_rate"),
+        ({"cycles": 2000}, "the instrument holds"),
     ):
         with pytest.raises(FlexstageError, match=told):
             made_waveform(made.device, STAGE, WaveformOrder(**{**_plain(TWO_HZ), **wrong}))
+
+
+def test_a_command_that_was_made_to_follow_says_how_well_it_does(
+    bench: Callable[..., BenchLink], tmp_path: Path
+) -> None:
+    t = np.arange(3000) / 1000.0
+    volts = 50.0 - 30.0 * np.cos(2.0 * np.pi * t)
+    columns = {
+        "input": Channel(name="input", values=np.full(t.size, 7.0), unit="V"),
+        "command": Channel(name="command", values=volts, unit="V"),
+        # the axis of the instrument is a straight line: all that is wanted lies 20 nm above it
+        "reference": Channel(name="reference", values=GAINS["x"] * volts + 20e-9, unit="m"),
+    }
+    write_record(Record(channels=tuple(columns.values()), time=t), tmp_path / "wave.h5")
+    made = bench(SimpleInstrument())
+    assert made.device is not None
+    command = waveform_from(made.device, tmp_path / "wave.h5", "x", 1)
+    assert np.ptp(command.values["x"]) == pytest.approx(60.0, rel=1e-3)
+    made.run("a", "waveform", run_command, about(tmp_path), command, 1000.0, moves=True)
+    found = ended(made)
+    assert found.loop == ("reference", "x")
+    figures, count = loop_figures(found.record, found.loop)
+    assert count == 3
+    assert figures.rms == pytest.approx(20e-9, abs=2e-9)
+    assert figures.loop_width < 5e-9
+    # over its command it has no error, and a loop of what the axis lags behind
+    alone, _ = loop_figures(found.record, ("command", "x"))
+    assert math.isnan(alone.rms)
+    cut = [replace(c, values=c.values[:200]) for c in columns.values()]
+    flat = Record(channels=tuple(cut), time=t[:200])
+    assert loop_figures(flat, ("command", "reference")) is None
 
 
 def _plain(order: WaveformOrder) -> dict[str, Any]:
@@ -271,11 +305,13 @@ def test_a_lost_link_is_told_and_opened_again(
     monkeypatch.setattr(link, "connect", connect)
     instrument.cut_link_at = 0.0
     until(lambda: made.trouble == "nobody answers there")
+    assert made.lost
     with pytest.raises(NotConnectedError, match="the link is lost"):
         made.jog("a", "x", 1.0)
     made.stop()  # which never fails
     there.set()
     until(lambda: not made.trouble)
+    assert not made.lost
     made.jog("a", "x", 3.0).result(10.0)
     until(lambda: made.readings["x"].voltage == pytest.approx(3.0))
 

@@ -112,9 +112,12 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
 def _responding(matrix: Array, inside: Array) -> Array:
     """Return a matrix of a body whose last coordinates, the inner ones, respond to loads."""
     first = len(matrix) - len(inside)
-    side = matrix[:first, first:] @ inside
-    corner = inside.T @ matrix[first:, first:] @ inside
-    return np.block([[matrix[:first, :first], side], [side.T, corner]])
+    found = np.empty((first + inside.shape[1], first + inside.shape[1]))
+    found[:first, :first] = matrix[:first, :first]
+    found[:first, first:] = matrix[:first, first:] @ inside
+    found[first:, :first] = found[:first, first:].T
+    found[first:, first:] = inside.T @ matrix[first:, first:] @ inside
+    return found
 
 
 def _coordinates(

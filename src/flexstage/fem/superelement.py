@@ -412,7 +412,7 @@ def _stress(
         for i, (first, end) in enumerate(pairwise(ends.tolist())):
             carried = forces[each * i : each * (i + 1), columns]
             found = c.stress[first:end].reshape(-1, each) @ carried
-            matrix[at + first : at + end, components, columns] += found.reshape(
+            matrix[at + first : at + end, components, columns] = found.reshape(
                 end - first, -1, carried.shape[1]
             )
         owner[here] = np.array(p.hinges, dtype=np.intp)[c.neck]

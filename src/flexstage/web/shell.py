@@ -151,7 +151,15 @@ def _settings(page: Page, views: Any) -> None:
             select.on_value_change(partial(choose, name)).props("dense options-dense outlined")
 
 
+# a chart that has just left the page is fitted to it once more, which its library refuses
+_LEFT_CHARTS = """<script>
+addEventListener("unhandledrejection", (event) => {
+  if (/displayed plot div/.test(String(event.reason))) event.preventDefault();
+});
+</script>"""
+
+
 def add_style() -> None:
     """Let every page load the style of the panel."""
     app.add_static_files("/static", Path(__file__).with_name("static"))
-    ui.add_head_html('<link rel="stylesheet" href="/static/panel.css">', shared=True)
+    ui.add_head_html(f'<link rel="stylesheet" href="/static/panel.css">{_LEFT_CHARTS}', shared=True)

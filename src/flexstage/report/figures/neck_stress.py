@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from flexstage.fem.sampling import Sample, Sampler
 
 _MM, _MPA = 1e3, 1e-6
-_COLOURS = "YlOrRd"
+#: Colours of stress, and over which part of their scale they set in [1].
+STRESS_COLOURS, STRESS_CLEAR = "YlOrRd", 0.25
 _MOST = 4  # necks that are shown
 _ALIKE = 0.05  # necks of one profile whose stress differs by less are shown once
 _SIGHT = 2.6  # side of a picture of a neck, in lengths of its notch
@@ -108,7 +109,7 @@ def draw_neck_stress(
         raise ModelError(f"no hinge bears stress when axis '{axis}' is driven")
     sampler = sampler or neck_sampler(model)
     sample = sampler.read(result.static.q)
-    bands = Bands(0.0, necks[0].stress * _MPA, _COLOURS, clear=0.25)
+    bands = Bands(0.0, necks[0].stress * _MPA, STRESS_COLOURS, clear=STRESS_CLEAR)
 
     x0, y0, x1, y1 = window(sample.points[:, :2], _MARGIN)
     figure, overview, panels, bar = _arranged((y1 - y0) / (x1 - x0), len(necks))

@@ -13,6 +13,7 @@ from flexstage.report.figures.responses import bode_curves
 from flexstage.report.figures.style import CYCLE
 from flexstage.system import FrequencyResponse
 from flexstage.table import Table, table
+from flexstage.web.analyse.shapes import NOTHING_YET
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import Analysed
 from flexstage.web.figures import chart, show_table
@@ -20,6 +21,8 @@ from flexstage.web.page import Page
 from flexstage.web.pictures import chart_figure
 
 _NAMES = "AB"
+_NOTHING = 1e-300
+_CONDITIONS = ["in place", "removed"]
 _DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
 
 
@@ -29,9 +32,10 @@ def reading(response: FrequencyResponse, frequency_hz: float) -> tuple[float, fl
     Between its points as a straight line of the diagram.
     """
     _, size, phase = bode_curves(response)
-    at = np.log(response.frequency_hz)
-    x = math.log(frequency_hz)
-    return float(np.exp(np.interp(x, at, np.log(size)))), float(np.interp(x, at, phase))
+    at, x = np.log(response.frequency_hz), math.log(frequency_hz)
+    # a drive that does not move the probe at all has no logarithm
+    read = np.exp(np.interp(x, at, np.log(np.maximum(size, _NOTHING))))
+    return float(read) if read > 2.0 * _NOTHING else 0.0, float(np.interp(x, at, phase))
 
 
 def readings_table(shown: Sequence[tuple[str, FrequencyResponse]], cursors: list[float]) -> Table:
@@ -41,8 +45,10 @@ def readings_table(shown: Sequence[tuple[str, FrequencyResponse]], cursors: list
     for name, response in shown:
         unit = bode_curves(response)[0]
         (size_a, phase_a), (size_b, phase_b) = (reading(response, f) for f in cursors)
-        ratio = size_b / size_a
-        step = f"× {number(ratio)} ({20.0 * math.log10(ratio):.1f} dB)"
+        step = "–"
+        if size_a and size_b:
+            ratio = size_b / size_a
+            step = f"× {number(ratio)} ({20.0 * math.log10(ratio):.1f} dB)"
         rows.append([f"{name}: magnitude [{unit}]", number(size_a), number(size_b), step])
         cells = (f"{p:.1f}".replace("-0.0", "0.0") for p in (phase_a, phase_b, phase_b - phase_a))
         rows.append([f"{name}: phase [°]", *cells])
@@ -75,7 +81,8 @@ class Bode:
         pairs = list(dict.fromkeys((r.drive, r.probe) for o in found.values() for r in o.responses))
         with self._place:
             if not pairs:
-                ui.label("No response: the stage needs a drive and a probe.").classes("muted")
+                words = "No response: the stage needs a drive and a probe."
+                ui.label(words if found else NOTHING_YET).classes("muted")
                 return
             self._build(pairs)
 
@@ -87,15 +94,11 @@ class Bode:
             shown.pair = next((pair for pair in first if pair in pairs), pairs[0])
         drives = list(dict.fromkeys(d for d, _ in pairs))
         probes = list(dict.fromkeys(p for _, p in pairs))
-        conditions = {
-            c: f"{c}: {'force' if c == 'removed' else 'displacement'} of the drive"
-            for c in ("in place", "removed")
-        }
         with ui.row().classes("items-center choices"):
             for options, value, label, choose in (
                 (drives, shown.pair[0], "Drive", self._choose_drive),
                 (probes, shown.pair[1], "Probe", self._choose_probe),
-                (conditions, shown.bode_drives, "Drives", self._choose_condition),
+                (_CONDITIONS, shown.bode_drives, "Drives", self._choose_condition),
             ):
                 ui.select(options, value=value, label=label, on_change=choose).props(
                     "dense options-dense outlined"
@@ -146,17 +149,17 @@ class Bode:
 
     def _figure(self) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         data: list[dict[str, Any]] = []
-        unit = kind = ""
+        unit = ""
         for k, (name, response) in enumerate(self._responses()):
             unit, size, phase = bode_curves(response)
-            kind = response.input_kind
             line = {"color": CYCLE[k % len(CYCLE)], "dash": _DASHES[k % len(_DASHES)], "width": 1.8}
             common = {"x": response.frequency_hz.tolist(), "line": line, "legendgroup": name}
             data.append(common | {"y": size.tolist(), "name": name})
             data.append(
                 common | {"y": phase.tolist(), "yaxis": "y2", "name": name, "showlegend": False}
             )
-        probe = (self._shown.pair or ("", ""))[1]
+        sizes = [value for trace in data if "yaxis" not in trace for value in trace["y"] if value]
+        decades = math.log10(max(sizes, default=1.0) / min(sizes, default=1.0))
         phases = [value for trace in data if "yaxis" in trace for value in trace["y"]]
         span = max(phases) - min(phases)
         step = next((s for s in (45, 90, 180, 360) if span <= 4 * s), 720)
@@ -166,14 +169,14 @@ class Bode:
             },
             "yaxis": {
                 "type": "log", "domain": [0.4, 1.0], "exponentformat": "power",
-                "title": {"text": f"{probe} / {kind} [{unit}]"},
+                "title": {"text": f"magnitude [{unit}]"}, "dtick": 1 if decades > 2.0 else "D2",
             },
             "yaxis2": {"domain": [0.0, 0.34], "dtick": step, "title": {"text": "phase [°]"}},
             "margin": {"l": 78, "r": 16, "t": 24, "b": 48},
             "font": {"family": "inherit", "size": 12},
             "shapes": [self._line(k) for k in range(2)],
             "annotations": [
-                {"x": math.log10(f), "y": 1.0, "yref": "paper", "yanchor": "bottom",
+                {"x": math.log10(f), "y": 1.0, "yref": "paper", "yanchor": "top", "xanchor": "left",
                  "text": _NAMES[k], "showarrow": False, "font": {"color": CYCLE[2 + k]}}
                 for k, f in enumerate(self._shown.cursors)
             ],

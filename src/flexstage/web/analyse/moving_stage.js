@@ -19,8 +19,9 @@ const SHADER = {
     void main() {
       if (!filled) { colour = vec4(plain.rgb * plain.a, plain.a); return; }
       vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
-      vec3 own = value < -0.001 ? plain.rgb : texture(colours, vec2(clamp(value, 0.0, 1.0), 0.5)).rgb;
-      colour = vec4(own * (0.62 + 0.38 * abs(normal.z)), 1.0);
+      vec4 own = texture(colours, vec2(clamp(value, 0.0, 1.0), 0.5));
+      vec3 seen = value < -0.001 ? plain.rgb : mix(plain.rgb, own.rgb, own.a);
+      colour = vec4(seen * (0.68 + 0.32 * abs(normal.z)), 1.0);
     }`,
 };
 
@@ -35,9 +36,11 @@ export default {
         <q-btn dense outline no-caps color="link" :icon="playing ? 'pause' : 'play_arrow'" :label="playing ? 'Pause' : 'Play'" @click="toggle" />
         <label class="small">Amplitude <input type="range" min="0" max="3" step="0.05" v-model.number="amplitude" aria-label="Amplitude" @input="draw"></label>
         <span class="small muted">{{ magnified }}</span>
-        <span class="moving-views" v-if="!geometry.flat">
+        <span class="moving-views">
           <q-btn dense flat no-caps color="link" label="From above" :aria-pressed="String(above)" @click="look(true)" />
-          <q-btn dense flat no-caps color="link" label="In space" :aria-pressed="String(!above)" @click="look(false)" />
+          <q-btn dense flat no-caps color="link" label="In space" :aria-pressed="String(!above)" @click="look(false)" v-if="!geometry.flat" />
+          <q-btn dense flat color="link" icon="zoom_in" aria-label="Zoom in" @click="zoom(1.4)" />
+          <q-btn dense flat color="link" icon="zoom_out" aria-label="Zoom out" @click="zoom(1 / 1.4)" />
         </span>
       </div>
       <div class="moving-picture">
@@ -51,12 +54,12 @@ export default {
       </div>
       <p v-if="failed" class="issue">{{ failed }}</p>
     </div>`,
-  props: { geometry: Object, state: Object, colours: Array },
+  props: { geometry: Object, state: Object },
   data() {
     return { playing: false, amplitude: 1, above: true, failed: "", bar: null, says: "", factor: 0, grasped: null };
   },
   computed: {
-    gradient() { return { background: `linear-gradient(to top, ${this.colours.join(",")})` }; },
+    gradient() { return { backgroundImage: `linear-gradient(to top, ${this.bar.colours.join(",")})` }; },
     magnified() {
       return this.factor ? `motion × ${Number((this.factor * this.amplitude).toPrecision(3)).toLocaleString("en-US").replace(/,/g, "\u202f")}` : "not to scale";
     },
@@ -67,7 +70,7 @@ export default {
     this.phase = Math.PI / 2;
     this.gl = this.$refs.canvas.getContext("webgl2", { antialias: true, premultipliedAlpha: true });
     if (!this.gl) {
-      this.failed = "This browser has no WebGL 2, which moving pictures need; the files hold still ones.";
+      this.failed = "This browser has no WebGL 2, which moving pictures need: another browser, or the report, shows the shapes.";
       return;
     }
     this.upload();
@@ -115,9 +118,7 @@ export default {
         this.low[i % 3] = Math.min(this.low[i % 3], v);
         this.high[i % 3] = Math.max(this.high[i % 3], v);
       });
-      const stops = this.colours.flatMap((c) => [1, 3, 5].map((i) => parseInt(c.slice(i, i + 2), 16)).concat(255));
       gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, this.colours.length, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(stops));
       for (const [key, value] of [[gl.TEXTURE_MIN_FILTER, gl.LINEAR], [gl.TEXTURE_MAG_FILTER, gl.LINEAR],
         [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE]]) gl.texParameteri(gl.TEXTURE_2D, key, value);
       gl.enable(gl.DEPTH_TEST);
@@ -137,6 +138,8 @@ export default {
       this.says = state.says;
       this.factor = state.factor;
       this.now = state;
+      const stops = state.bar.colours.flatMap((c) => [1, 3, 5, 7].map((i) => parseInt(c.slice(i, i + 2), 16)));
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, stops.length / 4, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(stops));
       gl.bindBuffer(gl.ARRAY_BUFFER, this.states);
       gl.bufferData(gl.ARRAY_BUFFER, new Int16Array(bytes(state.values)), gl.STATIC_DRAW);
       gl.enableVertexAttribArray(1);
@@ -170,7 +173,7 @@ export default {
       // how much of each direction of the picture the stage at rest takes
       const half = this.low.map((v, i) => 0.5 * (this.high[i] - v));
       const reach = [0, 1].map((i) => [0, 1, 2].reduce((sum, k) => sum + Math.abs(turn[3 * k + i]) * half[k], 0));
-      const pixels = Math.min(width / reach[0], height / reach[1]) * 0.46 * this.view.zoom;
+      const pixels = Math.min(width / reach[0], height / reach[1]) * 0.43 * this.view.zoom;
       return [(2 * pixels) / width, (2 * pixels) / height, 0.4 / Math.hypot(...half)];
     },
     draw() {

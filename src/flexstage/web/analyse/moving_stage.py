@@ -10,12 +10,15 @@ from nicegui.element import Element
 from flexstage.arrays import Array, Integers
 from flexstage.quantities import number
 from flexstage.report.figures.body_motion import SHOWN_OF_MODES, exaggeration
+from flexstage.report.figures.neck_stress import STRESS_CLEAR, STRESS_COLOURS
 from flexstage.report.figures.surface import StageSurface, SurfaceState
 from flexstage.web.preferences import Preferences
 
 _MM = 1e3
 _STEPS = 32767  # of a number in two bytes, with a sign
-_TICKS = 4
+_TICKS, _SHADES = 4, 33
+# Colours of displacement, and over which part of their scale they set in.
+_MOTION = ("viridis", 0.15)
 
 
 class MovingStage(Element, component="moving_stage.js"):
@@ -35,7 +38,6 @@ class MovingStage(Element, component="moving_stage.js"):
         super().__init__()
         self._props["geometry"] = sent_surface(surface) | {"space": space}
         self._props["state"] = state
-        self._props["colours"] = list(_colours())
 
     def show(self, state: dict[str, Any]) -> None:
         """Show another state."""
@@ -65,10 +67,10 @@ def sent_state(
     reach = SHOWN_OF_MODES * surface.size if swings else factor * largest
     direction = state.displacement / (largest or 1.0)
     share, top = np.linalg.norm(direction, axis=1), 1.0
-    title = "displacement / largest [1]"
+    title, colours = "displacement / largest [1]", _colours(*_MOTION)
     if state.stress is not None and colour == "stress" and state.limit > 0.0:
         share, top = state.stress / state.limit, state.limit * 1e-6
-        title = "equivalent stress [MPa]"
+        title, colours = "equivalent stress [MPa]", _colours(STRESS_COLOURS, STRESS_CLEAR)
     elif not swings:
         unit, per_metre = preferences.length_unit()
         top, title = largest * per_metre, f"displacement [{unit}]"
@@ -79,7 +81,7 @@ def sent_state(
         "reach": reach * _MM if largest > 0.0 else 0.0,
         "factor": factor,
         "swings": swings,
-        "bar": {"title": title, "ticks": ticks},
+        "bar": {"title": title, "ticks": ticks, "colours": colours},
         "says": f"{state.name}: {state.words}; colours: {title}, up to {_tick(top)}",
     }
 
@@ -93,8 +95,12 @@ def _packed(values: Array | Integers, kind: str) -> str:
 
 
 @cache
-def _colours() -> tuple[str, ...]:
+def _colours(name: str, clear: float) -> list[str]:
+    """Return colours from low to high; at the low end they set in over a part of the scale."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
-    return tuple(to_hex(c) for c in colormaps["viridis"](np.linspace(0.0, 1.0, 33)))
+    at = np.linspace(0.0, 1.0, _SHADES)
+    shades = colormaps[name](at)
+    shades[:, 3] = np.clip(at / clear, 0.0, 1.0)
+    return [to_hex(shade, keep_alpha=True) for shade in shades]

@@ -12,6 +12,8 @@ from flexstage.web.analyse.work import Analysed
 from flexstage.web.page import Page, quiet_button
 
 _COLOURS = {"stress": "equivalent stress", "displacement": "displacement"}
+#: What stands where nothing was found yet.
+NOTHING_YET = "It comes when a model has been run."
 _RIGID = frozenset({"lumped", "superelement", "superelement-3d"})
 
 
@@ -42,6 +44,8 @@ class Shapes:
         self._place.clear()
         self._moving = None
         if not self._found:
+            with self._place:
+                ui.label(NOTHING_YET).classes("muted")
             return
         if self._shown.model not in self._found:
             self._shown.model = next(iter(self._found))
@@ -63,7 +67,8 @@ class Shapes:
                     "largest stress."
                 ).classes("muted small")
             ui.label(
-                "Drag to move or turn it; keys: arrows, + and −, Home, space for play and pause."
+                "Drag to move or turn it. Once it was clicked: wheel, arrows, + and −, Home, and "
+                "space for play and pause."
             ).classes("muted small")
         self._say(one)
 

@@ -55,6 +55,8 @@ class Shown:
 
     part: str = "Shapes"
     """The part of the results that is open."""
+    folds: dict[str, bool] = field(default_factory=dict)
+    """Which folded parts are open, by title."""
     model: str = ""
     """The model whose shapes are shown."""
     state: str = ""

@@ -102,7 +102,7 @@ def saved(folder: Path, found: Sequence[Analysed]) -> Path:
 
     Returns its path.
     """
-    path = folder / f"{file_name(found[0].variant.name)}-analysis.zip"
+    path = folder / f"{file_name(found[0].analysis.stage.name)}-analysis.zip"
     path.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for done, one in enumerate(found):

@@ -71,7 +71,8 @@ class BenchLink:
         #: The run that goes on, or went on last.
         self.job: BackgroundJob | None = None
         self._moves = False  # whether the run that goes on moves the stage
-        self._lost = False
+        #: Whether the link is lost at the moment.
+        self.lost = False
         self._epoch = time.time() - time.monotonic()
         self._targets: dict[str, float] = {}
         self._opening = threading.Lock()
@@ -128,7 +129,7 @@ class BenchLink:
         self.control.require(session)
         if self.busy:
             raise ModelError("a run goes on: stop it before you disconnect")
-        if self.leads_to_safe and not self._lost:
+        if self.leads_to_safe and not self.lost:
             self.told(session, to_safe).result()
         self.control.release(session)
         self.close()
@@ -147,7 +148,7 @@ class BenchLink:
 
     def _begin(self, device: Instrument) -> None:
         self._use(device)
-        self._lost, self.trouble = False, ""
+        self.lost, self.trouble = False, ""
         self._ended, self._targets = threading.Event(), {}
         self._stopped.clear()
         self.history = LiveHistory(live_channels(device), RATE_HZ)
@@ -168,7 +169,7 @@ class BenchLink:
             try:
                 self._read(slow=count % _SLOW == 0)
             except NotConnectedError as error:
-                self._lost, self.trouble = True, str(error)
+                self.lost, self.trouble = True, str(error)
                 self._open_again()
             except FlexstageError as error:
                 self.trouble = str(error)
@@ -221,7 +222,7 @@ class BenchLink:
             self._open.callback(new.close)
             self._targets.clear()
             self._use(new)
-            self._lost, self.trouble = False, ""
+            self.lost, self.trouble = False, ""
             return
 
     # what is done
@@ -262,7 +263,7 @@ class BenchLink:
         self.control.require(session)
         if self._work is None or self.watched is None:
             raise ModelError("nothing is connected: connect first")
-        if self._lost:
+        if self.lost:
             raise NotConnectedError(f"the link is lost: {self.trouble}")
         if self.busy and (self._moves or not self.watched.concurrent):
             raise ModelError("a run goes on: wait for its end, or stop it")
@@ -338,7 +339,7 @@ class BenchLink:
             This browser does not drive, nothing is connected, or something else goes on.
         """
         self.control.require(session)
-        if self.watched is None or self._lost:
+        if self.watched is None or self.lost:
             raise NotConnectedError(f"there is no link: {self.trouble or 'connect first'}")
         if self.busy or self._pending:
             raise ModelError("something else goes on: wait for its end, or stop it")

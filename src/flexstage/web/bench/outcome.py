@@ -12,6 +12,8 @@ from flexstage.errors import FlexstageError
 from flexstage.quantities import Quantity
 from flexstage.records import Record
 from flexstage.report.run_tables import figures_table, runs_table, shown_time
+from flexstage.report.tables import value_text
+from flexstage.web.bench.loops import REFERENCE, loop_figures
 from flexstage.web.bench.run_forms import RunForm
 from flexstage.web.bench.runs import LeftOver, RunOutcome, carry_out, earlier, left_over, recovered
 from flexstage.web.figures import chart, show_table
@@ -43,6 +45,8 @@ def show_outcome(page: Page, outcome: RunOutcome) -> None:
             if step.line:
                 ui.label(step.line).classes("small")
     if outcome.record is not None:
+        if outcome.loop is not None:
+            ui.label(_loop_words(outcome.record, outcome.loop))
         with ui.element("div").classes("outcome"):
             if outcome.loop is not None:
                 _loop(page.preferences, outcome.record, outcome.loop)
@@ -66,6 +70,24 @@ def _thin(values: Array) -> Array:
     return values[:: max(1, -(-values.size // _DRAWN))]
 
 
+def _loop_words(record: Record, loop: tuple[str, str]) -> str:
+    found = loop_figures(record, loop)
+    if found is None:
+        return "No whole cycle, of which a loop could be told"
+    figures, count = found
+    stroke = float(np.ptp(record.channel(loop[1]).values))
+    said = (
+        f"Loop over {'what was wanted' if loop[0] == REFERENCE else 'the command'}: "
+        f"{value_text(figures.loop_width, 'length', 3)} wide, "
+        f"{100.0 * figures.loop_width / stroke:.2g} % of the stroke, over {count} whole "
+        f"cycle{'s' if count > 1 else ''}"
+    )
+    if np.isfinite(figures.rms):
+        rms, most = (value_text(v, "length", 3) for v in (figures.rms, figures.largest))
+        said += f"; away from what was wanted by {rms} rms, {most} at most"
+    return said
+
+
 def _loop(preferences: Preferences, record: Record, loop: tuple[str, str]) -> None:
     x, y = (record.channel(name) for name in loop)
     over, along = (_shown(preferences, c.unit) for c in (x, y))
@@ -75,12 +97,13 @@ def _loop(preferences: Preferences, record: Record, loop: tuple[str, str]) -> No
         "mode": "lines",
         "name": y.name,
     }
+    name = f"Wanted {over.label.lower()}" if x.name == REFERENCE else over.label
     layout = {
-        "xaxis": _titled(f"{over.label} [{over.shown_unit}]"),
+        "xaxis": _titled(f"{name} [{over.shown_unit}]"),
         "yaxis": _titled(f"{along.label} of {y.name} [{along.shown_unit}]"),
         "showlegend": False,
     }
-    chart([trace], layout, f"The recorded loop: {along.label} of {y.name} over {over.label}")
+    chart([trace], layout, f"The recorded loop: {along.label} of {y.name} over {name}")
 
 
 def _over_time(preferences: Preferences, record: Record, hidden: str) -> None:

@@ -60,6 +60,7 @@ class AxisCard:
         assert device is not None
         self._axis = device.axes[name]
         self._closed: bool | None = None
+        self._stale = False
         self._build()
 
     def _build(self) -> None:
@@ -78,7 +79,8 @@ class AxisCard:
                 self._servo.visible = {Capability.CLOSED_LOOP, Capability.OPEN_LOOP} <= can
                 self._loop.visible = not self._servo.visible
             limits = self._axis.limits
-            with ui.element("div").classes("readouts"):
+            self._shown = ui.element("div").classes("readouts")
+            with self._shown:
                 shown = self._page.preferences.shown
                 self._position = _Readout(shown(POSITION), limits.position)
                 self._voltage = None
@@ -93,10 +95,13 @@ class AxisCard:
         """What it is moved in: positions under control, else voltages."""
         return self._page.preferences.shown(POSITION if self._closed else VOLTAGE)
 
-    def show(self, reading: AxisReading | None, *, drives: bool) -> None:
-        """Show a reading; the buttons are alive for who drives."""
+    def show(self, reading: AxisReading | None, *, drives: bool, stale: bool = False) -> None:
+        """Show a reading, pale where it is `stale`; the buttons are alive for who drives."""
         if reading is None:
             return
+        if self._stale != stale:
+            self._stale = stale
+            self._shown.classes(**{"add" if stale else "remove": "stale"})
         self._position.show(reading.position)
         if self._voltage is not None:
             self._voltage.show(reading.voltage)

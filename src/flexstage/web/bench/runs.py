@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from flexstage.errors import FlexstageError, ModelError, RecordError
+from flexstage.errors import FlexstageError, LimitError, ModelError, RecordError
 from flexstage.experiments import run_plan
 from flexstage.experiments.axis_limits import axis_setting
 from flexstage.experiments.command import CommandWaveform
@@ -30,6 +30,7 @@ from flexstage.provenance import content_hash
 from flexstage.records import Record, read_record
 from flexstage.report.run import run_text
 from flexstage.stage import Stage
+from flexstage.web.bench.loops import COMMAND, REFERENCE, loop_of
 
 if TYPE_CHECKING:
     from flexstage.experiments import PlanResult
@@ -80,7 +81,7 @@ class RunOutcome:
     file: Path
     """The file of the record, or the report of the plan."""
     loop: tuple[str, str] | None = None
-    """Which columns of the record are a loop: what was commanded, and what followed."""
+    """Which columns of the record are a loop: what was commanded or wanted, and what followed."""
     plan: "PlanResult | None" = None
     """What a plan gave."""
     notes: tuple[str, ...] = field(default=())
@@ -138,10 +139,17 @@ def made_waveform(device: Instrument, stage: Stage, order: WaveformOrder) -> Com
 
 
 def waveform_from(device: Instrument, path: Path, axis: str, cycles: int) -> CommandWaveform:
-    """Return the waveform that a record holds: of its first column in V, or in m under control."""
+    """Return the waveform that a record holds, in V, or in m under control.
+
+    It is the column that is called a command, or else the first one of that unit. Voltages that
+    were made to follow a reference have it with them.
+    """
     record = read_record(path)
     unit = "m" if device.axes[axis].closed_loop else "V"
-    column = next((c for c in record.channels if c.unit == unit), None)
+    fitting = sorted(
+        (c for c in record.channels if c.unit == unit), key=lambda c: c.name != COMMAND
+    )
+    column = next(iter(fitting), None)
     if column is None or record.over != "time" or not record.uniform:
         found = ", ".join(f"{c.name} [{c.unit}]" for c in record.channels)
         raise RecordError(
@@ -153,13 +161,21 @@ def waveform_from(device: Instrument, path: Path, axis: str, cycles: int) -> Com
         sample_rate_hz=record.sample_rate_hz,
         quantity="position" if unit == "m" else "voltage",
     )
-    return checked(device, CommandWaveform(waveform=waveform, cycles=cycles, reference={}))
+    wanted = [c.values for c in record.channels if (c.name, c.unit) == (REFERENCE, "m")]
+    reference = {axis: wanted[0]} if wanted and unit == "V" else {}
+    return checked(device, CommandWaveform(waveform=waveform, cycles=cycles, reference=reference))
 
 
 def checked(device: Instrument, command: CommandWaveform) -> CommandWaveform:
     """Return a waveform that the axes of an instrument may run, or refuse it."""
     limits = {name: axis.limits for name, axis in device.axes.items()}
     check_waveform(limits, command.waveform, cycles=command.cycles)
+    size = command.waveform.size
+    if Capability.WAVE_GENERATOR in device.capabilities and size > device.waves.capacity:
+        raise LimitError(
+            f"the waveform has {size} samples, and the instrument holds {device.waves.capacity}: "
+            "let it have fewer cycles"
+        )
     return command
 
 
@@ -191,7 +207,7 @@ def take_record(device: Instrument, about: AboutRun, duration: float, rate_hz: f
             record_now(device, signals, rate_hz, max(round(duration * rate), 2), writer)
     finally:
         notes = _kept(stream)
-    return _recorded(stream, None, notes)
+    return _recorded(stream, "", notes)
 
 
 def run_command(
@@ -206,8 +222,7 @@ def run_command(
         command.record(device, signals_of(device, axis), rate_hz, stream, metadata, parked=False)
     finally:
         notes = _kept(stream)
-    over = f"voltage {axis}" if command.quantity == "voltage" else "command"
-    return _recorded(stream, (over, axis), notes)
+    return _recorded(stream, axis, notes)
 
 
 def carry_out(
@@ -296,13 +311,8 @@ def earlier(entry: "RunEntry") -> RunOutcome:
     """Return what an earlier run gave, by its entry in the catalogue."""
     file = Path(entry.folder) / entry.file
     record = read_record(file)
-    known = [channel.name for channel in record.channels]
-    over = next((n for n in (f"voltage {entry.axis}", "command") if n in known), None)
     return RunOutcome(
-        folder=Path(entry.folder),
-        record=record,
-        file=file,
-        loop=(over, entry.axis) if over is not None and entry.axis in known else None,
+        folder=Path(entry.folder), record=record, file=file, loop=loop_of(record, entry.axis)
     )
 
 
@@ -319,13 +329,13 @@ def _kept(stream: Path) -> tuple[str, ...]:
     return _entered(stream)
 
 
-def _recorded(stream: Path, loop: tuple[str, str] | None, notes: Sequence[str]) -> RunOutcome:
+def _recorded(stream: Path, axis: str, notes: Sequence[str]) -> RunOutcome:
     file = stream.with_suffix(".h5")
     record = read_record(file)
     return RunOutcome(
         folder=stream.parent.parent,
         record=record,
         file=file,
-        loop=loop,
+        loop=loop_of(record, axis) if axis else None,
         notes=tuple(notes),
     )

@@ -90,7 +90,8 @@ export function readable(value) {
 /** A range for values that changes seldom: where they leave it, or need far less. */
 export function keptRange(kept, low, high) {
   if (!(high >= low)) return kept ?? [0, 1];
-  const least = Math.max(1e-3 * Math.max(Math.abs(low), Math.abs(high)), 1e-9);
+  // what stands still, or all but does, is no reason for numbers of ten digits
+  const least = Math.max(1e-3 * Math.max(Math.abs(low), Math.abs(high)), high > low ? 1e-5 : 1e-3);
   const margin = 0.06 * Math.max(high - low, least);
   if (kept && low >= kept[0] && high <= kept[1] && high - low + 2 * margin > 0.5 * (kept[1] - kept[0])) return kept;
   const middle = 0.5 * (low + high);

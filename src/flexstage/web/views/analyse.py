@@ -7,7 +7,7 @@ from flexstage.report.coupled_axes import coupling_tables
 from flexstage.web.analyse.bode import Bode
 from flexstage.web.analyse.convergence import Convergence
 from flexstage.web.analyse.models_panel import ModelsPanel
-from flexstage.web.analyse.shapes import Shapes
+from flexstage.web.analyse.shapes import NOTHING_YET, Shapes
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.tables import figures_tables, hinges_table, modes_table
 from flexstage.web.analyse.work import Analysed, saved
@@ -42,6 +42,7 @@ class AnalyseView:
         self._state = page.session.state(AnalyseState)
         self._design = page.session.state(DesignState)
         self._seen: object = None
+        self._found: dict[str, Analysed] | None = None
 
     def build(self) -> None:
         """Make the view."""
@@ -116,43 +117,47 @@ class AnalyseView:
         variant, found = self._design.now, self._known()
         self._title.text = f"{variant.name}{' (changed)' if variant.values else ''}"
         self._save.set_enabled(bool(found))
-        self._show_tables(found)
-        self._part.show(found)
+        if found != self._found:
+            self._found = found
+            self._show_tables(list(found.values()))
+            self._part.show(found)
 
-    def _show_tables(self, found: dict[str, Analysed]) -> None:
+    def _show_tables(self, every: list[Analysed]) -> None:
         self._tables.clear()
-        every = list(found.values())
         with self._tables:
             if not every:
-                ui.label("The figures come when a model has been run.").classes("muted")
+                ui.label(NOTHING_YET).classes("muted")
                 return
             first, others = figures_tables(self._page.preferences, every)
             if first.rows:
                 show_table(first)
             for drives in every[0].analysis.modes:
-                with ui.expansion(
-                    f"Natural frequencies, drives {drives}", value=drives == "removed"
-                ):
+                with self._fold(f"Natural frequencies, drives {drives}", drives == "removed"):
                     show_table(modes_table(every, drives))
-            with ui.expansion("All other figures"):
+            with self._fold("All other figures"):
                 show_table(others)
-            self._details(every)
+            self._show_details(every)
 
-    def _details(self, every: list[Analysed]) -> None:
-        for one in every[-1:]:
-            coupling = one.analysis.coupling
-            if coupling is not None:
-                with ui.expansion(f"All drives together, {title_of(one.model)}"):
-                    for shown in coupling_tables(coupling):
-                        show_table(shown)
-            stress = hinges_table(one)
-            if stress.rows:
-                with ui.expansion(f"Stress of each hinge, {title_of(one.model)}"):
-                    show_table(stress)
-        with ui.expansion("Where the figures stop being valid"):
+    def _show_details(self, every: list[Analysed]) -> None:
+        best = every[-1]  # that leaves the least out
+        if best.analysis.coupling is not None:
+            with self._fold(f"All drives together, {title_of(best.model)}"):
+                for shown in coupling_tables(best.analysis.coupling):
+                    show_table(shown)
+        stress = hinges_table(best)
+        if stress.rows:
+            with self._fold(f"Stress of each hinge, {title_of(best.model)}"):
+                show_table(stress)
+        with self._fold("Where the figures stop being valid"):
             for one in every:
                 for words in one.analysis.validity:
                     ui.label(f"{title_of(one.model)}: {words}").classes("small")
+
+    def _fold(self, title: str, is_open: bool = False) -> ui.expansion:
+        """Return a part that is folded, or as it was left."""
+        folds = self._state.shown.folds
+        made = ui.expansion(title, value=folds.get(title, is_open))
+        return made.on_value_change(lambda event: folds.update({title: event.value}))
 
     def _save_all(self) -> None:
         found = list(self._known().values())

@@ -67,10 +67,11 @@ class BenchView:
             self._bar.build()
             if before is None or before[0] is not bench.history:
                 self._anew()
-        self._trouble.text = bench.trouble
+        again = "The link is lost, and opened again when the instrument answers: "
+        self._trouble.text = f"{again if bench.lost else ''}{bench.trouble}"
         self._trouble.visible = bool(bench.trouble)
         for name, card in self._cards.items():
-            card.show(bench.readings.get(name), drives=control.holds(me))
+            card.show(bench.readings.get(name), drives=control.holds(me), stale=bench.lost)
         if self._form is not None:
             self._form.look()
         self._follow_job()
