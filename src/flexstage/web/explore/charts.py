@@ -16,7 +16,7 @@ CURVE, MAP, SCATTER, LINES = "curve", "map", "scatter", "parallel coordinates"
 # lines of parallel coordinates, and points, beyond which nobody sees more, and a page becomes slow
 _LINES, _POINTS = 400, 2500
 # axes of parallel coordinates, whose headings stand side by side
-_AXES = 12
+_AXES = 9
 _MARK = {"symbol": "diamond", "size": 11, "color": CYCLE[1], "line": {"width": 1}}
 _PICKED = {"symbol": "circle-open", "size": 17, "color": CYCLE[3], "line": {"width": 3}}
 _FRONT = {SEARCHED: CYCLE[5], ON_FRONT: CYCLE[0], "chosen": CYCLE[1]}
