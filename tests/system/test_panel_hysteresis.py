@@ -12,19 +12,19 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.errors import RecordError
+from flexstage.errors import ModelError, RecordError
+from flexstage.hysteresis.inversion import reading_in_proportion
 from flexstage.records import read_record
 from flexstage.virtual.stack import virtual_stack
+from flexstage.web.hysteresis.example import example_record, other_example
 from flexstage.web.hysteresis.requests import Reading, Search, WantedMotion
 from flexstage.web.hysteresis.state import HysteresisState, MeasuredFiles
 from flexstage.web.hysteresis.work import (
     Identified,
     Looked,
     command,
-    example_record,
     identified,
     opened,
-    other_example,
     predicted,
     usual_motion,
     waveform,
@@ -96,7 +96,7 @@ def test_it_is_what_the_commands_find_and_write(
     np.savetxt(wanted, 12.0 - 9.0 * np.cos(2.5 * np.pi * t), header="wanted (um)", comments="")
     told = said_by(
         capsys, "compensate", model, "--reference", wanted, "--relative", "--sample-rate", 200,
-        "--slew", "300 V/s", "--out", tmp_path / "command.npz",
+        "--slew", "300 V/s", "--out", tmp_path / "command.npz", "--figure", tmp_path / "c.svg",
     )  # fmt: skip
     file = Reading(files=(str(wanted),), output="0", sample_rate="200 Hz")
     motion = WantedMotion(shape="file", file=file, relative=True, slew=300.0)
@@ -104,6 +104,7 @@ def test_it_is_what_the_commands_find_and_write(
     assert told["predicted_rms_error"] == follows.rms_error
     assert sorted(told["notes"]) == sorted([*made.file.notes, *notes])
     (tmp_path / "mine.npz").write_bytes(waveform(follows, made.file.model, "npz"))
+    assert b"predicted less wanted" in (tmp_path / "c.svg").read_bytes()
     for name in ("command", "predicted"):
         own, other = (read_record(tmp_path / f).channel(name) for f in ("mine.npz", "command.npz"))
         np.testing.assert_array_equal(own.values, other.values)
@@ -176,6 +177,13 @@ def test_a_motion_is_followed_within_what_the_drive_reaches(
         assert made.command.size == samples
         assert np.ptp(made.wanted) == pytest.approx(0.8 * (high - low), rel=1e-3)
         assert made.largest_error < 1e-3 * (high - low)
+    plain = reading_in_proportion(model, made, endless=True) - made.wanted
+    # an eighth of the stroke is the width of the loop
+    assert 0.01 < np.sqrt(np.mean(plain**2)) / (high - low) < 0.12
+    with pytest.raises(ModelError, match="amplitude must be positive"):
+        command(model, replace(motion, amplitude=-1e-6))
+    with pytest.raises(ModelError, match="more than 1000000 samples"):
+        command(model, replace(motion, rate_hz=1e-5))
     narrow, notes = command(model, replace(motion, highest=60.0))
     assert narrow.command.max() <= 60.0
     assert any("limits changed" in note for note in notes)
@@ -218,12 +226,12 @@ def test_a_wrong_file_loses_nothing(
         assert "'fast'" in alerts()[0]
         rate.value = "200 Hz"
         await come(lambda: not alerts() and not state.source.missing())
-        wrong = tmp_path / "wrong.csv"
+        wrong = panel.folder("hysteresis/some-one") / "wrong.csv"
         wrong.write_bytes(b"\0" * 400)
         state.source.open(Reading(files=(str(wrong),)))
         await user.open("/hysteresis")
         await come(alerts)
-        assert str(tmp_path) not in alerts()[0]
+        assert alerts()[0].startswith("'wrong.csv'")
         user.find("Back to drive.dat").click()
         await come(lambda: not alerts())
         assert state.source.reading.sample_rate == "200 Hz"
@@ -256,7 +264,7 @@ def test_from_a_record_to_the_waveform_in_a_browser(tmp_path: Path) -> None:
         page.get_by_role("tab", name="3 Compensate").click()
         page.get_by_label("Amplitude ± [µm]").fill("12")
         page.get_by_role("button", name="Triangle").click()
-        page.get_by_text("The command begins at").wait_for()
+        page.locator(".told:not(.stale)").get_by_text("99.2 V").first.wait_for()
         look.require_sound("hysteresis-command")
         with page.expect_download() as waiting:
             page.get_by_role("button", name="Download the waveform").click()

@@ -13,7 +13,15 @@ from flexstage.cli.options import (
     quantity,
     voltage_range,
 )
-from flexstage.cli.output import OutputFile, console, print_json, print_notes, write_file
+from flexstage.cli.output import (
+    FigureFile,
+    OutputFile,
+    console,
+    picture,
+    print_json,
+    print_notes,
+    write_file,
+)
 from flexstage.cli.predict import moved_for
 from flexstage.cli.reading import (
     AS_EVEN,
@@ -47,6 +55,7 @@ def compensate(
     start: str = "conditioned",
     how: FileOptions = WHOLE_FILE,
     out: OutputFile = None,
+    figure: FigureFile = None,
     json: JsonOption = False,
 ) -> None:
     """Compute the drive signal that follows a reference.
@@ -81,6 +90,8 @@ def compensate(
         time.
     out
         Write time, command, reference and prediction (.csv, .npz, .h5 or .mat).
+    figure
+        Draw command, loop and what is left. (.svg, .png or .pdf)
     """
     from flexstage.hysteresis.drive_model import in_unit_of_model, lowest_reading
     from flexstage.hysteresis.inversion import command_record, feedforward
@@ -120,6 +131,11 @@ def compensate(
     )
     if out is not None:
         write_file(out, record_bytes(command_record(made, drive), kind))
+    if figure is not None:
+        from flexstage.report.figures.feedforward import draw_feedforward
+
+        drawn = draw_feedforward(made, drive, file.errors.get("heldout_95"))
+        write_file(figure, picture(figure, drawn))
     notes = (
         *file.notes,
         *((converted,) if converted else ()),
@@ -134,7 +150,8 @@ def compensate(
 
     for line in command_in_words(made, drive):
         console().print(line)
-    print_notes(console(), result["notes"], filter(None, [result["file"]]), style="yellow")
+    written = [str(path) for path in (out, figure) if path is not None]
+    print_notes(console(), result["notes"], written, style="yellow")
 
 
 def _largest_rate(slew: str | None, current: str | None, capacitance: str | None) -> float | None:

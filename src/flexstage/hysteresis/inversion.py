@@ -256,6 +256,28 @@ def _made_smooth(
     ]
 
 
+def reading_in_proportion(
+    model: DriveModel,
+    made: Feedforward,
+    *,
+    endless: bool = False,
+    start: Start | Array | None = None,
+) -> Array:
+    """Return what a model gives for a command in proportion to the reference, without its inverse.
+
+    The command is on the straight line between those that `made` has where the reference is lowest
+    and highest, from the same state of the drive; `endless` and `start` are as for `made`.
+    """
+    first, last = int(made.wanted.argmin()), int(made.wanted.argmax())
+    low, high = made.wanted[first], made.wanted[last]
+    slope = (made.command[last] - made.command[first]) / (high - low) if high > low else 0.0
+    command = made.command[first] + slope * (made.wanted - low)
+    dt = float(made.time[1] - made.time[0])
+    if endless:
+        return steady_reading(model, command, 1.0 / dt, _SETTLED)
+    return model.simulate(command, dt, made.start, start=model.start if start is None else start)
+
+
 def smoothed(values: ArrayLike, dt: float, band_hz: float) -> Array:
     """Return a sequence without what is above a band, and without delay.
 

@@ -1,5 +1,6 @@
 """What a view of the front panel is given: the panel, the person, long work, complaints."""
 
+import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,7 +22,7 @@ from flexstage.web.stops import Stops
 S = TypeVar("S")
 
 _LOOK_AT_JOBS = 0.25  # s
-_OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*[a-z])")
+_OPTION = re.compile(r"`[^`]*`|(?<![\w-])--([a-z][a-z-]*[a-z])")
 _MICRO = re.compile(r"\bu(?=(m|rad|V|A)\b)|(?<=\d )u(?=s\b)")
 
 
@@ -72,7 +73,12 @@ class Page:
         try:
             yield
         except (FlexstageError, OSError) as error:
-            complain(str(error))
+            complain(self.words(str(error)))
+
+    def words(self, sentence: str) -> str:
+        """Return what the library says as the page says it, without where the panel's files lie."""
+        folder = re.escape(f"{self.panel.options.folder}{os.sep}")
+        return in_page_words(re.sub(rf"{folder}(?:[\w.-]+[/\\])*", "", sentence))
 
     def watch(
         self,
@@ -101,7 +107,13 @@ def in_page_words(sentence: str) -> str:
     >>> in_page_words("give --sample-rate, such as 200 Hz: 4.5 um +- -0.1")
     'give “Sample rate”, such as 200 Hz: 4.5 µm ± −0.1'
     """
-    said = _OPTION.sub(lambda option: f"“{option[1].replace('-', ' ').capitalize()}”", sentence)
+
+    def field(option: re.Match[str]) -> str:
+        if option[1] is None:
+            return option[0]  # a command as one types it
+        return f"“{option[1].replace('-', ' ').capitalize()}”"
+
+    said = _OPTION.sub(field, sentence)
     return typeset(_MICRO.sub("µ", said.replace("+-", "±")))
 
 
@@ -159,6 +171,8 @@ def show_job(
         quiet_button("Cancel", on_click=job.cancel).props("dense")
 
     def look() -> None:
+        if row.is_deleted:
+            return  # between two looks at the same moment
         bar.value = job.share
         doing.text = f"{job.what or job.state}, {100.0 * job.share:.0f} %"
 
@@ -169,7 +183,7 @@ def show_job(
         row.delete()
         if over is not None:
             if job.state == "failed":
-                complain(f"{job.name}: {job.error}")
+                complain(page.words(f"{job.name}: {job.error}"))
             over(job)
 
     page.watch(job, ended)

@@ -6,6 +6,7 @@ from typing import Any
 
 from nicegui import ui
 
+from flexstage.hysteresis import MODELS
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.report.identification import command_in_words
 from flexstage.units import readable
@@ -40,6 +41,7 @@ class CompensationPanel:
 
     def __init__(self, page: Page, state: HysteresisState) -> None:
         self._page, self._state = page, state
+        self._due = False
 
     def build(self) -> None:
         """Make the panel."""
@@ -55,23 +57,25 @@ class CompensationPanel:
                 self._shown = ui.column().classes("full-width told")
         self._wrong.visible = False
         self._task = Task(
-            self._page, self._state.jobs, "command", self._working, self._take, self._refuse
+            self._page, self._state.jobs, "command", self._working, self._take, self._failed
         )
         self.show()
 
     def show(self) -> None:
         """Show the fields for the model that is open, and the command."""
         model = self._state.model
-        self._none.visible, self._results.visible = model is None, model is not None
+        self._none.visible = model is None
         self._form.clear()
         if model is not None:
             drive = model.file.model
             self._state.motion = usual_motion(self._state.motion, drive, model.sample_rate_hz)
             with self._form:
+                title = MODELS[drive.hysteresis.kind].title
+                ui.label(f"By the inverse of {title}, {model.name}.").classes("muted small")
                 self._fields(drive)
         self._refuse("")
         self._show_command()
-        if model is not None and self._state.compensated is None and not self._task.running:
+        if self._state.compensated is None:
             self.compute()
 
     # what is wanted
@@ -115,7 +119,7 @@ class CompensationPanel:
             moved.bind_visibility_from(start, "value", value="moved")
 
     def _file(self) -> None:
-        FilesForm(
+        form = FilesForm(
             self._page,
             self._state.reference,
             self._state.jobs,
@@ -124,7 +128,11 @@ class CompensationPanel:
             example=None,
             changed=self._file_changed,
             reference=True,
-        ).build()
+        )
+        form.build()
+        self._missing = ui.label().classes("issue")
+        self._missing.visible = False
+        form.begin()
         relative = ui.checkbox(
             "Relative: count from the lowest reading of the drive",
             value=self._state.motion.relative,
@@ -167,8 +175,10 @@ class CompensationPanel:
 
     def _reshape(self, shape: Any) -> None:
         self._state.motion = replace(self._state.motion, shape=shape)
-        self._state.compensated = None
+        if shape == "file":
+            self._state.compensated = None
         self.show()
+        self.compute()
 
     def _file_changed(self) -> None:
         self.compute()
@@ -176,29 +186,43 @@ class CompensationPanel:
     # what comes of it
 
     def compute(self) -> None:
-        """Compute the command for what is wanted."""
+        """Compute the command for what is wanted, after one that is being computed."""
         state = self._state
-        if state.model is None:
+        self._due = self._task.running  # to end that would end a process that is warm
+        if state.model is None or self._due:
             return
         motion = state.motion
         if motion.shape == "file":
-            reference = state.reference
-            if reference.wrong or not reference.reading.files:
+            missing = state.reference.missing(reference=True)
+            self._missing.text = "" if missing == state.reference.wrong else missing
+            self._missing.visible = bool(self._missing.text)
+            if missing:
                 return
-            if not reference.looked:
-                return
-            motion = replace(motion, file=reference.reading)
+            motion = replace(motion, file=state.reference.reading)
+        self._refuse("")
         self._task.start("the command", compensated, state.model.file, motion, "command")
+        self._results.visible = True
+        self._shown.classes(add="stale")
 
     def _take(self, made: Compensated) -> None:
+        if self._due:
+            self.compute()
+            return
         self._state.compensated = made
         self._refuse("")
         self._show_command()
+
+    def _failed(self, why: str) -> None:
+        if self._due:
+            self.compute()
+        else:
+            self._refuse(why)
 
     def _refuse(self, why: str) -> None:
         self._wrong.text = in_page_words(sentence(why))
         self._wrong.visible = bool(why)
         if why:
+            self._results.visible = True
             self._shown.classes(add="stale")
         else:
             self._shown.classes(remove="stale")
@@ -206,6 +230,7 @@ class CompensationPanel:
     def _show_command(self) -> None:
         self._shown.clear()
         made, model = self._state.compensated, self._state.model
+        self._results.visible = made is not None or self._task.running
         if made is None or model is None:
             return
         drive, command = model.file.model, made.made
@@ -215,14 +240,16 @@ class CompensationPanel:
                 ends = float(command.command.min()), float(command.command.max())
                 figure("Command", readable(drive.input_unit, *ends, digits=4))
                 figure(
-                    "Predicted error, the model with itself",
+                    "Predicted error",
                     f"{readable(drive.output_unit, command.rms_error)} rms",
-                    f"{readable(drive.output_unit, command.largest_error)} at most",
+                    "of the model with itself",
                 )
+                plain = readable(drive.output_unit, made.plain_rms)
+                figure("In proportion, without the model", f"{plain} rms")
                 if band is not None and drive.validity is not None:
                     low, high = drive.validity.output_range
                     own = readable(drive.output_unit, 0.01 * band * (high - low))
-                    figure("What the model leaves of a drive, 95 % within", f"+-{own}")
+                    figure("A measured drive, 95 % within", f"+-{own}", "by the held-out errors")
                 self._downloads()
             ui.html(made.svg, sanitize=False).classes("picture")
             show_lines([sentence(note) for note in made.notes], "issue")
@@ -240,7 +267,7 @@ class CompensationPanel:
                 made, model = self._state.compensated, self._state.model
                 if made is not None and model is not None and format.value:
                     with self._page.sentences():
-                        name = f"{Path(model.name).stem}-{self._state.motion.shape}"
+                        name = f"{Path(model.name).stem}-{made.motion.shape}"
                         content = waveform(made.made, model.file.model, format.value)
                         save(self._page, f"{name}{_FILES[format.value]}", content)
 

@@ -97,7 +97,7 @@ class FilesForm:
             if not self._reference:
                 self._column("input", "Input")
                 self._text("input_unit", "Input unit", "V")
-            self._column("output", "Column" if self._reference else "Output")
+            self._column("output", "Column" if self._reference else "Output", clearable=True)
             self._text("output_unit", "Reference unit" if self._reference else "Output unit", "um")
             self._column("time", "Time", clearable=True)
             self._text("sample_rate", "Sample rate", "200 Hz")
@@ -120,7 +120,11 @@ class FilesForm:
             self._page, self._jobs, self._key, self._working, self._take, self._refuse
         )
         self.sync()
-        if self._source.reading.files and self._source.looked is None and not self._source.wrong:
+
+    def begin(self) -> None:
+        """Look into files that nobody has read yet, once all that follows them is there."""
+        source = self._source
+        if source.reading.files and source.looked is None and not source.wrong:
             self.look()
 
     # fields
@@ -158,7 +162,9 @@ class FilesForm:
         value = (event.value or "").strip()
         if self._syncing or value == getattr(self._source.reading, name):
             return
-        self._source.reading = replace(self._source.reading, **{name: value})
+        reading = replace(self._source.reading, **{name: value})
+        # two branches are the output
+        self._source.reading = replace(reading, output="") if reading.branches else reading
         self.look()
 
     def sync(self) -> None:
@@ -176,7 +182,7 @@ class FilesForm:
         given = bool(reading.files)
         self._grid.visible = self._more.visible = given
         self._wrong.visible = bool(self._source.wrong)
-        self._wrong.text = in_page_words(self._source.wrong)
+        self._wrong.text = self._source.wrong
         before = self._source.before
         self._back.visible = bool(self._source.wrong and before is not None)
         if before is not None:
@@ -239,6 +245,8 @@ class FilesForm:
         self._reads += 1
         key = f"{self._key}{self._grid.id}-{self._reads}"
         self._show_files()
+        if self._source.looked is None:
+            self._changed()
         try:
             light = is_light(reading)
         except OSError as error:
@@ -271,9 +279,9 @@ class FilesForm:
         self._changed()
 
     def _refuse(self, sentence: str) -> None:
-        for file in self._source.reading.files:
-            sentence = sentence.replace(file, Path(file).name)
-        self._source.wrong = sentence or "The file was not read: it was cancelled."
+        self._source.wrong = (
+            self._page.words(sentence) or "The file was not read: it was cancelled."
+        )
         self.sync()
         self._changed()
 

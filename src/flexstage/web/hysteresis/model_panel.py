@@ -132,8 +132,9 @@ class ModelPanel:
         ui.button("Download the model", icon="download", on_click=self._download)
 
     def _warn(self, model: OpenModel) -> None:
-        PanelHeading("What is said in its file", 3).classes("small-heading")
-        show_lines([sentence(w) for w in model.file.notes] or ["Nothing is missing."], "issue")
+        PanelHeading("What its record could not tell", 3).classes("small-heading")
+        said = [sentence(warning) for warning in model.file.warnings]
+        show_lines(said or ["Its file says nothing of the kind."], "issue")
 
     # what a person does
 

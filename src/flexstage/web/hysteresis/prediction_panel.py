@@ -12,11 +12,12 @@ from flexstage.report.identification import (
     predictions_table,
 )
 from flexstage.web.figures import show_table
+from flexstage.web.hysteresis.example import other_example
 from flexstage.web.hysteresis.files_form import FilesForm
 from flexstage.web.hysteresis.shown import figure, in_page, sentence, show_lines
 from flexstage.web.hysteresis.state import HysteresisState
 from flexstage.web.hysteresis.tasks import Task
-from flexstage.web.hysteresis.work import Predicted, other_example, predicted
+from flexstage.web.hysteresis.work import Predicted, predicted
 from flexstage.web.page import Page, in_page_words
 
 _STARTS = {
@@ -71,6 +72,7 @@ class PredictionPanel:
                 self._shown = ui.column().classes("full-width told")
         self._task = Task(self._page, state.jobs, "prediction", self._working, self._take)
         self.show()
+        form.begin()
 
     def show(self) -> None:
         """Show what the model predicts."""

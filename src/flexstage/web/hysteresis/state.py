@@ -36,17 +36,24 @@ class MeasuredFiles:
             self.reading, self.looked = self.before.reading, self.before.looked
             self.before, self.wrong = None, ""
 
-    def missing(self) -> str:
-        """Say what is missing before anything can be asked of the files; empty where nothing is."""
+    def missing(self, *, reference: bool = False) -> str:
+        """Say what is missing before anything can be asked of the files; empty where nothing is.
+
+        A reference has one column.
+        """
         if not self.reading.files:
+            if reference:
+                return "Drop a record of the wanted readings here."
             return "Drop a record here, or take the example."
         if self.wrong:
             return self.wrong
         if self.looked is None:
             return "The file is being read."
-        if not self.reading.input:
+        if not (self.reading.input or reference):
             return "Choose the column that drives as Input."
         if not (self.reading.output or self.reading.branches):
+            if reference:
+                return "Choose the Column of the wanted readings."
             return "Choose the column that follows as Output."
         if self.looked.contents[0]["over"] == "point" and not self.reading.is_table:
             return (

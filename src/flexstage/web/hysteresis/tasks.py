@@ -38,7 +38,7 @@ class Task:
         failed: Callable[[str], object] | None = None,
     ) -> None:
         self._page, self._jobs, self._key, self._place = page, jobs, key, place
-        self._done, self._failed = done, failed or complain
+        self._done, self._failed = done, failed or _complain
         self.attach()
 
     @property
@@ -74,6 +74,12 @@ class Task:
         if job.state == "done":
             self._done(job.result)
         elif job.state == "failed":
-            self._failed(job.error)
+            self._failed(self._page.words(job.error))
         else:
             self._failed("")
+
+
+def _complain(sentence: str) -> None:
+    """Show why there is no result; who has cancelled it knows."""
+    if sentence:
+        complain(sentence)

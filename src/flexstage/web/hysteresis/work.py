@@ -1,6 +1,5 @@
 """What is computed for the view Hysteresis, in processes: as the commands do it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,11 +11,8 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis import (
     Feedforward,
     Identification,
-    LogCreep,
     ModelFile,
     Prediction,
-    Sensor,
-    excitation,
     feedforward,
     identify,
     model_text,
@@ -25,9 +21,9 @@ from flexstage.hysteresis import (
 from flexstage.hysteresis.drive_model import DriveModel, Start, in_unit_of_model, lowest_reading
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.identified_file import identified_file
-from flexstage.hysteresis.inversion import command_record
+from flexstage.hysteresis.inversion import command_record, reading_in_proportion
 from flexstage.hysteresis.prediction import predict_each
-from flexstage.records import Channel, Record, write_record
+from flexstage.records import Record
 from flexstage.records.contents import contents, read_whole
 from flexstage.records.detect import format_of
 from flexstage.records.drives import read_drive, train_range
@@ -49,6 +45,7 @@ _TIMES = ("time", "t")
 _LIGHT = 4 * 2**20  # byte
 #: Share of the range of a model that a motion has as amplitude, unless another one is asked for.
 _USUAL_AMPLITUDE = 0.4
+_MOST_SAMPLES = 1_000_000  # of a command; controllers hold less
 
 
 # the record
@@ -76,6 +73,9 @@ def looked_at(reading: Reading, key: str) -> Looked:
 def whole(reading: Reading) -> tuple[Reading, tuple[dict[str, Any], ...], Record]:
     """Read all of files; return how, what is in them, and the first one."""
     how = _how(reading, len(reading.files))
+    pairs = (reading.input, reading.input_unit), (reading.output, reading.output_unit)
+    # several columns have their units when they are read
+    how["units"] = {c: u.strip() for c, u in pairs if u.strip() and c and "," not in c}
     rates = how.pop("rates_hz")
     how.pop("resample_hz")
     read = [
@@ -96,7 +96,7 @@ def _with_columns(reading: Reading, found: dict[str, Any]) -> Reading:
     times = [c for c in columns if c["name"].casefold() in _TIMES]
     if found["over"] == "point" and times and not (reading.time or reading.sample_rate):
         reading = replace(reading, time=str(times[0]["number"]))
-    if reading.input or reading.output:
+    if reading.input or reading.output or reading.is_table:
         return reading
     moving = [c for c in columns if c not in times and c["unit"] != "s"]
     driven = next((c for c in moving if c["unit"] == "V"), None)
@@ -173,17 +173,13 @@ def identified(reading: Reading, search: Search, key: str) -> Identified:
         chain = ChainValues(delay=search.delay or 0.0, creep_per_decade=search.creep or 0.0)
     elif reading.is_table and not reading.sample_rate:
         chain = ChainValues()  # which rows without times do not tell
-    resonance = None
-    if search.resonance_hz is not None:
-        damping = DAMPING_RATIO if search.damping_ratio is None else search.damping_ratio
-        resonance = (search.resonance_hz, damping)
     found = identify(
         records,
         driven,
         follows,
         model=search.models or "auto",
         chain=chain,
-        resonance=resonance,
+        resonance=_resonance(search),
         drift=search.drift,
         train=train_range(search.train or None, records),
     )
@@ -200,6 +196,17 @@ def identified(reading: Reading, search: Search, key: str) -> Identified:
     )
 
 
+def _resonance(search: Search) -> tuple[float, float] | None:
+    if search.resonance_hz is None:
+        return None
+    damping = DAMPING_RATIO if search.damping_ratio is None else search.damping_ratio
+    if not search.resonance_hz > 0.0:
+        raise ModelError(f"--resonance must be positive, got {search.resonance_hz:g} Hz")
+    if not 0.0 < damping < 1.0:
+        raise ModelError(f"--damping-ratio must be between 0 and 100 %, got {100.0 * damping:g} %")
+    return search.resonance_hz, damping
+
+
 def opened(path: Path) -> tuple[ModelFile, str]:
     """Read a model file; return it, and its text."""
     return read_model_file(path), path.read_text(encoding="utf-8")
@@ -212,8 +219,14 @@ def opened(path: Path) -> tuple[ModelFile, str]:
 class Compensated:
     """A command, and what is shown of it."""
 
+    motion: WantedMotion
+    """What it is for."""
     made: Feedforward
     """The command."""
+    plain_rms: float
+    """Root mean square that a command in proportion to the reference would leave, by the same
+    model [unit of the output].
+    """
     notes: tuple[str, ...]
     """What a user should know."""
     svg: str
@@ -223,10 +236,13 @@ class Compensated:
 def compensated(file: ModelFile, motion: WantedMotion, key: str) -> Compensated:
     """Compute the command for a motion, and draw it."""
     made, notes = command(file.model, motion)
+    endless = motion.shape != "file" and motion.periods == 0
+    start = {"conditioned": None, "rest": "rested", "moved": motion.moved_for}[motion.start]
+    left = reading_in_proportion(file.model, made, endless=endless, start=start) - made.wanted
     band = file.errors.get("heldout_95")
     says = "The command and what it leaves"
     svg = inline(lambda: draw_feedforward(made, file.model, band), key, says)
-    return Compensated(made, notes, svg)
+    return Compensated(motion, made, float(np.sqrt(np.mean(left**2))), notes, svg)
 
 
 def command(drive: DriveModel, motion: WantedMotion) -> tuple[Feedforward, tuple[str, ...]]:
@@ -282,6 +298,13 @@ def _repeated(motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
             "a motion needs a centre, an amplitude, a frequency and a sample rate: give all four"
         )
     centre, amplitude, rate, sample_rate = (float(v or 0.0) for v in values)
+    if not amplitude > 0.0:
+        raise ModelError("--amplitude must be positive")
+    if rate > 0.0 and not sample_rate / rate * max(motion.periods, 1) <= _MOST_SAMPLES:
+        raise ModelError(
+            f"{max(motion.periods, 1)} periods at {rate:g} Hz and {sample_rate:g} samples a second "
+            f"are more than {_MOST_SAMPLES} samples: lower --sample-rate or --periods"
+        )
     path = make("x", centre - amplitude, centre + amplitude, rate, sample_rate_hz=sample_rate)
     return path.positions["x"], 1.0 / path.sample_rate_hz, path.notes
 
@@ -342,47 +365,3 @@ def predicted(file: ModelFile, reading: Reading, start: Start | None, key: str) 
     says = f"Measured and predicted loop, and error, of {reading.names[0]}"
     svg = inline(lambda: draw_prediction(found[0], file.model, band), key, says)
     return Predicted(tuple(found), svg)
-
-
-# an example
-
-_RATE_HZ = 400.0
-
-
-def example_record(folder: Path) -> Path:
-    """Write the record of a simulated piezo stack that was driven as `flexstage excite` does."""
-    drive = excitation(
-        (0.0, 120.0),
-        sample_rate_hz=_RATE_HZ,
-        duration=16.0,
-        rates_hz=(0.5, 5.0),
-        natural_frequency_hz=640.0,
-        resonance=False,
-    )
-    return _simulated(folder / "example.csv", drive.voltage, seed=4)
-
-
-def other_example(folder: Path) -> Path:
-    """Write another record of the same simulated stack: 2 Hz, with falling amplitude."""
-    t = np.arange(round(12.0 * _RATE_HZ)) / _RATE_HZ
-    envelope = np.interp(t, [0.0, 3.0, 12.0], [1.0, 1.0, 0.2])
-    return _simulated(
-        folder / "example-2-hz.csv", 60.0 - 60.0 * envelope * np.cos(4.0 * np.pi * t), seed=5
-    )
-
-
-def _simulated(path: Path, volts: Sequence[float] | Array, seed: int) -> Path:
-    from flexstage.virtual import virtual_stack
-
-    u = np.asarray(volts, dtype=np.float64)
-    dt = 1.0 / _RATE_HZ
-    free = virtual_stack((0.0, 120.0), 38e-6, 0.13).simulate(u).values
-    moved = LogCreep(rate_per_decade=0.015).simulate(free, dt).values
-    sensor = Sensor(bandwidth_hz=150.0, noise_rms=8e-9, offset=3.1e-6, seed=seed)
-    channels = (
-        Channel(name="voltage", values=u, unit="V"),
-        Channel(name="position", values=sensor.simulate(moved, dt).values, unit="m"),
-    )
-    return write_record(
-        Record(channels=channels, time=np.arange(u.size, dtype=np.float64) * dt), path
-    )

@@ -7,12 +7,13 @@ from nicegui import ui
 
 from flexstage.hysteresis import MODELS
 from flexstage.web.hysteresis.compensation_panel import CompensationPanel
+from flexstage.web.hysteresis.example import example_record
 from flexstage.web.hysteresis.files_form import FilesForm, show_contents
 from flexstage.web.hysteresis.model_panel import ModelPanel
 from flexstage.web.hysteresis.prediction_panel import PredictionPanel
 from flexstage.web.hysteresis.state import HysteresisState, OpenModel
 from flexstage.web.hysteresis.tasks import Task
-from flexstage.web.hysteresis.work import Identified, example_record, identified
+from flexstage.web.hysteresis.work import Identified, identified
 from flexstage.web.page import Page, PanelHeading, in_page_words
 
 _STEPS = {
@@ -97,10 +98,11 @@ class HysteresisView:
                 self._missing = ui.label().classes("issue")
                 self._go = ui.button("Identify", icon="play_arrow", on_click=self._identify)
                 working = ui.column().classes("full-width")
-            with ui.element("section").classes("panel"):
+            with ui.element("section").classes("panel") as self._shown:
                 self._contents = ui.column().classes("full-width told")
         self._task = Task(self._page, state.jobs, "model", working, self._take)
         self._looked()
+        form.begin()
 
     def _search(self) -> None:
         search = self._state.search
@@ -144,6 +146,7 @@ class HysteresisView:
         self._missing.visible = bool(shown)
         self._asked.visible = bool(source.reading.files)
         self._go.set_enabled(not missing)
+        self._shown.visible = source.looked is not None or not source.reading.files
         self._contents.clear()
         with self._contents:
             if source.looked is not None:
