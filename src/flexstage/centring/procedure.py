@@ -207,18 +207,45 @@ def _good(reading: CentreReading, target: float) -> bool:
     return reading.length.interval()[1] < target
 
 
-def _trial(positioner: Positioner, axis: int, reading: CentreReading) -> tuple[float, float]:
-    """Command of a trial move: about as long as the later moves, to the side with more room."""
-    low, high = positioner.limits[axis]
-    now = positioner.position[axis]
-    u = math.sqrt(float(np.trace(reading.covariance))) + positioner.resolution[axis]
-    wanted = max(float(np.hypot(*reading.vector)) / math.sqrt(2.0), _SHORTEST_TRIAL * u)
+def trial_length(eccentricity: float, uncertainty: float) -> float:
+    r"""Return how long a trial move of one axis should be [m].
+
+    About as long as the later moves, :math:`e / \sqrt 2`, and 30 standard uncertainties u at least,
+    with which eccentricity and place are known [m].
+
+    Examples
+    --------
+    >>> f"{trial_length(50e-6, 0.1e-6):.3g}", f"{trial_length(0.2e-6, 0.1e-6):.3g}"
+    ('3.54e-05', '3e-06')
+    """
+    return max(eccentricity / math.sqrt(2.0), _SHORTEST_TRIAL * uncertainty)
+
+
+def trial_position(now: float, limits: tuple[float, float], wanted: float) -> float:
+    """Return where a trial move of an axis leads [m]: to the side of it that has more room.
+
+    Raises
+    ------
+    ModelError
+        There is no room.
+    """
+    low, high = limits
     room = max(high - now, now - low)
     length = min(wanted, _LONGEST_TRIAL * (high - low), room)
     if not length > 0.0:
-        raise ModelError(f"axis {_AXES[axis]} has no room for a trial move")
+        raise ModelError("there is no room for a trial move")
+    return now + (length if high - now >= now - low else -length)
+
+
+def _trial(positioner: Positioner, axis: int, reading: CentreReading) -> tuple[float, float]:
+    """Command of a trial move: about as long as the later moves, to the side with more room."""
+    u = math.sqrt(float(np.trace(reading.covariance))) + positioner.resolution[axis]
+    wanted = trial_length(float(np.hypot(*reading.vector)), u)
     command = list(positioner.position)
-    command[axis] = now + (length if high - now >= now - low else -length)
+    try:
+        command[axis] = trial_position(command[axis], positioner.limits[axis], wanted)
+    except ModelError as error:
+        raise ModelError(f"axis {_AXES[axis]}: {error}") from None
     return command[0], command[1]
 
 

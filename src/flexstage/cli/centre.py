@@ -1,26 +1,13 @@
 """`flexstage centre`: eccentricity of a scale on a turning table, and the move that removes it."""
 
-import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from flexstage.cli.centre_heads import (
-    MAGNET,
-    doubts,
-    each_has_one,
-    head_angles,
-    head_of,
-    kind_notes,
-    orders_of,
-    radius_of,
-    spelled,
-)
-from flexstage.cli.centre_report import change, joined, print_setting, report
-from flexstage.cli.centre_trial import positions_of, print_trial, trial
-from flexstage.cli.options import JsonOption, from_docstring, quantity
+from flexstage.cli.centre_report import print_setting
+from flexstage.cli.centre_trial import print_trial
+from flexstage.cli.options import JsonOption, from_docstring, positive_length, quantity
 from flexstage.cli.output import (
     FigureFile,
     console,
@@ -29,15 +16,8 @@ from flexstage.cli.output import (
     print_notes,
     write_file,
 )
-from flexstage.cli.reading import (
-    WHOLE_FILE,
-    FileOptions,
-    read_records,
-)
+from flexstage.cli.reading import WHOLE_FILE, FileOptions, read_records
 from flexstage.errors import ModelError, RecordError
-from flexstage.records.selectors import column
-
-_DIRECTIONS = ("ccw", "cw")
 
 
 @from_docstring
@@ -127,124 +107,85 @@ def centre(
     figure
         Draw the error over the turn and its harmonics. (.svg, .png or .pdf)
     """
-    from flexstage.centring.setting import fit_setting
+    from flexstage.centring.from_records import CentreOptions, centre_records
 
-    _require(figure, sign, head_direction, kind, angle, turns)
-    names = _columns(error, reading, angle, sign)
-    size_of_scale = radius_of(radius, diameter)
-    mounted = quantity(mount_angle, "angle", bare_unit="deg")
-    if kind == MAGNET and size_of_scale is not None:
-        raise ModelError(
-            "a magnet on the axis has no radius that its error could be turned into micrometres "
-            "by, and its harmonic of order 1 is that of offsets of its signals as well: leave "
-            "--radius and --diameter out, and find the gain by trial moves (--stage-at)"
-        )
-    wanted = names if angle is None else [column(angle), *names]
-    own = [] if angle is None else [spelled(angle_unit)]
+    options = CentreOptions(
+        error=error,
+        reading=reading,
+        angle=angle,
+        unit=unit,
+        angle_unit=angle_unit,
+        error_unit=error_unit,
+        counts=counts,
+        heads=heads,
+        radius=_radius_of(radius, diameter),
+        kind=kind,
+        orders=_orders_of(orders),
+        turns=turns,
+        sign=sign,
+        head_direction=head_direction,
+        stage_at=None if stage_at is None else _positions_of(stage_at),
+        mount=quantity(mount_angle, "angle", bare_unit="deg"),
+        outliers=outliers,
+    )
     read = read_records(
         records,
-        wanted,
-        units=[*own, *[spelled(error_unit)] * len(names)],
+        options.columns,
+        units=options.units,
         sample_rate=None,
         time=None,
         over="point",
         **vars(how),
     )
-    at = head_angles(heads, len(read), len(names))
-    mirror = -1.0 if head_direction == "cw" else 1.0
-    found = [
-        head_of(
-            record,
-            name,
-            None if angle is None else column(angle),
-            turns,
-            units,
-            alpha * mirror,
-            reading=reading is not None,
-            sign=sign,
-        )
-        for units in [(angle_unit, error_unit, unit, counts)]
-        for (record, name), alpha in zip(
-            [(record, name) for record in read for name in names], at, strict=True
-        )
-    ]
-    size = (
-        len(found)
-        if len(read) > 1 and heads is not None and each_has_one(heads, found)
-        else len(names)
-    )
-    settings = []
-    for i in range(0, len(found), size):
-        one = fit_setting(found[i : i + size], size_of_scale, kind, orders_of(orders), outliers)
-        # of settings at known positions the kind says nothing that they do not say themselves
-        more = [] if stage_at is not None else kind_notes(one, kind, size_of_scale is not None)
-        settings.append(replace(one, notes=tuple(dict.fromkeys((*one.notes, *more)))))
-    written = error_unit or unit
-    reports = [report(s, mirror, mounted, written) for s in settings]
-    for i in range(1, len(reports)):
-        reports[i]["change"] = change(settings[i - 1], settings[i], mirror, written)
-    notes = (*(note for r in read for note in r.notes), *doubts(found))
-    result = joined(reports, notes)
-    if stage_at is not None:
-        result["trial"] = trial(settings, positions_of(stage_at, len(settings)), kind)
+    found = centre_records(read, options)
+    result = found.result
     if figure is not None:
         from flexstage.report.figures.centring import draw_polar
 
+        settings = found.settings
         drawn = draw_polar([s.fits[0] for s in settings], [s.heads[0].angle for s in settings])
         write_file(figure, picture(figure, drawn))
         result["files"] = [str(figure)]
     if json:
         print_json(result)
         return
-    for one in reports:
+    for one in found.reports:
         print_setting(one)
-    if stage_at is not None:
-        print_trial(result["trial"])
-    print_notes(console(), notes, [] if figure is None else [figure])
+    if found.trial is not None:
+        print_trial(found.trial)
+    print_notes(console(), found.notes, [] if figure is None else [figure])
 
 
-def _columns(
-    error: str | None, reading: str | None, angle: str | None, sign: int
-) -> list[str | int]:
-    """Return the columns that --error or --reading names."""
-    if (error is None) == (reading is None):
+def _radius_of(radius: str | None, diameter: str | None) -> float | None:
+    """Return the radius that options give [m]."""
+    if radius is not None and diameter is not None:
+        raise ModelError("give --radius or --diameter, not both")
+    if diameter is not None:
+        return 0.5 * positive_length(diameter, "the diameter of the scale", "mm")
+    return None if radius is None else positive_length(radius, "the radius of the scale", "mm")
+
+
+def _orders_of(text: str | None) -> list[int] | None:
+    """Return the orders that an option gives; None where nothing was given."""
+    if text is None:
+        return None
+    words = [word.strip() for word in text.replace(":", ",").split(",")]
+    if not all(word.isdecimal() and 1 <= int(word) <= 10_000 for word in words):
+        raise RecordError(f'--orders must be such as "1:12" or "1,2,4", got \'{text}\'')
+    given = [int(word) for word in words]
+    if ":" not in text:
+        return given if "," in text else list(range(1, given[0] + 1))
+    if len(given) != 2 or given[0] > given[1]:
+        raise RecordError(f"--orders must be a range such as \"1:12\", got '{text}'")
+    return list(range(given[0], given[1] + 1))
+
+
+def _positions_of(text: str) -> list[tuple[float, float]]:
+    """Return the positions x, y of the stage [m] that --stage-at gives."""
+    pairs = [pair.split(",") for pair in text.split(";") if pair.strip()]
+    if any(len(pair) != 2 for pair in pairs):
         raise RecordError(
-            "give the columns of errors by --error, or those of what was read by --reading"
-            + ("" if error is None else ", not both")
+            f"--stage-at gives x,y for each setting, such as '0,0; 20,0; 0,20' in um, got '{text}'"
         )
-    if reading is not None and angle is None:
-        raise RecordError("--reading needs the true angle beside it: name its column by --angle")
-    if reading is not None and sign != 1:
-        raise RecordError("--reading gives errors of angle read less true angle: leave --sign out")
-    names = [column(word) for word in (error or reading or "").split(",") if word.strip()]
-    if not names:
-        raise RecordError(f"--{'error' if reading is None else 'reading'} must name a column")
-    return names
-
-
-def _require(
-    figure: Path | None,
-    sign: int,
-    direction: str,
-    kind: str | None,
-    angle: str | None,
-    turns: float | None,
-) -> None:
-    from flexstage.centring.geometry import SCALE_KINDS
-
-    if sign not in (1, -1):
-        raise ModelError(f"--sign must be 1 or -1, got {sign}")
-    if direction not in _DIRECTIONS:
-        raise ModelError(f"--head-direction must be ccw or cw, got '{direction}'")
-    kinds = (*SCALE_KINDS, MAGNET)
-    if kind is not None and kind not in kinds:
-        raise ModelError(f"--kind must be one of {', '.join(kinds)}, got '{kind}'")
-    if angle is None and turns is None:
-        raise RecordError(
-            "give the column of the angle by --angle, or, for samples that are evenly spaced, the "
-            "number of turns by --turns"
-        )
-    if angle is not None and turns is not None:
-        raise RecordError("--angle says how many turns there are: leave --turns out")
-    if turns is not None and not 0.9 <= turns < math.inf:
-        raise RecordError(f"--turns must be 0.9 or more, got {turns:g}")
+    x, y = ([quantity(p[k].strip(), "length", bare_unit="um") for p in pairs] for k in (0, 1))
+    return list(zip(x, y, strict=True))

@@ -42,5 +42,6 @@ VIEWS: tuple[PanelView, ...] = (
         "Hysteresis", "all_inclusive", "hysteresis", "Identify a drive from a record, and undo it"
     ),
     PanelView("Bench", "speed", "bench", "Connect to a stage, move it and record it"),
+    PanelView("Centring", "adjust", "centring", "Centre an encoder scale on a turning table"),
     PanelView("Report", "description", "report", "All that is known of a stage on one page"),
 )

@@ -1,20 +1,16 @@
-"""What `flexstage centre` is given: columns of heads or indicators in SI units, kind and size."""
+"""Columns of a record as heads or indicators in SI units, and what is doubtful of them."""
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from flexstage.cli.options import positive_length, quantity
-from flexstage.errors import ModelError, RecordError
+import numpy as np
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from flexstage.centring.setting import Head, Setting
-    from flexstage.records import Channel, Record
-
-    Array = NDArray[np.float64]
+from flexstage.arrays import Array
+from flexstage.centring.setting import Head, Setting
+from flexstage.centring.turns import unwrap_error
+from flexstage.errors import RecordError
+from flexstage.records import Channel, Record
+from flexstage.units import parse, si_unit
 
 #: A magnet of one pair of poles on the axis, as `--kind` has it.
 MAGNET = "magnet"
@@ -30,7 +26,7 @@ def head_angles(text: str | None, files: int, columns: int) -> list[float]:
                 f'"{",".join(f"{360 * i / columns:g}" for i in range(columns))}"'
             )
         return [0.0] * total
-    given = [quantity(word.strip(), "angle", bare_unit="deg") for word in text.split(",")]
+    given = [parse(word.strip(), "angle", bare_unit="deg") for word in text.split(",")]
     if len(given) == total:
         return given
     if len(given) == columns:
@@ -42,7 +38,7 @@ def head_angles(text: str | None, files: int, columns: int) -> list[float]:
     )
 
 
-def each_has_one(text: str, found: "Sequence[Head]") -> bool:
+def each_has_one(text: str, found: Sequence[Head]) -> bool:
     """Say whether every column of every file has an angle of its own."""
     return len(text.split(",")) == len(found)
 
@@ -58,8 +54,6 @@ TURN_WORDS = ("turn", "turns", "rev", "revs", "revolution", "revolutions")
 
 def _si(text: str, counts: float | None, option: str) -> tuple[float, str]:
     """Return how many SI units a unit is, and which."""
-    from flexstage.units import si_unit
-
     if text.strip().lower() in TURN_WORDS:
         return 2.0 * math.pi, "rad"
     factor, unit = si_unit(text)
@@ -71,7 +65,7 @@ def _si(text: str, counts: float | None, option: str) -> tuple[float, str]:
 
 
 def head_of(
-    record: "Record",
+    record: Record,
     name: str | int,
     angle: str | int | None,
     turns: float | None,
@@ -80,7 +74,7 @@ def head_of(
     *,
     reading: bool = False,
     sign: int = 1,
-) -> "Head":
+) -> Head:
     """Return a column of errors with its angles, in SI.
 
     Even samples over so many turns where there is no column of the angle. Units are of the angle,
@@ -88,11 +82,6 @@ def head_of(
     stands [rad]. With `reading` the column is what the encoder reads, and the errors are that less
     the angle; `sign` is -1 where errors are true angle less angle that was read.
     """
-    import numpy as np
-
-    from flexstage.centring.setting import Head
-    from flexstage.centring.turns import unwrap_error
-
     angle_unit, error_unit, unit, counts = units
     errors = record.channel(name)
     y, what = _values(
@@ -118,9 +107,7 @@ def head_of(
     )
 
 
-def _require_alike(read: "Array", theta: "Array", name: str) -> None:
-    import numpy as np
-
+def _require_alike(read: Array, theta: Array, name: str) -> None:
     turn = 2.0 * math.pi
     steps = [np.diff(x) - turn * np.rint(np.diff(x) / turn) for x in (read, theta)]
     if float(steps[0] @ steps[1]) <= 0.0:
@@ -131,10 +118,8 @@ def _require_alike(read: "Array", theta: "Array", name: str) -> None:
         )
 
 
-def doubts(heads: "Sequence[Head]") -> list[str]:
+def doubts(heads: Sequence[Head]) -> list[str]:
     """Say where an angle looks as if it was in another unit."""
-    import numpy as np
-
     # 57.3 turns are rare, and 0 to 360 of what are not degrees
     doubtful = [h for h in heads if 330.0 < float(np.ptp(h.angle)) <= 360.5]
     return [
@@ -145,13 +130,13 @@ def doubts(heads: "Sequence[Head]") -> list[str]:
 
 
 def _values(
-    channel: "Channel",
+    channel: Channel,
     own: str | None,
     general: str | None,
     counts: float | None,
     option: str,
     allowed: tuple[str, ...],
-) -> "tuple[Array, str]":
+) -> tuple[Array, str]:
     """Return a column in SI, by its own option, by the file, by the option for both."""
     known = channel.unit
     if own is not None and spelled(own) is None:
@@ -176,7 +161,7 @@ def _values(
     return channel.values * factor, known
 
 
-def kind_notes(setting: "Setting", kind: str | None, sized: bool) -> list[str]:
+def kind_notes(setting: Setting, kind: str | None, sized: bool) -> list[str]:
     """Say what the harmonic of order 1 is, of a scale of that kind."""
     if setting.heads[0].radial:
         return []
@@ -204,33 +189,3 @@ def kind_notes(setting: "Setting", kind: str | None, sized: bool) -> list[str]:
             "the axis order 1 is no eccentricity alone; --kind says which"
         ]
     return []
-
-
-def radius_of(radius: str | None, diameter: str | None) -> float | None:
-    """Return the radius that options give [m]."""
-    if radius is not None and diameter is not None:
-        raise ModelError("give --radius or --diameter, not both")
-    if diameter is not None:
-        return 0.5 * positive_length(diameter, "the diameter of the scale", "mm")
-    return None if radius is None else positive_length(radius, "the radius of the scale", "mm")
-
-
-def orders_of(text: str | None) -> list[int] | None:
-    """Return the orders that an option gives; None where nothing was given.
-
-    Examples
-    --------
-    >>> orders_of("1:4"), orders_of("3"), orders_of("1,5")
-    ([1, 2, 3, 4], [1, 2, 3], [1, 5])
-    """
-    if text is None:
-        return None
-    words = [word.strip() for word in text.replace(":", ",").split(",")]
-    if not all(word.isdecimal() and 1 <= int(word) <= 10_000 for word in words):
-        raise RecordError(f'--orders must be such as "1:12" or "1,2,4", got \'{text}\'')
-    given = [int(word) for word in words]
-    if ":" not in text:
-        return given if "," in text else list(range(1, given[0] + 1))
-    if len(given) != 2 or given[0] > given[1]:
-        raise RecordError(f"--orders must be a range such as \"1:12\", got '{text}'")
-    return list(range(given[0], given[1] + 1))

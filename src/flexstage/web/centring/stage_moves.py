@@ -1,0 +1,71 @@
+"""The stage at the bench as the one that carries the scale: where it stands, and its moves."""
+
+import time
+
+from flexstage.errors import ControllerError, ModelError
+from flexstage.instruments.limits import check_position
+from flexstage.web.bench.link import BenchLink
+
+_PATIENCE = 30.0  # s
+_LOOK = 0.05  # s
+
+
+def axes_of(bench: BenchLink) -> tuple[str, str] | None:
+    """Return the two axes that carry the scale, where a stage with such is connected."""
+    names = tuple(bench.device.axes) if bench.device is not None else ()
+    return (names[0], names[1]) if len(names) >= 2 else None
+
+
+def place_of(bench: BenchLink) -> tuple[float, float] | None:
+    """Return where a connected stage stands [m]."""
+    axes = axes_of(bench)
+    if axes is None or not all(axis in bench.readings for axis in axes):
+        return None
+    x, y = (bench.readings[axis].position for axis in axes)
+    return x, y
+
+
+def limits_of(bench: BenchLink) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Return how far the axes of a connected stage go [m], where that is known."""
+    axes, device = axes_of(bench), bench.device
+    if axes is None or device is None:
+        return None
+    x, y = (device.axes[axis].limits.position for axis in axes)
+    return None if x is None or y is None else (x, y)
+
+
+def move_to(bench: BenchLink, session: str, target: tuple[float, float]) -> tuple[float, float]:
+    """Lead both axes to a place [m] and wait until they rest; return where they stand then.
+
+    Raises
+    ------
+    FlexstageError
+        This browser does not drive, the limits forbid it, or position control is off.
+    """
+    axes = axes_of(bench)
+    if axes is None:
+        raise ModelError("no stage of two axes is connected: connect one in the view Bench")
+    bench.control.require(session)
+    off = [name for name in axes if not bench.readings[name].closed_loop]
+    if off:
+        raise ModelError(
+            f"axis {' and '.join(off)} is driven by its voltage: switch its position control on "
+            "in the view Bench, so that it goes to a position"
+        )
+    device = bench.device
+    if device is not None:
+        # both are refused before either moves
+        for name, value in zip(axes, target, strict=True):
+            check_position(device.axes[name].limits, value, name)
+    for name, value in zip(axes, target, strict=True):
+        bench.go(session, name, value).result()
+    end = time.monotonic() + _PATIENCE
+    while any(bench.readings[name].moving for name in axes):
+        if time.monotonic() > end:
+            raise ControllerError(f"the stage does not come to rest within {_PATIENCE:g} s")
+        time.sleep(_LOOK)
+    time.sleep(3.0 * _LOOK)  # for a reading of where it rests
+    found = place_of(bench)
+    if found is None:
+        raise ModelError("the stage was disconnected")
+    return found

@@ -1,0 +1,157 @@
+"""What the view Centring computes, as `flexstage centre` does it, and the records it makes."""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.centring import ARCSEC
+from flexstage.centring.from_records import CentreOptions, centre_records
+from flexstage.errors import RecordError
+from flexstage.records import Channel, Record, write_record
+from flexstage.records.contents import contents, read_whole
+from flexstage.records.files import read_files
+from flexstage.report.figures.centring import draw_polar
+from flexstage.virtual import VirtualTable, scale_errors
+from flexstage.web.pictures import inline
+
+#: The scale of the example: radius [m], heads [rad], and where its centre is, x and y [m].
+EXAMPLE_RADIUS = 50e-3
+EXAMPLE_HEADS = (0.0, math.pi)
+_CENTRE = (17.3e-6, -11.2e-6)
+_TURNED, _GAINS = 0.7, (1.03, 0.96)  # how its stage lies on the table [rad], and how far it goes
+_FEWEST = 8  # readings of a gauge in a turn
+_ANGLES = ("angle", "theta", "azimuth", "winkel", "reference")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CentreRequest:
+    """What is evaluated: records in sequence, and how they are read."""
+
+    files: tuple[Path, ...]
+    """A record of each setting."""
+    options: CentreOptions
+    """What they hold; with the places of the stage where there are three or more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CentreFound:
+    """What was found."""
+
+    request: CentreRequest
+    """Of what."""
+    result: dict[str, Any]
+    """As `flexstage centre --json` prints it."""
+    svg: str
+    """Error over the turn of the first setting and the last, and its harmonics."""
+
+    @property
+    def settings(self) -> list[dict[str, Any]]:
+        """What is said of each setting."""
+        return self.result.get("settings", [self.result])
+
+
+def evaluated(request: CentreRequest, key: str) -> CentreFound:
+    """Evaluate records; `key` makes the ids of the picture its own in a page."""
+    options = request.options
+    names = options.columns
+    read = read_files(request.files, names, units=options.units, over="point")
+    found = centre_records(read, options)
+    numbers = sorted({1, len(found.settings)})
+    ends = [found.settings[number - 1] for number in numbers]
+    svg = inline(
+        lambda: draw_polar(
+            [s.fits[0] for s in ends],
+            [s.heads[0].angle for s in ends],
+            [f"in turn {number}" for number in numbers],
+        ),
+        key,
+        "Error of the scale over the turn, polar, with the fitted curve, and its harmonics",
+    )
+    return CentreFound(request=request, result=found.result, svg=svg)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LikelyColumns:
+    """The columns of a record of a turn, and what they are likely to be."""
+
+    columns: tuple[str, ...]
+    """All columns, by name."""
+    angle: str
+    """The likely angle."""
+    errors: tuple[str, ...]
+    """The likely errors."""
+    has_units: bool
+    """Whether the file says their units."""
+
+
+def likely_columns(path: Path) -> LikelyColumns:
+    """Look into a file: its angle is the column called so, else the first one."""
+    found = contents(*read_whole(path))["columns"]
+    names = tuple(str(c["name"]) for c in found)
+    if len(names) < 2:
+        raise RecordError(
+            f"'{path.name}' has {len(names)} column: a record of a turn has the angle and, for "
+            "each head, its error"
+        )
+    called = (n for n in names if n.casefold().startswith(_ANGLES))
+    angle = next(called, names[0])
+    units = {str(c["name"]): c["unit"] for c in found}
+    errors = tuple(n for n in names if n != angle and n.casefold() not in {"time", "t"})
+    known = all(units[n] for n in (angle, *errors))
+    return LikelyColumns(columns=names, angle=angle, errors=errors, has_units=known)
+
+
+def gauge_record(text: str, factor: float, path: Path) -> None:
+    """Write the readings of a gauge at even angles of one turn as a record.
+
+    `factor` is how many metres the unit of the readings has.
+    """
+    words = re.split(r"[\s;]+", text.replace("\N{MINUS SIGN}", "-").strip())
+    try:
+        values = np.array([float(word.replace(",", ".")) for word in words if word])
+    except ValueError:
+        raise RecordError(
+            f"the readings are numbers with spaces between, such as 12 8 -3, got '{text[:40]}'"
+        ) from None
+    if values.size < _FEWEST or not np.isfinite(values).all():
+        raise RecordError(
+            f"a turn takes {_FEWEST} readings or more, at even angles, got {values.size}"
+        )
+    angle = 2.0 * math.pi * np.arange(values.size) / values.size
+    _write(path, angle, {"gauge": (factor * values, "m")})
+
+
+def simulated_record(by: Sequence[float], index: int, path: Path) -> None:
+    """Write what the heads of the example read after its stage moved so far, x and y [m]."""
+    c, s = math.cos(_TURNED), math.sin(_TURNED)
+    # mounted turned and mirrored, as a real one may be
+    matrix = np.array([[c, s], [s, -c]]) @ np.diag(_GAINS)
+    x, y = np.array(_CENTRE) + matrix @ np.asarray(by)
+    table = VirtualTable(
+        radius=EXAMPLE_RADIUS,
+        heads=EXAMPLE_HEADS,
+        eccentricity=(float(x), float(y)),
+        noise=ARCSEC,
+        scale=scale_errors(range(2, 20), 2.0 * ARCSEC, seed=3),
+        turns=2,
+        seed=3,
+    )
+    write_record(table.record(index=index), path)
+
+
+def _write(path: Path, angle: Array, columns: dict[str, tuple[Array, str]]) -> None:
+    channels = [Channel(name="angle", values=angle, unit="rad")]
+    channels += [Channel(name=n, values=v, unit=unit) for n, (v, unit) in columns.items()]
+    count = np.arange(angle.size, dtype=np.float64)
+    write_record(Record(channels=tuple(channels), time=count, over="point"), path)
+
+
+def options_at(options: CentreOptions, places: Sequence[tuple[float, float]]) -> CentreOptions:
+    """Return options with the places of the stage, where there are enough to say how it moves."""
+    return replace(options, stage_at=tuple(places)) if len(places) > 2 else options

@@ -1,0 +1,273 @@
+"""The view Centring: its four steps centre a scale, and say what `flexstage centre` says."""
+
+import asyncio
+import json
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexstage.cli import main
+from flexstage.errors import FlexstageError, ModelError, RecordError
+from flexstage.web.centring.findings import figures, rows_of
+from flexstage.web.centring.stage_moves import move_to, place_of
+from flexstage.web.centring.state import CentringState
+from flexstage.web.centring.work import (
+    evaluated,
+    gauge_record,
+    likely_columns,
+    simulated_record,
+)
+from flexstage.web.preferences import Preferences
+from tests.panel import looked_at, simulated
+
+
+def measured(state: CentringState, folder: Path) -> None:
+    """Turn the simulated table once, and evaluate."""
+    path = folder / f"turn-{len(state.measured) + 1}.csv"
+    by = [at - first for at, first in zip(state.at, state.origin, strict=True)]
+    simulated_record(by, len(state.measured), path)
+    state.take(path)
+    state.found = evaluated(state.request, "key")
+
+
+def test_four_steps_centre_the_scale_as_the_command_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state = CentringState()
+    state.begin("example")
+    steps = []
+    for _ in range(4):
+        steps.append(state.step)
+        measured(state, tmp_path)
+        target = state.target()
+        assert target is not None
+        state.at = target
+    assert steps == [1, 2, 2, 3]
+    assert state.found is not None
+    first, *_, last = (s["eccentricity"] for s in state.found.settings)
+    # the centre of the example, and noise of 1 arcsec of 1440 samples at 50 mm
+    assert first["value"] == pytest.approx(math.hypot(17.3e-6, 11.2e-6), abs=0.05e-6)
+    assert last["interval"][1] < 0.1e-6
+    at = "; ".join(f"{1e6 * x},{1e6 * y}" for x, y in (m.at for m in state.measured))
+    options = ["--angle", "angle", "--error", "head 1,head 2", "--heads", "0,180", "--kind", "disc"]
+    files = [str(m.file) for m in state.measured]
+    with pytest.raises(SystemExit) as end:
+        main(["centre", *files, *options, "--radius", "50 mm", "--stage-at", at, "--json"])
+    assert not end.value.code
+    printed = json.loads(capsys.readouterr().out)
+    own = json.loads(json.dumps(state.found.result))
+    # places went through a text
+    for one in (printed, own):
+        places = one["trial"].pop("positions")
+        assert np.allclose(places, [m.at for m in state.measured], rtol=0.0, atol=1e-18)
+    assert own["trial"]["centre"]["x"] == pytest.approx(printed["trial"]["centre"]["x"], rel=1e-9)
+    assert own["settings"] == printed["settings"]
+    name, value, remark = figures(own, state.radius, Preferences())[0]
+    assert (name, value.split()[-1], remark[:4]) == ("Eccentricity", "µm", "95 %")
+    assert len(rows_of(state, Preferences(length="mm")).rows) == 4
+
+
+def test_the_last_turn_is_taken_back_and_another_source_begins_anew(tmp_path: Path) -> None:
+    state = CentringState()
+    state.begin("example")
+    measured(state, tmp_path)
+    state.at = (5e-6, 0.0)
+    measured(state, tmp_path)
+    state.take_back()
+    assert (len(state.measured), state.at, state.found) == (1, (5e-6, 0.0), None)
+    state.begin("gauge")
+    assert (state.measured, state.errors, state.step) == ([], ("gauge",), 1)
+
+
+def test_typed_readings_of_a_gauge_say_the_runout(tmp_path: Path) -> None:
+    state = CentringState()
+    state.begin("gauge")
+    turn = np.arange(12) * math.pi / 6.0
+    readings = 8.0 + 14.0 * np.cos(turn) - 5.0 * np.sin(turn)
+    text = " ".join(f"{value:.3f}".replace("-", "−") for value in readings)
+    gauge_record(text, 1e-6, tmp_path / "gauge.csv")
+    state.take(tmp_path / "gauge.csv")
+    found = evaluated(state.request, "key").result
+    assert found["eccentricity"]["value"] == pytest.approx(math.hypot(14e-6, 5e-6), rel=1e-3)
+    assert figures(found, 50e-3, Preferences())[1][1].startswith("61.3")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"), [("1 2 3", "8 readings or more"), ("a b", "numbers with spaces between")]
+)
+def test_readings_that_are_none_are_refused(tmp_path: Path, text: str, told: str) -> None:
+    with pytest.raises(RecordError, match=told):
+        gauge_record(text, 1e-6, tmp_path / "gauge.csv")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_columns_of_a_record_are_seen(tmp_path: Path) -> None:
+    path = tmp_path / "bench.csv"
+    path.write_text("time,theta,h1,h2\n" + "".join(f"{k},{k},1,2\n" for k in range(9)))
+    likely = likely_columns(path)
+    assert (likely.angle, likely.errors, likely.has_units) == ("theta", ("h1", "h2"), False)
+    state = CentringState()
+    state.look(likely)
+    assert (state.unit, state.heads) == ("deg", "0,180")
+    path.write_text("h1\n" + "1\n" * 9)
+    with pytest.raises(RecordError, match="has 1 column"):
+        likely_columns(path)
+
+
+def test_a_turn_is_found_again_after_a_reload(tmp_path: Path) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        await user.open("/centring")
+        await user.should_see("Nothing is measured yet")
+        user.find("Turn the simulated table").click()
+        (session,) = panel.access._sessions.values()
+        state = session.state(CentringState)
+        await come(lambda: state.found)
+        target = state.target()
+        assert target is not None
+        assert state.at == target
+        await user.open("/centring")
+        await user.should_see("1 start")
+        await user.should_see("Move the stage by")
+
+    simulated(tmp_path, look)
+
+
+@pytest.mark.slow
+def test_the_bench_moves_only_for_who_drives_and_within_limits(tmp_path: Path) -> None:
+    from flexstage.designs import design
+    from flexstage.web.bench.link import BenchLink
+    from flexstage.web.jobs import Jobs
+    from flexstage.web.stops import Stops
+
+    jobs = Jobs()
+    bench = BenchLink(Stops(), jobs)
+    with pytest.raises(ModelError, match="no stage of two axes is connected"):
+        move_to(bench, "me", (0.0, 0.0))
+    bench.connect("me", "Ann", "twin://?seed=1", design("vgtu-piezo"))
+    try:
+        end = time.monotonic() + 20.0
+        while place_of(bench) is None:
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        with pytest.raises(ModelError, match="does not drive it"):
+            move_to(bench, "other", (10e-6, 10e-6))
+        with pytest.raises(ModelError, match="driven by its voltage"):
+            move_to(bench, "me", (10e-6, 10e-6))
+        for axis in bench.readings:
+            bench.set_closed_loop("me", axis, True).result()
+        while not all(r.closed_loop for r in bench.readings.values()):
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        before = place_of(bench)
+        with pytest.raises(FlexstageError, match="its limits are"):
+            move_to(bench, "me", (10e-6, 1.0))
+        assert place_of(bench) == pytest.approx(before, abs=0.1e-6)
+        assert move_to(bench, "me", (12e-6, 9e-6)) == pytest.approx((12e-6, 9e-6), abs=0.1e-6)
+    finally:
+        bench.close()
+        jobs.close()
+
+
+@pytest.mark.slow
+def test_the_page_moves_a_connected_stage(tmp_path: Path) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        from flexstage.designs import design
+        from flexstage.web.bench.link import BenchLink
+
+        bench = panel.state(BenchLink, lambda: BenchLink(panel.stops, panel.jobs))
+        (session,) = panel.access._sessions.values()
+        await asyncio.to_thread(
+            bench.connect, session.id, "Ann", "twin://?seed=1", design("vgtu-piezo")
+        )
+        try:
+            for axis in ("x", "y"):
+                await asyncio.to_thread(bench.set_closed_loop(session.id, axis, True).result)
+                await asyncio.to_thread(bench.go(session.id, axis, 38e-6).result)
+            await come(lambda: all(r.closed_loop and not r.moving for r in bench.readings.values()))
+            await asyncio.sleep(0.3)
+            await user.open("/centring")
+            state = session.state(CentringState)
+            assert state.at == pytest.approx((38e-6, 38e-6), abs=0.2e-6)
+            for turn in range(1, 5):
+                user.find("Turn the simulated table").click()
+                await come(lambda turn=turn: len(state.measured) == turn and state.up_to_date)
+                target, before = state.target(), state.at
+                assert target is not None
+                if turn < 4:
+                    await user.should_see("Move the stage there")
+                    user.find("Move the stage there").click()
+                    await come(lambda before=before: state.at != before)
+                    assert state.at == pytest.approx(target, abs=0.1e-6)
+            assert state.found is not None
+            assert state.found.result["eccentricity"]["value"] < 0.1e-6
+            bench.control.release(session.id)
+            await user.open("/centring")
+            await user.should_see("take control in the view Bench")
+        finally:
+            bench.close()
+
+    simulated(tmp_path, look)
+
+
+async def come(condition: Callable[[], Any], seconds: float = 40.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it never came"
+        await asyncio.sleep(0.02)
+
+
+def turned(page: Any, count: int) -> None:
+    """Turn the simulated table, and wait until the turn is evaluated."""
+    page.get_by_role("button", name="Turn the simulated table").click()
+    page.locator(".tables tbody tr").nth(count - 1).wait_for()
+    page.wait_for_function(
+        "!document.querySelector('.tables').textContent.includes('…') &&"
+        " document.querySelectorAll('main .job').length === 0"
+    )
+
+
+@pytest.mark.slow
+def test_a_scale_is_centred_in_the_page(tmp_path: Path) -> None:
+    with looked_at(tmp_path) as look:
+        page = look.page
+        page.get_by_role("link", name="Centring").click()
+        page.get_by_text("Nothing is measured yet").wait_for()
+        look.shot("centring-empty")
+        turned(page, 1)
+        turned(page, 2)
+        look.shot("centring-trial")
+        turned(page, 3)
+        page.get_by_text("Stage to x").wait_for()
+        turned(page, 4)
+        left = page.locator(".step .issue.good", has_text="Eccentricity").inner_text()
+        assert "left" in left
+        look.require_sound("centring-verified")
+        page.reload()
+        page.locator(".step .issue.good").wait_for()
+        with page.expect_download() as waiting:
+            page.get_by_role("button", name="Results (JSON)").click()
+        found = json.loads(Path(waiting.value.path()).read_text())
+        assert found["eccentricity"]["interval"][1] < 0.1e-6
+        # records of one's own, of which the first is none
+        page.get_by_role("combobox", name="Where records come from").click()
+        page.get_by_role("option", name="Records of an encoder").click()
+        files = page.locator("input[type=file]")
+        (tmp_path / "none.csv").write_text("h1\n1\n2\n3\n")
+        files.set_input_files(tmp_path / "none.csv")
+        page.locator(".q-notification", has_text="1 column").wait_for()
+        page.get_by_role("button", name="OK", exact=True).click()
+        (own,) = (p for p in (tmp_path / "files" / "centring").glob("*/turn-1.csv"))
+        files.set_input_files(own)
+        page.locator(".key-figure", has_text="Eccentricity").wait_for()
+        look.require_sound("centring-records")
+        page.get_by_role("combobox", name="Where records come from").click()
+        page.get_by_role("option", name="Readings of a gauge").click()
+        page.get_by_label("Readings over one turn").fill("22 20 14 6 -2 -5 -6 -3 2 9 16 20")
+        page.get_by_role("button", name="Take the readings").click()
+        page.locator(".key-figure", has_text="Eccentricity").wait_for()
+        assert not look.complaints
