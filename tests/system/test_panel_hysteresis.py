@@ -251,6 +251,7 @@ def test_from_a_record_to_the_waveform_in_a_browser(tmp_path: Path) -> None:
         look.shot("hysteresis-record")
         assert not look.grave_faults()
         page.get_by_role("button", name="Identify").click()
+        page.get_by_text("identifying example.csv").first.wait_for()
         # long work is found again after a reload
         page.reload()
         page.get_by_text("explains the record").wait_for()
