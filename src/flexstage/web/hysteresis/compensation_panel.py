@@ -57,8 +57,9 @@ class CompensationPanel:
                 self._shown = ui.column().classes("full-width told")
         self._wrong.visible = False
         self._task = Task(
-            self._page, self._state.jobs, "command", self._working, self._take, self._failed
-        )
+            self._page, self._state.jobs, "command", self._working, self._take, self._failed,
+            self._show_command,
+        )  # fmt: skip
         self.show()
 
     def show(self) -> None:

@@ -118,8 +118,9 @@ class FilesForm:
                 ).classes("whole")  # fmt: skip
         self._working = ui.column().classes("full-width")
         self._task = Task(
-            self._page, self._jobs, self._key, self._working, self._take, self._refuse
-        )
+            self._page, self._jobs, self._key, self._working, self._take, self._refuse,
+            self._read_elsewhere,
+        )  # fmt: skip
         self.sync()
 
     def begin(self) -> None:
@@ -279,6 +280,10 @@ class FilesForm:
         if self._reference and not reading.output:
             reading = replace(reading, output=reading.input)
         self._source.reading = reading
+        self.sync()
+        self._changed()
+
+    def _read_elsewhere(self) -> None:
         self.sync()
         self._changed()
 

@@ -52,8 +52,9 @@ class ModelPanel:
                 ).classes("slim")  # fmt: skip
             self._drawn = ui.element("section").classes("panel")
         self._task = Task(
-            self._page, self._state.jobs, "another", self._working, self._take_another
-        )
+            self._page, self._state.jobs, "another", self._working, self._take_another,
+            elsewhere=self._changed,
+        )  # fmt: skip
         self.show()
 
     def show(self) -> None:

@@ -70,7 +70,9 @@ class PredictionPanel:
                 self._working = ui.column().classes("full-width")
             with ui.element("section").classes("panel") as self._results:
                 self._shown = ui.column().classes("full-width told")
-        self._task = Task(self._page, state.jobs, "prediction", self._working, self._take)
+        self._task = Task(
+            self._page, state.jobs, "prediction", self._working, self._take, elsewhere=self.show
+        )
         self.show()
         form.begin()
 

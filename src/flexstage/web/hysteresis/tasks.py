@@ -26,6 +26,8 @@ class Task:
         Called with the result.
     failed
         Called with the sentence that says why there is none; it is shown where not given.
+    elsewhere
+        Called where another page of this browser has taken the result: that before a reload.
     """
 
     def __init__(
@@ -36,9 +38,10 @@ class Task:
         place: ui.element,
         done: Callable[[Any], object],
         failed: Callable[[str], object] | None = None,
+        elsewhere: Callable[[], object] | None = None,
     ) -> None:
         self._page, self._jobs, self._key, self._place = page, jobs, key, place
-        self._done, self._failed = done, failed or _complain
+        self._done, self._failed, self._elsewhere = done, failed or _complain, elsewhere
         self.attach()
 
     @property
@@ -69,7 +72,9 @@ class Task:
 
     def _over(self, job: BackgroundJob) -> None:
         if self._jobs.get(self._key) is not job:
-            return  # another one was started, or another page of this browser took it
+            if self._elsewhere is not None and job.state == "done":
+                self._elsewhere()
+            return
         del self._jobs[self._key]
         if job.state == "done":
             self._done(job.result)

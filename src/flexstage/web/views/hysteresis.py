@@ -100,7 +100,9 @@ class HysteresisView:
                 working = ui.column().classes("full-width")
             with ui.element("section").classes("panel") as self._shown:
                 self._contents = ui.column().classes("full-width told")
-        self._task = Task(self._page, state.jobs, "model", working, self._take)
+        self._task = Task(
+            self._page, state.jobs, "model", working, self._take, elsewhere=self._taken
+        )
         self._looked()
         form.begin()
 
@@ -168,6 +170,10 @@ class HysteresisView:
         state.take(OpenModel(name, made.file, made.text, made))
         self._another_model()
         self._steps.set_value("model")
+
+    def _taken(self) -> None:
+        self._another_model()
+        self._steps.set_value(self._state.step)
 
     def _another_model(self) -> None:
         self._model.show()
