@@ -48,7 +48,8 @@ def look(tmp_path: Path) -> Iterator[Look]:
         page.goto(address)
         page.get_by_role("link", name="Live").click()
         page.wait_for_function(
-            "[...document.querySelectorAll('.live-chart')].every(chart => chart.live?.frames > 5)"
+            """[...document.querySelectorAll('.live-chart')]
+                .filter(chart => chart.live?.got && chart.live.frames > 5).length === 2"""
         )
         yield seen
 

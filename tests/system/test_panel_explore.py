@@ -132,7 +132,10 @@ def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> No
         found = found_by_the_page(tmp_path, facts, request)
     same(front_results(found), by_the_command(facts, request))
     shown = points.of_front(found, UNITS)
-    live = points.of_generations(found.problem, stages, UNITS)
+    search = points.SearchedFront(found.problem)
+    for number in range(len(stages)):
+        search.table(stages[:number], UNITS)
+    live = search.table(stages, UNITS)
     assert live is not None
     # the front that filled while it ran is the one that was found
     assert live.labels.count(points.ON_FRONT) == len(found.points)
@@ -273,4 +276,6 @@ def test_stages_are_explored_in_the_page(tmp_path: Path) -> None:
         page.get_by_text("Cancelled: what was found until then is below.").wait_for()
         page.locator(".points tbody button").first.click()
         page.get_by_role("button", name="Open in Design").wait_for()
+        page.get_by_role("button", name="parallel coordinates").click()
+        page.get_by_text("lowest third").wait_for()
         look.require_sound("explore-front")

@@ -1,5 +1,5 @@
 // A stage that moves: its surface in the colours of a field, seen from above or in space.
-// Corners are moved in the graphics processor, so that a picture costs one number.
+// Corners are moved in the graphics processor, so that a picture costs one number; a browser without WebGL 2 paints.
 const PERIOD = 1800; // of the motion that is shown [ms]
 const SHADER = {
   vertex: `#version 300 es
@@ -52,11 +52,10 @@ export default {
           <span class="moving-ticks"><span v-for="tick in bar.ticks" :style="{ bottom: 100 * tick[0] + '%' }">{{ tick[1] }}</span></span>
         </div>
       </div>
-      <p v-if="failed" class="issue">{{ failed }}</p>
     </div>`,
   props: { geometry: Object, state: Object },
   data() {
-    return { playing: false, amplitude: 1, above: true, failed: "", bar: null, says: "", factor: 0, grasped: null };
+    return { playing: false, amplitude: 1, above: true, bar: null, says: "", factor: 0, grasped: null };
   },
   computed: {
     gradient() { return { backgroundImage: `linear-gradient(to top, ${this.bar.colours.join(",")})` }; },
@@ -68,12 +67,11 @@ export default {
     this.above = this.geometry.flat || !this.geometry.space;
     this.view = { yaw: 0, pitch: 0, zoom: 1, x: 0, y: 0 };
     this.phase = Math.PI / 2;
-    this.gl = this.$refs.canvas.getContext("webgl2", { antialias: true, premultipliedAlpha: true });
-    if (!this.gl) {
-      this.failed = "This browser has no WebGL 2, which moving pictures need: another browser, or the report, shows the shapes.";
-      return;
-    }
-    this.upload();
+    const canvas = this.$refs.canvas;
+    this.gl = canvas.getContext("webgl2", { antialias: true, premultipliedAlpha: true });
+    this.brush = this.gl ? null : canvas.getContext("2d");
+    this.unpack();
+    if (this.gl) this.upload();
     this.show(this.state);
     this.look(this.above);
     this.sized = new ResizeObserver(() => this.draw());
@@ -90,6 +88,18 @@ export default {
     this.gl?.getExtension("WEBGL_lose_context")?.loseContext();
   },
   methods: {
+    unpack() {
+      this.points = new Float32Array(bytes(this.geometry.points));
+      this.triangles = new Uint32Array(bytes(this.geometry.triangles));
+      this.edges = new Uint32Array(bytes(this.geometry.edges));
+      this.low = [Infinity, Infinity, Infinity];
+      this.high = [-Infinity, -Infinity, -Infinity];
+      this.points.forEach((v, i) => {
+        this.low[i % 3] = Math.min(this.low[i % 3], v);
+        this.high[i % 3] = Math.max(this.high[i % 3], v);
+      });
+      this.centre = this.low.map((v, i) => 0.5 * (v + this.high[i]));
+    },
     upload() {
       const gl = this.gl, made = gl.createProgram();
       for (const [kind, text] of [[gl.VERTEX_SHADER, SHADER.vertex], [gl.FRAGMENT_SHADER, SHADER.fragment]]) {
@@ -103,21 +113,12 @@ export default {
       gl.linkProgram(made);
       gl.useProgram(made);
       this.at = (name) => gl.getUniformLocation(made, name);
-      const points = new Float32Array(bytes(this.geometry.points));
-      this.triangles = new Uint32Array(bytes(this.geometry.triangles));
-      this.edges = new Uint32Array(bytes(this.geometry.edges));
-      this.fill(gl.ARRAY_BUFFER, points);
+      this.fill(gl.ARRAY_BUFFER, this.points);
       gl.enableVertexAttribArray(0);
       gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
       this.states = gl.createBuffer();
       this.surface = this.fill(gl.ELEMENT_ARRAY_BUFFER, this.triangles);
       this.lines = this.fill(gl.ELEMENT_ARRAY_BUFFER, this.edges);
-      this.low = [Infinity, Infinity, Infinity];
-      this.high = [-Infinity, -Infinity, -Infinity];
-      points.forEach((v, i) => {
-        this.low[i % 3] = Math.min(this.low[i % 3], v);
-        this.high[i % 3] = Math.max(this.high[i % 3], v);
-      });
       gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
       for (const [key, value] of [[gl.TEXTURE_MIN_FILTER, gl.LINEAR], [gl.TEXTURE_MAG_FILTER, gl.LINEAR],
         [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE]]) gl.texParameteri(gl.TEXTURE_2D, key, value);
@@ -132,19 +133,22 @@ export default {
       return buffer;
     },
     show(state) {
-      if (!this.gl) return;
-      const gl = this.gl;
       this.bar = state.bar;
       this.says = state.says;
       this.factor = state.factor;
       this.now = state;
-      const stops = state.bar.colours.flatMap((c) => [1, 3, 5, 7].map((i) => parseInt(c.slice(i, i + 2), 16)));
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, stops.length / 4, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(stops));
+      this.values = new Int16Array(bytes(state.values));
+      if (this.gl) this.send(state.bar.colours);
+      this.draw();
+    },
+    send(colours) {
+      const gl = this.gl;
+      const stops = colours.flatMap((c) => [1, 3, 5, 7].map((i) => parseInt(c.slice(i, i + 2), 16)));
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, colours.length, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(stops));
       gl.bindBuffer(gl.ARRAY_BUFFER, this.states);
-      gl.bufferData(gl.ARRAY_BUFFER, new Int16Array(bytes(state.values)), gl.STATIC_DRAW);
+      gl.bufferData(gl.ARRAY_BUFFER, this.values, gl.STATIC_DRAW);
       gl.enableVertexAttribArray(1);
       gl.vertexAttribPointer(1, 4, gl.SHORT, true, 0, 0);
-      this.draw();
     },
     toggle() {
       this.playing = !this.playing;
@@ -160,7 +164,7 @@ export default {
     },
     look(above) {
       this.above = above;
-      Object.assign(this.view, { yaw: above ? 0 : 0.45, pitch: above ? 0 : 0.9, zoom: 1, x: 0, y: 0 });
+      Object.assign(this.view, { yaw: above ? 0 : 0.45, pitch: above ? 0 : -0.9, zoom: 1, x: 0, y: 0 });
       this.draw();
     },
     turn() {
@@ -177,27 +181,70 @@ export default {
       return [(2 * pixels) / width, (2 * pixels) / height, 0.4 / Math.hypot(...half)];
     },
     draw() {
-      const canvas = this.$refs.canvas, gl = this.gl;
-      if (!gl || !canvas || !canvas.clientWidth || !this.now) return;
-      const dense = Math.min(window.devicePixelRatio || 1, 2);
+      const canvas = this.$refs.canvas;
+      if (!canvas || !canvas.clientWidth || !this.now) return;
+      const dense = this.gl ? Math.min(window.devicePixelRatio || 1, 2) : 1;
       const width = Math.round(canvas.clientWidth * dense), height = Math.round(canvas.clientHeight * dense);
       if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-      const look = getComputedStyle(canvas);
-      const turn = this.turn(), share = this.playing ? (this.now.swings ? Math.sin(this.phase) : 0.5 - 0.5 * Math.cos(this.phase)) : 1;
-      gl.viewport(0, 0, width, height);
+      const look = getComputedStyle(canvas), turn = this.turn(), scale = this.fitted(turn, width, height);
+      const share = this.playing ? (this.now.swings ? Math.sin(this.phase) : 0.5 - 0.5 * Math.cos(this.phase)) : 1;
+      const moved = this.now.reach * this.amplitude * share;
+      if (this.gl) this.render(look, turn, scale, moved);
+      else this.paint(look, turn, scale, moved);
+    },
+    render(look, turn, scale, moved) {
+      const gl = this.gl;
+      gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
       gl.clearColor(0, 0, 0, 0);
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
       gl.uniformMatrix3fv(this.at("turn"), false, turn);
-      gl.uniform3fv(this.at("centre"), this.low.map((v, i) => 0.5 * (v + this.high[i])));
-      gl.uniform3fv(this.at("scale"), this.fitted(turn, width, height));
+      gl.uniform3fv(this.at("centre"), this.centre);
+      gl.uniform3fv(this.at("scale"), scale);
       gl.uniform2f(this.at("shift"), this.view.x, this.view.y);
       // at rest, behind all that moves
       gl.disable(gl.DEPTH_TEST);
       this.mesh(look, "--muted", 0.5, this.lines, gl.LINES, this.edges, 0, 0);
       gl.enable(gl.DEPTH_TEST);
-      const moved = this.now.reach * this.amplitude * share;
       this.mesh(look, "--body", 1, this.surface, gl.TRIANGLES, this.triangles, moved, 0);
       this.mesh(look, "--ink", 0.75, this.lines, gl.LINES, this.edges, moved, 0.001);
+    },
+    paint(look, turn, scale, moved) {
+      const brush = this.brush, { width, height } = brush.canvas, count = this.points.length / 3;
+      const place = (by) => {
+        const at = new Float32Array(3 * count);
+        for (let i = 0; i < count; i += 1) {
+          const p = [0, 1, 2].map((k) => this.points[3 * i + k] - this.centre[k] + (by * this.values[4 * i + k]) / 32767);
+          const [x, y, z] = [0, 1, 2].map((k) => turn[k] * p[0] + turn[3 + k] * p[1] + turn[6 + k] * p[2]);
+          at.set([0.5 * width * (1 + x * scale[0] + this.view.x), 0.5 * height * (1 - y * scale[1] - this.view.y), z], 3 * i);
+        }
+        return at;
+      };
+      const lines = (at, colour, strength) => {
+        brush.beginPath();
+        this.edges.forEach((e, i) => brush[i % 2 ? "lineTo" : "moveTo"](at[3 * e], at[3 * e + 1]));
+        Object.assign(brush, { strokeStyle: look.getPropertyValue(colour), globalAlpha: strength, lineWidth: 1 });
+        brush.stroke();
+        brush.globalAlpha = 1;
+      };
+      brush.clearRect(0, 0, width, height);
+      lines(place(0), "--muted", 0.5);
+      const at = place(moved), corners = this.triangles, colours = this.now.bar.colours, last = colours.length - 1;
+      const sum = (t, of) => of(corners[3 * t]) + of(corners[3 * t + 1]) + of(corners[3 * t + 2]);
+      const far = Float32Array.from({ length: corners.length / 3 }, (_, t) => sum(t, (c) => at[3 * c + 2]));
+      // what is nearer is painted over what is behind it
+      for (const t of Uint32Array.from(far.keys()).sort((a, b) => far[a] - far[b])) {
+        const value = sum(t, (c) => this.values[4 * c + 3]) / 98301;
+        brush.beginPath();
+        for (let k = 0; k < 3; k += 1) brush.lineTo(at[3 * corners[3 * t + k]], at[3 * corners[3 * t + k] + 1]);
+        brush.closePath();
+        for (const colour of [look.getPropertyValue("--body"), value < 0 ? null : colours[Math.round(Math.min(value, 1) * last)]]) {
+          if (!colour) continue;
+          Object.assign(brush, { fillStyle: colour, strokeStyle: colour, lineWidth: 0.6 });
+          brush.fill();
+          brush.stroke();
+        }
+      }
+      lines(at, "--ink", 0.75);
     },
     mesh(look, colour, strength, buffer, kind, indices, moved, nearer) {
       const gl = this.gl, hex = look.getPropertyValue(colour).trim();
@@ -223,7 +270,7 @@ export default {
     },
     tilt(yaw, pitch) {
       this.view.yaw += yaw;
-      this.view.pitch = Math.min(Math.max(this.view.pitch - pitch, -Math.PI), Math.PI);
+      this.view.pitch = Math.min(Math.max(this.view.pitch + pitch, -Math.PI), Math.PI);
     },
     wheel(event) {
       // the page is scrolled where the picture was not chosen

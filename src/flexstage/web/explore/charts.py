@@ -1,5 +1,6 @@
 """Charts of points that one can pick: curves, maps, scatter and parallel coordinates."""
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,8 +13,10 @@ from flexstage.web.explore.points import ON_FRONT, SEARCHED, PointColumn, PointT
 Chart = tuple[list[dict[str, Any]], dict[str, Any]]
 
 CURVE, MAP, SCATTER, LINES = "curve", "map", "scatter", "parallel coordinates"
-# lines of parallel coordinates beyond which nobody sees more
-_LINES = 400
+# lines of parallel coordinates, and points, beyond which nobody sees more, and a page becomes slow
+_LINES, _POINTS = 400, 2500
+# axes of parallel coordinates, whose headings stand side by side
+_AXES = 9
 _MARK = {"symbol": "diamond", "size": 11, "color": CYCLE[1], "line": {"width": 1}}
 _PICKED = {"symbol": "circle-open", "size": 17, "color": CYCLE[3], "line": {"width": 3}}
 _FRONT = {SEARCHED: CYCLE[5], ON_FRONT: CYCLE[0], "chosen": CYCLE[1]}
@@ -103,7 +106,7 @@ def _map(table: PointTable, figure: PointColumn) -> Chart:
         "colorscale": "YlGnBu", "reversescale": True,
         "colorbar": {"title": {"text": figure.heading, "side": "right"}, "thickness": 14},
     }  # fmt: skip
-    rows = list(range(len(table.points)))
+    rows = _thinned(list(range(len(table.points))))
     data: list[dict[str, Any]] = [
         {
             "type": "contour", "x": x[:, 0].tolist(), "y": y[0].tolist(),
@@ -111,8 +114,8 @@ def _map(table: PointTable, figure: PointColumn) -> Chart:
             "hoverinfo": "skip", "name": figure.heading, **colours,
         },
         {
-            "type": "scatter", "mode": "markers", "x": across.values.tolist(),
-            "y": up.values.tolist(), "customdata": rows, "hoverinfo": "text",
+            "type": "scatter", "mode": "markers", "x": across.values[rows].tolist(),
+            "y": up.values[rows].tolist(), "customdata": rows, "hoverinfo": "text",
             "text": _hover(table, rows, across, up, figure), "showlegend": False,
             "marker": {"size": 5, "color": "rgba(20, 30, 40, 0.35)"},
         },
@@ -127,7 +130,7 @@ def _scatter(table: PointTable, across: PointColumn, up: PointColumn) -> Chart:
     shown = set(table.shown.tolist())
     data = []
     for label in sorted({labels[i] for i in table.shown}, key=lambda one: one != SEARCHED):
-        rows = [i for i, own in enumerate(labels) if own == label and i in shown]
+        rows = _thinned([i for i, own in enumerate(labels) if own == label and i in shown])
         star = label.startswith("chosen")
         marker = {
             "size": 13 if star else 4 if label == SEARCHED else 7,
@@ -148,17 +151,20 @@ def _scatter(table: PointTable, across: PointColumn, up: PointColumn) -> Chart:
     return _with_described(data, across, up), {"xaxis": _axis(across), "yaxis": _axis(up)}
 
 
+def _thinned(rows: list[int], most: int = _POINTS) -> list[int]:
+    """Return as many rows as can be seen, evenly."""
+    if len(rows) <= most:
+        return rows
+    return [rows[k] for k in np.linspace(0, len(rows) - 1, most).astype(int)]
+
+
 def _parallel(table: PointTable, colour: PointColumn, picked: int | None) -> Chart:
     """Draw a line for each point through an axis for each column, from its least to its greatest.
 
     One trace has all lines, so that a page of many stays quick; a click on a point of a line picks.
     """
-    columns = [c for c in table.columns if np.ptp(c.values[np.isfinite(c.values)], axis=0) > 0.0][
-        :14
-    ]
-    rows = table.shown[
-        np.linspace(0, len(table.shown) - 1, min(len(table.shown), _LINES)).astype(int)
-    ]
+    columns = [c for c in table.columns if c.varies][:_AXES]
+    rows = np.array(_thinned(table.shown.tolist(), _LINES), dtype=int)
     low = [float(np.nanmin(c.values)) for c in columns]
     high = [float(np.nanmax(c.values)) for c in columns]
     places = [*range(len(columns)), None]
@@ -196,13 +202,14 @@ def _parallel(table: PointTable, colour: PointColumn, picked: int | None) -> Cha
         "xaxis": {
             "title": {"text": "What was varied, and the figures: from least to greatest"},
             "tickvals": places[:-1],
-            "ticktext": ticks, "showgrid": True, "tickfont": {"size": 10}, "tickangle": 0,
+            "ticktext": ticks, "showgrid": True, "tickangle": 0,
+            "tickfont": {"size": 9 if len(columns) > 9 else 10},
         },
         "yaxis": {
             "title": {"text": "From least to greatest", "standoff": 4}, "tickvals": [0, 1],
             "ticktext": ["least", "greatest"], "range": [-0.05, 1.05], "automargin": True,
         },
-        "margin": {"l": 80, "r": 30, "t": 24, "b": 120},
+        "margin": {"l": 80, "r": 30, "t": 24, "b": 130},
     }  # fmt: skip
     return data, layout
 
@@ -216,12 +223,14 @@ def _thirds(column: PointColumn, rows: np.ndarray) -> list[list[int]]:
 
 
 def _broken(heading: str) -> str:
-    """Break a heading into lines of few letters, as axes stand close."""
+    """Break a heading into lines of few letters, also behind dots, as axes stand close."""
     lines = [""]
-    for word in heading.split(" "):
-        if lines[-1] and len(lines[-1]) + len(word) > 10:
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {word}".strip()
+    for word in re.findall(r"[^ .]+\.*", heading):
+        between = "" if lines[-1].endswith(".") or not lines[-1] else " "
+        if lines[-1] and len(lines[-1] + between + word) > 10:
+            lines.append(word)
+        else:
+            lines[-1] += between + word
     return "<br>".join(lines)
 
 

@@ -39,6 +39,12 @@ class PointColumn:
     is_varied: bool = False
     """Whether it is a parameter that was varied."""
 
+    @property
+    def varies(self) -> bool:
+        """Whether its numbers differ by more than a ten-thousandth of their size."""
+        known = self.values[np.isfinite(self.values)]
+        return bool(known.size) and bool(np.ptp(known) > 1e-4 * np.abs(known).max())
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PointTable:
@@ -194,23 +200,45 @@ def of_front(found: Front, preferences: Preferences) -> PointTable:
     return replace(table, labels=(*labels, "chosen, improved"))
 
 
-def of_generations(
-    problem: Problem, found: Iterable[object], preferences: Preferences
-) -> PointTable | None:
-    """Return the stages of a search for a front that keep every requirement; None of none yet."""
-    known = [each for each in found if isinstance(each, Generation)]
-    if not any(each.kept.any() for each in known):
-        return None
-    points, values, kept = (
-        np.concatenate([getattr(each, name) for each in known])
-        for name in ("points", "values", "kept")
-    )
-    table = _front_table(problem, points[kept], values[kept], preferences)
-    columns = [problem.figures.index(goal.figure) for goal in problem.goals]
-    signs = np.array([goal.sign for goal in problem.goals])
-    best = non_dominated(values[kept][:, columns] * signs)
-    labels = tuple(ON_FRONT if one else SEARCHED for one in best)
-    return replace(table, labels=labels, computed=len(points))
+class SearchedFront:
+    """The stages of a search for a front that keep every requirement, as they are handed over.
+
+    What was looked at once is not compared again: a search goes on for thousands of stages.
+
+    Parameters
+    ----------
+    problem
+        What is sought.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._taken = 0
+        self._points = np.zeros((0, len(problem.family.variables)))
+        self._values = np.zeros((0, len(problem.figures)))
+        self._front = np.zeros(0, dtype=int)
+
+    def table(self, found: Sequence[object], preferences: Preferences) -> PointTable | None:
+        """Return the points so far; None of none yet."""
+        new = [each for each in found[self._taken :] if isinstance(each, Generation)]
+        self._taken = len(found)
+        if new:
+            before = len(self._points)
+            self._points = np.vstack((self._points, *(each.points[each.kept] for each in new)))
+            self._values = np.vstack((self._values, *(each.values[each.kept] for each in new)))
+            rows = np.concatenate((self._front, np.arange(before, len(self._points))))
+            self._front = rows[non_dominated(self._costs(rows))]
+        if not len(self._points):
+            return None
+        table = _front_table(self._problem, self._points, self._values, preferences)
+        labels = np.full(len(self._points), SEARCHED, dtype=object)
+        labels[self._front] = ON_FRONT
+        return replace(table, labels=tuple(labels))
+
+    def _costs(self, rows: np.ndarray) -> Array:
+        problem = self._problem
+        columns = [problem.figures.index(goal.figure) for goal in problem.goals]
+        return self._values[rows][:, columns] * np.array([goal.sign for goal in problem.goals])
 
 
 def _front_table(

@@ -20,7 +20,7 @@ from flexstage.web.explore.charts import Chart
 from flexstage.web.explore.downloads import show_command, show_downloads
 from flexstage.web.explore.lot_chart import LotChart
 from flexstage.web.explore.point_rows import PRESSED, ROWS, row_name, rows_html
-from flexstage.web.explore.points import PointTable
+from flexstage.web.explore.points import PointTable, SearchedFront
 from flexstage.web.explore.state import KINDS, Run
 from flexstage.web.explore.tables import notes_of, tables_of
 from flexstage.web.explore.words import in_form_words
@@ -47,7 +47,10 @@ class Results:
         self._plot: ui.plotly | None = None
         self._lot: LotChart | None = None
         self._table: PointTable | None = None
-        self._question = _question(run)
+        self._question = run.question
+        self._front: SearchedFront | None = None
+        if isinstance(run.question, Problem) and len(run.question.goals) > 1:
+            self._front = SearchedFront(run.question)
 
     def build(self) -> None:
         """Make it."""
@@ -130,10 +133,11 @@ class Results:
                 return points.of_front(result, units)
             case Optimum():
                 return points.of_optimum(result, units)
+        if self._front is not None:
+            return self._front.table(job.found, units)
         if isinstance(self._question, Problem):
-            several = len(self._question.goals) > 1
-            follow = points.of_generations if several else points.of_steps
-            return follow(self._question, job.found, units)
+            return points.of_steps(self._question, job.found, units)
+        assert self._question is not None
         return points.of_batches(self._question, job.found, units)
 
     def _show_controls(self, table: PointTable) -> None:
@@ -177,7 +181,7 @@ class Results:
         job = self._run.job
         if job.state == "done":
             return isinstance(job.result.result, Optimum)
-        return isinstance(self._question, Problem) and len(self._question.goals) < 2
+        return isinstance(self._question, Problem) and self._front is None
 
     def _drawn(self, table: PointTable) -> Chart:
         run = self._run
@@ -318,16 +322,6 @@ def _kind(run: Run) -> str:
     return KINDS[name]
 
 
-def _question(run: Run) -> Any:
-    """Return what a run is about: what a sweep looks at, or the problem of an optimisation."""
-    match run.request:
-        case SweepRequest():
-            return run.request.question(run.facts.template)
-        case OptimiseRequest():
-            return run.request.problem(run.facts.template)
-    return None
-
-
 def _cancelled(run: Run) -> str:
     if isinstance(run.request, OptimiseRequest):
         return "Cancelled: what was found until then is below."
@@ -345,11 +339,12 @@ def _so_far(run: Run, table: PointTable) -> str:
 
 def _usual_axes(table: PointTable) -> tuple[str, str]:
     """Return which columns are shown at first: across and upwards."""
-    first, second = table.columns[0].name, table.columns[min(1, len(table.columns) - 1)].name
+    first, *others = table.columns
     if table.labels:  # goals stand first
-        return second, first
+        across = next((c for c in others if c.varies), others[0])
+        return across.name, first.name
     frequencies = (c.name for c in table.outcome if c.name.startswith("natural_frequency"))
-    return first, next(frequencies, table.outcome[0].name)
+    return first.name, next(frequencies, table.outcome[0].name)
 
 
 def _select(label: str, options: dict[str, str], value: str, chosen: Callable[[Any], None]) -> None:

@@ -13,6 +13,7 @@ from flexstage.explore.variables import Variable
 from flexstage.web.design.state import Remembered, Variant
 from flexstage.web.explore.command import Request
 from flexstage.web.explore.facts import StageFacts
+from flexstage.web.explore.work import Question
 from flexstage.web.jobs import BackgroundJob
 
 #: What can be done, and what the button says.
@@ -252,6 +253,8 @@ class Run:
     """Where its files lie."""
     job: BackgroundJob
     """The work."""
+    question: Question = None
+    """What a sweep or an optimisation is about."""
     chart: str = ""
     """Kind of the chart; the usual one where it is empty."""
     across: str = ""

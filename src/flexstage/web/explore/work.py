@@ -7,16 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexstage.designs import StageTemplate
+from flexstage.explore.family import Family
+from flexstage.explore.figures import Figure
 from flexstage.explore.kept_batches import finished_batches
 from flexstage.explore.optimise.front import Front
 from flexstage.explore.optimise.optimum import Optimum
+from flexstage.explore.optimise.problem import Problem
 from flexstage.explore.requests.optimise import OptimiseRequest
 from flexstage.explore.requests.sensitivity import SensitivityRequest
 from flexstage.explore.requests.sweep import SweepRequest
 from flexstage.explore.requests.tolerance import Found as LotFound
 from flexstage.explore.requests.tolerance import ToleranceRequest
 from flexstage.explore.sensitivity import Sensitivities
-from flexstage.explore.sweep import Sweep
+from flexstage.explore.sweep import Sweep, SweepPlan
 from flexstage.explore.workers import Workers
 from flexstage.files.write import write_files
 from flexstage.web.explore.command import Request
@@ -25,6 +28,8 @@ from flexstage.web.pictures import inline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
+#: What is varied, which figures are computed and where; or what is sought; None of other work.
+Question = tuple[Family, tuple[Figure, ...], SweepPlan] | Problem | None
 #: Title of the picture that says most of an optimum.
 BEFORE_AFTER = "Before and after"
 
@@ -48,6 +53,17 @@ def ready(template: StageTemplate, request: Request) -> Callable[..., Any]:
     if isinstance(request, ToleranceRequest):
         return request.ready(template.stage())
     return request.ready(template)
+
+
+def question_of(template: StageTemplate, request: Request) -> Question:
+    """Return what a sweep or an optimisation is about; what is wrong with a request is told."""
+    match request:
+        case SweepRequest():
+            return request.question(template)
+        case OptimiseRequest():
+            return request.problem(template)
+    ready(template, request)
+    return None
 
 
 def explored(folder: Path, template: StageTemplate, request: Request, key: str) -> Explored:

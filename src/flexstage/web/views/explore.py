@@ -17,7 +17,7 @@ from flexstage.web.explore.forms import build_form, what_it_takes
 from flexstage.web.explore.results import Results
 from flexstage.web.explore.state import KINDS, ExploreState, Run
 from flexstage.web.explore.words import in_form_words
-from flexstage.web.explore.work import explored, ready
+from flexstage.web.explore.work import explored, question_of
 from flexstage.web.page import Page, PanelHeading, complain
 
 _PURPOSES = {
@@ -146,7 +146,7 @@ class ExploreView:
         state, facts, variant = self._state, self._facts, self._design.now
         assert facts is not None
         request = state.form.request(facts)
-        await asyncio.to_thread(ready, facts.template, request)
+        question = await asyncio.to_thread(question_of, facts.template, request)
         before = state.runs.get(state.kind)
         if before is not None:
             before.job.cancel()
@@ -157,7 +157,7 @@ class ExploreView:
             f"{KINDS[state.kind]} of {variant.name}", explored, folder, facts.template, request,
             f"found-{state.kind}", owner=self._page.session.id,
         )  # fmt: skip
-        state.runs[state.kind] = Run(variant, facts, request, folder, job)
+        state.runs[state.kind] = Run(variant, facts, request, folder, job, question)
         self._show_results()
 
     def _show_results(self) -> None:
