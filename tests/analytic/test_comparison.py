@@ -54,6 +54,12 @@ def test_differences_are_of_the_reference() -> None:
     # a negative reference: above it is a positive difference
     assert difference_percent(-3.0, -4.0) == pytest.approx(25.0)
     assert difference_percent(1.0, 0.0) is None
+    # nor of a reference, or to one, that is rounding
+    coupling = [row("cross_coupling", "x", "lumped", 1e-12, "1"),
+                row("cross_coupling", "x", "plane", 2e-3, "1")]  # fmt: skip
+    (shown,) = compare(coupling).rows
+    assert shown.difference_percent("plane", "lumped") is None
+    assert shown.difference_percent("lumped", "plane") is None
 
 
 def test_an_origin_that_gives_a_quantity_twice_has_two_rows() -> None:

@@ -174,10 +174,12 @@ def test_a_file_of_another_kind_is_refused() -> None:
 
 
 def test_a_chart_whose_axis_says_nothing_is_refused() -> None:
-    titled = {"xaxis": {"title": "t [s]"}, "yaxis": {"title": {"text": "x [µm]"}}}
-    assert chart_figure([], titled)["layout"]["xaxis"] == {"title": "t [s]"}
-    with pytest.raises(ModelError, match="yaxis of a chart has no title"):
-        chart_figure([], {"xaxis": {"title": "t [s]"}, "yaxis": {}})
+    time = {"title": {"text": "t [s]"}}
+    titled = {"xaxis": time, "yaxis": {"title": {"text": "x [µm]"}}}
+    assert chart_figure([], titled)["layout"]["xaxis"] == time
+    for untitled in ({}, {"title": "x [µm]"}):
+        with pytest.raises(ModelError, match="yaxis of a chart has no title"):
+            chart_figure([], {"xaxis": time, "yaxis": untitled})
     with pytest.raises(ModelError, match="yaxis2 of a chart"):
         chart_figure([], titled | {"yaxis2": {"title": {"text": ""}}})
 

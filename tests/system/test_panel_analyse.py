@@ -19,6 +19,7 @@ from flexstage.errors import ModelError
 from flexstage.report.figures.surface import outer_faces, sharp_edges
 from flexstage.studies.models import MODELS, ModelOptions, fitting_options, run_model
 from flexstage.web.analyse.bode import reading, readings_table
+from flexstage.web.analyse.convergence import errors_table, meshes_table
 from flexstage.web.analyse.moving_stage import sent_state, sent_surface
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.tables import figures_tables, hinges_table, modes_table
@@ -74,15 +75,34 @@ def test_models_and_errors_stand_side_by_side(lumped: Analysed) -> None:
         characteristics=type(lumped.analysis.characteristics)(rows),
         system=replace(lumped.analysis.system, model="superelement"),
     )
-    first, _ = figures_tables(
-        Preferences(length="mm"), [lumped, replace(lumped, analysis=analysis)]
-    )
+    both = [lumped, replace(lumped, analysis=analysis)]
+    first, _ = figures_tables(Preferences(length="mm"), both)
     headings = [column.heading for column in first.columns]
     assert headings == ["figure", "axis", "lumped", "FEM 2D, condensed", "difference"]
     stroke = next(row for row in first.rows if row[0].text == "Output displacement [mm]")
     assert [cell.text for cell in stroke] == [
         "Output displacement [mm]", "x", "0.2000", "0.2200 ± 0.004", "+10.0 %"
     ]  # fmt: skip
+    errors = errors_table(both[1])
+    frequency = next(row for row in errors.rows if row[0].text == "Natural frequency [Hz]")
+    # 2 % of what is 10 % more
+    assert frequency[4].text == "1.8 %"
+    assert not errors_table(lumped).rows
+
+
+def test_meshes_stand_with_what_they_gave(lumped: Analysed) -> None:
+    steps = [
+        {
+            "order": order, "neck_size": 1.2, "unknowns": 5000 * order, "seconds": 0.5,
+            "values": [{"quantity": "max_stress", "axis": "x", "value": 1e8 + order}],
+        }
+        for order in (3, 4)
+    ]  # fmt: skip
+    refinement = {"quantity": "max_stress", "accuracy": 0.01, "estimate": 0.001, "steps": steps}
+    shown = meshes_table(replace(lumped, results=dict(lumped.results, refinement=refinement)))
+    assert [column.heading for column in shown.columns][-1] == "Largest stress [MPa], x"
+    assert [row[2].text for row in shown.rows] == ["15000", "20000"]
+    assert {row[4].text for row in shown.rows} == {"100.0"}
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -28,8 +28,12 @@ def chart_figure(data: list[dict[str, Any]], layout: dict[str, Any]) -> dict[str
     axes = {name for name in layout if name.startswith(_AXES)} | set(_AXES)
     for name in sorted(axes):
         title = layout.get(name, {}).get("title")
-        if not (title.get("text") if isinstance(title, dict) else title):
-            raise ModelError(f"the {name} of a chart has no title: every axis says what it shows")
+        # Plotly passes over a title that is a mere text
+        if not (isinstance(title, dict) and title.get("text")):
+            raise ModelError(
+                f"the {name} of a chart has no title: every axis says what it shows, as "
+                '{"title": {"text": ...}}'
+            )
     usual = {
         "margin": {"l": 64, "r": 16, "t": 24, "b": 48},
         "paper_bgcolor": "rgba(0,0,0,0)",

@@ -10,8 +10,6 @@ AUTOMATIC = "auto"
 #: Units of lengths and angles that can be chosen, and what an SI value is multiplied by.
 LENGTHS = MappingProxyType({"nm": 1e9, "µm": 1e6, "mm": 1e3})
 ANGLES = MappingProxyType({"µrad": 1e6, "mrad": 1e3, "arcsec": 206264.80624709636})
-#: In what a drive is commanded and a loop is plotted: its voltage, or the displacement it gives.
-DRIVES = ("V", "µm")
 #: A page that follows the setting of the computer, or does not.
 LOOKS = ("auto", "light", "dark")
 
@@ -24,8 +22,6 @@ class Preferences:
     """One of `LENGTHS`, or `AUTOMATIC`: as each quantity is usually quoted."""
     angle: str = AUTOMATIC
     """One of `ANGLES`, or `AUTOMATIC`."""
-    drive: Literal["V", "µm"] = "V"
-    """In what a drive is commanded, and a loop is plotted."""
     look: Literal["auto", "light", "dark"] = "auto"
     """Ground of the page."""
 

@@ -12,7 +12,7 @@ from flexstage.report.figures.style import css_variables
 from flexstage.web.gate import SESSION
 from flexstage.web.jobs import BackgroundJob
 from flexstage.web.page import Page, Panel, PanelHeading, quiet_button, show_job
-from flexstage.web.preferences import ANGLES, AUTOMATIC, DRIVES, LENGTHS, LOOKS
+from flexstage.web.preferences import ANGLES, AUTOMATIC, LENGTHS, LOOKS
 from flexstage.web.views import VIEWS, PanelView
 
 _LOOK = 0.5  # time between looks at what is being done [s]
@@ -138,7 +138,6 @@ def _settings(page: Page, views: Any) -> None:
     choices = (
         ("length", "Lengths", (AUTOMATIC, *LENGTHS)),
         ("angle", "Angles", (AUTOMATIC, *ANGLES)),
-        ("drive", "Drives", DRIVES),
         ("look", "Look", LOOKS),
     )
     with (
