@@ -5,6 +5,7 @@ import json
 import shlex
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +161,9 @@ def test_forms_say_what_they_lack(facts: StageFacts) -> None:
     forms.optimise.over = []
     with pytest.raises(ModelError, match="at least one parameter"):
         forms.optimise.request(facts)
+    bare = replace(facts, variables={}, flexure=frozenset(), template=StageTemplate.of("cartwheel"))
+    with pytest.raises(ModelError, match="cartwheel"):
+        Forms.usual(bare).sweep.request(bare)
     assert facts.frequency == "natural_frequency.x"
     assert facts.neck == NECK
 

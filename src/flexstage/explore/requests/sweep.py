@@ -44,7 +44,7 @@ class SweepRequest:
         if self.plan is not None and self.plan not in SAMPLINGS:
             raise ModelError(unknown("plan", self.plan, SAMPLINGS))
         if not self.over:
-            raise ModelError(_nothing_varied(template))
+            raise ModelError(nothing_varied(template))
         family = Family(template=template, variables=variables_of(template, self.over))
         plan = usual_plan(
             family.variables,
@@ -58,7 +58,7 @@ class SweepRequest:
         return family, figures, plan
 
 
-def _nothing_varied(template: StageTemplate) -> str:
+def nothing_varied(template: StageTemplate) -> str:
     """Say how a parameter of this stage is varied."""
     variables = every_variable(template)
     if not variables:

@@ -33,7 +33,8 @@ def figures(
     unit, factor = preferences.length_unit()
     shown: list[tuple[str, str, str]] = []
     if (e := found.get("eccentricity")) is not None:
-        low, high = (number(factor * end, 3) for end in e["interval"])
+        unsure = factor * e["uncertainty"]
+        low, high = (beside(factor * end, unsure)[0] for end in e["interval"])
         value = f"{pair(e['value'], e['uncertainty'], factor)} {unit}"
         shown.append(("Eccentricity", value, f"95 %: {low} to {high} {unit}"))
     if (first := first_order(found, radius)) is not None:

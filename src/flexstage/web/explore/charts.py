@@ -40,17 +40,18 @@ def draw(
     """Return a chart of a kind; a map has the figure `up` over both variables."""
     match kind:
         case "curve":
-            chart = _curve(table, across, up)
+            data, layout = _curve(table, across, up)
         case "map":
-            chart = _map(table, up)
+            data, layout = _map(table, up)
         case "scatter":
-            chart = _scatter(table, across, up)
+            data, layout = _scatter(table, across, up)
         case _:
-            return _parallel(table, up, picked)
-    if picked is not None:
-        x, y = (table.varied[:2] if kind == MAP else (across, up))  # fmt: skip
-        chart[0].append(_dot(x.values[picked], y.values[picked], "picked", _PICKED))
-    return chart
+            data, layout = _parallel(table, up, picked)
+    if picked is not None and kind != LINES:
+        x, y = table.varied[:2] if kind == MAP else (across, up)
+        data.append(_dot(x.values[picked], y.values[picked], "picked", _PICKED))
+    # what one looks at closer in one diagram is no place in another
+    return data, layout | {"uirevision": f"{kind} {across.name} {up.name}"}
 
 
 def _dot(x: float, y: float, name: str, marker: dict[str, Any]) -> dict[str, Any]:

@@ -11,6 +11,8 @@ from flexstage.web.explore.state import Run
 #: Rows that are shown at a time.
 ROWS = 12
 _MARKS = {True: " ▼", False: " ▲"}
+#: Puts the focus back on what was pressed, as the rows are made anew.
+FOCUS = '[...document.querySelectorAll("[data-do]")].find(b => b.dataset.do === {pressed})?.focus()'
 #: What a page hands on of a press in the rows: what is done, and with which row or column.
 PRESSED = """(event) => {
   const button = event.target.closest("[data-do]");

@@ -1,5 +1,6 @@
 """What was found in the view Explore: while it is computed, and afterwards."""
 
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -19,7 +20,7 @@ from flexstage.web.explore import charts, points
 from flexstage.web.explore.charts import Chart
 from flexstage.web.explore.downloads import show_command, show_downloads
 from flexstage.web.explore.lot_chart import LotChart
-from flexstage.web.explore.point_rows import PRESSED, ROWS, row_name, rows_html
+from flexstage.web.explore.point_rows import FOCUS, PRESSED, ROWS, row_name, rows_html
 from flexstage.web.explore.points import PointTable, SearchedFront
 from flexstage.web.explore.state import KINDS, Run
 from flexstage.web.explore.tables import notes_of, tables_of
@@ -231,7 +232,7 @@ class Results:
         elif what == "page" and value.isdecimal():
             run.page = int(value)
         self._show_table(table)
-        ui.run_javascript(f"document.querySelector('[data-do=\"{what}:{value}\"]')?.focus()")
+        ui.run_javascript(FOCUS.format(pressed=json.dumps(f"{what}:{value}")))
 
     def _pick(self, row: int) -> None:
         table = self._table

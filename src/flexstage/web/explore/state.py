@@ -7,7 +7,7 @@ from flexstage.errors import ModelError
 from flexstage.explore.figures import Requirement
 from flexstage.explore.requests.optimise import OptimiseRequest
 from flexstage.explore.requests.sensitivity import SensitivityRequest
-from flexstage.explore.requests.sweep import SweepRequest
+from flexstage.explore.requests.sweep import SweepRequest, nothing_varied
 from flexstage.explore.requests.tolerance import ToleranceRequest
 from flexstage.explore.variables import Variable
 from flexstage.web.design.state import Remembered, Variant
@@ -92,6 +92,8 @@ class SweepForm:
 
     def request(self, facts: StageFacts) -> SweepRequest:
         """Return what is asked for."""
+        if not self.over:
+            raise ModelError(nothing_varied(facts.template))
         return SweepRequest(
             over=tuple(row.text(facts.variables[row.name]) for row in self.over),
             of=_unusual(self.of, facts),

@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from flexstage.files.write import write_whole
+from flexstage.quantities import beside
 from flexstage.records import FORMATS
 from flexstage.web.bench.state import bench_of
 from flexstage.web.centring.findings import figures, pair, place, rows_of
@@ -249,8 +250,10 @@ class CentringView:
         centre = state.found.result["trial"]["centre"] if state.found else {}
         unit, factor = preferences.length_unit()
         for axis, by in zip("xy", centre["move_from_last"], strict=True):
-            value = pair(centre[axis], centre[f"uncertainty_{axis}"], factor)
-            figure(f"Stage to {axis}", f"{value} {unit}", f"by {factor * by:+.4g} {unit}")
+            unsure = centre[f"uncertainty_{axis}"]
+            step = beside(factor * by, factor * unsure)[0]
+            value = f"{pair(centre[axis], unsure, factor)} {unit}"
+            figure(f"Stage to {axis}", value, f"by {step} {unit}")
         show_lines(state.found.result["trial"]["notes"] if state.found else (), "muted small")
         self._go_button(target)
 
