@@ -83,11 +83,11 @@ def test_models_and_errors_stand_side_by_side(lumped: Analysed) -> None:
     assert [cell.text for cell in stroke] == [
         "Output displacement [mm]", "x", "0.2000", "0.2200 ± 0.004", "+10.0 %"
     ]  # fmt: skip
-    errors = errors_table(both[1])
+    errors = errors_table(Preferences(), both[1])
     frequency = next(row for row in errors.rows if row[0].text == "Natural frequency [Hz]")
     # 2 % of what is 10 % more
     assert frequency[4].text == "1.8 %"
-    assert not errors_table(lumped).rows
+    assert not errors_table(Preferences(), lumped).rows
 
 
 def test_meshes_stand_with_what_they_gave(lumped: Analysed) -> None:
@@ -99,7 +99,9 @@ def test_meshes_stand_with_what_they_gave(lumped: Analysed) -> None:
         for order in (3, 4)
     ]  # fmt: skip
     refinement = {"quantity": "max_stress", "accuracy": 0.01, "estimate": 0.001, "steps": steps}
-    shown = meshes_table(replace(lumped, results=dict(lumped.results, refinement=refinement)))
+    shown = meshes_table(
+        Preferences(), replace(lumped, results=dict(lumped.results, refinement=refinement))
+    )
     assert [column.heading for column in shown.columns][-1] == "Largest stress [MPa], x"
     assert [row[2].text for row in shown.rows] == ["15000", "20000"]
     assert {row[4].text for row in shown.rows} == {"100.0"}

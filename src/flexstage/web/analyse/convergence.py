@@ -6,12 +6,13 @@ from nicegui import ui
 
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.comparison import title_of
-from flexstage.quantities import display, number
+from flexstage.quantities import number
 from flexstage.table import Table, table
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import Analysed
 from flexstage.web.figures import show_table
 from flexstage.web.page import Page, quiet_button
+from flexstage.web.preferences import Preferences
 
 
 class Convergence:
@@ -26,6 +27,7 @@ class Convergence:
     """
 
     def __init__(self, page: Page, start: Callable[[str], bool]) -> None:
+        self._page = page
         self._state = page.session.state(AnalyseState)
         self._start = start
         self._place = ui.element("div").classes("full-width stacked")
@@ -38,10 +40,10 @@ class Convergence:
         with self._place:
             for one in refined:
                 ui.html(one.convergence, sanitize=False).classes("picture")
-                show_table(meshes_table(one))
+                show_table(meshes_table(self._page.preferences, one))
             for one in (*refined, *estimated):
                 with ui.expansion(f"Estimated errors, {title_of(one.model)}", value=True):
-                    show_table(errors_table(one))
+                    show_table(errors_table(self._page.preferences, one))
             if not refined:
                 ui.label(
                     "Refine the mesh of a model of finite elements to see how its figures settle."
@@ -64,10 +66,10 @@ class Convergence:
         self._start("superelement")
 
 
-def meshes_table(one: Analysed) -> Table:
+def meshes_table(preferences: Preferences, one: Analysed) -> Table:
     """Return the meshes of a model that was refined, and the quantity that was asked for."""
     found = one.results["refinement"]
-    quantity = display(found["quantity"])
+    quantity = preferences.shown(found["quantity"])
     steps = found["steps"]
     axes = [v["axis"] for v in steps[-1]["values"] if v["quantity"] == quantity.name]
     rows = []
@@ -84,13 +86,13 @@ def meshes_table(one: Analysed) -> Table:
     return table("", heads, rows)
 
 
-def errors_table(one: Analysed) -> Table:
+def errors_table(preferences: Preferences, one: Analysed) -> Table:
     """Return the estimated error of each figure of a model."""
     rows = []
     for row in one.analysis.characteristics:
         if not row.uncertainty:
             continue  # none is known, or nothing is uncertain
-        shown = display(row.quantity)
+        shown = preferences.shown(row.quantity)
         share = f"{number(100.0 * row.uncertainty / abs(row.value), 2)} %" if row.value else "–"
         spread = number(row.uncertainty * shown.factor, 2)
         axis = "" if row.axis == WHOLE_STAGE else row.axis
