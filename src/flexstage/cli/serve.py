@@ -25,7 +25,7 @@ def serve(
     no_open: bool = False,
     json: JsonOption = False,
 ) -> None:
-    """Serve the front panel: design a stage in a browser.
+    """Serve the front panel: flexstage in a browser.
 
     Parameters
     ----------
