@@ -27,6 +27,7 @@ from flexstage.system import (
     batch_characteristics,
     characteristic_derivatives,
 )
+from flexstage.system.characteristics import strongest
 from flexstage.system.linalg import solve_stiffness
 from tests.varied_stages import rounding, varied
 
@@ -277,3 +278,10 @@ def test_what_a_batch_does_not_know_it_says() -> None:
         stage_arrays([design("parallelogram"), design("bridge")])
     with pytest.raises(ModelError, match="at least one stage"):
         stage_arrays([])
+
+
+def test_of_modes_that_give_as_much_the_lowest_is_that_of_the_axis() -> None:
+    # both modes of two axes that are alike: rounding alone says which gives more
+    shares = np.array([1e-9, 0.49999, 0.50001, np.nan, 0.2])
+    assert strongest(shares) == strongest(shares[[0, 2, 1, 3, 4]]) == 1
+    assert strongest(shares * [1.0, 0.99, 1.0, 1.0, 1.0]) == 2

@@ -18,7 +18,7 @@ from array_api_compat import array_namespace
 from flexstage.arrays import Array
 from flexstage.system.batch import samples_first, samples_last
 from flexstage.system.block_cholesky import BlockFactor
-from flexstage.system.characteristics import ALIKE, MODES_SEARCHED
+from flexstage.system.characteristics import ALIKE, AS_MUCH, MODES_SEARCHED
 from flexstage.system.forward_mode import root
 from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import MechanicalSystem
@@ -176,14 +176,14 @@ class _Work:
         for response in self.responses:
             p, d = applied(response.reading, shape), applied(response.force, shape)
             share = xp.abs(p * d) / value
-            best, squared, error = share[0, ...], value[0, ...], off[0, ...]
-            for k in range(1, min(value.shape[0], MODES_SEARCHED)):
-                more = share[k, ...] > best
-                best, squared = (
-                    xp.where(more, share[k, ...], best),
-                    xp.where(more, value[k, ...], squared),
-                )
-                error = xp.where(more, off[k, ...], error)
+            last = min(value.shape[0], MODES_SEARCHED)
+            best = xp.max(share[:last, ...], axis=0)
+            squared, error = value[last - 1, ...], off[last - 1, ...]
+            # the lowest of those that give as much, as `strongest` chooses it
+            for k in reversed(range(last - 1)):
+                as_much = share[k, ...] >= (1.0 - AS_MUCH) * best
+                squared = xp.where(as_much, value[k, ...], squared)
+                error = xp.where(as_much, off[k, ...], error)
             alike = xp.abs(xp.sqrt(value / squared) - 1.0) < ALIKE
             seen = xp.where(alike, p * p, xp.zeros_like(p))
             if self.shapes:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from flexstage.arrays import Array
 from flexstage.characteristic import WHOLE_STAGE, Characteristic
 from flexstage.material import Material
 from flexstage.quantities import QUANTITIES, number
@@ -19,6 +20,8 @@ from flexstage.system.statics import AxisAnalysis, probe_stiffness, static_loads
 
 #: Natural frequencies that differ by less are one [1].
 ALIKE = 1e-3
+#: Shares of a response that differ by less, as a part of the larger, are equal [1].
+AS_MUCH = 1e-3
 #: Modes that are computed, among which that of an axis is sought.
 MODES_SEARCHED = 12
 
@@ -44,13 +47,21 @@ def axis_mode(
     r"""Return the mode by which a drive, or drives with their forces, moves a probe.
 
     It is the one that gives most of the static response, by
-    :math:`|p^T\phi\,\phi^T d|/\omega^2`.
+    :math:`|p^T\phi\,\phi^T d|/\omega^2` (`strongest`).
     """
     forces = {drive: 1.0} if isinstance(drive, str) else drive
     p = system.probe(probe).vector @ result.shapes
     d = sum(force * system.drive(name).vector for name, force in forces.items()) @ result.shapes
     with np.errstate(divide="ignore", invalid="ignore"):
-        return int(np.nanargmax(np.abs(p * d) / result.omega**2))
+        return strongest(np.abs(p * d) / result.omega**2)
+
+
+def strongest(share: Array) -> int:
+    """Return the lowest mode that gives the largest share of a response, to `AS_MUCH`.
+
+    Of two axes that are alike and coupled both modes give half; which gives more, rounding says.
+    """
+    return int(np.flatnonzero(share >= (1.0 - AS_MUCH) * np.nanmax(share))[0])
 
 
 def every_characteristic(

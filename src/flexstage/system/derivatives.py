@@ -38,7 +38,7 @@ from flexstage.errors import ModelError
 from flexstage.system.batch import SystemBatch
 from flexstage.system.batch_analysis import require_known
 from flexstage.system.batch_figures import StageFigures, decisions
-from flexstage.system.characteristics import ALIKE, MODES_SEARCHED
+from flexstage.system.characteristics import ALIKE, MODES_SEARCHED, strongest
 from flexstage.system.figure_source import Key, added
 from flexstage.system.forward_mode import Dual, root
 from flexstage.system.linalg import solve_stiffness
@@ -252,7 +252,7 @@ class _Slopes:
         d = added([f.value * self._drive[j][0] for j, f in figure.motion[1].items()])
         last = min(MODES_SEARCHED, value.size)
         share = np.abs((p @ shapes) * (d @ shapes))[:last] / value[:last]
-        chosen = int(np.argmax(share))
+        chosen = strongest(share)
         squared, mass_slope = value[chosen], self.slopes.mass
 
         def between(left: Array, right: Array) -> tuple[Array, Array]:
