@@ -85,9 +85,11 @@ def _condensed(stage: Stage, model: str, options: ModelOptions) -> ModelRun:
         if options.near is None:
             found = _superelements(stage, model, options)
         else:
-            found = near = _superelements_near(options.near, model, replace(options, near=None))
+            with progress.subtask(0.0, 0.5):
+                found = near = _superelements_near(options.near, model, replace(options, near=None))
             if stage != options.near:
-                found = _superelements(stage, model, options, near)
+                with progress.subtask(0.5, 1.0):
+                    found = _superelements(stage, model, options, near)
         analysis = analyse(stage, found.system)
     if options.estimate:
         from flexstage.fem.superelement_accuracy import with_estimates
