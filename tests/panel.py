@@ -158,6 +158,8 @@ class Look:
 
         What fits in the light fits in the dark.
         """
+        # no tooltip that is on its way
+        self.page.mouse.move(0, 0)
         for look, sizes in (("light", SIZES), ("dark", {"laptop": SIZES["laptop"]})):
             self.page.emulate_media(color_scheme=look)
             for size, (width, height) in sizes.items():

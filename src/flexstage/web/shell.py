@@ -160,5 +160,7 @@ addEventListener("unhandledrejection", (event) => {
 
 def add_style() -> None:
     """Let every page load the style of the panel."""
+    # the bar that Quasar shows while anything loads has no name for those who do not see it
+    app.config.quasar_config["loadingBar"]["skipHijack"] = True
     app.add_static_files("/static", Path(__file__).with_name("static"))
     ui.add_head_html(f'<link rel="stylesheet" href="/static/panel.css">{_LEFT_CHARTS}', shared=True)
