@@ -21,6 +21,7 @@ from flexstage.errors import FlexstageError, LimitError, ModelError, NotConnecte
 from flexstage.experiments import run_plan
 from flexstage.experiments.file import read_plan
 from flexstage.instruments.lock import stage_lock
+from flexstage.instruments.protocol import Identity
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.records import Channel, Record, read_record, write_record
@@ -64,6 +65,14 @@ class RealTime(SimpleInstrument):
     def pause(self, seconds: float) -> None:
         time.sleep(seconds / 5.0)
         super().pause(seconds)
+
+
+class Another(SimpleInstrument):
+    """Another controller than the one before, as its serial number says."""
+
+    @property
+    def identity(self) -> Identity:
+        return replace(super().identity, serial_number="another")
 
 
 @pytest.fixture
@@ -297,21 +306,34 @@ def test_a_lost_link_is_told_and_opened_again(
     until(lambda: made.readings)
     there = threading.Event()
 
+    other = Another()
+
     def connect(address: str, stage: Any) -> SimpleInstrument:
         if not there.is_set():
             raise NotConnectedError("nobody answers there")
-        return SimpleInstrument()
+        return other if swapped.is_set() else SimpleInstrument()
 
+    swapped = threading.Event()
     monkeypatch.setattr(link, "connect", connect)
+    made.clear("a", True)
     instrument.cut_link_at = 0.0
     until(lambda: made.trouble == "nobody answers there")
     assert made.lost
     with pytest.raises(NotConnectedError, match="the link is lost"):
         made.jog("a", "x", 1.0)
     made.stop()  # which never fails
+    # another stage at the same address is not taken for the one that was lost
+    swapped.set()
     there.set()
+    until(lambda: "is another instrument now" in made.trouble)
+    assert made.lost
+    with pytest.raises(NotConnectedError, match="another instrument"):
+        made.jog("a", "x", 1.0)
+    assert other.log == []
+    swapped.clear()
     until(lambda: not made.trouble)
     assert not made.lost
+    assert not made.cleared
     made.jog("a", "x", 3.0).result(10.0)
     until(lambda: made.readings["x"].voltage == pytest.approx(3.0))
 

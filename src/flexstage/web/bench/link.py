@@ -222,6 +222,8 @@ class BenchLink:
             self._open.callback(new.close)
             self._targets.clear()
             self._use(new)
+            # nobody has looked at the stage since
+            self.cleared = False
             self.lost, self.trouble = False, ""
             return
 
