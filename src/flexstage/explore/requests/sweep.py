@@ -3,13 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import cast
 
 from flexstage.choose import unknown
 from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.explore.family import Family, known_figures
 from flexstage.explore.figures import Figure, chosen_figures
-from flexstage.explore.sampling import SAMPLINGS
+from flexstage.explore.sampling import SAMPLINGS, Sampling
 from flexstage.explore.sweep import Sweep, SweepPlan, sweep, usual_plan
 from flexstage.explore.variables import every_variable, listed, variables_of
 from flexstage.studies.models import known_model
@@ -49,7 +50,7 @@ class SweepRequest:
         plan = usual_plan(
             family.variables,
             self.model,
-            sampling=self.plan,  # type: ignore[arg-type]
+            sampling=cast("Sampling | None", self.plan),
             samples=self.samples,
             seed=self.seed,
             indices=self.indices,

@@ -137,7 +137,7 @@ class Bode:
         response = self._responses()[0][1]
         low, high = float(response.frequency_hz[0]), float(response.frequency_hz[-1])
         if len(self._shown.cursors) != 2 or not all(low <= f <= high for f in self._shown.cursors):
-            own = next(iter(self._found.values())).analysis.modes[self._shown.bode_drives]  # type: ignore[index]
+            own = next(iter(self._found.values())).analysis.modes[self._shown.bode_drives]
             inside = [float(f) for f in own.frequency_hz if low < f < high]
             self._shown.cursors = [*inside, low, high][:2]
         for field, frequency in zip(self._fields, self._shown.cursors, strict=True):

@@ -1,6 +1,7 @@
 """Which models are run and what is asked of them, and how far each has come."""
 
 from pathlib import Path
+from typing import Any
 
 from nicegui import ui
 
@@ -57,9 +58,9 @@ class ModelsPanel:
     def _options(self) -> None:
         asked = self._state.asked
 
-        def field(element: ui.element, name: str, hint: str) -> None:
+        def field(element: Any, name: str, hint: str) -> None:
             element.classes("full-width").props(f'dense hint="{hint}" persistent-hint')
-            element.bind_value(asked, name)  # type: ignore[attr-defined]
+            element.bind_value(asked, name)
 
         with ui.element("div").classes("fields"):
             field(ui.select(_PLANES, label="Plane state"), "plane", "models in the plane")

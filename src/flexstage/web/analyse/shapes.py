@@ -1,6 +1,7 @@
 """Static shapes and modes of a stage, moving, in the colours of their stress or displacement."""
 
 from functools import partial
+from typing import Any
 
 from nicegui import ui
 
@@ -75,7 +76,7 @@ class Shapes:
     def _states(self, one: Analysed) -> dict[str, SurfaceState]:
         axes = zip(one.analysis.axes, one.surface.statics, strict=True)
         found = {axis.axis: state for axis, state in axes}
-        for k, state in enumerate(one.surface.modes.get(self._shown.drives, ()), start=1):  # type: ignore[call-overload]
+        for k, state in enumerate(one.surface.modes.get(self._shown.drives, ()), start=1):
             found[f"mode {k}"] = state
         return found
 
@@ -116,16 +117,16 @@ class Shapes:
             self._moving.show(self._sent(one))
         self._say(one)
 
-    def _choose_model(self, event: object) -> None:
-        self._shown.model = event.value  # type: ignore[attr-defined]
+    def _choose_model(self, event: Any) -> None:
+        self._shown.model = event.value
         self._build()
 
-    def _choose_drives(self, event: object) -> None:
-        self._shown.drives = event.value  # type: ignore[attr-defined]
+    def _choose_drives(self, event: Any) -> None:
+        self._shown.drives = event.value
         self._build()
 
-    def _choose_colour(self, event: object) -> None:
-        self._shown.colour = event.value  # type: ignore[attr-defined]
+    def _choose_colour(self, event: Any) -> None:
+        self._shown.colour = event.value
         self._again()
 
     def _choose_state(self, key: str) -> None:

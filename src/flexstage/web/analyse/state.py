@@ -2,8 +2,10 @@
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
+from typing import Literal
 
-from flexstage.studies.models import ModelOptions, fitting_options
+from flexstage.studies.models import ModelOptions, Plane, fitting_options
+from flexstage.system.mechanical import DriveCondition
 from flexstage.web.analyse.work import Analysed
 from flexstage.web.design.state import Variant
 from flexstage.web.jobs import BackgroundJob
@@ -17,9 +19,9 @@ Key = tuple[Variant, str]
 class Asked:
     """What is asked of the models, each of which takes what it can."""
 
-    plane: str = "auto"
+    plane: Plane = "auto"
     """Plane state: auto, stress or strain."""
-    supports: str = "rigid"
+    supports: Literal["rigid", "elastic"] = "rigid"
     """Supports: rigid or elastic."""
     estimate: bool = False
     """Whether errors are estimated."""
@@ -39,8 +41,8 @@ class Asked:
         return fitting_options(
             model,
             ModelOptions(
-                plane=self.plane,  # type: ignore[arg-type]
-                supports=self.supports,  # type: ignore[arg-type]
+                plane=self.plane,
+                supports=self.supports,
                 estimate=self.estimate,
                 accuracy=self.percent / 100.0 if self.refine else None,
                 quantity=self.quantity if self.refine else "natural_frequency_hz",
@@ -61,13 +63,13 @@ class Shown:
     """The model whose shapes are shown."""
     state: str = ""
     """The state that is shown: a static one by its axis, a mode by its number."""
-    drives: str = "removed"
+    drives: DriveCondition = "removed"
     """Condition of the drives of the modes."""
     colour: str = "stress"
     """What colours a static state: ``stress`` or ``displacement``."""
     pair: tuple[str, str] | None = None
     """Drive and probe of the Bode diagram."""
-    bode_drives: str = "in place"
+    bode_drives: DriveCondition = "in place"
     """Condition of the drives of the Bode diagram."""
     cursors: list[float] = field(default_factory=list)
     """Frequencies of its two cursors [Hz]."""

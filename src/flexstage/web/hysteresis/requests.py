@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 #: What is not said about how files are read, as `flexstage.records.reading_options` names it.
 _HOW = ("sample_rate", "time", "resample", "rows", "format", "dataset", "delimiter", "decimal")
@@ -46,7 +46,7 @@ class Reading:
     """The decimal sign of a text."""
 
     @property
-    def how(self) -> dict[str, str | None]:
+    def how(self) -> dict[str, Any]:
         """What goes to `understood`, but for the number of lines."""
         return {name: getattr(self, name).strip() or None for name in _HOW}
 

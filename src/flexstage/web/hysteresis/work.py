@@ -128,7 +128,7 @@ def _how(reading: Reading, files: int) -> dict[str, Any]:
     lines = reading.skip_lines.strip() or "0"
     if not lines.isdecimal():
         raise ModelError(f"--skip-lines must be a number of lines, got '{lines}'")
-    return understood(files, **reading.how, skip_lines=int(lines))  # type: ignore[arg-type]
+    return understood(files, **reading.how, skip_lines=int(lines))
 
 
 def read(reading: Reading) -> tuple[list[Record], str | int, str | int]:
