@@ -409,3 +409,18 @@ def test_size_and_mass_of_the_whole() -> None:
     mass = 0.03 * 0.02 * 0.01 * material("Ti-6Al-4V").density
     assert value["mass"] == pytest.approx(mass)
     assert value["moving_mass"] == pytest.approx(mass)
+
+
+def test_the_stress_of_one_hinge_is_that_of_the_whole_map() -> None:
+    rng = np.random.default_rng(3)
+    whole = StressMap(
+        hinges=("a", "b", "c"),
+        matrix=rng.normal(size=(12, 6, 4)),
+        owner=np.array([2, 0, 0, 1, 1, 2, 2, 0, 1, 2, 0, 1]),
+        point=np.array([5, 0, 0, 2, 2, 5, 4, 1, 3, 4, 1, 3]),
+    )
+    q = rng.normal(size=4)
+    for name in whole.hinges:
+        one = whole.of(name)
+        assert one.largest(q) == {name: whole.largest(q)[name]}
+        assert one.scatter(q) == {name: whole.scatter(q)[name]}
