@@ -134,6 +134,21 @@ class LayeredPlate:
         ]
         return np.concatenate(parts, axis=-1)
 
+    def numbers(self, where: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the unknowns of fields at some places of the scalar space, shape (f, len(where)).
+
+        Of what is no unknown it is -1.
+        """
+        found = np.full((len(self.through.components), where.size), -1)
+        at = 0
+        for own, places in self._groups:
+            number = np.searchsorted(places, where)
+            there = number < places.size
+            there[there] = places[number[there]] == where[there]
+            found[np.ix_(own, there)] = at + own.size * number[there] + np.arange(own.size)[:, None]
+            at += own.size * places.size
+        return found
+
     def expanded(self, u: Array) -> Array:
         """Return the fields of displacements, shape (n, k) to (f, w, k)."""
         found = np.zeros((len(self.through.components), self.plane.width, u.shape[1]))

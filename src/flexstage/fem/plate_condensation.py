@@ -10,27 +10,24 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
-from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem.condensation import (
     Condensed,
-    by_own_force,
     reactions,
     reading_row,
-    seam,
-    slopes_at,
 )
 from flexstage.fem.constrained import Constrained
 from flexstage.fem.geometry import MOUNTING, StageFaces, exactly, notch_region, stage_faces
+from flexstage.fem.half_notch import LEVELS, neck_stress, neck_tractions
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import sound_mesh
 from flexstage.fem.neck_rows import edge_means
-from flexstage.fem.necks import NeckPoints, neck_points
-from flexstage.fem.notch_tractions import motion_rows, neck_motions, neck_tractions
+from flexstage.fem.notch_tractions import motion_rows, neck_motions
 from flexstage.fem.ports import drive_vector, rigid_regions
 from flexstage.fem.substructure import BODY, CutNeck, Substructure
 from flexstage.stage import MassProperties, mass_properties
+from flexstage.stage.hinge_attachment import hinge_root
 
 #: Loads inside a body out of its plane: force and moments on its mean motion, one kelvin by metre.
 LOADS_OUT_OF_PLANE = ("z", "rotation x", "rotation y", "temperature gradient z")
@@ -40,8 +37,9 @@ _REACH = 0.4
 # the mesher and its meshes are used by one thread at a time; factors are found side by side
 _ONE_AT_A_TIME = threading.Lock()
 
-# places through half of the thickness where the stress is looked for, in parts of it
-_LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)
+# a body is wider than a root by this much of the root's height, or as good as not
+_WIDER = 0.5
+_NEAR = 1e-9  # two points are one [m]
 
 
 def neck_coordinates(*, out_of_plane: bool) -> tuple[str, ...]:
@@ -71,34 +69,47 @@ def condense_plate(part: Substructure) -> Condensed:
     body = Constrained(ready.plate, ready.rows, [], floating=not part.held)
     basis, K, interfaces = body.reduced(ready.loads, part.modes)
     mass = basis.T @ ready.plate.mass_times(basis)
-    points, properties = ready.points, ready.properties
     loads = ready.loads @ basis
-    each = len(neck_coordinates(out_of_plane=ready.plate.through.out_of_plane))
-    responses = body.neck_responses(K, len(part.necks), each)
     with _ONE_AT_A_TIME:
-        stress = by_own_force(
-            points, responses, lambda own, u: _surface_stress(ready.plate, own, u)
-        )
-    ends, count = seam(part, points), int(points.point.max(initial=-1)) + 1
-    levels = range(len(_LEVELS))
-    owner = np.concatenate([points.owner.astype(np.int64) for _ in levels])
-    # neck by neck, and in each level by level
-    order = np.argsort(owner, kind="stable")
+        surface = _surface(part)
     return Condensed(
         stiffness=K,
         mass=0.5 * (mass + mass.T),
         loads=loads,
         reactions=reactions(K, mass, loads, interfaces),
-        stress=stress,
-        neck=owner[order],
-        point=np.concatenate([points.point.astype(np.int64) + count * i for i in levels])[order],
-        seam=np.concatenate([ends * (i + 1) for i in levels])[order],
+        **surface,
         interfaces=interfaces,
-        inertia=(properties.mass, *properties.centre, properties.inertia),
+        inertia=(ready.properties.mass, *ready.properties.centre, ready.properties.inertia),
         elements=int(ready.plate.plane.mesh.ne),
         unknowns=ready.plate.size,
         held=ready.held,
     )
+
+
+def _surface(part: Substructure) -> dict[str, Array]:
+    """Return the stress of the half notches of a body by forces on them, and its places."""
+    stage = part.stage()
+    each = len(neck_coordinates(out_of_plane=part.through.out_of_plane))
+    found = {"stress": [np.zeros((0, 6, each))]}
+    found |= {name: [np.zeros(0, dtype=np.int64)] for name in ("neck", "point", "seam")}
+    used = 0
+    for i, (neck, hinge) in enumerate(zip(part.necks, stage.hinges, strict=True)):
+        root = hinge_root(stage, hinge, neck.which)
+        beyond = tuple(
+            math.dist(end, corner) > _WIDER * neck.profile.root_height
+            for end, corner in zip(root.ends, root.edge, strict=True)
+        )
+        half = neck_stress(neck.profile, beyond, part.through, part.mesh, part.poissons_ratio)
+        stress = half.of_half(neck.which, neck.direction)
+        ends = np.sign(half.place[:, 1]) * (np.abs(half.place[:, 0]) < _NEAR)
+        count = int(half.point.max()) + 1
+        level = np.arange(len(LEVELS))[:, None]
+        found["stress"].append(stress.reshape(-1, 6, each))
+        found["neck"].append(np.full(stress.shape[0] * stress.shape[1], i))
+        found["point"].append((used + half.point + count * level).ravel())
+        found["seam"].append((ends * (level + 1)).ravel().astype(np.int64))
+        used += count * len(LEVELS)
+    return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -110,8 +121,6 @@ class _Ready:
     """Motions of its interfaces, shape (m, n)."""
     loads: Array
     """Loads inside it, shape (l, n)."""
-    points: NeckPoints
-    """Where its stress is looked for."""
     properties: MassProperties
     """Its mass."""
     held: str
@@ -170,7 +179,6 @@ def _prepared(part: Substructure) -> _Ready:
         plate=plate,
         rows=np.concatenate(rows),
         loads=np.array(loads),
-        points=neck_points(plane.mesh, stage),
         properties=properties,
         held=faces.held,
     )
@@ -180,40 +188,6 @@ def _neck_rows(plate: LayeredPlate, part: Substructure, neck: CutNeck, means: Ar
     """Return the motions of a neck as `neck_coordinates` has them, shape (k, n)."""
     passed, rest, _, _ = neck_motions(plate.through, plate.plane.order)
     direction = math.cos(neck.direction), math.sin(neck.direction)
-    rows = motion_rows(plate, means, (*passed, *rest), direction)
     mix = neck_tractions(neck.profile, plate.through, part.mesh, part.poissons_ratio)
-    return rows[: len(passed)] + mix @ rows[len(passed) :]
-
-
-def _surface_stress(plate: LayeredPlate, points: NeckPoints, basis: Array) -> Array:
-    """Return the stress of displacements at the points of the notches, level by level.
-
-    Components xx, yy, zz, yz, xz, xy [Pa], shape (m, 6, r).
-    """
-    r = basis.shape[1]
-    if not len(points.places):
-        return np.zeros((0, 6, r))
-    through = plate.through
-    parts = through.components
-    fields = plate.expanded(basis)
-    values, slopes = slopes_at(points, plate.plane.mesh, plate.plane.order, fields)
-    z = np.array(_LEVELS) * through.thickness / 2.0
-    functions = through.values_at(z)
-    gradient = np.zeros((z.size, len(values), 3, 3, r))  # of displacement i along j
-    for i, (d, kind, k) in enumerate(parts):
-        value, slope = (f[k][:, None, None] for f in functions[kind])
-        gradient[:, :, d, 0] += value * slopes[None, :, i, :, 0]
-        gradient[:, :, d, 1] += value * slopes[None, :, i, :, 1]
-        gradient[:, :, d, 2] += slope * values[None, :, i]
-    gradient = gradient.reshape(-1, 3, 3, r)
-    modulus, poisson = plate.material.youngs_modulus, plate.material.poissons_ratio
-    shear = modulus / (2.0 * (1.0 + poisson))
-    lame = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-    volume = lame * np.einsum("miir->mr", gradient)
-    return np.stack(
-        [
-            (volume if i == j else 0.0) + shear * (gradient[:, i, j] + gradient[:, j, i])
-            for i, j in COMPONENTS
-        ],
-        axis=1,
-    )
+    mix = np.hstack((np.eye(len(passed)), mix))
+    return motion_rows(plate, means, (*passed, *rest), direction, mix)
