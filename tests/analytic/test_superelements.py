@@ -14,7 +14,8 @@ from flexstage.designs import design
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import mesh as plane_meshes
-from flexstage.fem.condensation import Condensed, condense, recover, surface_stress
+from flexstage.fem.condensation import Condensed, condense, recover
+from flexstage.fem.surface_stress import surface_stress
 from flexstage.fem.constrained import Constrained, PlanePart, factorised
 from flexstage.fem.cutting import Placed, cut_free
 from flexstage.fem.geometry import exactly, neck_edge, patch_edge, stage_faces

@@ -20,7 +20,6 @@ _ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves th
 _SETTLED = 1e-4  # of the squares of frequencies, from one step to the next
 _BLOCK, _STEPS = 8, 60
 _DEPENDENT = 1e-13  # mass that rounding leaves of displacements that others make up
-_LOOSE = 1e-7  # stiffness of a neck against that of its body; by rounding, where nothing holds it
 
 
 class Elastic(Protocol):
@@ -108,8 +107,8 @@ class Constrained:
         self._free = np.flatnonzero(free)
         self._factor = factorised(stiffness)
         P, X = shaped(P, self.loose(P.T), blocks)
-        # of the rows hardly more than the unknowns on a neck count
-        self.P, self.X = P, X = sp.csr_matrix(P), X
+        # most of the rows are of the unknowns on one neck
+        self.P, self.X = sp.csr_matrix(P), X
         G = P @ X
         G = 0.5 * (G + G.T)
         A = P @ self._balance[0]
@@ -157,26 +156,6 @@ class Constrained:
         m = self.P.shape[0]
         force, rigid = self._multipliers(np.eye(m), np.zeros((self._balance[0].shape[1], m)))
         return self.X @ force + self._balance[0] @ rigid, 0.5 * (force + force.T)
-
-    def neck_responses(self, stiffness: Array, count: int, each: int) -> Array:
-        """Return displacements for unit forces on each neck, up to motions of the whole body.
-
-        The necks are the first interfaces, whose stiffness is given. The other interfaces are held
-        and carry a force; what they cannot carry is left to the inertia of the body. Shape (n,
-        count each).
-        """
-        m = self.P.shape[0]
-        forces = np.zeros((m, count * each))
-        for i in range(count):
-            own = slice(each * i, each * (i + 1))
-            size = self._row[own]
-            values, vectors = np.linalg.eigh(stiffness[own, own] / np.outer(size, size))
-            firm = values > _LOOSE
-            held = (vectors[:, firm] / values[firm]) @ vectors[:, firm].T / np.outer(size, size)
-            loose = size[:, None] * (vectors[:, ~firm] @ vectors[:, ~firm].T) / size
-            forces[:, own] = stiffness[:m, own] @ held
-            forces[own, own] += loose
-        return self.X @ forces
 
     def held(self, load: Array) -> Array:
         """Return the response to loads with the interfaces held."""

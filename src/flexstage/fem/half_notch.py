@@ -4,37 +4,42 @@ import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
+import ngsolve as ng
 import numpy as np
 from netgen.occ import TopoDS_Shape
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.elasticity import face
+from flexstage.elasticity import Continuum, face
 from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE
-from flexstage.fem.condensation import slopes_at
-from flexstage.fem.constrained import factorised
+from flexstage.fem.constrained import PlanePart, factorised
 from flexstage.fem.geometry import neck_edge, surface_edge
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import MeshSettings, face_mesh
-from flexstage.fem.neck_rows import edge_means
-from flexstage.fem.necks import NeckPoints, surface_points
+from flexstage.fem.neck_rows import edge_means, neck_rows, shaped
+from flexstage.fem.necks import surface_points
 from flexstage.fem.notch_tractions import motion_rows, neck_motions
-from flexstage.fem.substructure import REFERENCE, CutNeck
+from flexstage.fem.substructure import REFERENCE, CutNeck, Substructure
+from flexstage.fem.surface_stress import layered_stress, surface_stress
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile
+from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.stage import Hinge
 from flexstage.stage.contour import half_notch
+from flexstage.stage.hinge_attachment import hinge_root
 
-_NAME, _ROOT = "0", "root"
+_NAME, _NOTCH, _ROOT = "0", "notch", "root"
+_IN_PLANE = ((0, 0), (1, 1), (2, 2), (0, 1))  # components of stress in a plane
 _NEAR = 1e-9  # two points are one [m]
-
-#: Places through half of the thickness where the stress is looked for, in parts of it.
-LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 # How much finer the half notch alone is meshed than the body that it is a part of, and how fast its
 # elements grow: stress is a derivative.
 _FINER, _GRADING = 0.6, 0.5
+
+
+# A body is wider than a root by this much of the root's height, or as good as not.
+_WIDER = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,29 +54,72 @@ class NeckStress:
     point: NDArray[np.intp]
     """Number of the point that each place belongs to, shape (m,)."""
     stress: Array
-    """Components xx, yy, zz, yz, xz, xy for unit forces on the neck, level by level, shape
-    (l, m, 6, r)."""
+    """Components for unit forces on the neck, level by level, shape (l, m, c, r): the six of
+    `flexstage.elasticity.loaded.COMPONENTS`, in a plane xx, yy, zz and xy."""
     lengthwise: NDArray[np.bool_]
-    """Which of the forces act along the hinge, shape (r,)."""
+    """Which of the forces act along the hinge or turn about its middle, shape (r,)."""
 
     def of_half(self, which: int, direction: float) -> Array:
         """Return the stress of either half of a hinge in any direction [rad].
 
         `which` is 0 for the half on the first body, 1 for that on the second.
         """
+        components = COMPONENTS if self.stress.shape[2] == 6 else _IN_PLANE
         stress = self.stress
         if which:  # mirrored, and so are forces along the hinge
-            odd = np.array([(i == 0) != (j == 0) for i, j in COMPONENTS])
+            odd = np.array([(i == 0) != (j == 0) for i, j in components])
             stress = np.where(odd[:, None] != self.lengthwise, -stress, stress)
         c, s = math.cos(direction), math.sin(direction)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        mix = np.zeros((6, 6))
-        for a, (i, j) in enumerate(COMPONENTS):
-            for b, (k, m) in enumerate(COMPONENTS):
-                mix[a, b] = turn[i, k] * turn[j, m]
-                if k != m:
-                    mix[a, b] += turn[i, m] * turn[j, k]
+        mix = np.array(
+            [
+                [
+                    turn[i, k] * turn[j, m] + (turn[i, m] * turn[j, k] if k != m else 0.0)
+                    for k, m in components
+                ]
+                for i, j in components
+            ]
+        )
         return mix @ stress
+
+
+def stress_of_necks(part: Substructure) -> dict[str, Array]:
+    """Return the stress of the half notches of a body by unit forces on them, and its places.
+
+    By the names that `flexstage.fem.condensation.Condensed` has for them. What a body does to a
+    notch beyond these forces is left out (Saint-Venant).
+    """
+    stage = part.stage()
+    stresses, owner, points, seams, used = [], [], [], [], 0
+    for i, (neck, hinge) in enumerate(zip(part.necks, stage.hinges, strict=True)):
+        root = hinge_root(stage, hinge, neck.which)
+        wide = any(
+            math.dist(end, corner) > _WIDER * neck.profile.root_height
+            for end, corner in zip(root.ends, root.edge, strict=True)
+        )
+        material = (part.mesh, part.poissons_ratio)
+        if part.through is None:
+            half = plane_stress(neck.profile, wide, neck.plane, part.thickness, *material)
+        else:
+            half = neck_stress(neck.profile, wide, part.through, *material)
+        stress = half.of_half(neck.which, neck.direction)
+        levels, places, components, _ = stress.shape
+        level, count = np.arange(levels)[:, None], int(half.point.max()) + 1
+        # the ends of the neck, where the other half begins
+        ends = np.sign(half.place[:, 1]) * (np.abs(half.place[:, 0]) < _NEAR)
+        stresses.append(stress.reshape(levels * places, components, -1))
+        owner.append(np.full(levels * places, i))
+        points.append((used + half.point + count * level).ravel())
+        seams.append((ends * (level + 1)).ravel())
+        used += count * levels
+    nothing = np.zeros(0, dtype=np.int64)
+    return {
+        "stress": np.concatenate(stresses) if stresses else np.zeros((0, 4, 0)),
+        **{
+            name: np.concatenate((nothing, *found)).astype(np.int64)
+            for name, found in (("neck", owner), ("point", points), ("seam", seams))
+        },
+    }
 
 
 @lru_cache(maxsize=64)
@@ -85,7 +133,7 @@ def neck_tractions(
     of its body, held at its far end, it is :math:`\lambda_e = -F_{ee}^{-1} F_{er}\lambda_r`, for
     pulled and sheared motions by themselves; shape (r, e).
     """
-    _, rows, responses = _block(profile, (False, False), through, mesh, poissons_ratio)
+    _, rows, responses = _narrow(profile, through, mesh, poissons_ratio)
     flexibility = rows @ responses
     passed, rest, pulled, pulled_more = neck_motions(through, mesh.order)
     found = np.zeros((len(passed), len(rest)))
@@ -103,62 +151,114 @@ def neck_tractions(
 @lru_cache(maxsize=128)
 def neck_stress(
     profile: Profile,
-    beyond: tuple[bool, bool],
+    wide: bool,
     through: ThroughThickness,
     mesh: MeshSettings,
     poissons_ratio: float,
 ) -> NeckStress:
     """Return the stress of half a notch by unit forces on its neck.
 
-    What its body does to it beyond these is left out (Saint-Venant). `beyond` tells whether the
-    body is wider than the root, to the right and to the left of the hinge.
+    `wide` tells whether the body is wider than the root.
     """
-    plate, _, responses = _block(profile, beyond, through, mesh, poissons_ratio)
-    passed, _, _, _ = neck_motions(through, mesh.order)
-    r = len(passed)
     mix = neck_tractions(profile, through, mesh, poissons_ratio)
+    r = len(mix)
+    mix = np.hstack((np.eye(r), mix))
+    if wide:
+        plate, rows = _block(profile, True, through, mesh, poissons_ratio)
+        u = factorised(plate.stiffness).solve(np.ascontiguousarray((mix @ rows).T))
+    else:
+        plate, _, responses = _narrow(profile, through, mesh, poissons_ratio)
+        u = responses @ mix.T
+    passed = neck_motions(through, mesh.order)[0]
     points = surface_points(plate.plane.mesh, (_NAME,))
     return NeckStress(
         place=points.position[:, :2],
         point=points.point,
-        stress=surface_stress(plate, points, responses[:, :r] + responses[:, r:] @ mix.T),
+        stress=layered_stress(plate, points, u),
         lengthwise=np.array([motion.direction == 0 for motion in passed]),
     )
 
 
-@lru_cache(maxsize=4)
-def _block(
+@lru_cache(maxsize=128)
+def plane_stress(
     profile: Profile,
-    beyond: tuple[bool, bool],
-    through: ThroughThickness,
+    wide: bool,
+    plane: PlaneState,
+    thickness: float,
     mesh: MeshSettings,
     poissons_ratio: float,
+) -> NeckStress:
+    """Return the stress of half a notch in a plane by unit forces on its neck, as `neck_stress`."""
+    meshed, neck = _meshed(profile, wide, thickness, mesh)
+    continuum = Continuum(
+        meshed,
+        replace(REFERENCE, poissons_ratio=poissons_ratio),
+        order=mesh.order,
+        thickness=thickness,
+        strain=_NOTCH if plane == "strain" else "",
+        held=_ROOT,
+    )
+    beam, normal, shear = neck_rows(neck, edge_means(meshed, mesh.order, [neck])[0])
+    rows = np.concatenate((beam, normal, shear))
+    part = PlanePart(continuum)
+    responses = np.zeros((part.size, len(rows)))
+    responses[part.free] = factorised(part.stiffness).solve(rows.T[part.free])
+    _, responses = shaped(rows, responses, [(len(normal), len(shear))])
+    points = surface_points(meshed, (_NAME,))
+    return NeckStress(
+        place=points.position[:, :2],
+        point=points.point,
+        stress=surface_stress(continuum, points, responses)[None],
+        lengthwise=np.array([True, False, True]),
+    )
+
+
+@lru_cache(maxsize=4)
+def _narrow(
+    profile: Profile, through: ThroughThickness, mesh: MeshSettings, poissons_ratio: float
 ) -> tuple[LayeredPlate, Array, Array]:
-    """Return half a notch with a block of its body, the motions of its neck, and the responses."""
-    fine = replace(mesh, neck_size=_FINER * mesh.neck_size, grading=min(mesh.grading, _GRADING))
-    plane, means = _meshed(profile, beyond, through.thickness, fine)
-    material = replace(REFERENCE, poissons_ratio=poissons_ratio)
-    plate = LayeredPlate(plane, material, through, [("notch", (0.0, 0.0), 0.0)])
-    passed, rest, _, _ = neck_motions(through, mesh.order)
-    rows = motion_rows(plate, means, (*passed, *rest))
+    """Return the half notch in a body as wide as its root, with motions of its neck, responses."""
+    plate, rows = _block(profile, False, through, mesh, poissons_ratio)
     return plate, rows, factorised(plate.stiffness).solve(np.ascontiguousarray(rows.T))
 
 
+def _block(
+    profile: Profile,
+    wide: bool,
+    through: ThroughThickness,
+    mesh: MeshSettings,
+    poissons_ratio: float,
+) -> tuple[LayeredPlate, Array]:
+    """Return half a notch with a block of its body, and the motions of its neck."""
+    plane, means = _integrals(profile, wide, through.thickness, mesh)
+    material = replace(REFERENCE, poissons_ratio=poissons_ratio)
+    plate = LayeredPlate(plane, material, through, [(_NOTCH, (0.0, 0.0), 0.0)])
+    passed, rest, _, _ = neck_motions(through, mesh.order)
+    return plate, motion_rows(plate, means, (*passed, *rest))
+
+
 @lru_cache(maxsize=4)
-def _meshed(
-    profile: Profile, beyond: tuple[bool, bool], thickness: float, mesh: MeshSettings
+def _integrals(
+    profile: Profile, wide: bool, thickness: float, mesh: MeshSettings
 ) -> tuple[PlaneIntegrals, Array]:
-    hinge = Hinge(name=_NAME, bodies=("", " "), at=(0.0, 0.0), direction=0.0, profile=profile)
-    shape = _shape(hinge, beyond, mesh.neck_size * profile.neck_thickness)
-    meshed = face_mesh(shape, thickness, mesh)
-    neck = CutNeck(
-        at=(0.0, 0.0), direction=0.0, which=0, profile=profile, contour=(), plane="stress"
-    )
+    meshed, neck = _meshed(profile, wide, thickness, mesh)
     plane = PlaneIntegrals(meshed, order=mesh.order, held=_ROOT)
     return plane, edge_means(meshed, mesh.order, [neck])[0]
 
 
-def _shape(hinge: Hinge, beyond: tuple[bool, bool], size: float) -> TopoDS_Shape:
+def _meshed(
+    profile: Profile, wide: bool, thickness: float, mesh: MeshSettings
+) -> tuple[ng.Mesh, CutNeck]:
+    fine = replace(mesh, neck_size=_FINER * mesh.neck_size, grading=min(mesh.grading, _GRADING))
+    hinge = Hinge(name=_NAME, bodies=("", " "), at=(0.0, 0.0), direction=0.0, profile=profile)
+    shape = _shape(hinge, wide, fine.neck_size * profile.neck_thickness)
+    neck = CutNeck(
+        at=(0.0, 0.0), direction=0.0, which=0, profile=profile, contour=(), plane="stress"
+    )
+    return face_mesh(shape, thickness, fine), neck
+
+
+def _shape(hinge: Hinge, wide: bool, size: float) -> TopoDS_Shape:
     """Return half of a notch with a block of its body, which is held at its far end."""
     profile = hinge.profile
     loop = half_notch(hinge, 0)
@@ -166,21 +266,21 @@ def _shape(hinge: Hinge, beyond: tuple[bool, bool], size: float) -> TopoDS_Shape
     top = profile.neck_thickness / 2.0 + profile.depth
     low = -profile.neck_thickness / 2.0 if profile.one_sided else -top
     root = -profile.length / 2.0
-    far = root - height * (1.0 if any(beyond) else 0.5)
+    far = root - height * (1.0 if wide else 0.5)
     points, bends = [], []
     for a, b, bulge in loop.segments():
         points.append(a)
         bends.append(bulge)
         if abs(a[0] - root) < _NEAR and abs(b[0] - root) < _NEAR:
             # the root gives way to the block
-            right, left = (height if wide else 0.0 for wide in beyond)
-            block = [(far, top + left), (far, low - right)]
-            block = [(root, top + left)] * bool(left) + block
-            block += [(root, low - right)] * bool(right)
+            block = [(far, top), (far, low)]
+            if wide:
+                left, right = top + height, low - height
+                block = [(root, left), (far, left), (far, right), (root, right)]
             points += block
             bends += [0.0] * len(block)
     shape = face(points, bends)
-    shape.name = "notch"
+    shape.name = _NOTCH
     for edge in shape.edges:
         ends = [edge.start.x / METRE, edge.end.x / METRE]
         if max(map(abs, ends)) < _NEAR:
@@ -191,36 +291,3 @@ def _shape(hinge: Hinge, beyond: tuple[bool, bool], size: float) -> TopoDS_Shape
             edge.name = surface_edge(hinge.name)
             edge.maxh = size * METRE
     return shape
-
-
-def surface_stress(plate: LayeredPlate, points: NeckPoints, basis: Array) -> Array:
-    """Return the stress of displacements at the points of the notches, level by level.
-
-    Components xx, yy, zz, yz, xz, xy [Pa], shape (l, m, 6, r).
-    """
-    r = basis.shape[1]
-    through = plate.through
-    parts = through.components
-    fields = plate.expanded(basis)
-    values, slopes = slopes_at(points, plate.plane.mesh, plate.plane.order, fields)
-    z = np.array(LEVELS) * through.thickness / 2.0
-    functions = through.values_at(z)
-    gradient = np.zeros((z.size, len(values), 3, 3, r))  # of displacement i along j
-    for i, (d, kind, k) in enumerate(parts):
-        value, slope = (f[k][:, None, None] for f in functions[kind])
-        gradient[:, :, d, 0] += value * slopes[None, :, i, :, 0]
-        gradient[:, :, d, 1] += value * slopes[None, :, i, :, 1]
-        gradient[:, :, d, 2] += slope * values[None, :, i]
-    gradient = gradient.reshape(-1, 3, 3, r)
-    modulus, poisson = plate.material.youngs_modulus, plate.material.poissons_ratio
-    shear = modulus / (2.0 * (1.0 + poisson))
-    lame = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-    volume = lame * np.einsum("miir->mr", gradient)
-    found = np.stack(
-        [
-            (volume if i == j else 0.0) + shear * (gradient[:, i, j] + gradient[:, j, i])
-            for i, j in COMPONENTS
-        ],
-        axis=1,
-    )
-    return found.reshape(z.size, -1, 6, r)

@@ -21,12 +21,10 @@ from flexstage.stage import Loop, Stage
 SLIVER = 0.15
 _TRIES = 6
 
-# Elements to a radius of curvature, of order 4 as a rule, and sweeps of the mesher over its mesh:
-# the first ones leave a fifth more elements.
-_BY_RADIUS, _SWEEPS = 1.5, 10
+_BY_RADIUS = 1.5  # elements to a radius of curvature, of order 4 as a rule
 # At a corner that points into a body the stress has no bound, and the mesh is what the body's
 # stiffness is wrong by: largest element there, in plate thicknesses, and the least turn [rad].
-_AT_CORNER, _TURN = 0.4, 0.3
+_AT_CORNER, _TURN = 0.1, 0.3
 _GROWTH = 0.35  # of an element, by its distance from the small ones [1]
 
 #: Boundary on the middle plane of a stage, where a half of its thickness is meshed.
@@ -47,7 +45,7 @@ class MeshSettings:
     """Polynomial order of the displacement, 1 to 8."""
     neck_size: float = 0.8
     """Largest element along the surface of a notch, in neck thicknesses [1]."""
-    grading: float = 0.75
+    grading: float = 0.7
     """How fast elements grow away from the necks, 0.1 (slowly) to 1 [1]."""
     size: float = 2.0
     """Largest element, in plate thicknesses [1]."""
@@ -85,10 +83,8 @@ def _generate(
     shape: TopoDS_Shape, dimension: int, largest: float, grading: float, sizes: Sizes
 ) -> ng.Mesh:
     geometry = OCCGeometry(shape, dim=dimension)
-    rules = MeshingParameters(
-        maxh=largest * METRE, grading=grading, curvaturesafety=_BY_RADIUS, optsteps2d=_SWEEPS
-    )
-    levels = {z for corner in shape.bounding_box for z in [corner.z]}
+    rules = MeshingParameters(maxh=largest * METRE, grading=grading, curvaturesafety=_BY_RADIUS)
+    levels = {corner.z for corner in shape.bounding_box}
     for (x, y), size in sizes:
         for z in levels:
             rules.RestrictH(x, y, z, size)
@@ -159,7 +155,8 @@ def plane_mesh(
 ) -> ng.Mesh:
     """Mesh the plane of a stage with curved triangles.
 
-    `sizes` are of elements at further places than the notches and the corners of bodies. It is in millimetres, with regions and boundaries named as in `flexstage.fem.geometry`.
+    It is in millimetres, with regions and boundaries named as in `flexstage.fem.geometry`; `sizes`
+    are of elements at further places than notches and corners.
     """
     _afford(stage, faces, settings, 2)
     _refine(stage, faces, settings)

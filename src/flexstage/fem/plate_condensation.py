@@ -19,7 +19,7 @@ from flexstage.fem.condensation import (
 )
 from flexstage.fem.constrained import Constrained
 from flexstage.fem.geometry import MOUNTING, StageFaces, exactly, notch_region, stage_faces
-from flexstage.fem.half_notch import LEVELS, neck_stress, neck_tractions
+from flexstage.fem.half_notch import neck_tractions, stress_of_necks
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import sound_mesh
 from flexstage.fem.neck_rows import edge_means
@@ -27,7 +27,6 @@ from flexstage.fem.notch_tractions import motion_rows, neck_motions
 from flexstage.fem.ports import drive_vector, rigid_regions
 from flexstage.fem.substructure import BODY, CutNeck, Substructure
 from flexstage.stage import MassProperties, mass_properties
-from flexstage.stage.hinge_attachment import hinge_root
 
 #: Loads inside a body out of its plane: force and moments on its mean motion, one kelvin by metre.
 LOADS_OUT_OF_PLANE = ("z", "rotation x", "rotation y", "temperature gradient z")
@@ -36,10 +35,6 @@ LOADS_OUT_OF_PLANE = ("z", "rotation x", "rotation y", "temperature gradient z")
 _REACH = 0.4
 # the mesher and its meshes are used by one thread at a time; factors are found side by side
 _ONE_AT_A_TIME = threading.Lock()
-
-# a body is wider than a root by this much of the root's height, or as good as not
-_WIDER = 0.5
-_NEAR = 1e-9  # two points are one [m]
 
 
 def neck_coordinates(*, out_of_plane: bool) -> tuple[str, ...]:
@@ -71,45 +66,19 @@ def condense_plate(part: Substructure) -> Condensed:
     mass = basis.T @ ready.plate.mass_times(basis)
     loads = ready.loads @ basis
     with _ONE_AT_A_TIME:
-        surface = _surface(part)
+        stress = stress_of_necks(part)
     return Condensed(
         stiffness=K,
         mass=0.5 * (mass + mass.T),
         loads=loads,
         reactions=reactions(K, mass, loads, interfaces),
-        **surface,
+        **stress,
         interfaces=interfaces,
         inertia=(ready.properties.mass, *ready.properties.centre, ready.properties.inertia),
         elements=int(ready.plate.plane.mesh.ne),
         unknowns=ready.plate.size,
         held=ready.held,
     )
-
-
-def _surface(part: Substructure) -> dict[str, Array]:
-    """Return the stress of the half notches of a body by forces on them, and its places."""
-    stage = part.stage()
-    each = len(neck_coordinates(out_of_plane=part.through.out_of_plane))
-    found = {"stress": [np.zeros((0, 6, each))]}
-    found |= {name: [np.zeros(0, dtype=np.int64)] for name in ("neck", "point", "seam")}
-    used = 0
-    for i, (neck, hinge) in enumerate(zip(part.necks, stage.hinges, strict=True)):
-        root = hinge_root(stage, hinge, neck.which)
-        beyond = tuple(
-            math.dist(end, corner) > _WIDER * neck.profile.root_height
-            for end, corner in zip(root.ends, root.edge, strict=True)
-        )
-        half = neck_stress(neck.profile, beyond, part.through, part.mesh, part.poissons_ratio)
-        stress = half.of_half(neck.which, neck.direction)
-        ends = np.sign(half.place[:, 1]) * (np.abs(half.place[:, 0]) < _NEAR)
-        count = int(half.point.max()) + 1
-        level = np.arange(len(LEVELS))[:, None]
-        found["stress"].append(stress.reshape(-1, 6, each))
-        found["neck"].append(np.full(stress.shape[0] * stress.shape[1], i))
-        found["point"].append((used + half.point + count * level).ravel())
-        found["seam"].append((ends * (level + 1)).ravel().astype(np.int64))
-        used += count * len(LEVELS)
-    return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
