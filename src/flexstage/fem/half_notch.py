@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import ngsolve as ng
 import numpy as np
-from netgen.occ import TopoDS_Shape
+from netgen.occ import Glue, TopoDS_Shape
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
@@ -14,7 +14,7 @@ from flexstage.elasticity import Continuum, face
 from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.constrained import PlanePart, factorised
-from flexstage.fem.geometry import neck_edge, surface_edge
+from flexstage.fem.geometry import STRAINED, neck_edge, surface_edge
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import MeshSettings, face_mesh
 from flexstage.fem.neck_rows import edge_means, neck_rows, shaped
@@ -26,10 +26,10 @@ from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.stage import Hinge
-from flexstage.stage.contour import half_notch
+from flexstage.stage.contour import half_notch, inner_notch
 from flexstage.stage.hinge_attachment import hinge_root
 
-_NAME, _NOTCH, _ROOT = "0", "notch", "root"
+_NAME, _BODY, _NOTCH, _CUT, _ROOT = "0", "body", "notch", "cut", "root"
 _IN_PLANE = ((0, 0), (1, 1), (2, 2), (0, 1))  # components of stress in a plane
 _NEAR = 1e-9  # two points are one [m]
 
@@ -232,7 +232,7 @@ def _block(
     """Return half a notch with a block of its body, and the motions of its neck."""
     plane, means = _integrals(profile, wide, through.thickness, mesh)
     material = replace(REFERENCE, poissons_ratio=poissons_ratio)
-    plate = LayeredPlate(plane, material, through, [(_NOTCH, (0.0, 0.0), 0.0)])
+    plate = LayeredPlate(plane, material, through, [(".*", (0.0, 0.0), 0.0)])
     passed, rest, _, _ = neck_motions(through, mesh.order)
     return plate, motion_rows(plate, means, (*passed, *rest))
 
@@ -280,14 +280,21 @@ def _shape(hinge: Hinge, wide: bool, size: float) -> TopoDS_Shape:
             points += block
             bends += [0.0] * len(block)
     shape = face(points, bends)
-    shape.name = _NOTCH
+    shape.name = _BODY
+    # as of a stage, see `flexstage.fem.geometry.STRAINED`
+    inner = inner_notch(hinge, 0, STRAINED)
+    notch = face(inner.points, inner.bulges)
+    notch.name = _NOTCH
+    shape = Glue([shape - notch, notch])
+    across = {0.0: neck_edge(hinge.name), STRAINED * root: _CUT, root: "", far: _ROOT}
     for edge in shape.edges:
         ends = [edge.start.x / METRE, edge.end.x / METRE]
-        if max(map(abs, ends)) < _NEAR:
-            edge.name = neck_edge(hinge.name)
-        elif max(abs(x - far) for x in ends) < _NEAR:
-            edge.name = _ROOT
-        elif min(ends) > root - _NEAR and max(ends) > root + _NEAR:
-            edge.name = surface_edge(hinge.name)
-            edge.maxh = size * METRE
+        for x, name in across.items():
+            if max(abs(end - x) for end in ends) < _NEAR:
+                edge.name = name
+                break
+        else:
+            if min(ends) > root - _NEAR:
+                edge.name = surface_edge(hinge.name)
+                edge.maxh = size * METRE
     return shape

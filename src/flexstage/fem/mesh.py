@@ -21,7 +21,6 @@ from flexstage.stage import Loop, Stage
 SLIVER = 0.15
 _TRIES = 6
 
-_BY_RADIUS = 1.5  # elements to a radius of curvature, of order 4 as a rule
 # At a corner that points into a body the stress has no bound, and the mesh is what the body's
 # stiffness is wrong by: largest element there, in plate thicknesses, and the least turn [rad].
 _AT_CORNER, _TURN = 0.1, 0.3
@@ -45,7 +44,7 @@ class MeshSettings:
     """Polynomial order of the displacement, 1 to 8."""
     neck_size: float = 0.8
     """Largest element along the surface of a notch, in neck thicknesses [1]."""
-    grading: float = 0.7
+    grading: float = 0.6
     """How fast elements grow away from the necks, 0.1 (slowly) to 1 [1]."""
     size: float = 2.0
     """Largest element, in plate thicknesses [1]."""
@@ -83,7 +82,7 @@ def _generate(
     shape: TopoDS_Shape, dimension: int, largest: float, grading: float, sizes: Sizes
 ) -> ng.Mesh:
     geometry = OCCGeometry(shape, dim=dimension)
-    rules = MeshingParameters(maxh=largest * METRE, grading=grading, curvaturesafety=_BY_RADIUS)
+    rules = MeshingParameters(maxh=largest * METRE, grading=grading)
     levels = {corner.z for corner in shape.bounding_box}
     for (x, y), size in sizes:
         for z in levels:
