@@ -181,7 +181,7 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
         mass=0.5 * (mass + mass.T),
         loads=loads,
         reactions=reactions(K, mass, loads, interfaces),
-        **stress_of_necks(part),
+        **stress_of_necks(part)._asdict(),
         interfaces=interfaces,
         inertia=(properties.mass, *properties.centre, properties.inertia),
         elements=int(mesh.ne),

@@ -143,7 +143,7 @@ class Constrained:
 
     def _multipliers(self, gap: Array, moment: Array) -> tuple[Array, Array]:
         """Interface forces and rigid motion that close a gap and balance the loads."""
-        m = self.P.shape[0]
+        m = len(self._row)
         right = np.concatenate((self._row[:, None] * gap, self._column[:, None] * moment))
         found = self._saddle @ right if m else np.zeros_like(right)
         return self._row[:, None] * found[:m], self._column[:, None] * found[m:]
@@ -153,7 +153,7 @@ class Constrained:
 
         Shapes (n, m) and (m, m).
         """
-        m = self.P.shape[0]
+        m = len(self._row)
         force, rigid = self._multipliers(np.eye(m), np.zeros((self._balance[0].shape[1], m)))
         return self.X @ force + self._balance[0] @ rigid, 0.5 * (force + force.T)
 
@@ -175,7 +175,7 @@ class Constrained:
         orthogonal to all before it, so that no mode comes twice.
         """
         mass_times, size = self.part.mass_times, self.part.size
-        if not count or not self.P.shape[0]:
+        if not count or not len(self._row):
             return np.zeros(0), np.zeros((size, 0))
         start = np.random.default_rng(0).standard_normal((size, _BLOCK))
         block = self.held(mass_times(start))
@@ -203,8 +203,7 @@ class Constrained:
             found = 1.0 / values
             if found.size == count and np.all(np.abs(found - last) <= _SETTLED * found):
                 # by one more iteration than the basis, these are orthogonal in K
-                turn = np.split(turn / values, np.cumsum([a.shape[1] for a in answers])[:-1])
-                return found, sum(a @ t for a, t in zip(answers, turn, strict=True))
+                return found, np.hstack(answers) @ (turn / values)
             last = found if found.size == count else last
             block = answer
         raise ConvergenceError("the modes of a body with held interfaces were not found")

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import ngsolve as ng
 import numpy as np
@@ -83,11 +84,19 @@ class NeckStress:
         return mix @ stress
 
 
-def stress_of_necks(part: Substructure) -> dict[str, Array]:
-    """Return the stress of the half notches of a body by unit forces on them, and its places.
+class SurfaceStress(NamedTuple):
+    """Stress of all half notches of a body, as `flexstage.fem.condensation.Condensed` has it."""
 
-    By the names that `flexstage.fem.condensation.Condensed` has for them. What a body does to a
-    notch beyond these forces is left out (Saint-Venant).
+    stress: Array
+    neck: NDArray[np.int64]
+    point: NDArray[np.int64]
+    seam: NDArray[np.int64]
+
+
+def stress_of_necks(part: Substructure) -> SurfaceStress:
+    """Return the stress of the half notches of a body by unit forces on them.
+
+    What a body does to a notch beyond these forces is left out (Saint-Venant).
     """
     stage = part.stage()
     stresses, owner, points, seams, used = [], [], [], [], 0
@@ -113,13 +122,10 @@ def stress_of_necks(part: Substructure) -> dict[str, Array]:
         seams.append((ends * (level + 1)).ravel())
         used += count * levels
     nothing = np.zeros(0, dtype=np.int64)
-    return {
-        "stress": np.concatenate(stresses) if stresses else np.zeros((0, 4, 0)),
-        **{
-            name: np.concatenate((nothing, *found)).astype(np.int64)
-            for name, found in (("neck", owner), ("point", points), ("seam", seams))
-        },
-    }
+    return SurfaceStress(
+        np.concatenate(stresses) if stresses else np.zeros((0, len(_IN_PLANE), 0)),
+        *(np.concatenate((nothing, *found)).astype(np.int64) for found in (owner, points, seams)),
+    )
 
 
 @lru_cache(maxsize=64)

@@ -72,7 +72,7 @@ def condense_plate(part: Substructure) -> Condensed:
         mass=0.5 * (mass + mass.T),
         loads=loads,
         reactions=reactions(K, mass, loads, interfaces),
-        **stress,
+        **stress._asdict(),
         interfaces=interfaces,
         inertia=(ready.properties.mass, *ready.properties.centre, ready.properties.inertia),
         elements=int(ready.plate.plane.mesh.ne),
