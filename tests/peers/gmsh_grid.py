@@ -80,10 +80,10 @@ def _names(gmsh: Any, dimension: int, shapes: Any) -> dict[int, str]:
     tags = [tag for _, tag in gmsh.model.getEntities(dimension)]
     centres = [gmsh.model.occ.getCenterOfMass(dimension, tag) for tag in tags]
     away, nearest = KDTree([(s.center.x, s.center.y, s.center.z) for s in shapes]).query(centres)
-    if away.max() > 1e-6:
+    if np.max(away) > 1e-6:
         raise ValueError("Gmsh reads another outline than was written")
-    names = [s.name for s in shapes]
-    return {tag: names[i] or "" for tag, i in zip(tags, np.atleast_1d(nearest).tolist(), strict=True)}
+    names = [s.name or "" for s in shapes]
+    return {tag: names[i] for tag, i in zip(tags, np.atleast_1d(nearest).tolist(), strict=True)}
 
 
 def _field(gmsh: Any, kind: str, **values: Any) -> int:
