@@ -1,7 +1,7 @@
 """Finite elements: time to an accuracy against rivals, and growth with the number of unknowns.
 
-`python -m benchmarks.finite_elements [--long] [hinge] [growth] [stage]`; the whole stage takes
-minutes and comes with `--long` alone.
+`python -m benchmarks.finite_elements [--long] [hinge] [growth]`; a whole stage is in
+`benchmarks.whole_stage`.
 
 Every route climbs a ladder of meshes until its own error is within the target, and its time is that
 of the first mesh that is. Ours has the geometry to mesh; rivals are given their meshes, and their
@@ -25,7 +25,16 @@ import numpy as np
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
 
-__all__ = ["growth", "hinge", "stage"]
+__all__ = [
+    "Rung",
+    "alone",
+    "climbed",
+    "growth",
+    "have_calculix",
+    "have_scikit_fem",
+    "hinge",
+    "shown",
+]
 
 #: A mesh that takes longer than this ends the ladder of its route [s].
 LIMIT = 60.0
@@ -46,7 +55,7 @@ class Rung:
     seconds: float
 
 
-def _climb(steps: Iterable[Callable[[], Rung]], limit: float = LIMIT) -> tuple[Timed, str]:
+def _climb(steps: Iterable[Callable[[], Rung]], limit: float) -> tuple[Timed, str]:
     """Return the time of the first mesh that is accurate enough, or that of the last one tried."""
     rung = None
     for step in steps:
@@ -62,10 +71,13 @@ def _climb(steps: Iterable[Callable[[], Rung]], limit: float = LIMIT) -> tuple[T
     return Timed(seconds=rung.seconds, finished=False), f"target not reached: {rung.words}"
 
 
-def _rows(case: str, routes: Iterable[tuple[str, Iterable[Callable[[], Rung]]]]) -> Iterator[Row]:
+def climbed(
+    case: str, routes: Iterable[tuple[str, Iterable[Callable[[], Rung]]]], limit: float = LIMIT
+) -> Iterator[Row]:
+    """Return a row for each route, against the first one."""
     first = None
     for route, steps in routes:
-        taken, words = _climb(steps)
+        taken, words = _climb(steps, limit)
         first = first or taken.seconds
         yield Row(case=case, route=route, time=taken, ratio=taken.seconds / first, limit=words)
 
@@ -132,39 +144,39 @@ def hinge() -> Iterator[Row]:
                     piece.MATERIAL,
                     thickness=piece.THICKNESS,
                     plane_strain=False,
-                    held=lambda x: piece.on_left(x.T),
-                    loaded=lambda x: piece.on_right(x.T),
+                    held=piece.on_left,
+                    loaded=piece.on_right,
                     modes=1,
                 ),
             )
 
     squares = ((6, 2, 4), (8, 2, 8), (12, 3, 8), (16, 4, 12), (20, 5, 16), (28, 7, 24))
     routes = [("flexstage, curved triangles", ours((3, 1.5, None), (4, 1.0, None), (5, 0.8, None)))]
-    if _have_scikit_fem():
+    if have_scikit_fem():
         routes.append(("scikit-fem, triangles P2", flat(1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12)))
-    if _have_calculix():
+    if have_calculix():
         routes.append(("CalculiX, CPS8", bricks("CPS8", *((*s, 0) for s in squares))))
-    yield from _rows("hinge in plane stress: frequency to 0.1 %, stress to 1 %", routes)
+    yield from climbed("hinge in plane stress: frequency to 0.1 %, stress to 1 %", routes)
 
     blocks = ((4, 1, 3, 3), (6, 2, 4, 4), (8, 2, 4, 6), (8, 3, 4, 6), (12, 3, 6, 6), (16, 4, 6, 6))
     prisms = ((3, 1.5, (0.0, 1.0)), (4, 1.5, (0.0, 1.0)), (4, 1.0, (0.0, 0.8, 1.0)))
     routes = [("flexstage, prisms", ours(*prisms, (5, 1.0, (0.0, 0.8, 1.0))))]
-    if _have_calculix():
+    if have_calculix():
         routes += [
             ("CalculiX, C3D15 from triangles", wedges((1.0, 3), (0.5, 4), (0.25, 6), (0.18, 8))),
             ("CalculiX, C3D20, grid by hand", bricks("C3D20", *blocks)),
             ("CalculiX, C3D20R, grid by hand", bricks("C3D20R", *blocks)),
         ]
-    yield from _rows("hinge in three dimensions: frequency to 0.1 %, stress to 1 %", routes)
+    yield from climbed("hinge in three dimensions: frequency to 0.1 %, stress to 1 %", routes)
 
 
-def _have_calculix() -> bool:
+def have_calculix() -> bool:
     import shutil
 
     return shutil.which("ccx") is not None
 
 
-def _have_scikit_fem() -> bool:
+def have_scikit_fem() -> bool:
     import importlib.util
 
     return importlib.util.find_spec("skfem") is not None
@@ -173,13 +185,13 @@ def _have_scikit_fem() -> bool:
 # --------------------------------------------------------------------------------------- growth
 
 
-def _measure(connection: Any, dimension: int, unknowns: int) -> None:
-    """Mesh, factorise, solve one load and one mode in a process of its own."""
+def _measure(dimension: int, unknowns: int) -> tuple[float, float, float]:
+    """Mesh, factorise, solve one load and one mode; say what memory was there before."""
     _one_thread()
     from flexstage.elasticity import Continuum
     from tests.peers import reference_piece as piece
 
-    base = _peak_memory()
+    base = peak_memory()
     order, area = 4, 155e-6
     # unknowns of a triangle, or of a prism, of order 4 in a large mesh
     each = 16.0 if dimension == 2 else 120.0
@@ -196,27 +208,38 @@ def _measure(connection: Any, dimension: int, unknowns: int) -> None:
         )
     part.solve(part.mean("right", (0.0, 1.0)))
     part.modes(1, tolerance=1e-6)
-    seconds = time.perf_counter() - start
-    connection.send((part.size, seconds, _peak_memory() - base, _peak_memory()))
+    return part.size, time.perf_counter() - start, base
 
 
-def _peak_memory() -> float:
+def peak_memory() -> float:
+    """Most memory that this process, or one that it ran, has had so far [bytes]."""
     scale = 1.0 if sys.platform == "darwin" else 1024.0
-    return scale * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    who = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    return scale * max(resource.getrusage(w).ru_maxrss for w in who)
 
 
-def _grown(dimension: int, unknowns: int) -> tuple[float, float, float, float]:
+def _child(connection: Any, work: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    connection.send((work(*arguments), peak_memory()))
+
+
+def alone(work: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
+    """Run a function of a module in a process of its own; return also its peak memory [bytes]."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_measure, args=(theirs, dimension, unknowns))
+    process = context.Process(target=_child, args=(theirs, work, arguments))
     process.start()
     theirs.close()
     try:
         return ours.recv()
     except EOFError as error:
-        raise RuntimeError(f"{unknowns} unknowns failed in their process") from error
+        raise RuntimeError(f"{work.__name__} failed in its process: {arguments}") from error
     finally:
         process.join()
+
+
+def _grown(dimension: int, unknowns: int) -> tuple[float, float, float, float]:
+    (count, seconds, base), peak = alone(_measure, dimension, unknowns)
+    return count, seconds, peak - base, peak
 
 
 def growth(*, long: bool = False) -> Iterator[Row]:
@@ -258,99 +281,9 @@ def _slope(rows: list[tuple[float, float, float, float]], column: int) -> float:
     return float(np.polyfit(values[:, 0], values[:, 1], 1)[0])
 
 
-# -------------------------------------------------------------------------------- a whole stage
-
-
-def stage() -> Iterator[Row]:
-    """Time the piezo stage to 0.3 % in its first two frequencies and both drive ratios, in 3D.
-
-    The rival's finest wedges reach no more than that in a few minutes.
-    """
-    _one_thread()
-    from flexstage.designs import design
-    from flexstage.fem.mesh import MeshSettings
-    from flexstage.fem.solid import solid_model
-    from flexstage.fem.superelement import superelement_model
-    from flexstage.system import analyse_axis, modes
-    from tests.peers.stage_grid import calculix_figures, plane_grid
-
-    source = design("vgtu-piezo")
-
-    def figures(system: Any) -> np.ndarray:
-        axes = [analyse_axis(system, axis) for axis in system.axes]
-        ratios = [a.output_displacement / a.input_displacement for a in axes]
-        return np.array([*modes(system, drives="removed").frequency_hz[:2], *ratios])
-
-    def solid_figures(settings: MeshSettings) -> tuple[np.ndarray, int]:
-        model = solid_model(source, settings, modes=(4, 1))
-        return figures(model.system), model.unknowns
-
-    converged, _ = solid_figures(MeshSettings(order=4, neck_size=1.0))
-
-    def rung(found: np.ndarray, unknowns: int, seconds: float) -> Rung:
-        errors = found / converged - 1.0
-        return Rung(
-            error=float(np.abs(errors).max()) / 3e-3,
-            words=f"{unknowns} unknowns: f {errors[0]:+.2%}, {errors[1]:+.2%}, "
-            f"ratio {errors[2]:+.2%}, {errors[3]:+.2%}",
-            seconds=seconds,
-        )
-
-    def ours() -> Iterator[Callable[[], Rung]]:
-        for order, neck_size in ((2, 1.5), (3, 1.5), (4, 1.5)):
-
-            def step(o: int = order, h: float = neck_size) -> Rung:
-                start = time.perf_counter()
-                found, unknowns = solid_figures(MeshSettings(order=o, neck_size=h))
-                return rung(found, unknowns, time.perf_counter() - start)
-
-            yield step
-
-    def condensed() -> Iterator[Callable[[], Rung]]:
-        def step() -> Rung:
-            start = time.perf_counter()
-            model = superelement_model(source, space=True, cache=False)
-            seconds = time.perf_counter() - start
-            return rung(figures(model.system), model.unknowns, seconds)
-
-        yield step
-
-    def theirs() -> Iterator[Callable[[], Rung]]:
-        for neck_size, size, grading in ((0.5, 20e-3, 0.6), (0.25, 20e-3, 0.6), (0.2, 10e-3, 0.5)):
-            plane = plane_grid(source, neck_size=neck_size, size=size, grading=grading)
-
-            def step(p: Any = plane) -> Rung:
-                found = calculix_figures(source, p, threads=1)
-                values = np.array([*found.frequencies, *found.ratios.values()])
-                return rung(values, found.unknowns, found.seconds)
-
-            yield step
-
-    routes = [
-        ("flexstage, superelements in space, both motions, none from disk", condensed()),
-        ("flexstage, prisms, in and out of the plane", ours()),
-    ]
-    if _have_calculix():
-        routes.append(("CalculiX, C3D15 from triangles, in the plane", theirs()))
-    case = "vgtu-piezo in three dimensions: two frequencies and both ratios to 0.3 %"
-    first = None
-    for route, steps in routes:
-        taken, words = _climb(steps, limit=600.0)
-        first = first or taken.seconds
-        yield Row(case=case, route=route, time=taken, ratio=taken.seconds / first, limit=words)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description="Finite elements: time to an accuracy, growth.")
-    parser.add_argument("names", nargs="*", choices=["hinge", "growth", "stage", []])
-    parser.add_argument("--long", action="store_true", help="the whole stage, and larger problems")
-    options = parser.parse_args()
-    cases = {"hinge": hinge, "growth": lambda: growth(long=options.long)}
-    if options.long:
-        cases["stage"] = stage
-    elif "stage" in options.names:
-        parser.error("the whole stage takes minutes: give --long")
-    for name in options.names or cases:
+def shown(cases: dict[str, Callable[[], Iterator[Row]]], names: Iterable[str]) -> None:
+    """Print the rows of cases as they come, all cases where none is named."""
+    for name in names or cases:
         for case, group in groupby(cases[name](), key=lambda row: row.case):
             print(f"\n{case}", flush=True)
             for row in group:
@@ -359,6 +292,14 @@ def main() -> None:
                     f"  {row.route:<44} {row.time!s:>10} {mark}{row.ratio:>8.3g}   {row.limit}",
                     flush=True,
                 )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Finite elements: time to an accuracy, growth.")
+    parser.add_argument("names", nargs="*", choices=["hinge", "growth", []])
+    parser.add_argument("--long", action="store_true", help="larger problems")
+    options = parser.parse_args()
+    shown({"hinge": hinge, "growth": lambda: growth(long=options.long)}, options.names)
 
 
 if __name__ == "__main__":

@@ -43,6 +43,7 @@ class Job:
     held: Mapping[str, Index] = field(default_factory=dict)  # nodes by directions, as "xy" or "z"
     loads: Sequence[Array] = ()  # nodal forces [N], each (n, 2 or 3)
     stress: bool = False
+    printed: Index | None = None  # nodes whose stress is wanted, all where not given
     modes: int = 0
 
 
@@ -123,6 +124,8 @@ def deck(job: Job) -> str:
         lines += [f"{n + 1}," for n in nodes.tolist()]
         lines.append("*BOUNDARY")
         lines += [f"H{number},{'xyz'.index(c) + 1},{'xyz'.index(c) + 1}" for c in directions]
+    if job.printed is not None:
+        lines += ["*NSET, NSET=PRINTED", *(f"{n + 1}," for n in job.printed.tolist())]
     for load in job.loads:
         lines += ["*STEP", "*STATIC", "*CLOAD, OP=NEW"]
         for n, c in zip(*np.nonzero(load), strict=True):
@@ -130,12 +133,14 @@ def deck(job: Job) -> str:
         output = ", OUTPUT=2D" if plane else ""
         lines += [f"*NODE FILE{output}", "U"]
         if job.stress:
-            lines += [f"*EL FILE{output}", "S"]
+            lines += [f"*EL FILE{output}{', NSET=PRINTED' * (job.printed is not None)}", "S"]
         lines.append("*END STEP")
     if job.modes:
         lines += ["*STEP", "*FREQUENCY", str(job.modes)]
         if job.loads:
-            lines += ["*CLOAD, OP=NEW"]
+            # what the steps before print holds until another is asked for
+            least = ", NSET=PRINTED" if job.printed is not None else ""
+            lines += ["*CLOAD, OP=NEW", f"*NODE FILE{least}", "U"]
         lines.append("*END STEP")
     return "\n".join(lines) + "\n"
 

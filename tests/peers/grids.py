@@ -1,7 +1,7 @@
 """Quadratic grids as plain arrays: triangles of a mesh, quadrilaterals, and what they sweep out."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ class Grid:
     nodes: Array  # (n, 2 or 3)
     elements: Index  # (m, 6, 8, 15 or 20)
     regions: tuple[str, ...] = ()  # one for each element, where it has names
+    sides: Mapping[str, Index] = field(default_factory=dict)  # named edges: end, middle, end
 
     def edges(self, where: Callable[[Array], NDArray[np.bool_]]) -> Index:
         """Edges of a plane grid all of whose nodes lie somewhere: end, middle, end."""

@@ -38,6 +38,23 @@ def wedge(r: Array, s: Array, z: Array) -> Array:
     return np.stack(found, axis=1)
 
 
+def brick(r: Array, s: Array, z: Array) -> Array:
+    """Serendipity functions of twenty nodes at r, s, z in -1..1, shape (q, 20)."""
+    at = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+    corners = [
+        0.125 * (1 + r * a) * (1 + s * b) * (1 + z * c) * (r * a + s * b + z * c - 2)
+        for c in (-1, 1)
+        for a, b in at
+    ]
+    sides = [
+        0.25 * (1 - x**2) * (1 + y * e) * (1 + z * c)
+        for c in (-1, 1)
+        for x, y, e in ((r, s, -1), (s, r, 1), (r, s, 1), (s, r, -1))
+    ]
+    upright = [0.25 * (1 + r * a) * (1 + s * b) * (1 - z**2) for a, b in at]
+    return np.stack(corners + sides + upright, axis=1)
+
+
 def _slopes(function: object, at: list[Array]) -> list[Array]:
     """Derivatives; the functions are quadratic in each direction, so that this is exact."""
     step = 0.5
@@ -67,21 +84,27 @@ def face_shares(nodes: Array, faces: Index) -> Array:
     return _gather(nodes, faces, N, np.linalg.norm(np.cross(a, b), axis=2) * w)
 
 
-def wedge_points(nodes: Array, wedges: Index) -> tuple[Array, Array, Array]:
-    """Return functions, places and volumes of the quadrature points of wedges.
+def solid_points(nodes: Array, elements: Index) -> tuple[Array, Array, Array]:
+    """Return functions, places and volumes of the quadrature points of wedges or bricks.
 
-    Shapes (q, 15), (m, q, 3), (m, q); exact to the fourth order in the plane.
+    Shapes (q, n), (m, q, 3), (m, q); exact to the fourth order in the plane.
     """
-    # six points of a triangle, G. R. Cowper, Int. J. Numer. Meth. Eng. 7 (1973) 405
-    a, b = 0.445948490915965, 0.091576213509771
-    r = np.array([a, 1 - 2 * a, a, b, 1 - 2 * b, b])
-    s = np.array([a, a, 1 - 2 * a, b, b, 1 - 2 * b])
-    w = 0.5 * np.repeat([0.223381589678011, 0.109951743655322], 3)
-    at = [np.tile(r, 3), np.tile(s, 3), np.repeat(_GAUSS[0], 6)]
-    weights = np.tile(w, 3) * np.repeat(_GAUSS[1], 6)
-    N = wedge(*at)
-    J = np.stack([np.einsum("qi,eic->eqc", D, nodes[wedges]) for D in _slopes(wedge, at)], axis=2)
-    return N, np.einsum("qi,eic->eqc", N, nodes[wedges]), np.linalg.det(J) * weights
+    if elements.shape[1] == 15:
+        function = wedge
+        # six points of a triangle, G. R. Cowper, Int. J. Numer. Meth. Eng. 7 (1973) 405
+        a, b = 0.445948490915965, 0.091576213509771
+        r = np.array([a, 1 - 2 * a, a, b, 1 - 2 * b, b])
+        s = np.array([a, a, 1 - 2 * a, b, b, 1 - 2 * b])
+        w = 0.5 * np.repeat([0.223381589678011, 0.109951743655322], 3)
+    else:
+        function = brick
+        r, s = (c.ravel() for c in np.meshgrid(_GAUSS[0], _GAUSS[0]))
+        w = np.outer(_GAUSS[1], _GAUSS[1]).ravel()
+    at = [np.tile(r, 3), np.tile(s, 3), np.repeat(_GAUSS[0], r.size)]
+    weights = np.tile(w, 3) * np.repeat(_GAUSS[1], r.size)
+    N, D = function(*at), _slopes(function, at)
+    J = np.stack([np.einsum("qi,eic->eqc", d, nodes[elements]) for d in D], axis=2)
+    return N, np.einsum("qi,eic->eqc", N, nodes[elements]), np.linalg.det(J) * weights
 
 
 def _gather(nodes: Array, parts: Index, N: Array, size: Array) -> Array:
