@@ -17,7 +17,7 @@ from flexstage.elasticity.shapes import METRE
 from flexstage.fem.constrained import PlanePart, factorised
 from flexstage.fem.geometry import STRAINED, neck_edge, surface_edge
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
-from flexstage.fem.mesh import MeshSettings, face_mesh
+from flexstage.fem.mesh import MESHER, MeshSettings, face_mesh
 from flexstage.fem.neck_rows import edge_means, neck_rows, shaped
 from flexstage.fem.necks import surface_points
 from flexstage.fem.notch_tractions import motion_rows, neck_motions
@@ -175,13 +175,14 @@ def neck_stress(
     else:
         plate, _, responses = _narrow(profile, through, mesh, poissons_ratio)
         u = responses @ mix.T
-    passed = neck_motions(through, mesh.order)[0]
-    points = surface_points(plate.plane.mesh, (_NAME,))
+    with MESHER:
+        points = surface_points(plate.plane.mesh, (_NAME,))
+        stress = layered_stress(plate, points, u)
     return NeckStress(
         place=points.position[:, :2],
         point=points.point,
-        stress=layered_stress(plate, points, u),
-        lengthwise=np.array([motion.direction == 0 for motion in passed]),
+        stress=stress,
+        lengthwise=np.array([m.direction == 0 for m in neck_motions(through, mesh.order)[0]]),
     )
 
 
@@ -236,7 +237,8 @@ def _block(
     poissons_ratio: float,
 ) -> tuple[LayeredPlate, Array]:
     """Return half a notch with a block of its body, and the motions of its neck."""
-    plane, means = _integrals(profile, wide, through.thickness, mesh)
+    with MESHER:
+        plane, means = _integrals(profile, wide, through.thickness, mesh)
     material = replace(REFERENCE, poissons_ratio=poissons_ratio)
     plate = LayeredPlate(plane, material, through, [(".*", (0.0, 0.0), 0.0)])
     passed, rest, _, _ = neck_motions(through, mesh.order)

@@ -25,10 +25,14 @@ class PlaneIntegrals:
         self.mesh, self.order = mesh, order
         self.scalar = ng.H1(mesh, order=order, dirichlet=held)
         self.width = int(self.scalar.ndof)
+        # at once, as the mesh is used by one thread at a time
+        #: Rows, columns and values of the integrals of derivatives of shape functions.
+        self.pattern = self._pattern()
+        #: Factors of the shape functions that make up 1, x and y [m], shape (n, 3).
+        self.places = self._places()
 
-    @cached_property
-    def pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-        """Rows and columns of the integrals of derivatives of shape functions, and their values.
+    def _pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+        """Return integrals of derivatives of shape functions: rows, columns, values.
 
         Values 3 m + n are of derivative m of the test function and n of the trial function, in
         metres; the third is no derivative. Shapes (k,), (k,) and (k, 9), row by row.
@@ -56,9 +60,7 @@ class PlaneIntegrals:
         rows = np.repeat(np.arange(self.width), np.diff(matrix.indptr))
         return rows, matrix.indices.astype(np.int64), np.column_stack(found)
 
-    @cached_property
-    def places(self) -> Array:
-        """Factors of the shape functions that make up 1, x and y [m], shape (n, 3)."""
+    def _places(self) -> Array:
         one = np.zeros(self.width)
         one[: self.mesh.nv] = 1.0  # the shape functions of the vertices make up a constant
         place = ng.GridFunction(ng.H1(self.mesh, order=self.order, dim=2))

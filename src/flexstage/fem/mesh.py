@@ -1,6 +1,7 @@
 """Meshes of a stage: triangles in its plane, or prisms through its thickness."""
 
 import math
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,6 +26,9 @@ _TRIES = 6
 # stiffness is wrong by: largest element there, in plate thicknesses, and the least turn [rad].
 _AT_CORNER, _TURN = 0.1, 0.3
 _GROWTH = 0.35  # of an element, by its distance from the small ones [1]
+
+#: The mesher and its meshes are used by one thread at a time; matrices are factorised side by side.
+MESHER = threading.RLock()
 
 #: Boundary on the middle plane of a stage, where a half of its thickness is meshed.
 MIDDLE = "middle"
