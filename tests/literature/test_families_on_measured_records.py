@@ -36,7 +36,6 @@ def heldout(u, y, model, **more):
     return found.heldout_rms_percent
 
 
-@pytest.mark.slow
 def test_slip_where_plays_stand_still_after_a_turn():
     """Noise of 3 % on the input, or a delay of 0.1 s, takes the slope after a turn to nothing."""
     u, y = columns("Model_Vi_Do.dat")
