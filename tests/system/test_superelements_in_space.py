@@ -63,9 +63,15 @@ def test_what_it_has_not(
     assert said in " ".join(capsys.readouterr().err.split())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["vgtu-piezo", "vgtu-mechanical", "bridge", "double-parallelogram", "parallelogram"]
+    "name",
+    [
+        pytest.param("vgtu-mechanical", marks=pytest.mark.evidence),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("vgtu-piezo", "bridge", "double-parallelogram", "parallelogram")
+        ),
+    ],
 )
 def test_against_the_solid_model(name: str) -> None:
     mine = run_model(design(name), "superelement-3d").analysis
