@@ -16,9 +16,9 @@ dev_run := PATH="$(CURDIR)/$(dev):$$PATH" PYRIGHT_PYTHON_GLOBAL_NODE=0 \
 .DEFAULT_GOAL := help
 # Tests that measure time, by their marker.
 alone = $(shell grep -rl --include='test_*.py' 'mark\.alone' tests)
-parallel := -n auto --dist worksteal --durations=20
+parallel := --dist worksteal --durations=20
 
-.PHONY: study test slow evidence bench docs lint format lock clean help python env env-dev
+.PHONY: study test quick slow evidence bench docs lint style types format lock clean help python env env-dev
 
 # Side by side: much of a study is work for one core. The longer one shows its progress.
 study: env ## both stages of the study, with a report each, into out/
@@ -28,15 +28,21 @@ study-vgtu-mechanical: quietly := --quiet
 study-%: env
 	$(main)/flexstage study $* --folder $(OUT)/$* $(quietly)
 
-test: lint ## lint, then every test but the slow ones
-	$(dev_run) pytest $(parallel) $(PYTEST_ARGS)
+# Types are looked at by one core for a minute: the tests begin beside it.
+test: style ## lint, with every test but the slow ones beside it
+	@$(MAKE) --no-print-directory -j2 types quick
 
+quick: env-dev
+	$(dev_run) pytest -n auto $(parallel) $(PYTEST_ARGS)
+
+# Browsers, servers and stages in their own time are waited for: one process more than cores.
 slow: env-dev ## the slow evidence: peers, long runs, the built package
-	$(dev_run) pytest tests -m "slow and not alone" $(parallel) $(PYTEST_ARGS)
+	$(dev_run) pytest tests -m "slow and not alone" \
+		-n $$($(PYTHON) -c 'import os; print(os.cpu_count() + 1)') $(parallel) $(PYTEST_ARGS)
 	$(dev_run) pytest $(alone) -m "slow and alone"
 
 evidence: env-dev ## the slow evidence at full size, before a release
-	$(dev_run) pytest tests -m evidence $(parallel) $(PYTEST_ARGS)
+	$(dev_run) pytest tests -m evidence -n auto $(parallel) $(PYTEST_ARGS)
 
 bench: env-dev ## speed, as ratios against named alternatives
 	$(dev_run) python -m benchmarks
@@ -45,12 +51,16 @@ docs: env-dev ## the manual, as HTML, into out/docs
 	$(dev_run) sphinx-build -q -W --keep-going -b html -d $(OUT)/.doctrees docs $(OUT)/docs
 	@echo "the manual is in $(OUT)/docs/index.html"
 
-lint: env-dev ## style, format, types, layers, spelling
+lint: style types ## style, format, types, layers, spelling
+
+style: env-dev
 	$(dev_run) ruff check .
 	$(dev_run) ruff format --check .
-	$(dev_run) pyright
 	$(dev_run) lint-imports
 	$(dev_run) codespell
+
+types: env-dev
+	$(dev_run) pyright
 
 format: env-dev ## put the code into the common format
 	$(dev_run) ruff check --fix .

@@ -2,6 +2,7 @@
 
 import atexit
 import functools
+import gc
 import math
 import os
 import shutil
@@ -37,6 +38,17 @@ atexit.register(shutil.rmtree, _OWN, ignore_errors=True)
 # What is started behind `&` or `nohup` ignores Ctrl-C, and so do its children; tests send it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """What is collected stays to the end: no collector of garbage need look through it."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -26,13 +26,14 @@ PLATES: dict[str, Stage] = {
     if sum(body.fixed for body in stage.bodies) == 1
 }
 
-# designs of which every test of a drawing takes a part of the default tests
+# what is slow to draw, and drawn like others: all designs but some, and some notches
 _ALWAYS = {"vgtu-mechanical", "vgtu-piezo", "parallelogram"}
+_LIKE_OTHERS = {"circular", "elliptical-one-sided", "leaf", "parabolic", "hyperbolic"}
 
 
 def quick(name: str, value: Any) -> Any:
-    """A parameter of a test, slow for a design whose drawing is made like that of others."""
-    is_slow = name in PLATES and name not in _ALWAYS
+    """A parameter of a test, slow for a stage whose drawing is made like that of others."""
+    is_slow = name in _LIKE_OTHERS or (name in PLATES and name not in _ALWAYS)
     return pytest.param(value, id=name, marks=pytest.mark.slow if is_slow else ())
 
 

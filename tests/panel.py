@@ -144,8 +144,11 @@ class Look:
         self.page.evaluate(f"() => {{ {script} }}")
         # it takes the shade behind a dialog for the ground of what is placed inside
         dialog = self.page.locator(".q-dialog").count() > 0
-        rules = {"rules": {"color-contrast": {"enabled": not dialog}}}
-        found = self.page.evaluate("rules => axe.run(document, rules)", rules)
+        options = {
+            "resultTypes": ["violations"],
+            "rules": {"color-contrast": {"enabled": not dialog}},
+        }
+        found = self.page.evaluate("options => axe.run(document, options)", options)
         return [
             f"{fault['id']}: {node['failureSummary']}: {node['html'][:200]}"
             for fault in found["violations"]

@@ -644,7 +644,7 @@ def test_decay_uncertainty_follows_the_colour_of_noise():
         assert ratio == pytest.approx(expected, rel=0.3)
 
 
-@pytest.mark.parametrize("repeats", sizes(slow=150, evidence=400))
+@pytest.mark.parametrize("repeats", sizes(slow=80, evidence=400))
 @pytest.mark.parametrize("kind", ["white", "coloured", "shared"])
 def test_coverage_of_decays(kind, repeats):
     hits, shapes = [], []

@@ -12,7 +12,6 @@ from flexstage.designs import design
 from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
 from flexstage.designs.pieces import Leg
 from flexstage.errors import ModelError
-from flexstage.fem import solid_model
 from flexstage.hinges import RightCircular
 from flexstage.lumped import lumped_system, mechanism, stroke_path
 from flexstage.stage import Stage
@@ -26,6 +25,7 @@ from flexstage.virtual.scattered_motion import (
     error_motion,
     motion_rates,
 )
+from tests.solved_stages import solved
 
 #: A parallelogram whose necks are so thin that its legs turn as if they had pins.
 PINNED = ParallelogramParameters(
@@ -211,5 +211,6 @@ def test_out_of_its_plane_a_parallelogram_is_half_as_stiff_as_its_hinges_alone()
     hinges_alone = 1.0 / float(
         row @ np.linalg.solve(_stiffness(stage, model, _none(stage))[0], row)
     )
-    whole = probe_stiffness(solid_model(stage).system, "platform out of plane")
+    solid = solved("parallelogram", "solid").analysis.system
+    whole = probe_stiffness(solid, "platform out of plane")
     assert 1.7 < hinges_alone / whole < 2.3

@@ -510,7 +510,7 @@ def test_another_model_says_what_necks_do(monkeypatch):
     assert "change where all necks are off alike" in mended.model
 
 
-@pytest.mark.parametrize("samples", sizes(slow=7, evidence=20))
+@pytest.mark.parametrize("samples", sizes(slow=5, evidence=20))
 @pytest.mark.parametrize("name", ["lever-chain", "parallelogram"])
 def test_a_corrected_lot_is_near_superelements_of_each_stage(name, samples):
     stage, only = design(name), replace(EXACT, neck_common=4e-6, neck_own=2e-6)

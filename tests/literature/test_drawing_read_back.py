@@ -1,5 +1,6 @@
 """The DXF file, read by libraries that did not write it."""
 
+import functools
 import io
 import math
 import os
@@ -25,9 +26,13 @@ STAGES = {**PLATES, **{n: guide(p) for n, p in NOTCHES.items()}}
 ALL = pytest.mark.parametrize("name", [quick(n, n) for n in STAGES])
 
 
-def dxf(name: str, **options: float) -> bytes:
+def drawn(name: str, **options: float) -> bytes:
     (content,) = dxf_files(STAGES[name], **options).values()
     return content
+
+
+#: The file of a stage, drawn once in a process.
+dxf = functools.cache(drawn)
 
 
 def tags(content: bytes) -> list[tuple[int, str]]:
@@ -226,7 +231,7 @@ def test_the_title_block_names_stage_material_thickness_and_cut() -> None:
 
 
 def test_the_same_stage_gives_the_same_bytes() -> None:
-    assert dxf("leaf", kerf=KERF) == dxf("leaf", kerf=KERF)
+    assert drawn("leaf", kerf=KERF) == drawn("leaf", kerf=KERF)
 
 
 @pytest.mark.slow

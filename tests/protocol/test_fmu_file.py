@@ -31,7 +31,12 @@ def _source_only(name: str, version: str) -> bytes:
 
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize(
-    "name", ["piezo", "bare", pytest.param("screws", marks=pytest.mark.slow), "parallelogram"]
+    "name",
+    [
+        pytest.param("piezo", marks=pytest.mark.slow),
+        pytest.param("screws", marks=pytest.mark.slow),
+        *("bare", "parallelogram"),
+    ],
 )
 def test_fmpy_finds_nothing_wrong(name: str, version: str, tmp_path: Path) -> None:
     path = tmp_path / "stage.fmu"

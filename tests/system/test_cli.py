@@ -131,6 +131,7 @@ def test_analyse_labels_the_condition_of_the_drives(capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_every_model_of_a_stage_side_by_side(
     elsewhere: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -263,6 +263,7 @@ def test_a_real_instrument_moves_only_when_it_was_allowed(capsys, plan, tmp_path
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_the_whole_piezo_plan_reaches_what_it_is_for(capsys, tmp_path):
     out = tmp_path / "run"
     address = "twin://?seed=3&model=superelement"

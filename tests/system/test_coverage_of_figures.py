@@ -42,7 +42,7 @@ def test_figures_of_a_few_measurements(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])
-@pytest.mark.parametrize(("stages", "measurements"), sizes(slow=(3, 25), evidence=(20, 50)))
+@pytest.mark.parametrize(("stages", "measurements"), sizes(slow=(2, 25), evidence=(20, 50)))
 def test_intervals_hold_the_truth_in_95_of_100_cases(
     name: str, stages: int, measurements: int
 ) -> None:

@@ -364,6 +364,7 @@ def test_a_bad_description_leaves_no_study(capsys, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])
 def test_the_study_of_the_two_stages_has_its_table(capsys, tmp_path, name):
     status, _, err = run(

@@ -327,6 +327,7 @@ def test_pictures_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert "drawing of parallelogram" in other.made
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_keeps_nothing_where_it_is_told_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,9 +10,9 @@ from flexstage.designs import design
 from flexstage.fem import solid_model, superelement_model
 from flexstage.fem.mesh import MeshSettings
 from flexstage.studies import run_model
-from flexstage.studies.models import ModelOptions
 from flexstage.system import modes
 from tests.hinged_bars import hinged_bars
+from tests.solved_stages import solved
 
 # flexstage analyse parallelogram --model solid --json: natural frequencies with the drives removed
 # [Hz], figures of its axis in SI units
@@ -63,14 +63,19 @@ def test_what_it_has_not(
     assert said in " ".join(capsys.readouterr().err.split())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["vgtu-piezo", "vgtu-mechanical", "bridge", "double-parallelogram", "parallelogram"]
+    "name",
+    [
+        pytest.param("vgtu-mechanical", marks=pytest.mark.evidence),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("vgtu-piezo", "bridge", "double-parallelogram", "parallelogram")
+        ),
+    ],
 )
 def test_against_the_solid_model(name: str) -> None:
-    stage = design(name)
-    mine = run_model(stage, "superelement-3d", ModelOptions(cache=False)).analysis
-    other = run_model(stage, "solid").analysis
+    mine = run_model(design(name), "superelement-3d").analysis
+    other = solved(name, "solid").analysis
     a, b = (modes(x.system).frequency_hz[:6] for x in (mine, other))
     np.testing.assert_allclose(a, b, rtol=1e-3)
     for names in ("probes", "loads"):

@@ -104,6 +104,7 @@ def test_an_axis_without_a_stack_is_refused() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_the_report_shows_it_beside_what_was_published() -> None:
     study = run_study(design("vgtu-piezo"), hysteresis=True)
     page = report_html(study)
