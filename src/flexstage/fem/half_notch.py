@@ -34,9 +34,11 @@ _NAME, _BODY, _NOTCH, _CUT, _ROOT = "0", "body", "notch", "cut", "root"
 _IN_PLANE = ((0, 0), (1, 1), (2, 2), (0, 1))  # components of stress in a plane
 _NEAR = 1e-9  # two points are one [m]
 
+#: How far from the mouth of a notch its functions reach into its body, in widths of the mouth.
+REACH = 0.4
 # How much finer the half notch alone is meshed than the body that it is a part of, and how fast its
 # elements grow: stress is a derivative.
-_FINER, _GRADING = 0.6, 0.5
+_FINER, _GRADING = 0.75, 0.5
 
 
 # A body is wider than a root by this much of the root's height, or as good as not.
@@ -166,14 +168,14 @@ def neck_stress(
 
     `wide` tells whether the body is wider than the root.
     """
-    mix = neck_tractions(profile, through, mesh, poissons_ratio)
-    r = len(mix)
-    mix = np.hstack((np.eye(r), mix))
+    fine = replace(through, fine=not through.out_of_plane)
+    mix = neck_tractions(profile, fine, mesh, poissons_ratio)
+    mix = np.hstack((np.eye(len(mix)), mix))
     if wide:
-        plate, rows = _block(profile, True, through, mesh, poissons_ratio)
+        plate, rows = _block(profile, True, fine, mesh, poissons_ratio)
         u = factorised(plate.stiffness).solve(np.ascontiguousarray((mix @ rows).T))
     else:
-        plate, _, responses = _narrow(profile, through, mesh, poissons_ratio)
+        plate, _, responses = _narrow(profile, fine, mesh, poissons_ratio)
         u = responses @ mix.T
     with MESHER:
         points = surface_points(plate.plane.mesh, (_NAME,))
@@ -240,7 +242,8 @@ def _block(
     with MESHER:
         plane, means = _integrals(profile, wide, through.thickness, mesh)
     material = replace(REFERENCE, poissons_ratio=poissons_ratio)
-    plate = LayeredPlate(plane, material, through, [(".*", (0.0, 0.0), 0.0)])
+    reach = profile.length / 2.0 + REACH * profile.root_height
+    plate = LayeredPlate(plane, material, through, [(_NOTCH, (0.0, 0.0), reach)])
     passed, rest, _, _ = neck_motions(through, mesh.order)
     return plate, motion_rows(plate, means, (*passed, *rest))
 

@@ -18,7 +18,7 @@ from flexstage.fem.condensation import (
 )
 from flexstage.fem.constrained import Constrained
 from flexstage.fem.geometry import MOUNTING, StageFaces, exactly, notch_region, stage_faces
-from flexstage.fem.half_notch import neck_tractions, stress_of_necks
+from flexstage.fem.half_notch import REACH, neck_tractions, stress_of_necks
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import MESHER, sound_mesh
 from flexstage.fem.neck_rows import edge_means
@@ -30,9 +30,6 @@ from flexstage.stage import MassProperties, mass_properties
 
 #: Loads inside a body out of its plane: force and moments on its mean motion, one kelvin by metre.
 LOADS_OUT_OF_PLANE = ("z", "rotation x", "rotation y", "temperature gradient z")
-
-# how far from the mouth of a notch its functions reach into its body, in widths of the mouth
-_REACH = 0.4
 
 
 def neck_coordinates(*, out_of_plane: bool) -> tuple[str, ...]:
@@ -116,7 +113,7 @@ def _prepared(part: Substructure) -> _Ready:
                 (
                     exactly(notch_region(str(i), n.which)),
                     n.at,
-                    n.profile.length / 2.0 + _REACH * n.profile.root_height,
+                    n.profile.length / 2.0 + REACH * n.profile.root_height,
                 )
                 for i, n in enumerate(part.necks)
             ],

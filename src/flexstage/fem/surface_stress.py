@@ -10,8 +10,9 @@ from flexstage.elasticity.shapes import METRE
 from flexstage.fem.layered_plate import LayeredPlate
 from flexstage.fem.necks import NeckPoints
 
-#: Places through half of the thickness where the stress is looked for, in parts of it.
-LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)
+# Where the stress is looked for through half of the thickness, in parts of it, and below the faces
+# of the plate, in depths of the layer there. The largest is where plane strain ends.
+_INSIDE, _BELOW = (0.0, 0.5), (0.5, 0.25, 0.125, 0.0)
 
 
 def layered_stress(plate: LayeredPlate, points: NeckPoints, basis: Array) -> Array:
@@ -24,7 +25,8 @@ def layered_stress(plate: LayeredPlate, points: NeckPoints, basis: Array) -> Arr
     parts = through.components
     fields = plate.expanded(basis)
     values, slopes = slopes_at(points, plate.plane.mesh, plate.plane.order, fields)
-    z = np.array(LEVELS) * through.thickness / 2.0
+    half = through.thickness / 2.0
+    z = np.concatenate((half * np.array(_INSIDE), half - through.layer * np.array(_BELOW)))
     functions = through.values_at(z)
     gradient = np.zeros((z.size, len(values), 3, 3, r))  # of displacement i along j
     for i, (d, kind, k) in enumerate(parts):

@@ -11,6 +11,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 
 _POINTS = 16  # of each piece: exact for products of the functions of every piece
+_THINNER = 0.25  # the second layer, in parts of the first
 _LARGEST_LAYER = 0.5  # of half the thickness
 
 
@@ -59,6 +60,8 @@ class ThroughThickness:
     """Depth below its faces in which plane stress goes over into plane strain [m]."""
     out_of_plane: bool
     """Whether the motion is that out of the plane."""
+    fine: bool = False
+    """Whether a second layer, a quarter as deep, has functions too, for stress near the faces."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.layer <= _LARGEST_LAYER * self.thickness / 2.0 * (1.0 + 1e-9):
@@ -71,7 +74,7 @@ class ThroughThickness:
     def rule(self) -> tuple[Array, Array]:
         """Points of integration of the upper half [m] and weights for the whole, shapes (q,)."""
         half = self.thickness / 2.0
-        nodes = (0.0, half - self.layer, half)
+        nodes = (0.0, half - self.layer, *((half - _THINNER * self.layer,) * self.fine), half)
         x, w = leggauss(_POINTS)
         z, weights = [], []
         for low, high in pairwise(nodes):
@@ -85,20 +88,23 @@ class ThroughThickness:
         Those of the displacement along the plane are ``plane``, those across it ``across``.
         """
         s = z / (self.thickness / 2.0)
-        edge = 1.0 - self.layer / (self.thickness / 2.0)
-        beyond = np.where(s > edge, s - edge, 0.0)
 
         def power(p: int) -> tuple[Array, Array]:
             return s**p, p * s ** max(p - 1, 0) if p else np.zeros_like(s)
 
-        def outer(p: int) -> tuple[Array, Array]:
-            return beyond**p, p * beyond ** (p - 1) * (s > edge)
+        def outer(layer: float) -> list[tuple[Array, Array]]:
+            edge = 1.0 - layer / (self.thickness / 2.0)
+            beyond = np.where(s > edge, s - edge, 0.0)
+            return [(beyond**p, p * beyond ** (p - 1) * (s > edge)) for p in (1, 2)]
 
         if self.out_of_plane:
             plane, across = [power(1), power(3), power(5)], [power(0), power(2), power(4)]
         else:
-            plane = [power(0), power(2), power(4), outer(1), outer(2)]
-            across = [power(1), power(3), outer(1), outer(2)]
+            layers = outer(self.layer)
+            if self.fine:
+                layers += outer(_THINNER * self.layer)
+            plane = [power(0), power(2), power(4), *layers]
+            across = [power(1), power(3), *layers]
         scale = 2.0 / self.thickness
         return {
             name: (np.array([v for v, _ in parts]), scale * np.array([d for _, d in parts]))
