@@ -1,6 +1,6 @@
 """A whole stage analysed for the first time: superelements against scikit-fem and CalculiX.
 
-`python -m benchmarks.whole_stage [plane] [space]` takes about ten minutes.
+`python -m benchmarks.whole_stage [plane] [space]` takes about ten minutes where nothing else runs.
 
 Every route makes its own mesh of the same outline, the others by Gmsh, and climbs from coarse to
 fine until two frequencies and both ratios are within 0.1 % of a reference, and the largest stress
@@ -38,6 +38,13 @@ __all__ = ["plane", "space"]
 STAGE, WARM = "vgtu-piezo", "parallelogram"
 #: Relative errors of two frequencies, two ratios and two stresses.
 TARGET = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-2, 1e-2])
+#: The stage in space: two frequencies [Hz], two ratios, two stresses over elongation [Pa/m]. The
+#: first four are means of `solid` of order 5 and of CalculiX with five layers of C3D20R, which are
+#: within 0.03 % of each other. The stresses are those of superelements of order 5 in the middle
+#: plane, times what a hinge alone, of order 6 in four layers, has more of it below its face (1.016
+#: and 1.025). Those in the plane, times what the hinge alone has more in space, are within 0.1 %
+#: of them; CalculiX with four fine layers is 0.4 and 0.6 % below.
+SPACE = np.array([320.00, 532.14, 1.6969, 1.6508, 5.595e12, 4.416e12])
 #: A mesh that takes longer than this ends the ladder of its route [s].
 LIMIT = 300.0
 #: Threads of each route.
@@ -107,14 +114,17 @@ def _theirs(order: int, kind: str, levels: tuple[float, ...], mesh: dict[str, An
 
 
 def _rungs(
-    reference: Array, work: Callable[..., Found], *steps: tuple[Any, ...]
+    reference: Array,
+    work: Callable[..., Found],
+    *steps: tuple[Any, ...],
+    target: Array = TARGET,
 ) -> Iterator[Callable[[], Rung]]:
     def rung(arguments: tuple[Any, ...]) -> Rung:
         (values, unknowns, seconds, used), memory = alone(work, *arguments)
         errors = values / reference - 1.0
         f, r, s = (", ".join(f"{100.0 * e:+.2f}" for e in errors[k : k + 2]) for k in (0, 2, 4))
         return Rung(
-            error=float(np.abs(errors / TARGET).max()),
+            error=float(np.abs(errors / target).max()),
             words=f"{unknowns} unknowns, {used:.3g} s of the processors, {memory / 1e9:.2f} GB; "
             f"frequencies {f} %, ratios {r} %, stresses {s} %",
             seconds=seconds,
@@ -167,37 +177,43 @@ def plane() -> Iterator[Row]:
 
 
 def space() -> Iterator[Row]:
-    """Time the piezo stage in space.
+    """Time the piezo stage in space, first without a word on stress, then with it.
 
     CalculiX has the half above the middle plane and motion in the plane alone; ours move out of it
     too.
     """
     _threads()
-    (reference, *_), _ = alone(_ours, "solid", {"order": 4})
+    ours = "flexstage, superelements, both motions"
+    theirs = "CalculiX, {}, motion in the plane"
+    name = f"{STAGE} in space, analysed for the first time: {{}}"
+
+    def peer(kind: str, target: Array, *steps: tuple[Any, ...]) -> list[Any]:
+        rungs = _rungs(SPACE, _theirs, *((0, kind, z, m) for z, m in steps), target=target)
+        return [(theirs.format(kind), rungs)] if have_calculix() else []
+
+    loose = np.where(np.arange(6) < 4, TARGET, np.inf)
     routes = [
-        (
-            "flexstage, superelements, both motions",
-            _rungs(reference, _ours, ("superelement-3d", {}), ("superelement-3d", {"order": 5})),
-        )
+        (ours, _rungs(SPACE, _ours, ("superelement-3d", {}), target=loose)),
+        *peer(
+            "C3D20R",
+            loose,
+            ((0.0, 0.7, 1.0), _mesh(1.0, 0.06, 2.0, four=True)),
+            ((0.0, 0.7, 1.0), _mesh(0.8, 0.06, 2.0, four=True)),
+            ((0.0, 0.7, 1.0), _mesh(0.6, 0.06, 2.0, four=True)),
+        ),
+        *peer("C3D15", loose, ((0.0, 0.7, 1.0), _mesh(0.25, 0.03, 0.5))),
     ]
-    if have_calculix():
-        routes += [
-            (
-                f"CalculiX, {kind}, motion in the plane",
-                _rungs(reference, _theirs, *((0, kind, z, m) for z, m in steps)),
-            )
-            for kind, steps in (
-                (
-                    "C3D20R",
-                    (((0.0, 0.7, 1.0), _mesh(1.0, 0.06, 2.0, four=True)),),
-                ),
-                (
-                    "C3D15",
-                    (((0.0, 0.7, 1.0), _mesh(0.25, 0.03, 0.5)),),
-                ),
-            )
-        ]
-    yield from climbed(f"{STAGE} in space, analysed for the first time", routes, LIMIT)
+    yield from climbed(name.format("frequencies and ratios to 0.1 %"), routes, LIMIT)
+    routes = [
+        (ours, _rungs(SPACE, _ours, ("superelement-3d", {"neck_size": 0.6}))),
+        *peer(
+            "C3D20R",
+            TARGET,
+            ((0.0, 0.75, 0.95, 1.0), _mesh(0.6, 0.06, 2.0, four=True)),
+            ((0.0, 0.7, 0.9, 0.97, 1.0), _mesh(0.35, 0.06, 2.0, four=True)),
+        ),
+    ]
+    yield from climbed(name.format("stress to 1 % too"), routes, LIMIT)
 
 
 def main() -> None:

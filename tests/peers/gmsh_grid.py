@@ -2,7 +2,9 @@
 (2009) 1309): fine at the notches, and coarser with the distance from them.
 """
 
+import math
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +68,8 @@ def plane_grid(
             "SubdivisionAlgorithm": quadrilaterals,
             "MeshSizeFromCurvature": 16 if quadrilaterals else 8,
         }
+        if quadrilaterals:
+            _rows_in_notches(gmsh, regions, edges, necks, neck_size)
         for name, value in options.items():
             gmsh.option.setNumber(f"Mesh.{name}", value)
         gmsh.option.setNumber("General.Terminal", 0)
@@ -84,6 +88,25 @@ def _names(gmsh: Any, dimension: int, shapes: Any) -> dict[int, str]:
         raise ValueError("Gmsh reads another outline than was written")
     names = [s.name or "" for s in shapes]
     return {tag: names[i] for tag, i in zip(tags, np.atleast_1d(nearest).tolist(), strict=True)}
+
+
+def _rows_in_notches(
+    gmsh: Any,
+    regions: dict[int, str],
+    edges: dict[int, str],
+    necks: Mapping[str, float],
+    neck_size: float,
+) -> None:
+    """Have the halves of notches, of four sides each, filled with rows of quadrilaterals."""
+    for tag in (tag for tag, name in regions.items() if name.startswith("notch ")):
+        sides = [abs(side) for _, side in gmsh.model.getBoundary([(2, tag)], oriented=False)]
+        free = [side for side in sides if edges[side] in necks]
+        least = neck_size * necks[edges[free[0]]] * METRE
+        for side in sides:
+            length = gmsh.model.occ.getMass(1, side) if side in free else least / neck_size
+            count = max(1, math.ceil(length / least))
+            gmsh.model.mesh.setTransfiniteCurve(side, count + 1)
+        gmsh.model.mesh.setTransfiniteSurface(tag)
 
 
 def _field(gmsh: Any, kind: str, **values: Any) -> int:

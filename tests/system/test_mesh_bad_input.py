@@ -35,7 +35,7 @@ def test_a_mesh_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     class Broken:
         def __init__(self, *_: object, **__: object) -> None: ...
 
-        def GenerateMesh(self, **_: object) -> None:  # the mesher's name
+        def GenerateMesh(self, *_: object) -> None:  # the mesher's name
             raise RuntimeError("stop surface meshing")
 
     monkeypatch.setattr("flexstage.fem.mesh.OCCGeometry", Broken)

@@ -13,9 +13,9 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.constrained import Constrained, PlanePart
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
+from flexstage.fem.half_notch import stress_of_necks
 from flexstage.fem.mesh import sound_mesh
 from flexstage.fem.neck_rows import edge_means, neck_rows
-from flexstage.fem.necks import NeckPoints, neck_points
 from flexstage.fem.ports import body_motion, drive_vector
 from flexstage.fem.substructure import BODY, PointReading, Substructure
 from flexstage.stage import mass_properties
@@ -175,21 +175,13 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
     inner = np.array([*motion, *thermal, *readings])
     basis, K, interfaces = body.reduced(inner, part.modes)
     mass = basis.T @ continuum.mass_times(basis)
-    points = neck_points(mesh, stage)
     loads = inner @ basis
     condensed = Condensed(
         stiffness=K,
         mass=0.5 * (mass + mass.T),
         loads=loads,
         reactions=reactions(K, mass, loads, interfaces),
-        stress=by_own_force(
-            points,
-            body.neck_responses(K, len(part.necks), 3),
-            lambda own, u: surface_stress(continuum, own, u),
-        ),
-        neck=points.owner.astype(np.int64),
-        point=points.point.astype(np.int64),
-        seam=seam(part, points),
+        **stress_of_necks(part)._asdict(),
         interfaces=interfaces,
         inertia=(properties.mass, *properties.centre, properties.inertia),
         elements=int(mesh.ne),
@@ -208,20 +200,6 @@ def reactions(stiffness: Array, mass: Array, loads: Array, interfaces: int) -> A
     m, inner = interfaces, len(stiffness) - len(loads)
     squares, coupling = np.diag(stiffness)[m:inner], mass[:m, m:inner]
     return np.hstack((-coupling * squares, coupling @ loads[:, m:inner].T - loads[:, :m].T))
-
-
-def by_own_force(
-    points: NeckPoints, responses: Array, stress: Callable[[NeckPoints, Array], Array]
-) -> Array:
-    """Return the stress at each neck, neck by neck, for unit forces on it, shape (m, c, e).
-
-    `responses` are those to unit forces on each neck in turn, shape (n, k e). What forces elsewhere
-    do to the stress at a neck, beyond those that they put on it, is left out (Saint-Venant).
-    """
-    if not points.hinges:
-        return stress(points, responses)
-    of_each = np.split(responses, len(points.hinges), axis=1)
-    return np.concatenate([stress(points.of(i), u) for i, u in enumerate(of_each)])
 
 
 def reading_row(
@@ -244,49 +222,3 @@ def reading_row(
         return lifted(continuum.point((x, y), along))
     arm = along[1] * (x - centre[0]) - along[0] * (y - centre[1])
     return along[0] * motion[0] + along[1] * motion[1] + arm * motion[2]
-
-
-def seam(part: Substructure, points: NeckPoints) -> NDArray[np.int64]:
-    """Find the ends of the necks, where the other half of a notch begins."""
-    seam = np.zeros(points.owner.size, dtype=np.int64)
-    for i, neck in enumerate(part.necks):
-        c, s = math.cos(neck.direction), math.sin(neck.direction)
-        x, y = points.position[:, 0] - neck.at[0], points.position[:, 1] - neck.at[1]
-        own = (points.owner == i) & (np.abs(c * x + s * y) < 1e-6 * neck.profile.neck_thickness)
-        seam[own] = np.sign(c * y - s * x)[own].astype(np.int64)
-    return seam
-
-
-def surface_stress(continuum: Continuum, points: NeckPoints, u: Array) -> Array:
-    """Return the stress of many displacements of a plane part at the points of its notches.
-
-    Components xx, yy, zz, xy [Pa], shape (m, 4, r), of displacements u, shape (n, r).
-    """
-    r = u.shape[1]
-    if not len(points.places):
-        return np.zeros((0, 4, r))
-    gradient = slopes_at(points, continuum.mesh, continuum.order, u.reshape(2, -1, r))[1]
-    gradient = gradient.transpose(0, 2, 1, 3)
-    constants = ng.CoefficientFunction((continuum.lame, continuum.in_strain))
-    lame, strained = np.asarray(ng.BoundaryFromVolumeCF(constants)(points.places)).T[..., None]
-    xx, yy = gradient[..., 0, 0], gradient[..., 1, 1]
-    volume = lame * (xx + yy)
-    twice = 2.0 * continuum.shear_modulus
-    shear = continuum.shear_modulus * (gradient[..., 0, 1] + gradient[..., 1, 0])
-    parts = (volume + twice * xx, volume + twice * yy, strained * volume, shear)
-    return np.stack(parts, axis=1)
-
-
-def slopes_at(points: NeckPoints, mesh: ng.Mesh, order: int, u: Array) -> tuple[Array, Array]:
-    """Return fields in a plane and their derivatives [1/m] at the points of notches.
-
-    Of c components of r displacements, shape (c, n, r): shapes (m, c, r) and (m, c, r, 2).
-    """
-    c, _, r = u.shape
-    # all fields as the components of one function: they are evaluated at once
-    function = ng.GridFunction(ng.H1(mesh, order=order, dim=c * r))
-    function.vec.FV().NumPy()[:] = u.transpose(1, 0, 2).reshape(-1)
-    found = []
-    for field in (function, ng.Grad(function)):
-        found.append(np.asarray(ng.BoundaryFromVolumeCF(field)(points.places)))
-    return found[0].reshape(-1, c, r), METRE * found[1].reshape(-1, c, r, 2)

@@ -17,10 +17,9 @@ from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.neck_rows import shaped
 
 _ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
-_SETTLED = 1e-6  # of the squares of frequencies, from one step to the next
+_SETTLED = 1e-4  # of the squares of frequencies, from one step to the next
 _BLOCK, _STEPS = 8, 60
 _DEPENDENT = 1e-13  # mass that rounding leaves of displacements that others make up
-_LOOSE = 1e-7  # stiffness of a neck against that of its body; by rounding, where nothing holds it
 
 
 class Elastic(Protocol):
@@ -107,7 +106,9 @@ class Constrained:
             )
         self._free = np.flatnonzero(free)
         self._factor = factorised(stiffness)
-        self.P, self.X = P, X = shaped(P, self.loose(P.T), blocks)
+        P, X = shaped(P, self.loose(P.T), blocks)
+        # most of the rows are of the unknowns on one neck
+        self.P, self.X = sp.csr_matrix(P), X
         G = P @ X
         G = 0.5 * (G + G.T)
         A = P @ self._balance[0]
@@ -123,7 +124,7 @@ class Constrained:
         A = A * self._column
         none = np.zeros((A.shape[1], A.shape[1]))
         saddle = np.block([[G * np.outer(self._row, self._row), A], [A.T, none]])
-        self._saddle = np.linalg.inv(saddle) if len(P) else np.zeros((0, 0))
+        self._saddle = np.linalg.inv(saddle) if len(A) else np.zeros((0, 0))
         if np.abs(self._saddle).max(initial=0.0) > _ALIKE:
             raise ModelError(
                 "two drives touch a body at the same place in the same direction, so that their "
@@ -142,7 +143,7 @@ class Constrained:
 
     def _multipliers(self, gap: Array, moment: Array) -> tuple[Array, Array]:
         """Interface forces and rigid motion that close a gap and balance the loads."""
-        m = len(self.P)
+        m = len(self._row)
         right = np.concatenate((self._row[:, None] * gap, self._column[:, None] * moment))
         found = self._saddle @ right if m else np.zeros_like(right)
         return self._row[:, None] * found[:m], self._column[:, None] * found[m:]
@@ -152,29 +153,9 @@ class Constrained:
 
         Shapes (n, m) and (m, m).
         """
-        m = len(self.P)
+        m = len(self._row)
         force, rigid = self._multipliers(np.eye(m), np.zeros((self._balance[0].shape[1], m)))
         return self.X @ force + self._balance[0] @ rigid, 0.5 * (force + force.T)
-
-    def neck_responses(self, stiffness: Array, count: int, each: int) -> Array:
-        """Return displacements for unit forces on each neck, up to motions of the whole body.
-
-        The necks are the first interfaces, whose stiffness is given. The other interfaces are held
-        and carry a force; what they cannot carry is left to the inertia of the body. Shape (n,
-        count each).
-        """
-        m = len(self.P)
-        forces = np.zeros((m, count * each))
-        for i in range(count):
-            own = slice(each * i, each * (i + 1))
-            size = self._row[own]
-            values, vectors = np.linalg.eigh(stiffness[own, own] / np.outer(size, size))
-            firm = values > _LOOSE
-            held = (vectors[:, firm] / values[firm]) @ vectors[:, firm].T / np.outer(size, size)
-            loose = size[:, None] * (vectors[:, ~firm] @ vectors[:, ~firm].T) / size
-            forces[:, own] = stiffness[:m, own] @ held
-            forces[own, own] += loose
-        return self.X @ forces
 
     def held(self, load: Array) -> Array:
         """Return the response to loads with the interfaces held."""
@@ -185,8 +166,8 @@ class Constrained:
     def modes(self, count: int) -> tuple[Array, Array]:
         r"""Return the lowest modes with the interfaces held, by block Lanczos iteration.
 
-        Squares of their angular frequencies [rad^2/s^2], shape (count,), and shapes with unit modal
-        mass, shape (n, count).
+        Squares of their angular frequencies [rad^2/s^2], shape (count,), and shapes with these as
+        modal stiffness, shape (n, count).
 
         Notes
         -----
@@ -194,27 +175,35 @@ class Constrained:
         orthogonal to all before it, so that no mode comes twice.
         """
         mass_times, size = self.part.mass_times, self.part.size
-        if not count or not len(self.P):
+        if not count or not len(self._row):
             return np.zeros(0), np.zeros((size, 0))
         start = np.random.default_rng(0).standard_normal((size, _BLOCK))
         block = self.held(mass_times(start))
-        basis, weighted, answers = np.zeros((3, size, 0))
+        basis: list[Array] = []
+        weighted: list[Array] = []
+        answers: list[Array] = []
+        flexible = np.zeros((0, 0))
         last = np.zeros(count)
         for _ in range(_STEPS):
             for _ in range(2):
-                block = block - basis @ (weighted.T @ block)
+                for earlier, heavy in zip(basis, weighted, strict=True):
+                    block = block - earlier @ (heavy.T @ block)
                 block = block @ _independent(block.T @ mass_times(block))
             heavy = mass_times(block)
             answer = self.held(heavy)
-            basis, weighted, answers = (
-                np.hstack(pair) for pair in ((basis, block), (weighted, heavy), (answers, answer))
-            )
-            # K answers = weighted + P^T lambda, and P basis = 0
-            flexible = weighted.T @ answers
+            basis.append(block)
+            weighted.append(heavy)
+            answers.append(answer)
+            # K answers = weighted + P^T lambda, and P answers = 0
+            new = np.concatenate([w.T @ answer for w in weighted])
+            at = len(flexible)
+            flexible = np.block([[flexible, new[:at]], [new[:at].T, new[at:]]])
             values, turn = np.linalg.eigh(0.5 * (flexible + flexible.T))
-            found = 1.0 / values[: -count - 1 : -1]
+            values, turn = values[: -count - 1 : -1], turn[:, : -count - 1 : -1]
+            found = 1.0 / values
             if found.size == count and np.all(np.abs(found - last) <= _SETTLED * found):
-                return found, basis @ turn[:, : -count - 1 : -1]
+                # by one more iteration than the basis, these are orthogonal in K
+                return found, np.hstack(answers) @ (turn / values)
             last = found if found.size == count else last
             block = answer
         raise ConvergenceError("the modes of a body with held interfaces were not found")

@@ -18,7 +18,8 @@ from flexstage.stage.outline import Point
 
 _LAYER = 2.0  # depth below the faces of plane stress at a notch, in the thinnest necks
 # Modes of a body in space, with held necks: plates that many necks hold have low ones.
-_BY_NECK, _MOST = 3, 20
+# In the plane they are stiffer, and fewer are enough.
+_BY_NECK, _MOST_IN_PLANE, _MOST = 3, 12, 20
 _DIGITS = 12  # coordinates are rounded to a picometre, so that copies at other places are equal
 
 
@@ -124,7 +125,7 @@ def in_space(stage: Stage, placed: Sequence[Placed]) -> tuple[tuple[Placed, ...]
     thinnest = min((h.profile.neck_thickness for h in stage.hinges), default=stage.thickness)
     layer = min(_LAYER * _preferred(thinnest, 5), stage.thickness / 4.0)
     found = []
-    for out_of_plane in (False, True):
+    for out_of_plane, most in ((False, _MOST_IN_PLANE), (True, _MOST)):
         through = ThroughThickness(
             thickness=stage.thickness, layer=layer, out_of_plane=out_of_plane
         )
@@ -136,7 +137,7 @@ def in_space(stage: Stage, placed: Sequence[Placed]) -> tuple[tuple[Placed, ...]
                         p.part,
                         through=through,
                         necks=tuple(replace(n, plane="stress") for n in p.part.necks),
-                        modes=min(max(p.part.modes, _BY_NECK * len(p.hinges)), _MOST),
+                        modes=min(max(p.part.modes, _BY_NECK * len(p.hinges)), most),
                         # the edges of drives stay, so that both motions have one mesh
                         readings=() if out_of_plane else p.part.readings,
                     ),

@@ -25,10 +25,14 @@ class PlaneIntegrals:
         self.mesh, self.order = mesh, order
         self.scalar = ng.H1(mesh, order=order, dirichlet=held)
         self.width = int(self.scalar.ndof)
+        # at once, as the mesh is used by one thread at a time
+        #: Rows, columns and values of the integrals of derivatives of shape functions.
+        self.pattern = self._pattern()
+        #: Factors of the shape functions that make up 1, x and y [m], shape (n, 3).
+        self.places = self._places()
 
-    @cached_property
-    def pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-        """Rows and columns of the integrals of derivatives of shape functions, and their values.
+    def _pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+        """Return integrals of derivatives of shape functions: rows, columns, values.
 
         Values 3 m + n are of derivative m of the test function and n of the trial function, in
         metres; the third is no derivative. Shapes (k,), (k,) and (k, 9), row by row.
@@ -56,9 +60,7 @@ class PlaneIntegrals:
         rows = np.repeat(np.arange(self.width), np.diff(matrix.indptr))
         return rows, matrix.indices.astype(np.int64), np.column_stack(found)
 
-    @cached_property
-    def places(self) -> Array:
-        """Factors of the shape functions that make up 1, x and y [m], shape (n, 3)."""
+    def _places(self) -> Array:
         one = np.zeros(self.width)
         one[: self.mesh.nv] = 1.0  # the shape functions of the vertices make up a constant
         place = ng.GridFunction(ng.H1(self.mesh, order=self.order, dim=2))
@@ -133,6 +135,21 @@ class LayeredPlate:
             for own, where in self._groups
         ]
         return np.concatenate(parts, axis=-1)
+
+    def numbers(self, where: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the unknowns of fields at some places of the scalar space, shape (f, len(where)).
+
+        Of what is no unknown it is -1.
+        """
+        found = np.full((len(self.through.components), where.size), -1)
+        at = 0
+        for own, places in self._groups:
+            number = np.searchsorted(places, where)
+            there = number < places.size
+            there[there] = places[number[there]] == where[there]
+            found[np.ix_(own, there)] = at + own.size * number[there] + np.arange(own.size)[:, None]
+            at += own.size * places.size
+        return found
 
     def expanded(self, u: Array) -> Array:
         """Return the fields of displacements, shape (n, k) to (f, w, k)."""

@@ -1,22 +1,34 @@
 """Meshes of a stage: triangles in its plane, or prisms through its thickness."""
 
 import math
-from dataclasses import dataclass, replace
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import ngsolve as ng
 import numpy as np
-from netgen.meshing import IdentificationType
+from netgen.meshing import IdentificationType, MeshingParameters
 from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vec
+from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.elasticity.resources import parallel, require_memory
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
-from flexstage.fem.geometry import StageFaces, surface_edge
-from flexstage.stage import Stage
+from flexstage.fem.geometry import StageFaces, body_region, surface_edge
+from flexstage.stage import Loop, Stage
 
 #: Below it an element is a sliver that spoils the figures of its neighbourhood [1].
 SLIVER = 0.15
-_TRIES = 4
+_TRIES = 6
+
+# At a corner that points into a body the stress has no bound, and the mesh is what the body's
+# stiffness is wrong by: largest element there, in plate thicknesses, and the least turn [rad].
+_AT_CORNER, _TURN = 0.1, 0.3
+_GROWTH = 0.35  # of an element, by its distance from the small ones [1]
+
+#: The mesher and its meshes are used by one thread at a time; matrices are factorised side by side.
+MESHER = threading.RLock()
 
 #: Boundary on the middle plane of a stage, where a half of its thickness is meshed.
 MIDDLE = "middle"
@@ -66,11 +78,22 @@ def _refine(stage: Stage, faces: StageFaces, settings: MeshSettings) -> None:
             edge.maxh = settings.neck_size * necks[edge.name] * METRE
 
 
-def _generate(shape: TopoDS_Shape, dimension: int, largest: float, grading: float) -> ng.Mesh:
+#: Places in the plane and the largest element there [mm].
+Sizes = Sequence[tuple[tuple[float, float], float]]
+
+
+def _generate(
+    shape: TopoDS_Shape, dimension: int, largest: float, grading: float, sizes: Sizes
+) -> ng.Mesh:
     geometry = OCCGeometry(shape, dim=dimension)
+    rules = MeshingParameters(maxh=largest * METRE, grading=grading)
+    levels = {corner.z for corner in shape.bounding_box}
+    for (x, y), size in sizes:
+        for z in levels:
+            rules.RestrictH(x, y, z, size)
     try:
         with parallel():
-            made = geometry.GenerateMesh(maxh=largest * METRE, grading=grading)
+            made = geometry.GenerateMesh(rules)
     except Exception as error:  # the mesher raises its own class, and RuntimeError
         raise ModelError(
             f"the mesher could not mesh the part ({str(error).strip() or 'no reason given'}): "
@@ -100,19 +123,54 @@ def _level_faces(solid: TopoDS_Shape, height: float) -> list[TopoDS_Shape]:
     return [f for f, (low, high) in boxes if high.z - low.z < 1e-3 * height]
 
 
-def plane_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
+def corner_sizes(stage: Stage, faces: StageFaces) -> Sizes:
+    """Return the sizes of elements at the corners that point into bodies."""
+    there = {f.name for f in faces.shape.faces}
+    size = _AT_CORNER * stage.thickness * METRE
+    found = []
+    for body in stage.bodies:
+        if body_region(body.name) in there:
+            loops = [(body.outline, 1.0), *((h, -1.0) for h in body.holes if isinstance(h, Loop))]
+            for loop, side in loops:
+                found += [
+                    ((METRE * x, METRE * y), size)
+                    for (x, y), turn in _turns(loop)
+                    if side * turn < -_TURN
+                ]
+    return found
+
+
+def _turns(loop: Loop) -> list[tuple[tuple[float, float], float]]:
+    """Return by how much a loop turns at its corners, positive where they point outwards [rad]."""
+    segments = loop.segments()
+    area = sum(a[0] * b[1] - a[1] * b[0] for a, b, _ in segments)
+    found = []
+    for (a, b, bent), (_, c, bends) in zip(segments, segments[1:] + segments[:1], strict=True):
+        before = math.atan2(b[1] - a[1], b[0] - a[0]) + 2.0 * math.atan(bent)
+        after = math.atan2(c[1] - b[1], c[0] - b[0]) - 2.0 * math.atan(bends)
+        turn = math.remainder(after - before, 2.0 * math.pi)
+        found.append((b, math.copysign(turn, turn * area)))
+    return found
+
+
+def plane_mesh(
+    stage: Stage, faces: StageFaces, settings: MeshSettings, sizes: Sizes = ()
+) -> ng.Mesh:
     """Mesh the plane of a stage with curved triangles.
 
-    It is in millimetres, with regions and boundaries named as in `flexstage.fem.geometry`.
+    It is in millimetres, with regions and boundaries named as in `flexstage.fem.geometry`; `sizes`
+    are of elements at further places than notches and corners.
     """
     _afford(stage, faces, settings, 2)
     _refine(stage, faces, settings)
-    return face_mesh(faces.shape, stage.thickness, settings)
+    return face_mesh(faces.shape, stage.thickness, settings, [*corner_sizes(stage, faces), *sizes])
 
 
-def face_mesh(shape: TopoDS_Shape, thickness: float, settings: MeshSettings) -> ng.Mesh:
+def face_mesh(
+    shape: TopoDS_Shape, thickness: float, settings: MeshSettings, sizes: Sizes = ()
+) -> ng.Mesh:
     """Mesh a face, of a plate as thick as is said [m], with curved triangles."""
-    mesh = _generate(shape, 2, settings.size * thickness, settings.grading)
+    mesh = _generate(shape, 2, settings.size * thickness, settings.grading, sizes)
     mesh.Curve(settings.order)
     return mesh
 
@@ -144,7 +202,8 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
             below.name = MIDDLE
         below.Identify(above, f"layer {layer}", IdentificationType.CLOSESURFACES)
     for share in _SIZES:
-        mesh = _generate(whole, 3, share * settings.size * stage.thickness, settings.grading)
+        largest = share * settings.size * stage.thickness
+        mesh = _generate(whole, 3, largest, settings.grading, corner_sizes(stage, faces))
         if all(e.type == ng.ET.PRISM for e in mesh.Elements(ng.VOL)):
             break
     else:
@@ -157,8 +216,8 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
     return mesh
 
 
-def worst_shape(mesh: ng.Mesh) -> float:
-    r"""Return the shape of the worst element of a plane mesh.
+def shapes(mesh: ng.Mesh) -> Array:
+    r"""Return the shapes of the elements of a plane mesh.
 
     The shape is :math:`2\det J/|J|^2` with the map J from the equilateral triangle, at its worst
     point: 1 for an equilateral element, 0 for one without area, negative for one turned over.
@@ -167,28 +226,50 @@ def worst_shape(mesh: ng.Mesh) -> float:
     """
     jacobian = ng.specialcf.JacobianMatrix(2)
     places = mesh.MapToAllElements(ng.IntegrationRule(ng.ET.TRIG, 4), ng.VOL)
-    map_ = np.asarray(jacobian(places)).reshape(-1, 2, 2)
+    map_ = np.asarray(jacobian(places)).reshape(mesh.ne, -1, 2, 2)
     # the reference triangle has a right angle: this turns it into the equilateral one
     map_ = map_ @ np.array([[1.0, -1.0 / np.sqrt(3.0)], [0.0, 2.0 / np.sqrt(3.0)]])
-    return float((2.0 * np.linalg.det(map_) / np.sum(map_**2, axis=(1, 2))).min())
+    return (2.0 * np.linalg.det(map_) / np.sum(map_**2, axis=(2, 3))).min(axis=1)
 
 
 def sound_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
-    """Mesh the plane of a stage, again where the mesher left a sliver.
+    """Mesh the plane of a stage, again where the mesher left slivers.
 
-    Now and then the mesher closes a gap between fine and coarse elements with a sliver. A slower
-    grading leaves it more room.
+    Now and then the mesher closes a gap between fine and coarse elements with a fan of slivers.
+    Along them it is told then how elements grow.
 
     It is the first mesh without a sliver of some tries, or else the best.
     """
-    best = plane_mesh(stage, faces, settings)
-    shape = worst_shape(best)
-    grading = settings.grading
-    for _ in range(_TRIES - 1):
-        grading = max(0.1, 0.85 * grading)
-        if shape >= SLIVER or grading >= settings.grading:
+    sizes: list[tuple[tuple[float, float], float]] = []
+    best, least = None, -math.inf
+    for _ in range(_TRIES):
+        mesh = plane_mesh(stage, faces, settings, sizes)
+        found = shapes(mesh)
+        if best is None or found.min() > least:
+            best, least = mesh, float(found.min())
+        bad = np.flatnonzero(found < SLIVER)
+        if not bad.size:
             break
-        other = plane_mesh(stage, faces, replace(settings, grading=grading))
-        if (found := worst_shape(other)) > shape:
-            best, shape = other, found
+        sizes += _graded(mesh, bad)
     return best
+
+
+def _graded(mesh: ng.Mesh, slivers: NDArray[np.intp]) -> Sizes:
+    """Return sizes that grow evenly from the short edge of each sliver to its far corner."""
+    sizes: list[tuple[tuple[float, float], float]] = []
+    for k in slivers:
+        element = mesh[ng.ElementId(ng.VOL, int(k))]
+        corners = np.array([mesh[v].point for v in element.vertices])
+        edges = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)
+        lengths = np.hypot(*edges.T)
+        far = int(np.argmin(lengths))
+        short = float(lengths[far])
+        start = np.delete(corners, far, axis=0).mean(axis=0)
+        along = corners[far] - start
+        whole = math.hypot(*along)
+        reach = short
+        while reach < whole:
+            x, y = (start + along * (reach / whole)).tolist()
+            sizes.append(((x, y), short + _GROWTH * reach))
+            reach *= 1.5
+    return sizes

@@ -109,6 +109,8 @@ def shaped(P: Array, X: Array, blocks: Sequence[tuple[int, int]]) -> tuple[Array
     normal and shear rows without resultant. Returns rows, three for each neck and then the others,
     shape (k, n), and responses, shape (n, k).
     """
+    if not blocks:
+        return P, X
     flexibility = P @ X
     count = len(P)
     kept, at = [np.zeros((0, count))], 0

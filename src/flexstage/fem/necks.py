@@ -47,16 +47,18 @@ class NeckPoints:
 
 
 def neck_points(mesh: ng.Mesh, stage: Stage) -> NeckPoints:
-    """Return the points at which the stress of the notches is looked for.
+    """Return the points at which the stress of the notches is looked for."""
+    return surface_points(mesh, tuple(h.name for h in stage.hinges))
 
-    They lie along every element's edge or face on the surface of a notch.
-    """
+
+def surface_points(mesh: ng.Mesh, hinges: tuple[str, ...]) -> NeckPoints:
+    """Return points along every element's edge or face on the surfaces of notches."""
     rules = {ng.ET.SEGM: _rule([(s, 0.0, 0.0) for s in ALONG])}
     if mesh.dim == 3:
         rules = {ng.ET.QUAD: _rule([(s, t, 0.0) for s in ALONG for t in ALONG])}
     found, owner = [], []
-    for i, hinge in enumerate(stage.hinges):
-        surface = mesh.Boundaries(exactly(surface_edge(hinge.name)))
+    for i, name in enumerate(hinges):
+        surface = mesh.Boundaries(exactly(surface_edge(name)))
         places = mesh.MapToAllElements(rules, surface)
         found.append(places)
         owner.append(np.full(len(places), i, dtype=np.intp))
@@ -68,7 +70,7 @@ def neck_points(mesh: ng.Mesh, stage: Stage) -> NeckPoints:
     places = np.concatenate(found)
     position = np.asarray(ng.CoefficientFunction((ng.x, ng.y, ng.z))(places)) / METRE
     return NeckPoints(
-        hinges=tuple(h.name for h in stage.hinges),
+        hinges=hinges,
         places=places,
         position=position,
         owner=np.concatenate(owner),

@@ -1,7 +1,6 @@
 """A body of a plate in space condensed to its necks: motion in its plane, or out of it."""
 
 import math
-import threading
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -10,26 +9,23 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
-from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem.condensation import (
     Condensed,
-    by_own_force,
     reactions,
     reading_row,
-    seam,
-    slopes_at,
 )
 from flexstage.fem.constrained import Constrained
 from flexstage.fem.geometry import MOUNTING, StageFaces, exactly, notch_region, stage_faces
+from flexstage.fem.half_notch import neck_tractions, stress_of_necks
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
-from flexstage.fem.mesh import sound_mesh
+from flexstage.fem.mesh import MESHER, sound_mesh
 from flexstage.fem.neck_rows import edge_means
-from flexstage.fem.necks import NeckPoints, neck_points
-from flexstage.fem.notch_tractions import motion_rows, neck_motions, neck_tractions
+from flexstage.fem.notch_tractions import motion_rows, neck_motions
 from flexstage.fem.ports import drive_vector, rigid_regions
 from flexstage.fem.substructure import BODY, CutNeck, Substructure
+from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.stage import MassProperties, mass_properties
 
 #: Loads inside a body out of its plane: force and moments on its mean motion, one kelvin by metre.
@@ -37,11 +33,6 @@ LOADS_OUT_OF_PLANE = ("z", "rotation x", "rotation y", "temperature gradient z")
 
 # how far from the mouth of a notch its functions reach into its body, in widths of the mouth
 _REACH = 0.4
-# the mesher and its meshes are used by one thread at a time; factors are found side by side
-_ONE_AT_A_TIME = threading.Lock()
-
-# places through half of the thickness where the stress is looked for, in parts of it
-_LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 def neck_coordinates(*, out_of_plane: bool) -> tuple[str, ...]:
@@ -66,35 +57,19 @@ def condense_plate(part: Substructure) -> Condensed:
 
     The matrices are for the `REFERENCE` material and the thickness of the part.
     """
-    with _ONE_AT_A_TIME:
-        ready = _prepared(part)
+    ready = _prepared(part)
     body = Constrained(ready.plate, ready.rows, [], floating=not part.held)
     basis, K, interfaces = body.reduced(ready.loads, part.modes)
     mass = basis.T @ ready.plate.mass_times(basis)
-    points, properties = ready.points, ready.properties
     loads = ready.loads @ basis
-    each = len(neck_coordinates(out_of_plane=ready.plate.through.out_of_plane))
-    responses = body.neck_responses(K, len(part.necks), each)
-    with _ONE_AT_A_TIME:
-        stress = by_own_force(
-            points, responses, lambda own, u: _surface_stress(ready.plate, own, u)
-        )
-    ends, count = seam(part, points), int(points.point.max(initial=-1)) + 1
-    levels = range(len(_LEVELS))
-    owner = np.concatenate([points.owner.astype(np.int64) for _ in levels])
-    # neck by neck, and in each level by level
-    order = np.argsort(owner, kind="stable")
     return Condensed(
         stiffness=K,
         mass=0.5 * (mass + mass.T),
         loads=loads,
         reactions=reactions(K, mass, loads, interfaces),
-        stress=stress,
-        neck=owner[order],
-        point=np.concatenate([points.point.astype(np.int64) + count * i for i in levels])[order],
-        seam=np.concatenate([ends * (i + 1) for i in levels])[order],
+        **stress_of_necks(part)._asdict(),
         interfaces=interfaces,
-        inertia=(properties.mass, *properties.centre, properties.inertia),
+        inertia=(ready.properties.mass, *ready.properties.centre, ready.properties.inertia),
         elements=int(ready.plate.plane.mesh.ne),
         unknowns=ready.plate.size,
         held=ready.held,
@@ -110,8 +85,6 @@ class _Ready:
     """Motions of its interfaces, shape (m, n)."""
     loads: Array
     """Loads inside it, shape (l, n)."""
-    points: NeckPoints
-    """Where its stress is looked for."""
     properties: MassProperties
     """Its mass."""
     held: str
@@ -131,89 +104,63 @@ def _prepared(part: Substructure) -> _Ready:
     through = part.through
     if through is None:
         raise ModelError("a body in a plane has no functions through its thickness")
-    stage = part.stage()
-    faces, plane, means = _meshed(replace(part, through=None, readings=(), modes=0))
-    plate = LayeredPlate(
-        plane,
-        part.material(),
-        through,
-        notches=[
-            (
-                exactly(notch_region(str(i), n.which)),
-                n.at,
-                n.profile.length / 2.0 + _REACH * n.profile.root_height,
-            )
-            for i, n in enumerate(part.necks)
-        ],
-    )
-    rows = [np.zeros((0, plate.size))]
-    rows += [_neck_rows(plate, part, n, m) for n, m in zip(part.necks, means, strict=True)]
-    # the thickness of the part is one for its mesh; it weighs as much as it is thick
-    properties = mass_properties(replace(stage, thickness=through.thickness))[BODY]
-    motion = plate.motion(rigid_regions(stage, BODY), properties.centre)
-    if through.out_of_plane:
-        loads = [*motion, plate.thermal(1.0, 1)]
-    else:
-        flat = Continuum(
-            plane.mesh, part.material(), order=plane.order, thickness=through.thickness
+    mixes = [_neck_mix(part, through, n) for n in part.necks]
+    with MESHER:
+        stage = part.stage()
+        faces, plane, means = _meshed(replace(part, through=None, readings=(), modes=0))
+        plate = LayeredPlate(
+            plane,
+            part.material(),
+            through,
+            notches=[
+                (
+                    exactly(notch_region(str(i), n.which)),
+                    n.at,
+                    n.profile.length / 2.0 + _REACH * n.profile.root_height,
+                )
+                for i, n in enumerate(part.necks)
+            ],
         )
-        rows += [
-            plate.mean(drive_vector(flat, stage, drive, faces.patches, "elastic"))[None]
-            for drive in stage.drives
-        ]
-        loads = [
-            *motion,
-            *(plate.thermal(c, 0) for c in (1.0, ng.x / METRE, ng.y / METRE)),
-            *(reading_row(flat, r, properties.centre, motion, plate.middle) for r in part.readings),
-        ]
-    return _Ready(
-        plate=plate,
-        rows=np.concatenate(rows),
-        loads=np.array(loads),
-        points=neck_points(plane.mesh, stage),
-        properties=properties,
-        held=faces.held,
-    )
+        rows = [np.zeros((0, plate.size))]
+        rows += [_neck_rows(plate, *own) for own in zip(part.necks, means, mixes, strict=True)]
+        # the thickness of the part is one for its mesh; it weighs as much as it is thick
+        properties = mass_properties(replace(stage, thickness=through.thickness))[BODY]
+        motion = plate.motion(rigid_regions(stage, BODY), properties.centre)
+        if through.out_of_plane:
+            loads = [*motion, plate.thermal(1.0, 1)]
+        else:
+            flat = Continuum(
+                plane.mesh, part.material(), order=plane.order, thickness=through.thickness
+            )
+            rows += [
+                plate.mean(drive_vector(flat, stage, drive, faces.patches, "elastic"))[None]
+                for drive in stage.drives
+            ]
+            loads = [
+                *motion,
+                *(plate.thermal(c, 0) for c in (1.0, ng.x / METRE, ng.y / METRE)),
+                *(
+                    reading_row(flat, r, properties.centre, motion, plate.middle)
+                    for r in part.readings
+                ),
+            ]
+        return _Ready(
+            plate=plate,
+            rows=np.concatenate(rows),
+            loads=np.array(loads),
+            properties=properties,
+            held=faces.held,
+        )
 
 
-def _neck_rows(plate: LayeredPlate, part: Substructure, neck: CutNeck, means: Array) -> Array:
+def _neck_mix(part: Substructure, through: ThroughThickness, neck: CutNeck) -> Array:
+    """Return what makes up each motion of a neck, of `neck_motions`, shape (k, m)."""
+    mix = neck_tractions(neck.profile, through, part.mesh, part.poissons_ratio)
+    return np.hstack((np.eye(len(mix)), mix))
+
+
+def _neck_rows(plate: LayeredPlate, neck: CutNeck, means: Array, mix: Array) -> Array:
     """Return the motions of a neck as `neck_coordinates` has them, shape (k, n)."""
     passed, rest, _, _ = neck_motions(plate.through, plate.plane.order)
     direction = math.cos(neck.direction), math.sin(neck.direction)
-    rows = motion_rows(plate, means, (*passed, *rest), direction)
-    mix = neck_tractions(neck.profile, plate.through, part.mesh, part.poissons_ratio)
-    return rows[: len(passed)] + mix @ rows[len(passed) :]
-
-
-def _surface_stress(plate: LayeredPlate, points: NeckPoints, basis: Array) -> Array:
-    """Return the stress of displacements at the points of the notches, level by level.
-
-    Components xx, yy, zz, yz, xz, xy [Pa], shape (m, 6, r).
-    """
-    r = basis.shape[1]
-    if not len(points.places):
-        return np.zeros((0, 6, r))
-    through = plate.through
-    parts = through.components
-    fields = plate.expanded(basis)
-    values, slopes = slopes_at(points, plate.plane.mesh, plate.plane.order, fields)
-    z = np.array(_LEVELS) * through.thickness / 2.0
-    functions = through.values_at(z)
-    gradient = np.zeros((z.size, len(values), 3, 3, r))  # of displacement i along j
-    for i, (d, kind, k) in enumerate(parts):
-        value, slope = (f[k][:, None, None] for f in functions[kind])
-        gradient[:, :, d, 0] += value * slopes[None, :, i, :, 0]
-        gradient[:, :, d, 1] += value * slopes[None, :, i, :, 1]
-        gradient[:, :, d, 2] += slope * values[None, :, i]
-    gradient = gradient.reshape(-1, 3, 3, r)
-    modulus, poisson = plate.material.youngs_modulus, plate.material.poissons_ratio
-    shear = modulus / (2.0 * (1.0 + poisson))
-    lame = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-    volume = lame * np.einsum("miir->mr", gradient)
-    return np.stack(
-        [
-            (volume if i == j else 0.0) + shear * (gradient[:, i, j] + gradient[:, j, i])
-            for i, j in COMPONENTS
-        ],
-        axis=1,
-    )
+    return motion_rows(plate, means, (*passed, *rest), direction, mix)

@@ -36,6 +36,8 @@ from flexstage.system.mechanical import (
     StressMap,
 )
 
+#: How fine bodies are meshed: elements may grow fast, as stress is that of half notches alone.
+BODIES = MeshSettings(grading=0.7)
 #: Modes of each body with held interfaces, and modes of the stage that its system keeps.
 MODES, KEPT = 3, 16
 
@@ -224,7 +226,7 @@ def superelement_model(
     >>> round(float(modes(model.system).frequency_hz[0]))
     193
     """
-    settings = settings or MeshSettings()
+    settings = settings or BODIES
     if space and plane != "auto":
         raise ModelError(
             f"superelements in space have no plane state, got '{plane}': leave the option out"
