@@ -425,7 +425,7 @@ def assert_covering(hits, repeats, full=400):
     assert low <= np.mean(hits) <= high
 
 
-@pytest.mark.parametrize("repeats", sizes(slow=60, evidence=400))
+@pytest.mark.parametrize("repeats", sizes(slow=40, evidence=400))
 @pytest.mark.parametrize(
     "kind", ["given", "none", "two noises", "few averages", "shared lines", "shared outputs"]
 )
@@ -444,7 +444,7 @@ def test_coverage(kind, repeats):
     assert_covering(shapes, 2 * repeats, full=800)
 
 
-@pytest.mark.parametrize("repeats", sizes(slow=30, evidence=400))
+@pytest.mark.parametrize("repeats", sizes(slow=20, evidence=400))
 def test_coverage_of_delay_and_lag(repeats):
     tau, lag = 130e-6, 420e-6
     real = np.array([1.0, -0.7, 0.9]) / np.array([2j * pole(*m).imag for m in MODES]) * 1e4
