@@ -86,7 +86,7 @@ class NeckStress:
         return mix @ stress
 
 
-class SurfaceStress(NamedTuple):
+class StressOfNecks(NamedTuple):
     """Stress of all half notches of a body, as `flexstage.fem.condensation.Condensed` has it."""
 
     stress: Array
@@ -95,7 +95,7 @@ class SurfaceStress(NamedTuple):
     seam: NDArray[np.int64]
 
 
-def stress_of_necks(part: Substructure) -> SurfaceStress:
+def stress_of_necks(part: Substructure) -> StressOfNecks:
     """Return the stress of the half notches of a body by unit forces on them.
 
     What a body does to a notch beyond these forces is left out (Saint-Venant).
@@ -124,7 +124,7 @@ def stress_of_necks(part: Substructure) -> SurfaceStress:
         seams.append((ends * (level + 1)).ravel())
         used += count * levels
     nothing = np.zeros(0, dtype=np.int64)
-    return SurfaceStress(
+    return StressOfNecks(
         np.concatenate(stresses) if stresses else np.zeros((0, len(_IN_PLANE), 0)),
         *(np.concatenate((nothing, *found)).astype(np.int64) for found in (owner, points, seams)),
     )
