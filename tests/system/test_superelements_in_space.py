@@ -84,7 +84,7 @@ def test_against_the_solid_model(name: str) -> None:
     for a, b in zip(mine.axes, other.axes, strict=True):
         ratio = b.output_displacement / b.input_displacement
         assert a.output_displacement / a.input_displacement == pytest.approx(ratio, rel=1e-3)
-        # It is largest a tenth of a millimetre below the faces, where plane strain ends: up to 2.7 %
+        # It is largest 0.1 mm below the faces, where plane strain ends: up to 2.7 %
         # above what `solid` makes of it with one element through half of the plate, and within
         # 0.2 % of other elements (`benchmarks.whole_stage.SPACE`).
         over = max(a.static.hinge_stress.values()) / max(b.static.hinge_stress.values())
