@@ -205,7 +205,7 @@ def space() -> Iterator[Row]:
     ]
     yield from climbed(name.format("frequencies and ratios to 0.1 %"), routes, LIMIT)
     routes = [
-        (ours, _rungs(SPACE, _ours, ("superelement-3d", {"neck_size": 0.6}))),
+        (ours, _rungs(SPACE, _ours, ("superelement-3d", {}))),
         *peer(
             "C3D20R",
             TARGET,
