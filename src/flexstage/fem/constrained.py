@@ -17,7 +17,7 @@ from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.neck_rows import shaped
 
 _ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
-_SETTLED = 1e-4  # of the squares of frequencies, from one step to the next
+_SETTLED = 1e-3  # of the squares of frequencies, from one step to the next
 _BLOCK, _STEPS = 8, 60
 _DEPENDENT = 1e-13  # mass that rounding leaves of displacements that others make up
 

@@ -19,7 +19,7 @@ from flexstage.stage.outline import Point
 _LAYER = 2.0  # depth below the faces of plane stress at a notch, in the thinnest necks
 # Modes of a body in space, with held necks: plates that many necks hold have low ones.
 # In the plane they are stiffer, and fewer are enough.
-_BY_NECK, _MOST_IN_PLANE, _MOST = 3, 12, 20
+_BY_NECK, _MOST_IN_PLANE, _MOST = 3, 12, 15
 _DIGITS = 12  # coordinates are rounded to a picometre, so that copies at other places are equal
 
 

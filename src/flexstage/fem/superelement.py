@@ -37,7 +37,7 @@ from flexstage.system.mechanical import (
 )
 
 #: How fine bodies are meshed: elements may grow fast, as stress is that of half notches alone.
-BODIES = MeshSettings(grading=0.7)
+BODIES = MeshSettings(neck_size=0.7, grading=0.75)
 #: Modes of each body with held interfaces, and modes of the stage that its system keeps.
 MODES, KEPT = 3, 16
 
