@@ -198,4 +198,4 @@ def test_progress_says_the_rung_the_best_so_far_and_the_share_of_the_evaluations
     searched = [what for what, _ in told if what.startswith("lumped search 2 of 2, best natural_")]
     best = [float(what.split()[-2]) for what in searched]
     assert best == sorted(best)
-    assert [what for what, _ in told if what.startswith("ladder, turn 2, corrected by superelem")]
+    assert [what for what, _ in told if what.startswith("ladder, turn 1, corrected by superelem")]
