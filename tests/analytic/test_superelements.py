@@ -498,19 +498,19 @@ def test_parallelogram() -> None:
 def test_stages_of_the_study(name: str) -> None:
     """At the usual mesh: what separates the two is how each happens to be meshed.
 
-    Measured: ratios within 3e-5, frequencies within 1e-4, stress within 4e-3.
+    The stress is that of all of the stage on a finer mesh: on the usual one it is 1.4 % high.
     """
     stage = design(name)
     mine, other = superelement_model(stage, cache=False), plane_model(stage)
+    finer = plane_model(stage, MeshSettings(order=5, neck_size=0.6))
     a, b = (modes(m.system, count=2).frequency_hz for m in (mine, other))
     np.testing.assert_allclose(a, b, rtol=5e-4)
     for axis in mine.system.axes:
         a, b = (analyse_axis(m.system, axis) for m in (mine, other))
         assert a.output_displacement == pytest.approx(b.output_displacement, rel=2e-4)
         assert a.input_stiffness == pytest.approx(b.input_stiffness, rel=1e-3)
-        assert max(a.static.hinge_stress.values()) == pytest.approx(
-            max(b.static.hinge_stress.values()), rel=1e-2
-        )
+        stress = max(analyse_axis(finer.system, axis).static.hinge_stress.values())
+        assert max(a.static.hinge_stress.values()) == pytest.approx(stress, rel=1e-2)
 
 
 def test_bodies_in_space_are_found_in_the_cache(tmp_path: Path) -> None:
