@@ -263,6 +263,15 @@ def test_statics_of_hinged_bars(
         assert mine == pytest.approx(other, rel=1e-3)
 
 
+def test_stress_on_the_usual_mesh(finer: StageModel) -> None:
+    """Measured: within 0.4 %; the fillet of 'second' is shorter than its neck is thick."""
+    usual = superelement_model(hinged_bars(), cache=False).system
+    for load in ("gravity x", "gravity y"):
+        mine, other = (static_loads(s, {load: 1.0}) for s in (usual, finer.system))
+        for hinge in ("first", "second"):
+            assert mine.hinge_stress[hinge] == pytest.approx(other.hinge_stress[hinge], rel=1e-2)
+
+
 def test_frequencies_of_hinged_bars(bars: SuperelementModel, whole: StageModel) -> None:
     mine, other = (modes(m.system, count=5).frequency_hz for m in (bars, whole))
     np.testing.assert_allclose(mine[:2], other[:2], rtol=1e-5)

@@ -39,6 +39,7 @@ REACH = 0.4
 # How much finer the half notch alone is meshed than the body that it is a part of, and how fast its
 # elements grow: stress is a derivative.
 _FINER, _GRADING = 0.75, 0.5
+_ALONG = 4  # elements along each piece of the contour at least
 
 
 # A body is wider than a root by this much of the root's height, or as good as not.
@@ -307,5 +308,6 @@ def _shape(hinge: Hinge, wide: bool, size: float) -> TopoDS_Shape:
         else:
             if min(ends) > root - _NEAR:
                 edge.name = surface_edge(hinge.name)
-                edge.maxh = size * METRE
+                # a fillet may be shorter than the neck is thick
+                edge.maxh = min(size * METRE, edge.mass / _ALONG)
     return shape
