@@ -9,6 +9,7 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache
+from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,8 @@ def many_stages(count: int) -> float:
     """Return the time that so many analyses take [s], once the bodies and blocks are known."""
     workers = os.cpu_count() or 1
     _known()
-    with ProcessPoolExecutor(workers) as pool:
+    # not forked: what has computed with threads leaves locks behind
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         list(pool.map(_one, range(2 * workers)))
         began = time.perf_counter()
         list(pool.map(_one, range(count), chunksize=20))
