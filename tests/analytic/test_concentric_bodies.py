@@ -72,7 +72,7 @@ def test_a_platform_in_the_middle_of_its_frame_is_meshed_in_space():
 def test_a_plate_without_prisms_is_tried_at_other_sizes_and_refused_with_a_way_out(monkeypatch):
     sizes = []
 
-    def tetrahedra(shape, dimension, largest, grading):
+    def tetrahedra(shape, dimension, largest, grading, sizes_at):
         sizes.append(largest)
         return ng.Mesh(OCCGeometry(Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=1))
 

@@ -147,7 +147,7 @@ def analyse(
     --------
     >>> import flexstage as fs
     >>> print(f"{fs.analyse('vgtu-piezo').value('natural_frequency_hz', 'x'):.1f} Hz")
-    321.2 Hz
+    321.1 Hz
     """
     options = ModelOptions(
         plane=plane,
