@@ -19,7 +19,8 @@ from flexstage.lumped.assemble import (
 )
 from flexstage.stage import Circle, PiezoStack, Stage, mass_properties
 from flexstage.system import MechanicalSystem, analyse
-from flexstage.system.mechanical import BodyPort, LoadPort, StressMap
+from flexstage.system.mechanical import BodyPort, LoadPort
+from flexstage.system.stress_map import StressMap
 from flexstage.virtual.imperfections import Scatter
 
 

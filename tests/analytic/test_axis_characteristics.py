@@ -21,9 +21,9 @@ from flexstage.system.mechanical import (
     DrivePort,
     LoadPort,
     ProbePort,
-    StressMap,
 )
 from flexstage.system.reduction import transformed
+from flexstage.system.stress_map import StressMap
 
 # one body on springs that couple x, y and its rotation; y is softer, so its mode comes first
 K = np.array([[9.0e5, 4.0e4, 700.0], [4.0e4, 2.0e5, -900.0], [700.0, -900.0, 60.0]])

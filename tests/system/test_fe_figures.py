@@ -25,7 +25,7 @@ from flexstage.report.figures.style import encode
 from flexstage.report.study import study_section
 from flexstage.studies import ModelRun, Study
 from flexstage.system import Analysis
-from flexstage.system.mechanical import StressMap
+from flexstage.system.stress_map import StressMap
 from tests import meshed_stages
 from tests.studies import sections_of
 from tests.undrawn import without_figures

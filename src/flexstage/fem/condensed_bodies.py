@@ -79,7 +79,7 @@ def _condense_missing(
         else:
             ready[part] = _from_arrays(entry)
     in_space = any(p.through is not None for p in missing)
-    with ThreadPoolExecutor(_threads() if in_space else 1) as workers:
+    with ThreadPoolExecutor(threads() if in_space else 1) as workers:
         made = workers.map(_condense, missing)
         for i, (part, found) in enumerate(zip(missing, made, strict=True)):
             progress.update("bodies", i / len(missing))
@@ -91,8 +91,8 @@ def _condense_missing(
     return list(missing)
 
 
-def _threads() -> int:
-    """Return how many bodies are condensed side by side, by threads that share the mesher.
+def threads() -> int:
+    """Return how many bodies are condensed, or ways to move joined, side by side, by threads.
 
     Where the linear algebra has threads of its own there is one: several that each start others
     take five times as long. The commands give it one (`flexstage.cli`).

@@ -34,8 +34,8 @@ from flexstage.system.mechanical import (
     DrivePort,
     LoadPort,
     ProbePort,
-    StressMap,
 )
+from flexstage.system.stress_map import StressMap
 
 # what is left of a response once the others are taken out of it, below which it is rounding
 _DEPENDENT = 1e-12

@@ -227,7 +227,7 @@ class Sampler:
         own = np.flatnonzero(stress.owner == stress.hinges.index(hinge))
         # the elements that share a point are averaged there
         _, first, shared = np.unique(stress.point[own], return_index=True, return_inverse=True)
-        parts = stress.matrix[own] @ q
+        parts = stress.components(q)[own]
         count = np.bincount(shared.ravel())
         mean = [np.bincount(shared.ravel(), weights=part) / count for part in parts.T]
         equivalent = von_mises_of(np.column_stack(mean))

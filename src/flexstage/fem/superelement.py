@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Literal
 
 import ngsolve as ng
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from flexstage.arrays import Array
@@ -16,7 +18,7 @@ from flexstage.cache.cache import Cache
 from flexstage.elasticity import Continuum
 from flexstage.errors import ModelError
 from flexstage.fem.condensation import Condensed, recover
-from flexstage.fem.condensed_bodies import condense_all
+from flexstage.fem.condensed_bodies import condense_all, threads
 from flexstage.fem.coupling import Joint, join, lowest, stacked
 from flexstage.fem.cutting import Placed, cut_free, in_space
 from flexstage.fem.mesh import MeshSettings
@@ -33,8 +35,8 @@ from flexstage.system.mechanical import (
     DrivePort,
     LoadPort,
     ProbePort,
-    StressMap,
 )
+from flexstage.system.stress_map import StressByForces, StressMap, StressOfForces
 
 #: How fine bodies are meshed: elements may grow fast, as stress is that of half notches alone.
 BODIES = MeshSettings(neck_size=0.7, grading=0.75)
@@ -312,11 +314,17 @@ def _joined(
     these [rad/s], and their names.
     """
     each = len(stage.bodies)
-    ways = (slice(k, k + each) for k in range(0, len(placed), each))
-    joints = [join(stage, placed[way], condensed[way]) for way in ways]
+    ways = [slice(k, k + each) for k in range(0, len(placed), each)]
+
+    def of_way(k: int, way: slice) -> tuple[Joint, tuple[Array, Array, NDArray[np.bool_]]]:
+        joint = join(stage, placed[way], condensed[way])
+        return joint, lowest(joint, kept if k == 0 else kept // 2)
+
+    with ThreadPoolExecutor(min(len(ways), threads())) as workers:
+        found = list(workers.map(of_way, range(len(ways)), ways))
+    joints = [joint for joint, _ in found]
     bases, omegas, names = [], [], []
-    for k, joint in enumerate(joints):
-        omega, basis, is_mode = lowest(joint, kept if k == 0 else kept // 2)
+    for k, (_, (omega, basis, is_mode)) in enumerate(found):
         where = "out of plane, " if k else ""
         names += [
             f"{where}{'mode' if m else 'static response'} {i + 1} "
@@ -396,7 +404,7 @@ def _stress(
     ways = len(condensed) // len(stage.bodies)
     count = sum(c.neck.size for c in condensed) // ways
     levels = max((int(np.abs(c.seam).max(initial=1)) for c in condensed), default=1)
-    matrix = np.zeros((count, 6, basis.shape[1]))
+    shares = []
     owner, point = np.zeros(count, dtype=np.intp), np.zeros(count, dtype=np.intp)
     at, used = 0, 2 * levels * len(stage.hinges)
     for p, c, (index, own) in zip(placed, condensed, joint.shares, strict=True):
@@ -406,17 +414,10 @@ def _stress(
             continue
         each = c.stress.shape[2]
         forces = scale * c.forces(own @ basis[index])
-        # those of its own way to move
-        moving = np.flatnonzero(forces.any(axis=0)).tolist() or [0]
-        columns = slice(moving[0], moving[-1] + 1)
-        components = [0, 1, 2, 5] if c.stress.shape[1] == 4 else slice(None)
         ends = np.searchsorted(c.neck, np.arange(len(p.hinges) + 1))
         for i, (first, end) in enumerate(pairwise(ends.tolist())):
-            carried = forces[each * i : each * (i + 1), columns]
-            found = c.stress[first:end].reshape(-1, each) @ carried
-            matrix[at + first : at + end, components, columns] = found.reshape(
-                end - first, -1, carried.shape[1]
-            )
+            carried = forces[each * i : each * (i + 1)]
+            shares.append(StressByForces(at + first, c.stress[first:end], carried))
         owner[here] = np.array(p.hinges, dtype=np.intp)[c.neck]
         shared = 2 * (levels * owner[here] + np.abs(c.seam) - 1) + (c.seam > 0)
         point[here] = np.where(c.seam != 0, shared, used + c.point)
@@ -425,5 +426,8 @@ def _stress(
     # numbers without gaps
     point = np.unique(point, return_inverse=True)[1].ravel()
     return StressMap(
-        hinges=tuple(h.name for h in stage.hinges), matrix=matrix, owner=owner, point=point
+        hinges=tuple(h.name for h in stage.hinges),
+        matrix=StressOfForces(count=count, shares=tuple(shares)),
+        owner=owner,
+        point=point,
     )

@@ -14,7 +14,7 @@ from flexstage.fem.condensed_bodies import condense_all
 from flexstage.fem.necks import ALONG
 from flexstage.fem.superelement import SuperelementModel
 from flexstage.system import Analysis, analyse
-from flexstage.system.mechanical import StressMap
+from flexstage.system.stress_map import StressMap
 
 # of what a lower order and more modes change, how much can be left: see `with_estimates`
 _OF_ORDER, _OF_MODES = 1.5, 1.25

@@ -34,8 +34,8 @@ from flexstage.system.mechanical import (
     DrivePort,
     LoadPort,
     ProbePort,
-    StressMap,
 )
+from flexstage.system.stress_map import StressMap
 
 
 class BodyCoordinates:

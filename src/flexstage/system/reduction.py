@@ -35,7 +35,7 @@ def transformed(
         probes=tuple(replace(p, vector=basis.T @ p.vector) for p in system.probes),
         bodies=tuple(replace(b, matrix=b.matrix @ basis) for b in system.bodies),
         loads=tuple(replace(f, vector=basis.T @ f.vector) for f in system.loads),
-        stress=None if stress is None else replace(stress, matrix=stress.matrix @ basis),
+        stress=None if stress is None else stress.in_basis(basis),
     )
 
 

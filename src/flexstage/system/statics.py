@@ -17,8 +17,8 @@ from flexstage.system.mechanical import (
     DriveCondition,
     DrivePort,
     MechanicalSystem,
-    StressMap,
 )
+from flexstage.system.stress_map import StressMap
 
 #: Two drives whose elongations are the same to this part are one.
 DEPENDENT = 1e12

@@ -1,0 +1,185 @@
+"""Stress at the critical points of hinges, linear in the coordinates of a system."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.arrays import Array
+
+_IN_PLANE = (0, 1, 2, 5)  # xx, yy, zz, xy
+
+
+class StressByForces(NamedTuple):
+    """Stress of places side by side by the forces that the coordinates put on them."""
+
+    first: int
+    """The first of the places."""
+    stress: Array
+    """Components xx, yy, zz, yz, xz, xy, or xx, yy, zz, xy, for unit forces, shape (k, c, e)."""
+    forces: Array
+    """Forces for the coordinates, shape (e, n)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StressOfForces:
+    """The matrix of a `StressMap` as a product, far smaller where few forces stress many places."""
+
+    count: int
+    """Number of places."""
+    shares: tuple[StressByForces, ...]
+    """What stresses them; those of the same places add up."""
+
+    def at(self, q: Array) -> Array:
+        """Return the components for coordinates, shape (n,): shape (m, 6)."""
+        found = np.zeros((self.count, 6))
+        for share in self.shares:
+            places, components, forces = share.stress.shape
+            own = share.stress.reshape(-1, forces) @ (share.forces @ q)
+            own = own.reshape(places, components)
+            where = found[share.first : share.first + places]
+            if components == 6:
+                where += own
+            else:
+                where[:, _IN_PLANE] += own
+        return found
+
+    def in_basis(self, basis: Array) -> "StressOfForces":
+        """Return it for other coordinates, one a column of a basis, shape (n, r)."""
+        return replace(self, shares=tuple(s._replace(forces=s.forces @ basis) for s in self.shares))
+
+    def of(self, own: NDArray[np.bool_]) -> "StressOfForces":
+        """Return that of some of the places."""
+        before = np.concatenate(([0], np.cumsum(own)))
+        shares = []
+        for first, stress, forces in self.shares:
+            kept = own[first : first + len(stress)]
+            if kept.any():
+                shares.append(StressByForces(int(before[first]), stress[kept], forces))
+        return StressOfForces(count=int(before[-1]), shares=tuple(shares))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StressMap:
+    """Stress at the critical points of each hinge, linear in the coordinates."""
+
+    hinges: tuple[str, ...]
+    """Names of the hinges."""
+    matrix: Array | StressOfForces
+    """For each place and coordinate the signed equivalent stress [Pa], shape (m, n), or the
+    components xx, yy, zz, yz, xz, xy of the stress [Pa], shape (m, 6, n), whose equivalent
+    stress is that of von Mises.
+    """
+    owner: NDArray[np.intp]
+    """Index into `hinges` of each place, shape (m,)."""
+    point: NDArray[np.intp] | None = None
+    """The point that each place belongs to, counted from 0, shape (m,); several places, one in each
+    finite element about it, share a point, and their stress is averaged there. None where each
+    is a point of its own.
+    """
+
+    def largest(self, q: Array) -> dict[str, float]:
+        """Return the largest stress in each hinge.
+
+        Parameters
+        ----------
+        q : numpy.ndarray
+            Coordinates, shape (n,).
+
+        Returns
+        -------
+        dict
+            Largest magnitude of the equivalent stress by hinge [Pa].
+        """
+        worst = np.zeros(len(self.hinges))
+        if self.owner.size:
+            # places of one hinge side by side: far faster than one maximum at a time
+            order = np.argsort(self.owner, kind="stable")
+            owner = self.owner[order]
+            first = np.flatnonzero(np.diff(owner, prepend=-1))
+            worst[owner[first]] = np.maximum.reduceat(self.equivalent(q)[order], first)
+        return dict(zip(self.hinges, worst.tolist(), strict=True))
+
+    def of(self, hinge: str) -> "StressMap":
+        """Return that of one hinge."""
+        own = self.owner == self.hinges.index(hinge)
+        return StressMap(
+            hinges=(hinge,),
+            matrix=self.matrix.of(own)
+            if isinstance(self.matrix, StressOfForces)
+            else self.matrix[own],
+            owner=np.zeros(np.count_nonzero(own), dtype=np.intp),
+            point=None
+            if self.point is None
+            else np.unique(self.point[own], return_inverse=True)[1].ravel(),
+        )
+
+    def scatter(self, q: Array) -> dict[str, float]:
+        """Return by how much the elements about the most stressed point of each hinge differ.
+
+        Parameters
+        ----------
+        q : numpy.ndarray
+            Coordinates, shape (n,).
+
+        Returns
+        -------
+        dict
+            Half of the range of the equivalent stress there [Pa]; 0 where the stress comes from
+            no mesh.
+        """
+        spread = np.zeros(len(self.hinges))
+        if self.point is None or not self.owner.size:
+            return dict(zip(self.hinges, spread.tolist(), strict=True))
+        mean = self.equivalent(q)
+        alone = np.abs(_equivalent(self.components(q)))
+        high, low = np.full(self.point.max() + 1, -np.inf), np.full(self.point.max() + 1, np.inf)
+        np.maximum.at(high, self.point, alone)
+        np.minimum.at(low, self.point, alone)
+        half = 0.5 * (high - low)
+        for i in range(len(self.hinges)):
+            at = np.flatnonzero(self.owner == i)
+            if at.size:
+                spread[i] = half[self.point[at[np.argmax(mean[at])]]]
+        return dict(zip(self.hinges, spread.tolist(), strict=True))
+
+    def components(self, q: Array) -> Array:
+        """Return what `matrix` has at each place for coordinates, shape (n,): shape (m[, 6])."""
+        return self.matrix.at(q) if isinstance(self.matrix, StressOfForces) else self.matrix @ q
+
+    def in_basis(self, basis: Array) -> "StressMap":
+        """Return it for other coordinates, one a column of a basis, shape (n, r)."""
+        if isinstance(self.matrix, StressOfForces):
+            return replace(self, matrix=self.matrix.in_basis(basis))
+        return replace(self, matrix=self.matrix @ basis)
+
+    def equivalent(self, q: Array) -> Array:
+        """Return the equivalent stress at each place, averaged at shared points.
+
+        Parameters
+        ----------
+        q : numpy.ndarray
+            Coordinates, shape (n,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Its magnitude [Pa], shape (m,).
+        """
+        stress = self.components(q)
+        if self.point is not None and self.point.size:
+            share = np.bincount(self.point)
+            columns = stress.reshape(self.point.size, -1).T
+            total = [np.bincount(self.point, weights=column) / share for column in columns]
+            stress = np.stack(total, axis=-1)[self.point].reshape(stress.shape)
+        return np.abs(_equivalent(stress))
+
+
+def _equivalent(stress: Array) -> Array:
+    """Return equivalent stresses: as they are, or by von Mises from six components."""
+    if stress.ndim == 1:
+        return stress
+    xx, yy, zz, yz, xz, xy = stress.T
+    normal = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+    return np.sqrt(0.5 * normal + 3.0 * (yz**2 + xz**2 + xy**2))
