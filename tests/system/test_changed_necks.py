@@ -10,11 +10,11 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import StageError
 from flexstage.fem import superelement_model
-from flexstage.fem.changed_necks import NeckFamily, changed_necks
-from flexstage.fem.condensation import condense
-from flexstage.fem.cutting import cut_free
+from flexstage.fem.changed_necks import changed_necks, neck_family
+from flexstage.fem.cutting import cut_free, in_space
+from flexstage.fem.half_notch import neck_response
 from flexstage.fem.mesh import MeshSettings
-from flexstage.fem.superelement import SuperelementModel
+from flexstage.fem.superelement import BODIES, SuperelementModel
 from flexstage.hinges import CornerFilleted, Profile, RightCircular
 from flexstage.hinges.other_notch import with_neck_thickness
 from flexstage.stage import Stage
@@ -104,12 +104,14 @@ def test_a_body_weighs_what_it_is(parallelogram: SuperelementModel) -> None:
         assert along @ body.mass @ along == pytest.approx(other.inertia[0], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_bars_in_space() -> None:
-    """Two unlike hinges. Measured against bodies condensed anew: figures within 0.031 %.
+    """Two unlike hinges. Measured against bodies condensed anew: figures within 0.028 %.
 
-    The peak of stress scatters by 3.4 % from mesh to mesh here, the change of it is -7 %.
+    Of bodies of order 3 the stiffness is 0.1 % off, while what necks change is as exact as half
+    notches are. The change of stress is -7 %, measured within 0.4 %.
     """
-    stage, settings = hinged_bars(), replace(SLOWLY, order=3)
+    stage, settings = hinged_bars(), SLOWLY
     base = superelement_model(stage, settings, space=True, cache=False)
     made = with_necks(stage, 0.93, 0.9, deeper=False)
     near = figures(superelement_model(made, settings, space=True, cache=False, near=base))
@@ -123,7 +125,7 @@ def test_bars_in_space() -> None:
         "out_of_plane_stiffness",
     ):
         assert near[name] == pytest.approx(anew[name], rel=5e-4), name
-    assert near["max_stress"] == pytest.approx(anew["max_stress"], rel=0.05)
+    assert near["max_stress"] == pytest.approx(anew["max_stress"], rel=0.01)
 
 
 @pytest.mark.slow
@@ -208,27 +210,34 @@ def test_a_neck_that_does_not_fit_is_refused(parallelogram: SuperelementModel) -
         superelement_model(made, cache=False, near=parallelogram)
 
 
-def test_family_between_its_members() -> None:
-    """Against a block condensed for itself. Measured: flexibility 2e-7, stress 0.04 %."""
-    settings = MeshSettings(neck_size=0.5)
+@pytest.mark.parametrize("space", [False, True])
+def test_family_between_its_members(space: bool) -> None:
+    """Against a half notch by itself, which has a mesh of its own.
+
+    Measured: flexibility 2e-5, stress 0.06 %. In space the same of uniform pulls, moments and shear
+    forces; of those that change through the thickness 1e-3 and 1.5 %.
+    """
     stage = design("parallelogram")
-    before, after = (
-        next(p.part for p in cut_free(s, settings, modes=3) if p.body.fixed)
-        for s in (stage, with_necks(stage, 1.085, deeper=False))
-    )
+    stages = stage, with_necks(stage, 1.085, deeper=False)
+    cut = [cut_free(s, BODIES, modes=3) for s in stages]
+    if space:
+        cut = [in_space(s, bodies)[0] for s, bodies in zip(stages, cut, strict=True)]
+    before, after = (next(p.part for p in bodies if p.body.fixed) for bodies in cut)
     (neck,) = changed_necks(before, after)
-    members = [condense(b) for b in neck.blocks]
-    flexibility, scale, mass = NeckFamily(members).at(neck.thicker)
-    middle = neck.blocks[len(members) // 2]
-    alone = replace(middle, necks=(replace(after.necks[0], at=(0.0, 0.0), direction=0.0),))
-    was, own = condense(middle), condense(alone)
-    expected = np.linalg.inv(own.stiffness[:3, :3])
+    middle = neck.halves[len(neck.halves) // 2]
+    flexibility, scale = neck_family(neck.halves).at(neck.thicker)
+    alone = replace(middle, profile=after.necks[0].profile, widest=neck.halves[0].widest)
+    (_, old), (expected, own) = (neck_response(h, middle.profile) for h in (middle, alone))
     size = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(
-        flexibility / np.outer(size, size), expected / np.outer(size, size), atol=1e-5
-    )
-    largest = [np.abs(c.stress).max(axis=(0, 1)) for c in (was, own)]
-    np.testing.assert_allclose(scale, largest[1] / largest[0], rtol=2e-3)
+    off = np.abs(flexibility - expected) / np.outer(size, size)
+    largest = [np.abs(c.stress).max(axis=(0, 1, 2)) for c in (old, own)]
+    stress_off = np.abs(scale * largest[0] / largest[1] - 1.0)
+    uniform = [0, 1, 4] if space else [0, 1, 2]
+    assert off[np.ix_(uniform, uniform)].max() < 5e-5
+    assert stress_off[uniform].max() < 1e-3
+    assert off.max() < 2e-3
+    assert stress_off.max() < 0.03
+    assert np.abs(scale[uniform] - 1.0).max() > 0.05
     # half of the notch is 4 mm long and thicker by 0.085 of 0.5 mm, of the reference material
-    more = 1e4 * before.thickness * 2e-3 * 0.085 * 0.5e-3
-    assert mass - was.inertia[0] == pytest.approx(more, rel=1e-6)
+    plate = stage.thickness if space else before.thickness
+    assert neck.gain == pytest.approx(1e4 * plate * 2e-3 * 0.085 * 0.5e-3, rel=1e-6)

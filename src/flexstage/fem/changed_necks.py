@@ -6,24 +6,23 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import HingeError, StageError
 from flexstage.fem.condensation import Condensed
 from flexstage.fem.freedom import freedom
-from flexstage.fem.substructure import Substructure
+from flexstage.fem.half_notch import HalfNotch, half_of, neck_response, notch_of
+from flexstage.fem.substructure import REFERENCE, Substructure
 from flexstage.hinges import Profile
 from flexstage.hinges.other_notch import with_neck_thickness
-from flexstage.stage import Hinge, Loop
+from flexstage.stage import Hinge
+from flexstage.stage.contour import half_notch
 from flexstage.stage.hinge_attachment import TOLERANCE, Root, hinge_root, root_line
 
 # Largest ratio of the thicknesses of a neck; a body with another is condensed anew.
 _FARTHEST = 1.15
-_MEMBERS = 5  # of a family, an odd number: the neck as it was is the one in the middle
-
-# How far the block goes beyond the root of a notch, to either side and inward, in heights of the
-# root. What a neck changes does not reach so far, and where a body ends before, so does the block.
-_BEYOND = 1.5
+_MEMBERS = 3  # of a family: the neck as it was is the one in the middle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,9 +33,11 @@ class ChangedNeck:
     """Which of the body's necks."""
     thicker: float
     """Its thickness over what it was."""
-    blocks: tuple[Substructure, ...]
-    """The part of the body about the root of its notch, held where it was cut, with necks from the
-    thinnest to the thickest that is followed; the one in the middle is as it was.
+    gain: float
+    """Mass that half of the notch gains [kg], of the `REFERENCE` material."""
+    halves: tuple[HalfNotch, ...]
+    """Half of the notch with a block of the body, with necks from the thinnest to the thickest that
+    is followed; the one in the middle is as it was.
     """
 
 
@@ -79,7 +80,13 @@ def _changed_neck(before: Substructure, new: Profile, number: int) -> ChangedNec
         (x, y), (edge, most) = hinge.from_plane(end), hinge.from_plane(corner)
         if abs(x - edge) > TOLERANCE or side * (y - most) > TOLERANCE:
             raise StageError("the notch does not end within the edge of its body")
-    return ChangedNeck(number=number, thicker=thicker, blocks=_blocks(before, number, made))
+    plate = before.thickness if before.through is None else before.through.thickness
+    return ChangedNeck(
+        number=number,
+        thicker=thicker,
+        gain=REFERENCE.density * plate * (_area(new) - _area(old)),
+        halves=_halves(before, number, made),
+    )
 
 
 def _outward(profile: Profile, thickness: float) -> Profile:
@@ -94,43 +101,23 @@ def _root(part: Substructure, number: int) -> tuple[Hinge, Root]:
 
 
 @lru_cache(maxsize=1024)
-def _blocks(
+def _halves(
     part: Substructure, number: int, made: Callable[[Profile, float], Profile]
-) -> tuple[Substructure, ...]:
-    block = _block(part, number)
-    (neck,) = block.necks
-    old = neck.profile
-    profiles = (made(old, math.exp(x) * old.neck_thickness) if x else old for x in _nodes())
-    return tuple(
-        replace(block, necks=(replace(neck, profile=p, contour=p.contour()),)) for p in profiles
-    )
+) -> tuple[HalfNotch, ...]:
+    # a wide block for narrow bodies too: its far end is farther from the notch than theirs
+    half = replace(half_of(part, number, _root(part, number)[1]), wide=True)
+    old = half.profile
+    profiles = [made(old, math.exp(x) * old.neck_thickness) if x else old for x in _nodes()]
+    # one block for all of them, as wide as the thickest needs
+    grows = profiles[-1].root_height - old.root_height > TOLERANCE
+    widest = profiles[-1] if grows else None
+    return tuple(replace(half, profile=p, widest=widest) for p in profiles)
 
 
-def _block(part: Substructure, number: int) -> Substructure:
-    neck = part.necks[number]
-    hinge, root = _root(part, number)
-    reach = _BEYOND * neck.profile.root_height
-    # as wide as the thickest neck needs, where the root takes all of the edge
-    least = (_FARTHEST - 1.0) * neck.profile.neck_thickness
-    ends, edge = ([hinge.from_plane(p)[1] for p in pair] for pair in (root.ends, root.edge))
-    right, left = (
-        end + sign * min(max(sign * (corner - end), least), reach)
-        for end, corner, sign in zip(ends, edge, (-1.0, 1.0), strict=True)
-    )
-    side = (-1, 1)[neck.which]
-    near = side * neck.profile.length / 2.0
-    far = near + side * reach
-    return replace(
-        part,
-        outline=Loop(((near, right), (far, right), (far, left), (near, left))[::side]),
-        holes=(),
-        mounting_holes=(),
-        held=True,
-        necks=(replace(neck, at=(0.0, 0.0), direction=0.0),),
-        patches=(),
-        readings=(),
-        modes=0,
-    )
+@lru_cache(maxsize=1024)
+def _area(profile: Profile) -> float:
+    """Return the area of half of a notch [m^2]."""
+    return abs(half_notch(notch_of(profile), 0).integrals().area)
 
 
 def _nodes() -> Array:
@@ -142,43 +129,53 @@ def _nodes() -> Array:
 
 
 class NeckFamily:
-    r"""Blocks that differ in the thickness of their neck, condensed: those of a `ChangedNeck`.
+    r"""Half notches that differ in the thickness of their neck: those of a `ChangedNeck`.
 
-    Flexibility and mass are interpolated as polynomials of the logarithm of thickness. The largest
+    Of a flexibility F with the square roots :math:`s_i = \sqrt{F_{ii}}` polynomials of the
+    logarithm of thickness go through :math:`\log s_i` and :math:`F_{ij}/s_i s_j`; the largest
     stress for each force on the neck is taken as a power of thickness, whose exponent is linear in
-    that logarithm: so it is free of how the meshes of the members lie.
+    that logarithm.
 
     Notes
     -----
-    Validity: of a flexibility that goes with :math:`t^{-5/2}` the interpolation is within 3e-6,
-    below what the meshes of the members differ by (2e-4).
+    Validity: between its members a flexibility is within 1e-5, below what their meshes differ by.
     """
 
-    def __init__(self, members: Sequence[Condensed]) -> None:
+    def __init__(self, members: Sequence[tuple[Array, Array]], lengthwise: NDArray[np.bool_]):
         nodes = _nodes()
+        self.lengthwise = lengthwise
         self.weights = np.linalg.inv(np.vander(nodes, increasing=True))
-        found, largest = [], []
-        for block in members:
-            each = block.interfaces
-            flexibility = np.linalg.inv(block.stiffness[:each, :each])
-            found.append(0.5 * (flexibility + flexibility.T))
-            largest.append(np.log(np.abs(block.stress).max(axis=(0, 1))))
-        self.flexibility = np.array(found)
-        self.mass = np.array([block.inertia[0] for block in members])
-        self.as_it_was = self.flexibility[_MEMBERS // 2], float(self.mass[_MEMBERS // 2])
-        self.powers = np.polynomial.polynomial.polyfit(nodes, np.array(largest), 2)[1:]
+        flexibility = np.array([0.5 * (f + f.T) for f, _ in members])
+        size = np.sqrt(np.diagonal(flexibility, axis1=1, axis2=2))
+        self.size = np.log(size)
+        self.likeness = flexibility / (size[:, :, None] * size[:, None, :])
+        self.stress = np.log([largest for _, largest in members])
+        self.as_it_was = flexibility[_MEMBERS // 2]
 
-    def at(self, thicker: float) -> tuple[Array, Array, float]:
+    def at(self, thicker: float) -> tuple[Array, Array]:
         """Return what a neck adds that is so many times as thick as that in the middle.
 
-        The flexibility of the motions of the neck, shape (e, e), how many times larger the stress
-        is for each force on it, shape (e,), and the mass of the block [kg].
+        The flexibility of the motions of the neck, shape (e, e), and how many times larger the
+        stress is for each force on it, shape (e,).
         """
-        x = math.log(thicker)
-        share = x ** np.arange(_MEMBERS) @ self.weights
-        scale = np.exp(np.array([x, x * x]) @ self.powers)
-        flexibility = share @ self.flexibility.reshape(_MEMBERS, -1)
-        return flexibility.reshape(self.flexibility.shape[1:]), scale, float(share @ self.mass)
+        share = math.log(thicker) ** np.arange(_MEMBERS) @ self.weights
+        size = np.exp(share @ self.size)
+        likeness = np.tensordot(share, self.likeness, axes=1)
+        scale = np.exp(share @ self.stress - self.stress[_MEMBERS // 2])
+        return likeness * np.outer(size, size), scale
+
+    def of_side(self, which: int, flexibility: Array) -> Array:
+        """Return the flexibility of the half on either side, 0 or 1: they mirror one another."""
+        sign = np.where(self.lengthwise, -1.0, 1.0) if which else np.ones(len(self.lengthwise))
+        return flexibility * np.outer(sign, sign)
+
+
+def neck_family(halves: Sequence[HalfNotch]) -> NeckFamily:
+    """Return the family of half notches."""
+    like = halves[_MEMBERS // 2].profile
+    found = [neck_response(half, like) for half in halves]
+    members = [(f, np.abs(stress.stress).max(axis=(0, 1, 2))) for f, stress in found]
+    return NeckFamily(members, found[0][1].lengthwise)
 
 
 def with_other_necks(
@@ -186,10 +183,10 @@ def with_other_necks(
 ) -> Condensed:
     r"""Return a condensed body with thicker or thinner necks.
 
-    The halves of its notches are more flexible by :math:`\Delta F`, the difference between the
-    blocks about them, which sits between the body and the motions q of its necks. With the
-    stiffness K of the interfaces and the forces :math:`\Lambda` on them, held, of the other
-    coordinates,
+    The halves of its notches are more flexible by :math:`\Delta F`, the difference between half
+    notches with a block of the body, which sits between the body and the motions q of its necks.
+    With the stiffness K of the interfaces and the forces :math:`\Lambda` on them, held, of the
+    other coordinates,
 
     .. math:: Y = (1 + \Delta F K)^{-1}\Delta F,\quad
               u = T(1 - Y K) q + (\Phi - T Y\Lambda)\eta,\quad
@@ -222,13 +219,13 @@ def with_other_necks(
     way = freedom(part.through)
     each = len(way.necks)
     size = np.ones(r)  # of the coordinates, in those that they were before
-    more, gains, scales = np.zeros((m, m)), [], []
-    for neck, blocks in necks:
+    more, scales = np.zeros((m, m)), []
+    for neck, family in necks:
         own = np.arange(each * neck.number, each * (neck.number + 1))
         size[own[way.turning]] = neck.thicker
-        (before, light), (after, scale, heavy) = blocks.as_it_was, blocks.at(neck.thicker)
-        more[np.ix_(own, own)] = after - before * np.outer(size[own], size[own])
-        gains.append(heavy - light)
+        after, scale = family.at(neck.thicker)
+        change = after - family.as_it_was * np.outer(size[own], size[own])
+        more[np.ix_(own, own)] = family.of_side(part.necks[neck.number].which, change)
         scales.append(scale)
     K = (condensed.stiffness / np.outer(size, size))[:m, :m]
     held = condensed.reactions / size[:m, None]
@@ -244,10 +241,10 @@ def with_other_necks(
     loads = condensed.loads @ basis
     mass = basis.T @ condensed.mass @ basis
     whole, x, y, turning = condensed.inertia
-    for (neck, _), gain in zip(necks, gains, strict=True):
+    for neck, _ in necks:
         # what a notch gains rides on the mean motion of the body
         riding = way.read((x, y), part.necks[neck.number].at) @ loads[:3]
-        mass += gain * riding.T @ riding
+        mass += neck.gain * riding.T @ riding
     stress = condensed.stress.copy()
     for (neck, _), scale in zip(necks, scales, strict=True):
         stress[condensed.neck == neck.number] *= scale
@@ -258,5 +255,5 @@ def with_other_necks(
         loads=loads,
         reactions=held - K @ Y @ held,
         stress=stress,
-        inertia=(whole + sum(gains), x, y, turning),
+        inertia=(whole + sum(n.gain for n, _ in necks), x, y, turning),
     )

@@ -1,7 +1,7 @@
 """All bodies of a stage condensed, each once, or found in the cache."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from functools import lru_cache
@@ -14,8 +14,8 @@ from flexstage import progress
 from flexstage.cache.cache import Cache, open_cache
 from flexstage.fem.changed_necks import (
     ChangedNeck,
-    NeckFamily,
     changed_necks,
+    neck_family,
     with_other_necks,
 )
 from flexstage.fem.condensation import Condensed, condense
@@ -43,22 +43,23 @@ def condense_all(
             changes[part] = before, necks
     with progress.subtask(0.0, 0.5 if changes else 1.0):
         new = _condense_missing([part for part in parts if part not in changes], ready, cache)
-    for i, (part, (before, necks)) in enumerate(changes.items()):
-        families = []
-        for k, neck in enumerate(necks):
-            first = 0.5 + 0.5 * (i + k / len(necks)) / len(changes)
-            with progress.subtask(first, first + 0.5 / (len(changes) * len(necks))):
-                families.append((neck, _neck_family(neck.blocks, cache)))
-        ready[part] = with_other_necks(ready[before], before, families)
+    halves = dict.fromkeys(n.halves for _, necks in changes.values() for n in necks)
+    families = {}
+    with (
+        progress.subtask(0.5 if changes else 1.0, 1.0),
+        ThreadPoolExecutor(_workers(p.through is not None for p in changes)) as workers,
+    ):
+        for i, (own, family) in enumerate(zip(halves, workers.map(_family, halves), strict=True)):
+            progress.update("necks", i / len(halves))
+            families[own] = family
+    for part, (before, necks) in changes.items():
+        known = [(neck, families[neck.halves]) for neck in necks]
+        ready[part] = with_other_necks(ready[before], before, known)
     new = [*new, *changes]
     return [ready[part] for part in parts], [parts.index(part) for part in new]
 
 
-@lru_cache(maxsize=512)
-def _neck_family(
-    blocks: tuple[Substructure, ...], cache: Cache | Path | str | bool | None
-) -> NeckFamily:
-    return NeckFamily(condense_all(blocks, cache)[0])
+_family = lru_cache(maxsize=512)(neck_family)
 
 
 def _condense_missing(
@@ -78,8 +79,7 @@ def _condense_missing(
             missing[part] = key
         else:
             ready[part] = _from_arrays(entry)
-    in_space = any(p.through is not None for p in missing)
-    with ThreadPoolExecutor(threads() if in_space else 1) as workers:
+    with ThreadPoolExecutor(_workers(p.through is not None for p in missing)) as workers:
         made = workers.map(_condense, missing)
         for i, (part, found) in enumerate(zip(missing, made, strict=True)):
             progress.update("bodies", i / len(missing))
@@ -99,6 +99,10 @@ def threads() -> int:
     """
     single = any(os.environ.get(f"{name}_NUM_THREADS") == "1" for name in ("OPENBLAS", "OMP"))
     return min(os.cpu_count() or 1, _THREADS) if single else 1
+
+
+def _workers(in_space: Iterable[bool]) -> int:
+    return threads() if any(in_space) else 1
 
 
 def _condense(part: Substructure) -> Condensed:

@@ -28,7 +28,7 @@ from flexstage.hinges import Profile
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.stage import Hinge
 from flexstage.stage.contour import half_notch, inner_notch
-from flexstage.stage.hinge_attachment import hinge_root
+from flexstage.stage.hinge_attachment import Root, hinge_root
 
 _NAME, _BODY, _NOTCH, _CUT, _ROOT = "0", "body", "notch", "cut", "root"
 _IN_PLANE = ((0, 0), (1, 1), (2, 2), (0, 1))  # components of stress in a plane
@@ -44,6 +44,28 @@ _ALONG = 4  # elements along each piece of the contour at least
 
 # A body is wider than a root by this much of the root's height, or as good as not.
 _WIDER = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HalfNotch:
+    """Half of a notch with a block of its body, of the first body of its hinge."""
+
+    profile: Profile
+    """The notch."""
+    wide: bool
+    """Whether the body is wider than the root."""
+    plane: PlaneState
+    """``stress`` or ``strain``, in a plane."""
+    thickness: float
+    """Thickness of the plate [m]."""
+    through: ThroughThickness | None
+    """How displacements run through it; None in a plane."""
+    mesh: MeshSettings
+    """How fine the body is meshed."""
+    poissons_ratio: float
+    """Poisson's ratio [1]."""
+    widest: Profile | None = None
+    """A notch of whose root the block is made, where that is another one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -104,16 +126,7 @@ def stress_of_necks(part: Substructure) -> StressOfNecks:
     stage = part.stage()
     stresses, owner, points, seams, used = [], [], [], [], 0
     for i, (neck, hinge) in enumerate(zip(part.necks, stage.hinges, strict=True)):
-        root = hinge_root(stage, hinge, neck.which)
-        wide = any(
-            math.dist(end, corner) > _WIDER * neck.profile.root_height
-            for end, corner in zip(root.ends, root.edge, strict=True)
-        )
-        material = (part.mesh, part.poissons_ratio)
-        if part.through is None:
-            half = plane_stress(neck.profile, wide, neck.plane, part.thickness, *material)
-        else:
-            half = neck_stress(neck.profile, wide, part.through, *material)
+        half = neck_stress(half_of(part, i, hinge_root(stage, hinge, neck.which)))
         stress = half.of_half(neck.which, neck.direction)
         levels, places, components, _ = stress.shape
         level, count = np.arange(levels)[:, None], int(half.point.max()) + 1
@@ -131,6 +144,23 @@ def stress_of_necks(part: Substructure) -> StressOfNecks:
     )
 
 
+def half_of(part: Substructure, number: int, root: Root) -> HalfNotch:
+    """Return the half notch at a neck of a body, which grows from it at a root."""
+    neck, through = part.necks[number], part.through
+    return HalfNotch(
+        profile=neck.profile,
+        wide=any(
+            math.dist(end, corner) > _WIDER * neck.profile.root_height
+            for end, corner in zip(root.ends, root.edge, strict=True)
+        ),
+        plane=neck.plane if through is None else "stress",
+        thickness=part.thickness if through is None else through.thickness,
+        through=through,
+        mesh=part.mesh,
+        poissons_ratio=part.poissons_ratio,
+    )
+
+
 @lru_cache(maxsize=64)
 def neck_tractions(
     profile: Profile, through: ThroughThickness, mesh: MeshSettings, poissons_ratio: float
@@ -142,7 +172,17 @@ def neck_tractions(
     of its body, held at its far end, it is :math:`\lambda_e = -F_{ee}^{-1} F_{er}\lambda_r`, for
     pulled and sheared motions by themselves; shape (r, e).
     """
-    _, rows, responses = _narrow(profile, through, mesh, poissons_ratio)
+    _, rows, responses = _narrow(
+        HalfNotch(
+            profile=profile,
+            wide=False,
+            plane="stress",
+            thickness=through.thickness,
+            through=through,
+            mesh=mesh,
+            poissons_ratio=poissons_ratio,
+        )
+    )
     flexibility = rows @ responses
     passed, rest, pulled, pulled_more = neck_motions(through, mesh.order)
     found = np.zeros((len(passed), len(rest)))
@@ -158,64 +198,61 @@ def neck_tractions(
 
 
 @lru_cache(maxsize=128)
-def neck_stress(
-    profile: Profile,
-    wide: bool,
-    through: ThroughThickness,
-    mesh: MeshSettings,
-    poissons_ratio: float,
-) -> NeckStress:
-    """Return the stress of half a notch by unit forces on its neck.
+def neck_stress(half: HalfNotch) -> NeckStress:
+    """Return the stress of half a notch by unit forces on its neck."""
+    if half.through is not None and not half.through.out_of_plane:
+        half = replace(half, through=replace(half.through, fine=True))
+    return neck_response(half)[1]
 
-    `wide` tells whether the body is wider than the root.
+
+def neck_response(half: HalfNotch, like: Profile | None = None) -> tuple[Array, NeckStress]:
+    """Return the flexibility of the motions of a neck, shape (r, r), and the stress by forces.
+
+    Half of the notch is held at the far end of its block. In space tractions pass through the neck
+    as through that of the notch `like`, where one is given.
     """
-    fine = replace(through, fine=not through.out_of_plane)
-    mix = neck_tractions(profile, fine, mesh, poissons_ratio)
+    through = half.through
+    if through is None:
+        return _plane_response(half)
+    mix = neck_tractions(like or half.profile, through, half.mesh, half.poissons_ratio)
     mix = np.hstack((np.eye(len(mix)), mix))
-    if wide:
-        plate, rows = _block(profile, True, fine, mesh, poissons_ratio)
-        u = factorised(plate.stiffness).solve(np.ascontiguousarray((mix @ rows).T))
+    if half.wide or half.widest is not None:
+        plate, rows = _block(half)
+        rows = mix @ rows
+        u = factorised(plate.stiffness).solve(np.ascontiguousarray(rows.T))
     else:
-        plate, _, responses = _narrow(profile, fine, mesh, poissons_ratio)
-        u = responses @ mix.T
+        plate, rows, responses = _narrow(half)
+        rows, u = mix @ rows, responses @ mix.T
     with MESHER:
         points = surface_points(plate.plane.mesh, (_NAME,))
         stress = layered_stress(plate, points, u)
-    return NeckStress(
+    return rows @ u, NeckStress(
         place=points.position[:, :2],
         point=points.point,
         stress=stress,
-        lengthwise=np.array([m.direction == 0 for m in neck_motions(through, mesh.order)[0]]),
+        lengthwise=np.array([m.direction == 0 for m in neck_motions(through, half.mesh.order)[0]]),
     )
 
 
-@lru_cache(maxsize=128)
-def plane_stress(
-    profile: Profile,
-    wide: bool,
-    plane: PlaneState,
-    thickness: float,
-    mesh: MeshSettings,
-    poissons_ratio: float,
-) -> NeckStress:
-    """Return the stress of half a notch in a plane by unit forces on its neck, as `neck_stress`."""
-    meshed, neck = _meshed(profile, wide, thickness, mesh)
+def _plane_response(half: HalfNotch) -> tuple[Array, NeckStress]:
+    order = half.mesh.order
+    meshed, neck = _meshed(half)
     continuum = Continuum(
         meshed,
-        replace(REFERENCE, poissons_ratio=poissons_ratio),
-        order=mesh.order,
-        thickness=thickness,
-        strain=_NOTCH if plane == "strain" else "",
+        replace(REFERENCE, poissons_ratio=half.poissons_ratio),
+        order=order,
+        thickness=half.thickness,
+        strain=_NOTCH if half.plane == "strain" else "",
         held=_ROOT,
     )
-    beam, normal, shear = neck_rows(neck, edge_means(meshed, mesh.order, [neck])[0])
+    beam, normal, shear = neck_rows(neck, edge_means(meshed, order, [neck])[0])
     rows = np.concatenate((beam, normal, shear))
     part = PlanePart(continuum)
     responses = np.zeros((part.size, len(rows)))
     responses[part.free] = factorised(part.stiffness).solve(rows.T[part.free])
-    _, responses = shaped(rows, responses, [(len(normal), len(shear))])
+    rows, responses = shaped(rows, responses, [(len(normal), len(shear))])
     points = surface_points(meshed, (_NAME,))
-    return NeckStress(
+    return rows @ responses, NeckStress(
         place=points.position[:, :2],
         point=points.point,
         stress=surface_stress(continuum, points, responses)[None],
@@ -224,60 +261,56 @@ def plane_stress(
 
 
 @lru_cache(maxsize=4)
-def _narrow(
-    profile: Profile, through: ThroughThickness, mesh: MeshSettings, poissons_ratio: float
-) -> tuple[LayeredPlate, Array, Array]:
-    """Return the half notch in a body as wide as its root, with motions of its neck, responses."""
-    plate, rows = _block(profile, False, through, mesh, poissons_ratio)
+def _narrow(half: HalfNotch) -> tuple[LayeredPlate, Array, Array]:
+    """Return a half notch in a body as wide as its root, with motions of its neck, responses."""
+    plate, rows = _block(half)
     return plate, rows, factorised(plate.stiffness).solve(np.ascontiguousarray(rows.T))
 
 
-def _block(
-    profile: Profile,
-    wide: bool,
-    through: ThroughThickness,
-    mesh: MeshSettings,
-    poissons_ratio: float,
-) -> tuple[LayeredPlate, Array]:
+def _block(half: HalfNotch) -> tuple[LayeredPlate, Array]:
     """Return half a notch with a block of its body, and the motions of its neck."""
+    assert half.through is not None
     with MESHER:
-        plane, means = _integrals(profile, wide, through.thickness, mesh)
-    material = replace(REFERENCE, poissons_ratio=poissons_ratio)
-    reach = profile.length / 2.0 + REACH * profile.root_height
-    plate = LayeredPlate(plane, material, through, [(_NOTCH, (0.0, 0.0), reach)])
-    passed, rest, _, _ = neck_motions(through, mesh.order)
+        plane, means = _integrals(replace(half, through=None, poissons_ratio=0.0))
+    material = replace(REFERENCE, poissons_ratio=half.poissons_ratio)
+    reach = half.profile.length / 2.0 + REACH * half.profile.root_height
+    plate = LayeredPlate(plane, material, half.through, [(_NOTCH, (0.0, 0.0), reach)])
+    passed, rest, _, _ = neck_motions(half.through, half.mesh.order)
     return plate, motion_rows(plate, means, (*passed, *rest))
 
 
 @lru_cache(maxsize=4)
-def _integrals(
-    profile: Profile, wide: bool, thickness: float, mesh: MeshSettings
-) -> tuple[PlaneIntegrals, Array]:
-    meshed, neck = _meshed(profile, wide, thickness, mesh)
-    plane = PlaneIntegrals(meshed, order=mesh.order, held=_ROOT)
-    return plane, edge_means(meshed, mesh.order, [neck])[0]
+def _integrals(half: HalfNotch) -> tuple[PlaneIntegrals, Array]:
+    meshed, neck = _meshed(half)
+    order = half.mesh.order
+    plane = PlaneIntegrals(meshed, order=order, held=_ROOT)
+    return plane, edge_means(meshed, order, [neck])[0]
 
 
-def _meshed(
-    profile: Profile, wide: bool, thickness: float, mesh: MeshSettings
-) -> tuple[ng.Mesh, CutNeck]:
+def _meshed(half: HalfNotch) -> tuple[ng.Mesh, CutNeck]:
+    mesh, profile = half.mesh, half.profile
     fine = replace(mesh, neck_size=_FINER * mesh.neck_size, grading=min(mesh.grading, _GRADING))
-    hinge = Hinge(name=_NAME, bodies=("", " "), at=(0.0, 0.0), direction=0.0, profile=profile)
-    shape = _shape(hinge, wide, fine.neck_size * profile.neck_thickness)
     neck = CutNeck(
         at=(0.0, 0.0), direction=0.0, which=0, profile=profile, contour=(), plane="stress"
     )
-    return face_mesh(shape, thickness, fine), neck
+    return face_mesh(
+        _shape(half, fine.neck_size * profile.neck_thickness), half.thickness, fine
+    ), neck
 
 
-def _shape(hinge: Hinge, wide: bool, size: float) -> TopoDS_Shape:
+def notch_of(profile: Profile) -> Hinge:
+    """Return a hinge with a notch, of the usual place and direction here."""
+    return Hinge(name=_NAME, bodies=("", " "), at=(0.0, 0.0), direction=0.0, profile=profile)
+
+
+def _shape(half: HalfNotch, size: float) -> TopoDS_Shape:
     """Return half of a notch with a block of its body, which is held at its far end."""
-    profile = hinge.profile
+    hinge, wide, widest = notch_of(half.profile), half.wide, half.widest or half.profile
     loop = half_notch(hinge, 0)
-    height = profile.root_height
-    top = profile.neck_thickness / 2.0 + profile.depth
-    low = -profile.neck_thickness / 2.0 if profile.one_sided else -top
-    root = -profile.length / 2.0
+    height = widest.root_height
+    top = widest.neck_thickness / 2.0 + widest.depth
+    low = -widest.neck_thickness / 2.0 if widest.one_sided else -top
+    root = -half.profile.length / 2.0
     far = root - height * (1.0 if wide else 0.5)
     points, bends = [], []
     for a, b, bulge in loop.segments():
@@ -285,10 +318,9 @@ def _shape(hinge: Hinge, wide: bool, size: float) -> TopoDS_Shape:
         bends.append(bulge)
         if abs(a[0] - root) < _NEAR and abs(b[0] - root) < _NEAR:
             # the root gives way to the block
-            block = [(far, top), (far, low)]
-            if wide:
-                left, right = top + height, low - height
-                block = [(root, left), (far, left), (far, right), (root, right)]
+            left, right = (top + height, low - height) if wide else (top, low)
+            corners = [(root, left), (far, left), (far, right), (root, right)]
+            block = [c for c in corners if min(math.dist(c, a), math.dist(c, b)) > _NEAR]
             points += block
             bends += [0.0] * len(block)
     shape = face(points, bends)
