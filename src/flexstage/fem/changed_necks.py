@@ -209,8 +209,8 @@ def with_other_necks(
     Notes
     -----
     Validity: what the change of a neck does is local (Saint-Venant), so that it is the same in the
-    block as in the body. With all necks of the study's stages thinner by 5 %, on fine meshes the two
-    lowest frequencies and the stiffness are within 0.001 % of those of bodies that are condensed
+    block as in the body. With all necks of the stages of the study thinner by 5 %, on fine meshes
+    the two lowest frequencies and the stiffness are within 0.001 % of those of bodies condensed
     anew, the next two frequencies within 0.006 %, stress 0.2 %. What a notch weighs more or less
     rides on the mean motion of its body, and modes that the body has between held necks stay: of
     leaves between light levers, thinner by 5 % (`lever-chain`), the first mode is 0.03 % off, those

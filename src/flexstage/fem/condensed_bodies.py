@@ -1,7 +1,7 @@
 """All bodies of a stage condensed, each once, or found in the cache."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from functools import lru_cache
@@ -47,7 +47,7 @@ def condense_all(
     families = {}
     with (
         progress.subtask(0.5 if changes else 1.0, 1.0),
-        ThreadPoolExecutor(_workers(p.through is not None for p in changes)) as workers,
+        ThreadPoolExecutor(threads()) as workers,
     ):
         for i, (own, family) in enumerate(zip(halves, workers.map(_family, halves), strict=True)):
             progress.update("necks", i / len(halves))
@@ -79,7 +79,7 @@ def _condense_missing(
             missing[part] = key
         else:
             ready[part] = _from_arrays(entry)
-    with ThreadPoolExecutor(_workers(p.through is not None for p in missing)) as workers:
+    with ThreadPoolExecutor(threads()) as workers:
         made = workers.map(_condense, missing)
         for i, (part, found) in enumerate(zip(missing, made, strict=True)):
             progress.update("bodies", i / len(missing))
@@ -99,10 +99,6 @@ def threads() -> int:
     """
     single = any(os.environ.get(f"{name}_NUM_THREADS") == "1" for name in ("OPENBLAS", "OMP"))
     return min(os.cpu_count() or 1, _THREADS) if single else 1
-
-
-def _workers(in_space: Iterable[bool]) -> int:
-    return threads() if any(in_space) else 1
 
 
 def _condense(part: Substructure) -> Condensed:

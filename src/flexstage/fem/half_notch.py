@@ -236,26 +236,29 @@ def neck_response(half: HalfNotch, like: Profile | None = None) -> tuple[Array, 
 
 def _plane_response(half: HalfNotch) -> tuple[Array, NeckStress]:
     order = half.mesh.order
-    meshed, neck = _meshed(half)
-    continuum = Continuum(
-        meshed,
-        replace(REFERENCE, poissons_ratio=half.poissons_ratio),
-        order=order,
-        thickness=half.thickness,
-        strain=_NOTCH if half.plane == "strain" else "",
-        held=_ROOT,
-    )
-    beam, normal, shear = neck_rows(neck, edge_means(meshed, order, [neck])[0])
-    rows = np.concatenate((beam, normal, shear))
-    part = PlanePart(continuum)
+    with MESHER:
+        meshed, neck = _meshed(half)
+        continuum = Continuum(
+            meshed,
+            replace(REFERENCE, poissons_ratio=half.poissons_ratio),
+            order=order,
+            thickness=half.thickness,
+            strain=_NOTCH if half.plane == "strain" else "",
+            held=_ROOT,
+        )
+        beam, normal, shear = neck_rows(neck, edge_means(meshed, order, [neck])[0])
+        rows = np.concatenate((beam, normal, shear))
+        part = PlanePart(continuum)
     responses = np.zeros((part.size, len(rows)))
     responses[part.free] = factorised(part.stiffness).solve(rows.T[part.free])
     rows, responses = shaped(rows, responses, [(len(normal), len(shear))])
-    points = surface_points(meshed, (_NAME,))
+    with MESHER:
+        points = surface_points(meshed, (_NAME,))
+        stress = surface_stress(continuum, points, responses)
     return rows @ responses, NeckStress(
         place=points.position[:, :2],
         point=points.point,
-        stress=surface_stress(continuum, points, responses)[None],
+        stress=stress[None],
         lengthwise=np.array([True, False, True]),
     )
 
