@@ -25,6 +25,7 @@ from flexstage.fem.substructure import REFERENCE, CutNeck, Substructure
 from flexstage.fem.surface_stress import layered_stress, surface_stress
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile
+from flexstage.hinges.arcs import CurvedProfile
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.stage import Hinge
 from flexstage.stage.contour import half_notch, inner_notch
@@ -273,6 +274,8 @@ def _meshed(
 def _shape(hinge: Hinge, wide: bool, size: float) -> TopoDS_Shape:
     """Return half of a notch with a block of its body, which is held at its far end."""
     profile = hinge.profile
+    # a fillet may be shorter than the neck is thick; arcs for a curve are short by themselves
+    along = 1 if isinstance(profile, CurvedProfile) else _ALONG
     loop = half_notch(hinge, 0)
     height = profile.root_height
     top = profile.neck_thickness / 2.0 + profile.depth
@@ -308,6 +311,5 @@ def _shape(hinge: Hinge, wide: bool, size: float) -> TopoDS_Shape:
         else:
             if min(ends) > root - _NEAR:
                 edge.name = surface_edge(hinge.name)
-                # a fillet may be shorter than the neck is thick
-                edge.maxh = min(size * METRE, edge.mass / _ALONG)
+                edge.maxh = min(size * METRE, edge.mass / along)
     return shape
