@@ -1,6 +1,7 @@
 """The stress of half a notch by itself: the width of its body, and below the faces of the plate."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ def test_a_bent_neck_is_stressed_most_below_the_faces_of_the_plate() -> None:
     assert levels[-1] < levels[0]
 
 
-_SIZES = {"neck_thickness": 0.4e-3, "half_length": 1.9e-3}
+_SIZES: dict[str, Any] = {"neck_thickness": 0.4e-3, "half_length": 1.9e-3}
 
 
 @pytest.mark.parametrize(

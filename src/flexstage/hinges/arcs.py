@@ -66,8 +66,8 @@ def _biarc(a: _Node, b: _Node) -> list[Vertex]:
     before = _bulge((a[0], a[1]), joint, a[2])
     after = -_bulge((b[0], b[1]), joint, b[2] + math.pi)
     if before < 0.0 or after < 0.0:
-        # Where nearly all of the turn is at one end, such arcs turn to and fro. There an arc ends
-        # on the tangent of the other end, as far from where the two tangents meet as its own.
+        # Where nearly all of the turn is at one end, such arcs turn one way and back. There an arc
+        # ends on the tangent of the other end, as far from where the tangents meet as its own end.
         turn = b[2] - a[2]
         sine = math.sin(turn)
         longer = ((vx * by - vy * bx) - (ax * vy - ay * vx)) / sine if sine > 0.0 else 0.0
