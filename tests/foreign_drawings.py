@@ -9,7 +9,6 @@ import ezdxf
 from ezdxf.math import Bezier4P, Vec3, bezier_to_bspline, cubic_bezier_arc_parameters
 
 from flexstage.export.drawing.contours import plate_contours
-from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.stage import Stage
 from flexstage.stage.outline import arc
 
@@ -19,7 +18,7 @@ Segment = tuple[Pair, Pair, float]
 
 def contours(stage: Stage, unit: float = 1e-3) -> list[list[Segment]]:
     """Return the closed contours of a plate, lines and arcs, in a unit [m]."""
-    plate = plate_contours(smooth_notches(stage))
+    plate = plate_contours(stage)
     return [
         [
             ((a[0] / unit, a[1] / unit), (b[0] / unit, b[1] / unit), bulge)

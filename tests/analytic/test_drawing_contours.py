@@ -10,8 +10,8 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import StageError
 from flexstage.export.drawing.contours import plate_contours
-from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.hinges import RightCircular
+from flexstage.hinges.arcs import CurvedProfile
 from flexstage.hinges.registry import PROFILES
 from flexstage.stage import Circle, Loop, Stage, check, mass_properties
 from flexstage.stage.contour import body_contour
@@ -50,7 +50,7 @@ def test_area_with_arcs_is_that_of_the_masses(stage: Stage) -> None:
     mass -= math.fsum(e.mass for b in stage.bodies for e in b.extra_masses)
     expected = mass / (stage.material.density * stage.thickness)
     # arcs within 5 nm of profiles about 30 mm long in all, on 1000 mm^2; signs differ, so less
-    assert plate_contours(smooth_notches(stage)).area == pytest.approx(expected, rel=1e-7)
+    assert plate_contours(stage).area == pytest.approx(expected, rel=1e-7)
 
 
 @ALL
@@ -77,7 +77,7 @@ def test_both_ends_of_every_neck_are_corners_of_contours(stage: Stage) -> None:
 
 @ALL
 def test_the_two_sides_of_a_notch_are_as_far_apart_as_its_neck_is_thick(stage: Stage) -> None:
-    plate = plate_contours(smooth_notches(stage))
+    plate = plate_contours(stage)
     for hinge in stage.hinges:
         c, s = math.cos(hinge.direction), math.sin(hinge.direction)
         sides: tuple[list[Curve], list[Curve]] = ([], [])
@@ -155,11 +155,10 @@ def test_a_notch_beside_its_body_is_refused() -> None:
 # ------------------------------------------------------------------ arcs in place of curves
 
 
-@pytest.mark.parametrize("name", [n for n, p in NOTCHES.items() if len(p.contour()) > 8])
+@pytest.mark.parametrize("name", [n for n, p in NOTCHES.items() if isinstance(p, CurvedProfile)])
 def test_arcs_follow_a_curved_profile_with_common_tangents(name: str) -> None:
     profile = NOTCHES[name]
-    stage = smooth_notches(guide(profile))
-    vertices = stage.hinges[0].profile.contour()
+    vertices = profile.contour()
     curves = [
         Curve((a.x, a.depth), (b.x, b.depth), a.bulge) for a, b in itertools.pairwise(vertices)
     ]
@@ -172,13 +171,7 @@ def test_arcs_follow_a_curved_profile_with_common_tangents(name: str) -> None:
         # the shortest arcs are 1e-5 m long and their ends are rounded to 1e-18 m
         assert abs(ux * vy - uy * vx) < 1e-9
     assert curves[0].direction(0.0) == pytest.approx((1.0, 0.0), abs=1e-12)
-    assert (vertices[-1].x, vertices[-1].depth) == tuple(profile.contour()[-1][:2])
-
-
-def test_profiles_of_lines_and_arcs_are_left_alone() -> None:
-    for name in ("circular", "leaf", "v", "corner-filleted"):
-        stage = guide(NOTCHES[name])
-        assert smooth_notches(stage) == stage
+    assert vertices[-1] == (0.5 * profile.length, profile.depth, 0.0)
 
 
 # ------------------------------------------------------------------ lines and arcs

@@ -12,8 +12,7 @@ from flexstage.errors import StageError
 from flexstage.export.drawing.contours import PlateContours, plate_contours
 from flexstage.export.drawing.cuts import cuts
 from flexstage.export.drawing.offset import WirePath, offset_contours
-from flexstage.export.drawing.smooth import smooth_notches
-from flexstage.hinges import RightCircular
+from flexstage.hinges import AsDrawn, Elliptical, RightCircular
 from flexstage.hinges.leaf import Leaf
 from flexstage.material import material
 from flexstage.stage import Body, Circle, Loop, Stage
@@ -27,7 +26,7 @@ ALL = pytest.mark.parametrize("name", [quick(n, n) for n in STAGES])
 
 @lru_cache
 def made(name: str) -> tuple[PlateContours, tuple[WirePath, ...]]:
-    plate = plate_contours(smooth_notches(STAGES[name]))
+    plate = plate_contours(STAGES[name])
     return plate, offset_contours(plate, 0.5 * KERF)
 
 
@@ -200,11 +199,19 @@ def test_a_cut_as_wide_as_a_leaf_is_long_does_not_reach_its_neck() -> None:
         offset_contours(plate, 0.27e-3)
 
 
-def test_a_notch_of_chords_is_refused_as_its_corners_keep_the_wire_off() -> None:
+def test_corners_of_chords_keep_the_wire_off_a_neck_and_arcs_do_not() -> None:
     # at a corner that turns by a an amount d (1/cos(a/2) - 1) is left, 9 nm at this neck
-    plate = plate_contours(guide(NOTCHES["elliptical"]))
-    with pytest.raises(StageError, match=r"neck of hinge 'h00' .* 'smooth_notches'"):
-        offset_contours(plate, 0.5 * KERF)
+    ellipse = NOTCHES["elliptical"]
+    assert isinstance(ellipse, Elliptical)
+    angles = 0.5 * math.pi * np.arange(1, 65) / 64
+    chords = AsDrawn(
+        neck_thickness=ellipse.neck_thickness,
+        distances=tuple((ellipse.half_length * np.sin(angles)).tolist()),
+        depths=tuple((ellipse.notch_depth * (1.0 - np.cos(angles))).tolist()),
+    )
+    with pytest.raises(StageError, match=r"neck of hinge 'h00' .* or arcs where .* in chords"):
+        offset_contours(plate_contours(guide(chords)), 0.5 * KERF)
+    assert offset_contours(plate_contours(guide(ellipse)), 0.5 * KERF)
 
 
 def test_the_wire_does_not_enter_on_a_notch_even_where_it_is_threaded_in_one() -> None:

@@ -1,6 +1,7 @@
 """The stress of half a notch by itself: the width of its body, and below the faces of the plate."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from flexstage.fem import half_notch, plane_model, superelement_model
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.superelement import BODIES
 from flexstage.fem.through_thickness import ThroughThickness
-from flexstage.hinges import CornerFilleted, RightCircular
+from flexstage.hinges import CornerFilleted, Elliptical, Parabolic, Profile, RightCircular
+from flexstage.hinges.finite_element import surface_stress
 from flexstage.system import static_forces
 from tests.hinged_bars import R1, T1, hinged_bars
 
@@ -49,3 +51,28 @@ def test_a_bent_neck_is_stressed_most_below_the_faces_of_the_plate() -> None:
     assert levels.max() / levels[0] == pytest.approx(1.016, abs=0.006)
     assert np.argmax(levels) in {3, 4}  # an eighth or a quarter of the layer deep
     assert levels[-1] < levels[0]
+
+
+_SIZES: dict[str, Any] = {"neck_thickness": 0.4e-3, "half_length": 1.9e-3}
+
+
+@pytest.mark.parametrize(
+    "profile",
+    [
+        Elliptical(**_SIZES, notch_depth=2e-3),
+        Elliptical(**_SIZES, notch_depth=1e-3),
+        Parabolic(**_SIZES, notch_depth=1e-3),
+    ],
+)
+def test_arcs_for_a_curve_have_the_stress_of_the_curve(profile: Profile) -> None:
+    """Against elements along a spline through the curve itself, of order 7.
+
+    Measured: 0.01 % pulled, 0.12 % bent. By 64 chords it is 2 to 4 %, as at corners.
+    """
+    width, t = 9e-3, profile.neck_thickness
+    expected = surface_stress(profile, 0.33)
+    half = half_notch.plane_stress(profile, False, "stress", width, BODIES, 0.33)
+    xx, yy, _, xy = np.moveaxis(half.stress[0], 1, 0)
+    pulled, _, bent = np.sqrt(xx**2 - xx * yy + yy**2 + 3.0 * xy**2).max(axis=0)
+    assert pulled * width * t == pytest.approx(max(expected.largest_axial), rel=3e-4)
+    assert bent * width * t**2 / 6.0 == pytest.approx(max(expected.largest_bending), rel=2e-3)

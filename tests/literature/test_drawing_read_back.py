@@ -16,7 +16,6 @@ import shapely
 from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.drawing.dxf import DXF_LAYERS, dxf_files
 from flexstage.export.drawing.offset import offset_contours
-from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.stage import Loop, mass_properties
 from flexstage.stage.curve import Curve
 from tests.drawing_stages import NOTCHES, PLATES, guide, quick
@@ -82,7 +81,7 @@ def test_gdal_reads_the_part_with_its_area_length_and_openings(name: str, tmp_pa
     rings: dict[str, list[Any]] = {}
     for shape, layer in zip(shapely.from_wkb(shapes), columns[0], strict=True):
         rings.setdefault(layer, []).append(shape)
-    plate = plate_contours(smooth_notches(stage))
+    plate = plate_contours(stage)
     assert len(rings["OUTLINE"]) == 1
     assert len(rings.get("SLOTS", [])) == len(plate.slots)
     assert len(rings.get("HOLES", [])) == len(plate.holes)
@@ -134,7 +133,7 @@ def test_gdal_finds_every_neck_within_a_nanometre(name: str, tmp_path: Path) -> 
 
 @ALL
 def test_coordinates_and_bulges_come_back_to_the_last_digits(name: str) -> None:
-    plate = plate_contours(smooth_notches(STAGES[name]))
+    plate = plate_contours(STAGES[name])
     expected = [c.loop for c in plate.contours if c.circle is None]
     found = [loop for layer, loop in polylines(dxf(name)) if layer in ("OUTLINE", "SLOTS")]
     assert len(found) == len(expected)
@@ -146,7 +145,7 @@ def test_coordinates_and_bulges_come_back_to_the_last_digits(name: str) -> None:
 
 @ALL
 def test_the_wire_path_in_the_file_is_the_path(name: str) -> None:
-    plate = plate_contours(smooth_notches(STAGES[name]))
+    plate = plate_contours(STAGES[name])
     paths = [p for p in offset_contours(plate, 0.5 * KERF) if p.circle is None]
     found = [x for layer, x in polylines(dxf(name, kerf=KERF)) if layer == "WIRE_PATH"]
     length = sum(Curve(*s).length for p in paths for s in p.loop.segments())
@@ -183,7 +182,7 @@ def test_width_and_height_are_dimensions_of_the_file(name: str) -> None:
 
     document = read(io.StringIO(dxf(name, kerf=KERF).decode()))
     dimensions = list(document.modelspace().query("DIMENSION"))
-    outline = plate_contours(smooth_notches(STAGES[name])).outline.loop.polyline(1e-7) * 1e3
+    outline = plate_contours(STAGES[name]).outline.loop.polyline(1e-7) * 1e3
     found = [d.get_measurement() for d in dimensions]
     assert found == pytest.approx(np.ptp(outline, axis=0).tolist(), abs=1e-3)
     # what is written at them, by the library that draws them; whole and beside all contours

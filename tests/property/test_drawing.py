@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from flexstage.errors import StageError
 from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.drawing.offset import offset_contours
-from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.stage import Circle
 from flexstage.stage.contour import body_contour
 from flexstage.stage.curve import Curve, distance, point_distance
@@ -40,7 +39,7 @@ def test_area_and_necks_of_any_guide(profile, turn, shift) -> None:
 @settings(max_examples=12, deadline=None)
 @given(profiles(), turns, st.floats(0.02e-3, 0.4e-3))
 def test_a_wire_path_either_leaves_the_necks_or_is_refused(profile, turn, offset) -> None:
-    plate = plate_contours(smooth_notches(guide(profile, turn)))
+    plate = plate_contours(guide(profile, turn))
     refused, paths = None, ()
     try:
         paths = offset_contours(plate, offset)

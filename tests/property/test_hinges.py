@@ -2,10 +2,11 @@
 
 import dataclasses
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import HingeError
@@ -25,6 +26,7 @@ from flexstage.hinges import (
 )
 from flexstage.hinges.compliance import QUADRATURES
 from flexstage.hinges.registry import profile_class
+from flexstage.stage.curve import Curve, point_distance
 
 E, NU, B = 68.9e9, 0.33, 7.3e-3
 LENGTHS = (
@@ -35,6 +37,10 @@ LENGTHS = (
     "notch_length",
     "fillet_radius",
     "leaf_length",
+)
+# a contour that turns at its end only
+ALMOST_STRAIGHT = PowerFunction(
+    neck_thickness=0.5e-3, half_length=2e-3, notch_depth=1e-3, exponent=32.0
 )
 
 
@@ -152,6 +158,7 @@ def test_area_of_a_circular_notch_is_that_of_its_arcs(radius, ratio, one_sided):
 
 
 @given(notches())
+@example(ALMOST_STRAIGHT)
 def test_contour_runs_from_the_neck_to_the_root(notch):
     contour = notch.contour()
     assert (contour[0].x, contour[0].depth) == (0.0, 0.0)
@@ -159,6 +166,16 @@ def test_contour_runs_from_the_neck_to_the_root(notch):
     assert contour[-1].depth == pytest.approx(notch.depth, rel=1e-9)
     depths = [v.depth for v in contour]
     assert depths == sorted(depths)
+    assert all(v.bulge >= 0.0 for v in contour)
+
+
+@given(notches())
+@example(ALMOST_STRAIGHT)
+def test_contour_is_within_ten_nanometres_of_the_curve(notch):
+    curves = [Curve(a[:2], b[:2], a.bulge) for a, b in pairwise(notch.contour())]
+    x, depth, _, _ = notch.samples()
+    for point in zip(x[::13].tolist(), depth[::13].tolist(), strict=True):
+        assert min(point_distance(point, c) for c in curves) < 10e-9
 
 
 @given(notches())

@@ -35,10 +35,9 @@ def step_files(stage: Stage, *, time_stamp: str = NO_TIME) -> dict[str, bytes]:
     Notes
     -----
     Validity: the nominal shape, without the radius of the wire and without tolerances; coordinates
-    have 13 digits. Profiles that are no arcs and lines, such as ellipses, are the chains of short
-    straight lines that all models use, within some 0.1 um of the curve for a notch of some
-    millimetres. Masses mounted on bodies are left out. A body that no hinge joins to the others is
-    a solid of its own.
+    have 13 digits. Profiles that are no arcs and lines, such as ellipses, are arcs with common
+    tangents within 10 nm. Masses mounted on bodies are left out. A body that no hinge joins to the
+    others is a solid of its own.
 
     Examples
     --------

@@ -3,16 +3,14 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Literal
 
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.ports import Supports
 from flexstage.fem.substructure import CutNeck, LoadPatch, PointReading, Substructure
 from flexstage.fem.through_thickness import ThroughThickness
-from flexstage.hinges import Profile, plane_state
+from flexstage.hinges import plane_state
 from flexstage.hinges.hinge_spring import PlaneState
-from flexstage.hinges.profile import Vertex
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.outline import Point
 
@@ -201,14 +199,9 @@ def _neck(hinge: Hinge, body: Body, near: _Move, plane: PlaneState) -> CutNeck:
         direction=hinge.direction,
         which=hinge.bodies.index(body.name),
         profile=hinge.profile,
-        contour=_contour(hinge.profile),
+        contour=hinge.profile.contour(),
         plane=plane,
     )
-
-
-@lru_cache(maxsize=1024)
-def _contour(profile: Profile) -> tuple[Vertex, ...]:
-    return profile.contour()
 
 
 def _preferred(thickness: float, series: int = 10) -> float:

@@ -25,6 +25,7 @@ from flexstage.fem.substructure import REFERENCE, CutNeck, Substructure
 from flexstage.fem.surface_stress import layered_stress, surface_stress
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile
+from flexstage.hinges.arcs import CurvedProfile
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.stage import Hinge
 from flexstage.stage.contour import half_notch, inner_notch
@@ -309,6 +310,8 @@ def notch_of(profile: Profile) -> Hinge:
 def _shape(half: HalfNotch, size: float) -> TopoDS_Shape:
     """Return half of a notch with a block of its body, which is held at its far end."""
     hinge, wide, widest = notch_of(half.profile), half.wide, half.widest or half.profile
+    # a fillet may be shorter than the neck is thick; arcs for a curve are short by themselves
+    along = 1 if isinstance(half.profile, CurvedProfile) else _ALONG
     loop = half_notch(hinge, 0)
     height = widest.root_height
     top = widest.neck_thickness / 2.0 + widest.depth
@@ -343,6 +346,5 @@ def _shape(half: HalfNotch, size: float) -> TopoDS_Shape:
         else:
             if min(ends) > root - _NEAR:
                 edge.name = surface_edge(hinge.name)
-                # a fillet may be shorter than the neck is thick
-                edge.maxh = min(size * METRE, edge.mass / _ALONG)
+                edge.maxh = min(size * METRE, edge.mass / along)
     return shape

@@ -6,11 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex, chords
+from flexstage.hinges.arcs import CurvedProfile
+from flexstage.hinges.profile import Array, Length, Piece
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Elliptical(Profile):
+class Elliptical(CurvedProfile):
     """Notch of half ellipses.
 
     Examples
@@ -61,6 +62,3 @@ class Elliptical(Profile):
             return a * np.sin(phi), depth, angle, share * np.hypot(a * cos, b * np.sin(phi))
 
         return arc
-
-    def contour(self) -> tuple[Vertex, ...]:
-        return chords((self._arc(0.0, 1.0),))

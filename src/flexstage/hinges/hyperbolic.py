@@ -5,11 +5,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex, chords
+from flexstage.hinges.arcs import CurvedProfile
+from flexstage.hinges.profile import Array, Length, Piece
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Hyperbolic(Profile):
+class Hyperbolic(CurvedProfile):
     r"""Notch between the branches of a hyperbola.
 
     .. math::
@@ -65,6 +66,3 @@ class Hyperbolic(Profile):
             return x, depth, np.arctan2(dy, dx), end * np.hypot(dx, dy)
 
         return (branch,)
-
-    def contour(self) -> tuple[Vertex, ...]:
-        return chords(self.pieces())

@@ -5,11 +5,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex, chords
+from flexstage.hinges.arcs import CurvedProfile
+from flexstage.hinges.profile import Array, Length, Piece
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Parabolic(Profile):
+class Parabolic(CurvedProfile):
     """Notch whose depth grows with the square of the distance from the neck.
 
     Examples
@@ -46,6 +47,3 @@ class Parabolic(Profile):
             return half * u, d * u**2, np.arctan(slope), half * np.hypot(1.0, slope)
 
         return (parabola,)
-
-    def contour(self) -> tuple[Vertex, ...]:
-        return chords(self.pieces())

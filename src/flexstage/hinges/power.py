@@ -7,11 +7,12 @@ from typing import ClassVar
 import numpy as np
 
 from flexstage.errors import HingeError
-from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex, chords
+from flexstage.hinges.arcs import CurvedProfile
+from flexstage.hinges.profile import Array, Length, Piece
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PowerFunction(Profile):
+class PowerFunction(CurvedProfile):
     """Notch of depth ``notch_depth * (x / half_length)**exponent``.
 
     Raises
@@ -74,6 +75,3 @@ class PowerFunction(Profile):
             return half * v, d * v**n, np.arctan(slope), speed
 
         return curve
-
-    def contour(self) -> tuple[Vertex, ...]:
-        return chords((self._part(0.0, 1.0),))

@@ -1,7 +1,7 @@
 """What every notch profile has: its dimensions, its shape as a curve, its outline for drawing."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -122,7 +122,7 @@ class Profile(ABC):
 
     @abstractmethod
     def contour(self) -> tuple[Vertex, ...]:
-        """Return the contour from the neck to the root as lines and arcs, for drawing."""
+        """Return the contour from the neck to the root as lines and arcs."""
 
     @property
     def flat_length(self) -> float:
@@ -192,23 +192,3 @@ class Profile(ABC):
             float(np.sum(e * h * dx)),
             float(np.sum((x**2 * h + e**2 * h + h**3 / 12.0) * dx)),
         )
-
-
-def chords(pieces: Sequence[Piece], number: int = 64) -> tuple[Vertex, ...]:
-    """Return the vertices of a polyline inscribed in a contour.
-
-    Each of the `number` chords of a piece ends on the contour; of a quarter ellipse they cut off
-    0.4/number^2 of its area.
-
-    Examples
-    --------
-    >>> from flexstage.hinges import RightCircular
-    >>> notch = RightCircular(neck_thickness=0.5e-3, radius=1e-3)
-    >>> len(chords(notch.pieces(), 8))
-    9
-    """
-    vertices = [Vertex(0.0, 0.0)]
-    for piece in pieces:
-        x, depth, _, _ = piece(np.arange(1, number + 1) / number)
-        vertices.extend(Vertex(float(a), float(b)) for a, b in zip(x, depth, strict=True))
-    return tuple(vertices)

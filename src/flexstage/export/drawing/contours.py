@@ -99,9 +99,9 @@ def plate_contours(stage: Stage) -> PlateContours:
     Notes
     -----
     Validity: exact where notches are made of lines and arcs; other profiles (ellipse, parabola,
-    hyperbola, power) come as the chords of `Profile.contour`, as they do in the finite-element
-    models; `smooth_notches` puts arcs in their place. The bodies must not overlap or touch one
-    another but at their hinges, which `flexstage.stage.check` makes sure of.
+    hyperbola, power) come as the arcs within 10 nm of `Profile.contour`, as they do in the
+    finite-element models. The bodies must not overlap or touch one another but at their hinges,
+    which `flexstage.stage.check` makes sure of.
 
     Examples
     --------

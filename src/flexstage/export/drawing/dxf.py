@@ -9,7 +9,6 @@ from flexstage.export.drawing.contours import Pair, PlateContours, plate_contour
 from flexstage.export.drawing.cuts import CUT_ORDER_RULE, Cut, cuts
 from flexstage.export.drawing.notes import millimetres, notes, title_lines
 from flexstage.export.drawing.offset import offset_contours
-from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.export.request import ExportRequest
 from flexstage.files.names import file_name
 from flexstage.stage import Circle, Loop, Stage
@@ -46,8 +45,8 @@ def dxf_files(
     Notes
     -----
     Validity: coordinates carry all digits of a double. Profiles that are neither lines nor arcs are
-    drawn as arcs with common tangents within 10 nm (`smooth_notches`). The same stage gives the
-    same bytes; the dates in the file are fixed.
+    drawn as arcs with common tangents within 10 nm. The same stage gives the same bytes; the dates
+    in the file are fixed.
 
     Examples
     --------
@@ -56,7 +55,7 @@ def dxf_files(
     >>> list(files), b"WIRE_PATH" in files["parallelogram.dxf"]
     (['parallelogram.dxf'], True)
     """
-    plate = plate_contours(smooth_notches(stage))
+    plate = plate_contours(stage)
     if start_hole is None:
         start_hole = max(_START_HOLE, kerf or 0.0)
     made: tuple[Cut, ...] = ()

@@ -8,8 +8,8 @@ from typing import Annotated, get_args, get_origin, get_type_hints
 
 from flexstage.export.drawing.canvas import THICK, Canvas, dimension
 from flexstage.export.drawing.notes import millimetres
-from flexstage.export.drawing.smooth import profile_in_arcs
 from flexstage.hinges import Profile
+from flexstage.hinges.arcs import CurvedProfile
 from flexstage.stage import Hinge, Loop, Stage
 from flexstage.stage.curve import Curve
 from flexstage.units import DIMENSIONS
@@ -150,7 +150,7 @@ def draw_detail(canvas: Canvas, corner: Pair, kind: NotchKind) -> None:
 def _outlines(profile: Profile, body: float) -> tuple[Loop, Loop, Loop]:
     """Return the upper and the lower line of a notch, open, and its area, with some body [mm]."""
     half_neck = 0.5 * profile.neck_thickness * 1e3
-    half = [(v.x * 1e3, v.depth * 1e3, v.bulge) for v in profile_in_arcs(profile).contour()]
+    half = [(v.x * 1e3, v.depth * 1e3, v.bulge) for v in profile.contour()]
     end, depth = half[-1][0], half[-1][1]
     # left half inwards, right half outwards; mirrored and run backwards an arc turns the same way
     points = [(-x, half_neck + y) for x, y, _ in reversed(half)]
@@ -188,7 +188,7 @@ def _radius(canvas: Canvas, profile: Profile, place: Callable[[Pair], Pair], y: 
     """Point at the arc of a notch, if its shape has one, and write its radius above."""
     contour = profile.contour()
     arcs = [k for k, v in enumerate(contour) if v.bulge]
-    if not arcs:
+    if not arcs or isinstance(profile, CurvedProfile):
         return
     v, w = contour[arcs[0]], contour[arcs[0] + 1]
     bow = Curve((v.x, v.depth), (w.x, w.depth), v.bulge)

@@ -1,7 +1,7 @@
 """What a drawing says in words: the lines of its title block and its notes."""
 
 import flexstage
-from flexstage.export.drawing.smooth import ARC_TOLERANCE, is_chords
+from flexstage.hinges.arcs import ARC_TOLERANCE, CurvedProfile
 from flexstage.stage import Stage
 
 
@@ -31,7 +31,7 @@ def title_lines(stage: Stage) -> list[tuple[str, str]]:
 
 def notes(stage: Stage, *, kerf: float | None, start_hole: float, order: str) -> list[str]:
     """Return the notes of a drawing."""
-    profiles = {h.profile.kind for h in stage.hinges if is_chords(h.profile)}
+    profiles = {h.profile.kind for h in stage.hinges if isinstance(h.profile, CurvedProfile)}
     lines = ["Contours are those of the finished part; mounting holes are drilled."]
     if profiles:
         lines.append(

@@ -218,6 +218,6 @@ def _require_necks(contours: PlateContours, paths: tuple[WirePath, ...], d: floa
         if not any(point_distance(p, curves[j]) <= reach for j in near):
             raise StageError(
                 f"a cut {2e3 * d:.6g} mm wide does not reach the neck of hinge '{neck.hinge}' to a "
-                "nanometre: use a thinner wire, a longer notch, or, where the notch is drawn in "
-                "chords, 'smooth_notches'"
+                "nanometre: use a thinner wire, a longer notch, or arcs where a notch is drawn in "
+                "chords"
             )

@@ -16,7 +16,6 @@ from flexstage.export.drawing.plate_view import (
     round_openings,
     scale_bar,
 )
-from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.export.request import ExportRequest
 from flexstage.export.svg import text_width, wrapped
 from flexstage.stage import Probe, Stage
@@ -83,7 +82,7 @@ def drawing_svg(stage: Stage) -> bytes:
     >>> "4 ×   circular" in drawing_svg(design("parallelogram")).decode()
     True
     """
-    plate = plate_contours(smooth_notches(stage))
+    plate = plate_contours(stage)
     kinds = notch_kinds(stage)
     marks = hinge_marks(stage, kinds)
     blocks = _blocks(stage, plate, marks)
