@@ -16,6 +16,20 @@ from flexstage.system import static_forces
 from tests.hinged_bars import R1, T1, hinged_bars
 
 
+def _half(
+    profile: Profile, thickness: float, through: ThroughThickness | None
+) -> half_notch.HalfNotch:
+    return half_notch.HalfNotch(
+        profile=profile,
+        wide=False,
+        plane="stress",
+        thickness=thickness,
+        through=through,
+        mesh=BODIES,
+        poissons_ratio=0.33,
+    )
+
+
 def test_a_small_fillet_feels_the_width_of_its_body() -> None:
     """Measured: 0.4 % off between wide bodies, as these are; by bodies like the root 1.4 %."""
     stage = hinged_bars()
@@ -32,15 +46,7 @@ def test_a_bent_neck_is_stressed_most_below_the_faces_of_the_plate() -> None:
     """1.6 % above its middle by prisms of order 6 in four layers; measured: 2.0 %."""
     profile = RightCircular(neck_thickness=0.55e-3, radius=1e-3)
     through = ThroughThickness(thickness=10e-3, layer=1.1e-3, out_of_plane=False)
-    half = half_notch.HalfNotch(
-        profile=profile,
-        wide=False,
-        plane="stress",
-        thickness=through.thickness,
-        through=through,
-        mesh=BODIES,
-        poissons_ratio=0.33,
-    )
+    half = _half(profile, through.thickness, through)
     flexibility, _ = half_notch.neck_response(half)
     # forces that turn all of the neck by one angle, through the thickness
     forces = np.linalg.solve(flexibility, np.eye(len(flexibility))[1])
@@ -71,7 +77,7 @@ def test_arcs_for_a_curve_have_the_stress_of_the_curve(profile: Profile) -> None
     """
     width, t = 9e-3, profile.neck_thickness
     expected = surface_stress(profile, 0.33)
-    half = half_notch.plane_stress(profile, False, "stress", width, BODIES, 0.33)
+    half = half_notch.neck_stress(_half(profile, width, None))
     xx, yy, _, xy = np.moveaxis(half.stress[0], 1, 0)
     pulled, _, bent = np.sqrt(xx**2 - xx * yy + yy**2 + 3.0 * xy**2).max(axis=0)
     assert pulled * width * t == pytest.approx(max(expected.largest_axial), rel=3e-4)

@@ -65,9 +65,9 @@ def test_changes_are_those_of_fine_meshes(
 ) -> None:
     """Four necks of different change, their mouths staying or not.
 
-    With fine meshes condensed anew. Measured: the lowest frequency, which changes by 5 %, within
-    0.017 %, figures of the frame, whose corners differ from mesh to mesh, within 0.034 %, stress
-    0.03 %.
+    With fine meshes condensed anew. Measured: the lowest frequency, which changes by 5 %, and the
+    stiffness within 1e-5, frequencies of the frame, whose corners differ from mesh to mesh, within
+    0.034 %, stress 0.03 %.
     """
     stage = parallelogram.stage
     made = with_necks(stage, *times, deeper=deeper)
@@ -75,9 +75,11 @@ def test_changes_are_those_of_fine_meshes(
     here = figures(parallelogram)
     was, now = (figures(superelement_model(s, FINE, cache=False)) for s in (stage, made))
     assert abs(now["f0"] / was["f0"] - 1.0) > 0.04
-    for name in (*(f"f{i}" for i in range(6)), "input_stiffness", "transmission_ratio"):
+    tolerances = dict.fromkeys(("f0", "input_stiffness", "transmission_ratio"), 5e-5)
+    tolerances |= dict.fromkeys((f"f{i}" for i in range(1, 6)), 5e-4)
+    for name, tolerance in tolerances.items():
         expected = now[name] / was[name]
-        assert near[name] / here[name] == pytest.approx(expected, rel=5e-4), name
+        assert near[name] / here[name] == pytest.approx(expected, rel=tolerance), name
     assert near["max_stress"] / here["max_stress"] == pytest.approx(
         now["max_stress"] / was["max_stress"], rel=2e-3
     )
