@@ -10,7 +10,14 @@ from flexstage.fem import half_notch, plane_model, superelement_model
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.superelement import BODIES
 from flexstage.fem.through_thickness import ThroughThickness
-from flexstage.hinges import CornerFilleted, Elliptical, Parabolic, Profile, RightCircular
+from flexstage.hinges import (
+    CornerFilleted,
+    Elliptical,
+    Parabolic,
+    PowerFunction,
+    Profile,
+    RightCircular,
+)
 from flexstage.hinges.finite_element import surface_stress
 from flexstage.system import static_forces
 from tests.hinged_bars import R1, T1, hinged_bars
@@ -77,8 +84,27 @@ def test_arcs_for_a_curve_have_the_stress_of_the_curve(profile: Profile) -> None
     """
     width, t = 9e-3, profile.neck_thickness
     expected = surface_stress(profile, 0.33)
-    half = half_notch.neck_stress(_half(profile, width, None))
-    xx, yy, _, xy = np.moveaxis(half.stress[0], 1, 0)
-    pulled, _, bent = np.sqrt(xx**2 - xx * yy + yy**2 + 3.0 * xy**2).max(axis=0)
+    pulled, _, bent = _largest(profile, width)
     assert pulled * width * t == pytest.approx(max(expected.largest_axial), rel=3e-4)
     assert bent * width * t**2 / 6.0 == pytest.approx(max(expected.largest_bending), rel=2e-3)
+
+
+def test_a_curve_that_is_straight_nearly_to_its_end_is_meshed() -> None:
+    """Its flattest arc has a radius of 3 km, which ended the process. Measured: 0.2 %."""
+    profile = PowerFunction(
+        neck_thickness=0.5342323919315367e-3,
+        one_sided=True,
+        half_length=1.6796636201073592e-3,
+        notch_depth=1.321254433353963e-3,
+        exponent=31.187655299321634,
+    )
+    expected = max(surface_stress(profile, 0.33).largest_axial)
+    pulled, _, _ = _largest(profile, 9e-3)
+    assert pulled * 9e-3 * profile.neck_thickness == pytest.approx(expected, rel=5e-3)
+
+
+def _largest(profile: Profile, width: float) -> list[float]:
+    """Largest equivalent stress by a unit pull, shear force and moment [1/m^2, 1/m^3]."""
+    half = half_notch.neck_stress(_half(profile, width, None))
+    xx, yy, _, xy = np.moveaxis(half.stress[0], 1, 0)
+    return np.sqrt(xx**2 - xx * yy + yy**2 + 3.0 * xy**2).max(axis=0).tolist()

@@ -10,6 +10,9 @@ from netgen.occ import ArcOfCircle, Face, Segment, TopoDS_Shape, Wire, gp_Pnt
 METRE = 1e3
 
 _NOTHING = 1e-12  # a segment shorter than this [m] is a repeated point
+# An arc that rises less over its chord [m] is a line: the kernel takes points so near for one, and
+# the mesher may end the process on an arc of a radius of kilometres.
+_FLAT = 1e-10
 
 
 def turns_left(points: Sequence[tuple[float, float]], bulges: Sequence[float] = ()) -> bool:
@@ -67,7 +70,7 @@ def face(
     for a, b, bulge in zip(corners, (*corners[1:], corners[0]), bent, strict=True):
         if math.dist(a, b) < _NOTHING:
             continue
-        if bulge:
+        if 0.5 * abs(bulge) * math.dist(a, b) > _FLAT:
             # the middle of the arc lies a sagitta to the right of a chord that turns left
             middle = (
                 0.5 * (a[0] + b[0] + bulge * (b[1] - a[1])),
