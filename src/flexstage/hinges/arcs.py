@@ -8,8 +8,9 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.hinges.profile import Piece, Profile, Vertex
 
-#: Largest distance of the arcs from the profile that they stand for [m]. A shop holds a thousand
-#: of them; the radius at the neck is that of the profile within 1e-4.
+#: Largest distance of the arcs from the profile that they stand for [m]. Wire cutting is off by a
+#: hundred times as much, and the radius at the neck is that of the profile within 1e-4; ten times
+#: as much would leave 2e-3 of a sharp one.
 ARC_TOLERANCE = 10e-9
 
 _FLAT = 1e-13  # an arc that rises less over its chord is a line [m]
