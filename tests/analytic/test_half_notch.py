@@ -25,8 +25,8 @@ from tests.hinged_bars import R1, T1, hinged_bars
 
 def _half(
     profile: Profile, thickness: float, through: ThroughThickness | None
-) -> half_notch.HalfNotch:
-    return half_notch.HalfNotch(
+) -> half_notch.NotchBlock:
+    return half_notch.NotchBlock(
         profile=profile,
         wide=False,
         plane="stress",

@@ -12,7 +12,7 @@ from flexstage.arrays import Array
 from flexstage.errors import HingeError, StageError
 from flexstage.fem.condensation import Condensed
 from flexstage.fem.freedom import freedom
-from flexstage.fem.half_notch import HalfNotch, half_of, neck_response, notch_of
+from flexstage.fem.half_notch import NotchBlock, half_of, neck_response, notch_of
 from flexstage.fem.substructure import REFERENCE, Substructure
 from flexstage.hinges import Profile
 from flexstage.hinges.other_notch import with_neck_thickness
@@ -35,7 +35,7 @@ class ChangedNeck:
     """Its thickness over what it was."""
     gain: float
     """Mass that half of the notch gains [kg], of the `REFERENCE` material."""
-    halves: tuple[HalfNotch, ...]
+    halves: tuple[NotchBlock, ...]
     """Half of the notch with a block of the body, with necks from the thinnest to the thickest that
     is followed; the one in the middle is as it was.
     """
@@ -103,7 +103,7 @@ def _root(part: Substructure, number: int) -> tuple[Hinge, Root]:
 @lru_cache(maxsize=1024)
 def _halves(
     part: Substructure, number: int, made: Callable[[Profile, float], Profile]
-) -> tuple[HalfNotch, ...]:
+) -> tuple[NotchBlock, ...]:
     # a wide block for narrow bodies too: its far end is farther from the notch than theirs
     half = replace(half_of(part, number, _root(part, number)[1]), wide=True)
     old = half.profile
@@ -170,7 +170,7 @@ class NeckFamily:
         return flexibility * np.outer(sign, sign)
 
 
-def neck_family(halves: Sequence[HalfNotch]) -> NeckFamily:
+def neck_family(halves: Sequence[NotchBlock]) -> NeckFamily:
     """Return the family of half notches."""
     like = halves[_MEMBERS // 2].profile
     found = [neck_response(half, like) for half in halves]

@@ -48,7 +48,7 @@ _WIDER = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HalfNotch:
+class NotchBlock:
     """Half of a notch with a block of its body, of the first body of its hinge."""
 
     profile: Profile
@@ -145,10 +145,10 @@ def stress_of_necks(part: Substructure) -> StressOfNecks:
     )
 
 
-def half_of(part: Substructure, number: int, root: Root) -> HalfNotch:
+def half_of(part: Substructure, number: int, root: Root) -> NotchBlock:
     """Return the half notch at a neck of a body, which grows from it at a root."""
     neck, through = part.necks[number], part.through
-    return HalfNotch(
+    return NotchBlock(
         profile=neck.profile,
         wide=any(
             math.dist(end, corner) > _WIDER * neck.profile.root_height
@@ -174,7 +174,7 @@ def neck_tractions(
     pulled and sheared motions by themselves; shape (r, e).
     """
     _, rows, responses = _narrow(
-        HalfNotch(
+        NotchBlock(
             profile=profile,
             wide=False,
             plane="stress",
@@ -199,14 +199,14 @@ def neck_tractions(
 
 
 @lru_cache(maxsize=128)
-def neck_stress(half: HalfNotch) -> NeckStress:
+def neck_stress(half: NotchBlock) -> NeckStress:
     """Return the stress of half a notch by unit forces on its neck."""
     if half.through is not None and not half.through.out_of_plane:
         half = replace(half, through=replace(half.through, fine=True))
     return neck_response(half)[1]
 
 
-def neck_response(half: HalfNotch, like: Profile | None = None) -> tuple[Array, NeckStress]:
+def neck_response(half: NotchBlock, like: Profile | None = None) -> tuple[Array, NeckStress]:
     """Return the flexibility of the motions of a neck, shape (r, r), and the stress by forces.
 
     Half of the notch is held at the far end of its block. In space tractions pass through the neck
@@ -235,7 +235,7 @@ def neck_response(half: HalfNotch, like: Profile | None = None) -> tuple[Array, 
     )
 
 
-def _plane_response(half: HalfNotch) -> tuple[Array, NeckStress]:
+def _plane_response(half: NotchBlock) -> tuple[Array, NeckStress]:
     order = half.mesh.order
     with MESHER:
         meshed, neck = _meshed(half)
@@ -265,13 +265,13 @@ def _plane_response(half: HalfNotch) -> tuple[Array, NeckStress]:
 
 
 @lru_cache(maxsize=4)
-def _narrow(half: HalfNotch) -> tuple[LayeredPlate, Array, Array]:
+def _narrow(half: NotchBlock) -> tuple[LayeredPlate, Array, Array]:
     """Return a half notch in a body as wide as its root, with motions of its neck, responses."""
     plate, rows = _block(half)
     return plate, rows, factorised(plate.stiffness).solve(np.ascontiguousarray(rows.T))
 
 
-def _block(half: HalfNotch) -> tuple[LayeredPlate, Array]:
+def _block(half: NotchBlock) -> tuple[LayeredPlate, Array]:
     """Return half a notch with a block of its body, and the motions of its neck."""
     assert half.through is not None
     with MESHER:
@@ -284,14 +284,14 @@ def _block(half: HalfNotch) -> tuple[LayeredPlate, Array]:
 
 
 @lru_cache(maxsize=4)
-def _integrals(half: HalfNotch) -> tuple[PlaneIntegrals, Array]:
+def _integrals(half: NotchBlock) -> tuple[PlaneIntegrals, Array]:
     meshed, neck = _meshed(half)
     order = half.mesh.order
     plane = PlaneIntegrals(meshed, order=order, held=_ROOT)
     return plane, edge_means(meshed, order, [neck])[0]
 
 
-def _meshed(half: HalfNotch) -> tuple[ng.Mesh, CutNeck]:
+def _meshed(half: NotchBlock) -> tuple[ng.Mesh, CutNeck]:
     mesh, profile = half.mesh, half.profile
     fine = replace(mesh, neck_size=_FINER * mesh.neck_size, grading=min(mesh.grading, _GRADING))
     neck = CutNeck(
@@ -307,7 +307,7 @@ def notch_of(profile: Profile) -> Hinge:
     return Hinge(name=_NAME, bodies=("", " "), at=(0.0, 0.0), direction=0.0, profile=profile)
 
 
-def _shape(half: HalfNotch, size: float) -> TopoDS_Shape:
+def _shape(half: NotchBlock, size: float) -> TopoDS_Shape:
     """Return half of a notch with a block of its body, which is held at its far end."""
     hinge, wide, widest = notch_of(half.profile), half.wide, half.widest or half.profile
     # a fillet may be shorter than the neck is thick; arcs for a curve are short by themselves
