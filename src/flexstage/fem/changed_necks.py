@@ -105,7 +105,8 @@ def _halves(
     part: Substructure, number: int, made: Callable[[Profile, float], Profile]
 ) -> tuple[NotchBlock, ...]:
     # a wide block for narrow bodies too: its far end is farther from the notch than theirs
-    half = replace(half_of(part, number, _root(part, number)[1]), wide=True)
+    half = half_of(part, number, _root(part, number)[1])
+    half = replace(half, wide=True, powers=part.mesh.order)
     old = half.profile
     profiles = [made(old, math.exp(x) * old.neck_thickness) if x else old for x in _nodes()]
     # one block for all of them, as wide as the thickest needs

@@ -40,6 +40,9 @@ REACH = 0.4
 # How much finer the half notch alone is meshed than the body that it is a part of, and how fast its
 # elements grow: stress is a derivative.
 _FINER, _GRADING = 0.75, 0.5
+# Highest power over a neck of the tractions through it, on elements of a lower order too, of which
+# two lie on the neck: where a radius is as small as the neck stress needs it.
+_POWERS = 6
 _ALONG = 4  # elements along each piece of the contour at least
 
 
@@ -65,6 +68,8 @@ class NotchBlock:
     """How fine the body is meshed."""
     poissons_ratio: float
     """Poisson's ratio [1]."""
+    powers: int
+    """Highest power over the neck of the tractions through it."""
     widest: Profile | None = None
     """A notch of whose root the block is made, where that is another one."""
 
@@ -159,12 +164,17 @@ def half_of(part: Substructure, number: int, root: Root) -> NotchBlock:
         through=through,
         mesh=part.mesh,
         poissons_ratio=part.poissons_ratio,
+        powers=max(part.mesh.order, _POWERS),
     )
 
 
 @lru_cache(maxsize=64)
 def neck_tractions(
-    profile: Profile, through: ThroughThickness, mesh: MeshSettings, poissons_ratio: float
+    profile: Profile,
+    through: ThroughThickness,
+    mesh: MeshSettings,
+    poissons_ratio: float,
+    powers: int,
 ) -> Array:
     r"""Return the part of tractions without resultant in each traction that a neck passes on.
 
@@ -182,10 +192,11 @@ def neck_tractions(
             through=through,
             mesh=mesh,
             poissons_ratio=poissons_ratio,
+            powers=powers,
         )
     )
     flexibility = rows @ responses
-    passed, rest, pulled, pulled_more = neck_motions(through, mesh.order)
+    passed, rest, pulled, pulled_more = neck_motions(through, powers)
     found = np.zeros((len(passed), len(rest)))
     r, e = len(passed), len(rest)
     for mine, others in (
@@ -215,7 +226,7 @@ def neck_response(half: NotchBlock, like: Profile | None = None) -> tuple[Array,
     through = half.through
     if through is None:
         return _plane_response(half)
-    mix = neck_tractions(like or half.profile, through, half.mesh, half.poissons_ratio)
+    mix = neck_tractions(like or half.profile, through, half.mesh, half.poissons_ratio, half.powers)
     mix = np.hstack((np.eye(len(mix)), mix))
     if half.wide or half.widest is not None:
         plate, rows = _block(half)
@@ -231,7 +242,7 @@ def neck_response(half: NotchBlock, like: Profile | None = None) -> tuple[Array,
         place=points.position[:, :2],
         point=points.point,
         stress=stress,
-        lengthwise=np.array([m.direction == 0 for m in neck_motions(through, half.mesh.order)[0]]),
+        lengthwise=np.array([m.direction == 0 for m in neck_motions(through, half.powers)[0]]),
     )
 
 
@@ -247,7 +258,7 @@ def _plane_response(half: NotchBlock) -> tuple[Array, NeckStress]:
             strain=_NOTCH if half.plane == "strain" else "",
             held=_ROOT,
         )
-        beam, normal, shear = neck_rows(neck, edge_means(meshed, order, [neck])[0])
+        beam, normal, shear = neck_rows(neck, edge_means(meshed, order, [neck], half.powers)[0])
         rows = np.concatenate((beam, normal, shear))
         part = PlanePart(continuum)
     responses = np.zeros((part.size, len(rows)))
@@ -279,7 +290,7 @@ def _block(half: NotchBlock) -> tuple[LayeredPlate, Array]:
     material = replace(REFERENCE, poissons_ratio=half.poissons_ratio)
     reach = half.profile.length / 2.0 + REACH * half.profile.root_height
     plate = LayeredPlate(plane, material, half.through, [(_NOTCH, (0.0, 0.0), reach)])
-    passed, rest, _, _ = neck_motions(half.through, half.mesh.order)
+    passed, rest, _, _ = neck_motions(half.through, half.powers)
     return plate, motion_rows(plate, means, (*passed, *rest))
 
 
@@ -288,7 +299,7 @@ def _integrals(half: NotchBlock) -> tuple[PlaneIntegrals, Array]:
     meshed, neck = _meshed(half)
     order = half.mesh.order
     plane = PlaneIntegrals(meshed, order=order, held=_ROOT)
-    return plane, edge_means(meshed, order, [neck])[0]
+    return plane, edge_means(meshed, order, [neck], half.powers)[0]
 
 
 def _meshed(half: NotchBlock) -> tuple[ng.Mesh, CutNeck]:

@@ -17,12 +17,15 @@ from flexstage.fem.substructure import CutNeck
 _HIGHEST = 6
 
 
-def edge_means(mesh: ng.Mesh, order: int, necks: Sequence[CutNeck]) -> list[Array]:
+def edge_means(
+    mesh: ng.Mesh, order: int, necks: Sequence[CutNeck], highest: int | None = None
+) -> list[Array]:
     """Return the means over necks of the powers of eta, -1 to 1 across, times a displacement.
 
-    For each neck for each unknown of one component, up to the power p of the order of the space,
-    shape (p + 1, n); the necks are named by their number.
+    For each neck for each unknown of one component, up to the highest power p, the order of the
+    space where none is given, shape (p + 1, n); the necks are named by their number.
     """
+    highest = order if highest is None else highest
     scalar = ng.H1(mesh, order=order)
     names = [exactly(neck_edge(str(i))) for i in range(len(necks))]
     eta = {}
@@ -32,13 +35,13 @@ def edge_means(mesh: ng.Mesh, order: int, necks: Sequence[CutNeck]) -> list[Arra
         eta[name] = across * (2.0 / neck.profile.neck_thickness)
     coordinate = mesh.BoundaryCF(eta, default=0.0)
     powers = [ng.CoefficientFunction(1.0)]
-    while len(powers) <= order:
+    while len(powers) <= highest:
         powers.append(powers[-1] * coordinate)
     v = scalar.TestFunction()
     rows = []
     for power in powers:
         form = ng.LinearForm(scalar)
-        form += power * v * ng.ds("|".join(names), bonus_intorder=order)
+        form += power * v * ng.ds("|".join(names), bonus_intorder=highest)
         form.Assemble()
         rows.append(form.vec.FV().NumPy().copy())
     of_all = np.array(rows)

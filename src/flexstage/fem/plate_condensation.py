@@ -152,7 +152,7 @@ def _prepared(part: Substructure) -> _Ready:
 
 def _neck_mix(part: Substructure, through: ThroughThickness, neck: CutNeck) -> Array:
     """Return what makes up each motion of a neck, of `neck_motions`, shape (k, m)."""
-    mix = neck_tractions(neck.profile, through, part.mesh, part.poissons_ratio)
+    mix = neck_tractions(neck.profile, through, part.mesh, part.poissons_ratio, part.mesh.order)
     return np.hstack((np.eye(len(mix)), mix))
 
 
