@@ -105,7 +105,7 @@ def test_a_curve_that_is_straight_nearly_to_its_end_is_meshed() -> None:
 
 
 def test_a_radius_of_half_the_neck() -> None:
-    """Measured: 1.0 %; with tractions of the order of the elements, 4, 2.3 % pulled and 5 % bent."""
+    """Measured: 1.0 %; with tractions of the order of the elements, 4, 2.3 % and 5 %."""
     profile = RightCircular(neck_thickness=0.5e-3, radius=0.25e-3)
     expected = surface_stress(profile, 0.33)
     pulled, _, bent = _largest(profile, 9e-3)
