@@ -23,6 +23,7 @@ from flexstage.report.figures.fields import draw_fe_modes, out_of_plane
 from flexstage.report.figures.neck_stress import draw_neck_stress, worst_necks
 from flexstage.report.figures.style import encode
 from flexstage.report.study import study_section
+from flexstage.section import Picture, Pictures
 from flexstage.studies import ModelRun, Study
 from flexstage.system import Analysis
 from flexstage.system.mechanical import StressMap
@@ -306,6 +307,36 @@ def test_convergence_draws_the_changes_of_each_mesh(
 
 
 # ------------------------------------------------------------------ the report
+
+
+def test_pictures_are_of_the_model_with_a_mesh_that_leaves_the_least_out(
+    plane: StageModel,
+    plane_analysis: Analysis,
+    solid: StageModel,
+    solid_analysis: Analysis,
+) -> None:
+    """Condensed bodies in space have no mesh: what is drawn then is of the plane, and says so."""
+    runs = {
+        "plane": ModelRun(analysis=plane_analysis, mesh=plane),
+        "superelement-3d": ModelRun(analysis=solid_analysis),
+        "solid": ModelRun(analysis=solid_analysis, mesh=solid),
+    }
+    flat = "Lowest modes in the plane, drives removed; model plane,"
+    whole = "Lowest modes, drives removed; model solid,"
+    for names, modes, stress in (
+        (("plane", "superelement-3d"), flat, "holes."),
+        (tuple(runs), whole, "holes, middle plane."),
+    ):
+        chosen = {name: runs[name] for name in names}
+        analyses = {name: run.analysis for name, run in chosen.items()}
+        study = Study(stage=STAGE, analyses=analyses, variants={}, paths={}, runs=chosen)
+        (picture,) = study_section(study, "fem-modes").content
+        assert isinstance(picture, Picture)
+        assert picture.caption.startswith(modes)
+        *_, pictures = study_section(study, "fem-stress").content
+        assert isinstance(pictures, Pictures)
+        (picture,) = pictures.shown
+        assert picture.caption.endswith(stress)
 
 
 @pytest.mark.slow

@@ -111,11 +111,12 @@ def fe_modes_section(study: "Study") -> Iterator[Content]:
     for name, run in _meshed(study):
         if run.analysis.modes["removed"].frequency_hz.size:
             assert run.mesh is not None
+            where = "" if name == "solid" else " in the plane"
             yield Picture(
                 result=partial(draw_fe_modes, run.mesh, run.analysis),
                 title=f"modes, model {name}",
-                caption=f"Lowest modes, drives removed; {mesh_words(name, run)}. Amplitudes are "
-                "not to scale, so that bodies may overlap; thin: at rest.",
+                caption=f"Lowest modes{where}, drives removed; {mesh_words(name, run)}. Amplitudes "
+                "are not to scale, so that bodies may overlap; thin: at rest.",
                 size="small",
             )
             return

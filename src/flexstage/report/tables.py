@@ -35,8 +35,9 @@ _TITLES = {
 MANUFACTURE = frozenset(("straightness", "straightness_out_of_plane", "linearity"))
 _LABELS = (Column("Quantity", "long words"), "<Axis")
 _SPREAD_NOTE = (
-    "± in small print: of a model the estimate of what its mesh leaves out, of a measurement the "
-    "standard uncertainty."
+    "± in small print: of a model the estimate of what its mesh leaves out, or, of a stress that "
+    "has none, by how much the elements about its point differ; of a measurement the standard "
+    "uncertainty."
 )
 _MOST_NAMES = 12  # hinges that a row names
 # what the study says of its own models: each against the experiment, and one against the other
