@@ -312,6 +312,26 @@ def test_a_study_is_read_and_is_the_same_study(
         assert changed.read == kept
 
 
+def test_what_bodies_in_space_give_is_not_kept_beside_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage, cache = design("parallelogram"), Cache(tmp_path)
+    kept: list[bool] = []
+
+    def run(stage: Stage, model: str, options: ModelOptions) -> Any:
+        assert model == "superelement-3d"
+        kept.append(options.cache)
+        return run_model(stage, "lumped")
+
+    monkeypatch.setattr(study_module, "run_model", run)
+    for _ in range(2):
+        assert run_study(stage, ["superelement-3d"], cache=cache).read == ()
+    run_study(stage, ["superelement-3d"])
+    # they themselves are, where anything is
+    assert kept == [True, True, False]
+    assert not list(tmp_path.rglob("*.arrays"))
+
+
 def test_pictures_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = run_study(design("parallelogram"))
     memo = memory(tmp_path)
