@@ -139,7 +139,7 @@ def test_every_model_of_a_stage_side_by_side(
     assert run("study", "parallelogram", "--out", "d") == 0
     out = capsys.readouterr().out
     results = json.loads((elsewhere / "d" / "results.json").read_text("utf-8"))
-    assert list(results["models"]) == ["lumped", "superelement", "plane", "solid"]
+    assert list(results["models"]) == ["lumped", "superelement", "plane", "superelement-3d"]
     assert results["left_out"] == {}
     found = {
         row["origin"]: row["value"]
@@ -147,10 +147,28 @@ def test_every_model_of_a_stage_side_by_side(
         if row["quantity"] == "natural_frequency_hz"
     }
     assert found["superelement"] == pytest.approx(found["plane"], rel=2e-3)
-    assert found["plane"] == pytest.approx(found["solid"], rel=0.02)
+    assert found["plane"] == pytest.approx(found["superelement-3d"], rel=0.02)
     assert "superelement" in out
     assert results["models"]["plane"]["refinement"]["estimate"] <= 1e-3
     assert list(results["models"]["plane"]["strokes"]) == ["x"]
+
+
+@pytest.mark.slow
+def test_solid_elements_are_there_to_compare_with(
+    elsewhere: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They are the check of condensed bodies in space, and head the tables where asked for."""
+    words = ("parallelogram", "--model", "lumped,superelement-3d,solid", "--out", "d")
+    assert run("study", *words, *BRIEFLY) == 0
+    assert "solid" in capsys.readouterr().out
+    results = json.loads((elsewhere / "d" / "results.json").read_text("utf-8"))
+    found = {(r["quantity"], r["origin"]): r["value"] for r in results["characteristics"]}
+    for quantity in ("natural_frequency_hz", "out_of_plane_frequency_hz", "input_stiffness"):
+        condensed, whole = (found[quantity, model] for model in ("superelement-3d", "solid"))
+        assert condensed == pytest.approx(whole, rel=1e-3)
+    page = (elsewhere / "d" / "report.html").read_text("utf-8")
+    assert "model solid" in page
+    assert "middle plane" in page
 
 
 @pytest.mark.slow
@@ -258,7 +276,8 @@ def test_a_stage_without_axes_says_what_is_missing(
     out = " ".join(capsys.readouterr().out.split())
     assert "names no axis" in out
     # finite elements need something that holds the stage, and say so
-    assert "the solid model was left out: no body of stage 'plate' is fixed" in out
+    assert "the plane model was left out: no body of stage 'plate' is fixed" in out
+    assert "the superelement-3d model was left out: body 'plate' has no hinge" in out
     assert run("analyse", "plate.yaml", "--model", "plane") == 2
     assert "set 'fixed: true' on the body" in capsys.readouterr().err
 

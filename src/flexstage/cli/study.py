@@ -36,7 +36,7 @@ _COLUMN = 12  # and of a value, with the space beside it
 def study(
     stage: StageArgument,
     taken: StageOptions = AS_DESCRIBED,
-    models: ModelsOption = "lumped,superelement,plane,solid",
+    models: ModelsOption = "lumped,superelement,plane,superelement-3d",
     plane: PlaneOption = "auto",
     out: OutputFolder = None,
     hysteresis: bool = True,

@@ -104,7 +104,7 @@ def study(
         The stage, or what `read` takes.
     models : sequence of str
         Some of ``lumped``, ``superelement``, ``plane``, ``superelement-3d`` and ``solid``; the last
-        takes minutes.
+        takes a minute or more.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
     hysteresis : bool
