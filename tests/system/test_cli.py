@@ -135,7 +135,7 @@ def test_analyse_labels_the_condition_of_the_drives(capsys: pytest.CaptureFixtur
 def test_every_model_of_a_stage_side_by_side(
     elsewhere: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A small stage goes through all of them, as a study does where nothing is chosen."""
+    """A small stage goes through those that a study has where none is chosen."""
     assert run("study", "parallelogram", "--out", "d") == 0
     out = capsys.readouterr().out
     results = json.loads((elsewhere / "d" / "results.json").read_text("utf-8"))
