@@ -14,7 +14,7 @@ from flexstage.elasticity.shapes import METRE
 from flexstage.fem.constrained import Constrained, PlanePart
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
 from flexstage.fem.half_notch import stress_of_necks
-from flexstage.fem.mesh import MESHER, sound_mesh
+from flexstage.fem.mesh import sound_mesh
 from flexstage.fem.neck_rows import edge_means, neck_rows
 from flexstage.fem.ports import body_motion, drive_vector
 from flexstage.fem.substructure import BODY, PointReading, Substructure
@@ -145,39 +145,34 @@ def recover(part: Substructure, condensed: Condensed) -> DisplacementRecovery:
 
 
 def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
-    with MESHER:
-        stage = part.stage()
-        faces = stage_faces(stage, [BODY])
-        mesh = sound_mesh(stage, faces, part.mesh)
-        strained = (
-            notch_region(str(i), n.which) for i, n in enumerate(part.necks) if n.plane == "strain"
-        )
-        properties = mass_properties(stage)[BODY]
-        continuum = Continuum(
-            mesh,
-            part.material(),
-            order=part.mesh.order,
-            thickness=part.thickness,
-            strain=either(strained),
-            held=MOUNTING if part.held else "",
-        )
-        rows, blocks = [np.zeros((0, continuum.size))], []
-        means = edge_means(mesh, part.mesh.order, part.necks)
-        for neck, own in zip(part.necks, means, strict=True):
-            beam, normal, shear = neck_rows(neck, own)
-            rows += [beam, normal, shear]
-            blocks.append((len(normal), len(shear)))
-        for drive in stage.drives:
-            rows.append(drive_vector(continuum, stage, drive, faces.patches, "elastic")[None])
-        centre = properties.centre
-        motion = body_motion(continuum, stage, BODY, centre)
-        thermal = (continuum.thermal(c) for c in (1.0, ng.x / METRE, ng.y / METRE))
-        readings = (reading_row(continuum, r, centre, motion) for r in part.readings)
-        inner = np.array([*motion, *thermal, *readings])
-        # with its matrices, stiffness and mass
-        plane = PlanePart(continuum)
-        plane.mass_times(plane.rigid)
-    body = Constrained(plane, np.concatenate(rows), blocks, floating=not part.held)
+    stage = part.stage()
+    faces = stage_faces(stage, [BODY])
+    mesh = sound_mesh(stage, faces, part.mesh)
+    strained = (
+        notch_region(str(i), n.which) for i, n in enumerate(part.necks) if n.plane == "strain"
+    )
+    properties = mass_properties(stage)[BODY]
+    continuum = Continuum(
+        mesh,
+        part.material(),
+        order=part.mesh.order,
+        thickness=part.thickness,
+        strain=either(strained),
+        held=MOUNTING if part.held else "",
+    )
+    rows, blocks = [np.zeros((0, continuum.size))], []
+    for neck, means in zip(part.necks, edge_means(mesh, part.mesh.order, part.necks), strict=True):
+        beam, normal, shear = neck_rows(neck, means)
+        rows += [beam, normal, shear]
+        blocks.append((len(normal), len(shear)))
+    for drive in stage.drives:
+        rows.append(drive_vector(continuum, stage, drive, faces.patches, "elastic")[None])
+    body = Constrained(PlanePart(continuum), np.concatenate(rows), blocks, floating=not part.held)
+    centre = properties.centre
+    motion = body_motion(continuum, stage, BODY, centre)
+    thermal = (continuum.thermal(c) for c in (1.0, ng.x / METRE, ng.y / METRE))
+    readings = (reading_row(continuum, r, centre, motion) for r in part.readings)
+    inner = np.array([*motion, *thermal, *readings])
     basis, K, interfaces = body.reduced(inner, part.modes)
     mass = basis.T @ continuum.mass_times(basis)
     loads = inner @ basis

@@ -1,7 +1,7 @@
 """All bodies of a stage condensed, each once, or found in the cache."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from functools import lru_cache
@@ -47,7 +47,7 @@ def condense_all(
     families = {}
     with (
         progress.subtask(0.5 if changes else 1.0, 1.0),
-        ThreadPoolExecutor(threads()) as workers,
+        ThreadPoolExecutor(_workers(p.through is not None for p in changes)) as workers,
     ):
         for i, (own, family) in enumerate(zip(halves, workers.map(_family, halves), strict=True)):
             progress.update("necks", i / len(halves))
@@ -79,7 +79,7 @@ def _condense_missing(
             missing[part] = key
         else:
             ready[part] = _from_arrays(entry)
-    with ThreadPoolExecutor(threads()) as workers:
+    with ThreadPoolExecutor(_workers(p.through is not None for p in missing)) as workers:
         made = workers.map(_condense, missing)
         for i, (part, found) in enumerate(zip(missing, made, strict=True)):
             progress.update("bodies", i / len(missing))
@@ -91,14 +91,18 @@ def _condense_missing(
     return list(missing)
 
 
-def threads() -> int:
-    """Return how many bodies are condensed, or ways to move joined, side by side, by threads.
+def _threads() -> int:
+    """Return how many bodies are condensed side by side, by threads that share the mesher.
 
     Where the linear algebra has threads of its own there is one: several that each start others
     take five times as long. The commands give it one (`flexstage.cli`).
     """
     single = any(os.environ.get(f"{name}_NUM_THREADS") == "1" for name in ("OPENBLAS", "OMP"))
     return min(os.cpu_count() or 1, _THREADS) if single else 1
+
+
+def _workers(in_space: Iterable[bool]) -> int:
+    return _threads() if any(in_space) else 1
 
 
 def _condense(part: Substructure) -> Condensed:

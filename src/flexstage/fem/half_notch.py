@@ -248,29 +248,26 @@ def neck_response(half: NotchBlock, like: Profile | None = None) -> tuple[Array,
 
 def _plane_response(half: NotchBlock) -> tuple[Array, NeckStress]:
     order = half.mesh.order
-    with MESHER:
-        meshed, neck = _meshed(half)
-        continuum = Continuum(
-            meshed,
-            replace(REFERENCE, poissons_ratio=half.poissons_ratio),
-            order=order,
-            thickness=half.thickness,
-            strain=_NOTCH if half.plane == "strain" else "",
-            held=_ROOT,
-        )
-        beam, normal, shear = neck_rows(neck, edge_means(meshed, order, [neck], half.powers)[0])
-        rows = np.concatenate((beam, normal, shear))
-        part = PlanePart(continuum)
+    meshed, neck = _meshed(half)
+    continuum = Continuum(
+        meshed,
+        replace(REFERENCE, poissons_ratio=half.poissons_ratio),
+        order=order,
+        thickness=half.thickness,
+        strain=_NOTCH if half.plane == "strain" else "",
+        held=_ROOT,
+    )
+    beam, normal, shear = neck_rows(neck, edge_means(meshed, order, [neck], half.powers)[0])
+    rows = np.concatenate((beam, normal, shear))
+    part = PlanePart(continuum)
     responses = np.zeros((part.size, len(rows)))
     responses[part.free] = factorised(part.stiffness).solve(rows.T[part.free])
     rows, responses = shaped(rows, responses, [(len(normal), len(shear))])
-    with MESHER:
-        points = surface_points(meshed, (_NAME,))
-        stress = surface_stress(continuum, points, responses)
+    points = surface_points(meshed, (_NAME,))
     return rows @ responses, NeckStress(
         place=points.position[:, :2],
         point=points.point,
-        stress=stress[None],
+        stress=surface_stress(continuum, points, responses)[None],
         lengthwise=np.array([True, False, True]),
     )
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import Literal
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from flexstage.arrays import Array
@@ -18,7 +16,7 @@ from flexstage.cache.cache import Cache
 from flexstage.elasticity import Continuum
 from flexstage.errors import ModelError
 from flexstage.fem.condensation import Condensed, recover
-from flexstage.fem.condensed_bodies import condense_all, threads
+from flexstage.fem.condensed_bodies import condense_all
 from flexstage.fem.coupling import Joint, join, lowest, stacked
 from flexstage.fem.cutting import Placed, cut_free, in_space
 from flexstage.fem.mesh import MeshSettings
@@ -314,17 +312,11 @@ def _joined(
     these [rad/s], and their names.
     """
     each = len(stage.bodies)
-    ways = [slice(k, k + each) for k in range(0, len(placed), each)]
-
-    def of_way(k: int, way: slice) -> tuple[Joint, tuple[Array, Array, NDArray[np.bool_]]]:
-        joint = join(stage, placed[way], condensed[way])
-        return joint, lowest(joint, kept if k == 0 else kept // 2)
-
-    with ThreadPoolExecutor(min(len(ways), threads())) as workers:
-        found = list(workers.map(of_way, range(len(ways)), ways))
-    joints = [joint for joint, _ in found]
+    ways = (slice(k, k + each) for k in range(0, len(placed), each))
+    joints = [join(stage, placed[way], condensed[way]) for way in ways]
     bases, omegas, names = [], [], []
-    for k, (_, (omega, basis, is_mode)) in enumerate(found):
+    for k, joint in enumerate(joints):
+        omega, basis, is_mode = lowest(joint, kept if k == 0 else kept // 2)
         where = "out of plane, " if k else ""
         names += [
             f"{where}{'mode' if m else 'static response'} {i + 1} "

@@ -35,8 +35,11 @@ class StressOfForces:
         """Return the components for coordinates, shape (n,): shape (m, 6)."""
         found = np.zeros((self.count, 6))
         for share in self.shares:
-            places, components, forces = share.stress.shape
-            own = share.stress.reshape(-1, forces) @ (share.forces @ q)
+            places, components, _ = share.stress.shape
+            forces = share.forces @ q
+            if not forces.any():  # a motion in the plane puts none on those out of it
+                continue
+            own = share.stress.reshape(-1, forces.size) @ forces
             own = own.reshape(places, components)
             where = found[share.first : share.first + places]
             if components == 6:
