@@ -145,6 +145,7 @@ def test_the_first_figures_and_those_from_disk_are_the_same(tmp_path: Path) -> N
     def everything(model: SuperelementModel) -> list[np.ndarray]:
         s = model.system
         assert s.stress is not None
+        assert s.stress.point is not None
         stress = s.stress.components(np.ones(len(s.K)))
         return [s.M, s.K, stress, s.stress.point, *(p.vector for p in s.probes)]
 
