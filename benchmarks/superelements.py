@@ -247,7 +247,7 @@ def in_space() -> Iterator[Row]:
         taken = [("first", first, "the x platform and the frame")]
         for label, change, limit in (
             ("nothing", lambda _: stage, "joining, and the analysis"),
-            ("one neck of the frame", one, "five half notches on either side of it"),
+            ("one neck of the frame", one, "three half notches on either side of it"),
             ("all necks of the x axis", axis, "their half notches"),
             ("every neck, each by another part", each, "their half notches"),
         ):

@@ -20,7 +20,7 @@ from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import MESHER, MeshSettings, face_mesh
 from flexstage.fem.neck_rows import edge_means, neck_rows, shaped
 from flexstage.fem.necks import surface_points
-from flexstage.fem.notch_tractions import motion_rows, neck_motions
+from flexstage.fem.notch_tractions import NeckMotion, motion_rows, neck_motions
 from flexstage.fem.substructure import REFERENCE, CutNeck, Substructure
 from flexstage.fem.surface_stress import layered_stress, surface_stress
 from flexstage.fem.through_thickness import ThroughThickness
@@ -183,6 +183,8 @@ def neck_tractions(
     of its body, held at its far end, it is :math:`\lambda_e = -F_{ee}^{-1} F_{er}\lambda_r`, for
     pulled and sheared motions by themselves; shape (r, e).
     """
+    # out of the plane the same half notch gives its stress, by tractions of more powers
+    highest = max(powers, _POWERS) if through.out_of_plane else powers
     _, rows, responses = _narrow(
         NotchBlock(
             profile=profile,
@@ -192,11 +194,13 @@ def neck_tractions(
             through=through,
             mesh=mesh,
             poissons_ratio=poissons_ratio,
-            powers=powers,
+            powers=highest,
         )
     )
-    flexibility = rows @ responses
     passed, rest, pulled, pulled_more = neck_motions(through, powers)
+    every = [_bare(m) for motions in neck_motions(through, highest)[:2] for m in motions]
+    kept = [every.index(_bare(m)) for m in (*passed, *rest)]
+    flexibility = rows[kept] @ responses[:, kept]
     found = np.zeros((len(passed), len(rest)))
     r, e = len(passed), len(rest)
     for mine, others in (
@@ -207,6 +211,11 @@ def neck_tractions(
         right = flexibility[np.ix_(r + others, mine)]
         found[np.ix_(mine, others)] = -np.linalg.lstsq(inner, right, rcond=1e-10)[0].T
     return found
+
+
+def _bare(motion: NeckMotion) -> NeckMotion:
+    """Return a motion without the powers that it does not have."""
+    return replace(motion, weight=tuple(np.trim_zeros(motion.weight, "b")))
 
 
 @lru_cache(maxsize=128)
