@@ -1,9 +1,11 @@
 """Half of a notch in space, alone with a block of its body: its tractions, and its stress."""
 
 import math
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import NamedTuple
+from functools import lru_cache, wraps
+from typing import NamedTuple, ParamSpec, TypeVar
 
 import ngsolve as ng
 import numpy as np
@@ -48,6 +50,27 @@ _ALONG = 4  # elements along each piece of the contour at least
 
 # A body is wider than a root by this much of the root's height, or as good as not.
 _WIDER = 0.5
+
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+def _once(kept: int) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+    """Keep the last results; of two threads that want the same one, the second waits for it."""
+
+    def of(function: Callable[_P, _T]) -> Callable[_P, _T]:
+        known = lru_cache(maxsize=kept)(function)
+        locks: dict[object, threading.Lock] = {}
+
+        @wraps(function)
+        def found(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+            with locks.setdefault(args, threading.Lock()):
+                return known(*args, **kwargs)
+
+        return found
+
+    return of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,7 +191,7 @@ def half_of(part: Substructure, number: int, root: Root) -> NotchBlock:
     )
 
 
-@lru_cache(maxsize=64)
+@_once(64)
 def neck_tractions(
     profile: Profile,
     through: ThroughThickness,
@@ -218,7 +241,7 @@ def _bare(motion: NeckMotion) -> NeckMotion:
     return replace(motion, weight=tuple(np.trim_zeros(motion.weight, "b")))
 
 
-@lru_cache(maxsize=128)
+@_once(128)
 def neck_stress(half: NotchBlock) -> NeckStress:
     """Return the stress of half a notch by unit forces on its neck."""
     if half.through is not None and not half.through.out_of_plane:
@@ -281,7 +304,7 @@ def _plane_response(half: NotchBlock) -> tuple[Array, NeckStress]:
     )
 
 
-@lru_cache(maxsize=4)
+@_once(6)
 def _narrow(half: NotchBlock) -> tuple[LayeredPlate, Array, Array]:
     """Return a half notch in a body as wide as its root, with motions of its neck, responses."""
     plate, rows = _block(half)
