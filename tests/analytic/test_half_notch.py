@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexstage.designs import design
 from flexstage.fem import half_notch, plane_model, superelement_model
+from flexstage.fem.cutting import cut_free
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.superelement import BODIES
 from flexstage.fem.through_thickness import ThroughThickness
@@ -19,6 +21,7 @@ from flexstage.hinges import (
     RightCircular,
 )
 from flexstage.hinges.finite_element import surface_stress
+from flexstage.stage.hinge_attachment import hinge_root
 from flexstage.system import static_forces
 from tests.hinged_bars import R1, T1, hinged_bars
 
@@ -114,6 +117,9 @@ def test_a_radius_of_half_the_neck() -> None:
     assert bent * size * profile.neck_thickness / 6.0 == pytest.approx(
         max(expected.largest_bending), rel=0.014
     )
+    part = next(p.part for p in cut_free(design("parallelogram"), BODIES, modes=3))
+    root = hinge_root(part.stage(), part.stage().hinges[0], part.necks[0].which)
+    assert half_notch.half_of(part, 0, root).powers == _half(profile, 9e-3, None).powers
 
 
 def _largest(profile: Profile, width: float) -> list[float]:

@@ -226,6 +226,8 @@ def test_family_between_its_members(space: bool) -> None:
     before, after = (next(p.part for p in bodies if p.body.fixed) for bodies in cut)
     (neck,) = changed_necks(before, after)
     middle = neck.halves[len(neck.halves) // 2]
+    # the block is one, or what it gains of its own would be taken for the neck's
+    assert {half.widest for half in neck.halves} == {neck.halves[-1].profile}
     flexibility, scale = neck_family(neck.halves).at(neck.thicker)
     alone = replace(middle, profile=after.necks[0].profile, widest=neck.halves[0].widest)
     (_, old), (expected, own) = (neck_response(h, middle.profile) for h in (middle, alone))
