@@ -174,7 +174,7 @@ def superelement_model(
     stage : Stage
         The stage.
     settings : MeshSettings, optional
-        How fine the bodies are meshed; order 4 with elements of 0.8 necks where not given.
+        How fine the bodies are meshed; as `BODIES` says where not given.
     plane : str
         ``stress`` or ``strain`` in all notches, or ``auto`` to choose by width against neck; the
         bodies are in plane stress.
