@@ -79,9 +79,11 @@ def _condense_missing(
             missing[part] = key
         else:
             ready[part] = _from_arrays(entry)
+    # the largest first, so that no thread waits long for another at the end
+    largest_first = sorted(missing, key=lambda part: -len(part.necks))
     with ThreadPoolExecutor(_workers(p.through is not None for p in missing)) as workers:
-        made = workers.map(_condense, missing)
-        for i, (part, found) in enumerate(zip(missing, made, strict=True)):
+        made = workers.map(_condense, largest_first)
+        for i, (part, found) in enumerate(zip(largest_first, made, strict=True)):
             progress.update("bodies", i / len(missing))
             ready[part] = found
             if store is not None:

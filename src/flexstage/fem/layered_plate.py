@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import ngsolve as ng
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.elasticity.shapes import METRE
-from flexstage.fem.constrained import plane_pins
+from flexstage.fem.constrained import elimination_order, plane_pins
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.material import Material
 
+_AT_ONCE = 1024  # blocks of the stiffness
 _ROUNDING = 1e-12  # of two functions' integral, in parts of what it could be
 
 
@@ -28,6 +30,8 @@ class PlaneIntegrals:
         # at once, as the mesh is used by one thread at a time
         #: Rows, columns and values of the integrals of derivatives of shape functions.
         self.pattern = self._pattern()
+        #: Shape functions in the order in which a plate eliminates them.
+        self.order_of_elimination = self._sorted()
         #: Factors of the shape functions that make up 1, x and y [m], shape (n, 3).
         self.places = self._places()
 
@@ -35,7 +39,7 @@ class PlaneIntegrals:
         """Return integrals of derivatives of shape functions: rows, columns, values.
 
         Values 3 m + n are of derivative m of the test function and n of the trial function, in
-        metres; the third is no derivative. Shapes (k,), (k,) and (k, 9), row by row.
+        metres; the third is no derivative. Shapes (k,), (k,) and (k, 9).
         """
         p, q = self.scalar.TnT()
         tests = (ng.Grad(q)[0], ng.Grad(q)[1], q)
@@ -59,6 +63,16 @@ class PlaneIntegrals:
                     found[3 * n + m] = np.asarray(turned.data, dtype=float)
         rows = np.repeat(np.arange(self.width), np.diff(matrix.indptr))
         return rows, matrix.indices.astype(np.int64), np.column_stack(found)
+
+    def _sorted(self) -> NDArray[np.intp]:
+        """Sort the pattern by rows and columns in order of elimination; return that order."""
+        rows, columns, values = self.pattern
+        mass = sp.csc_matrix((values[:, 8], (rows, columns)), shape=(self.width,) * 2)
+        order = elimination_order(mass)
+        rank = np.argsort(order)
+        by = np.lexsort((rank[columns], rank[rows]))
+        self.pattern = rows[by], columns[by], values[by]
+        return order
 
     def _places(self) -> Array:
         one = np.zeros(self.width)
@@ -101,9 +115,12 @@ class LayeredPlate:
     Its fields are those of `ThroughThickness.components`, on the scalar space of the mesh. Fields
     of notches alone vanish in the bodies, which begin some way from the mouths of the notches; of
     each notch `notches` gives the region, the centre [m] and how far from there they reach [m].
-    Unknowns are what nothing holds: of the fields that bodies have, side by side for each unknown
-    of the scalar space, then of the others (see `gathered`).
+    Unknowns are what nothing holds: side by side the fields of each unknown of the scalar space,
+    and these in order of elimination.
     """
+
+    #: Whether elimination in the order of the unknowns fills little.
+    ordered = True
 
     def __init__(
         self,
@@ -117,51 +134,37 @@ class LayeredPlate:
         in_bodies = np.array(
             [k < through.functions[kind].in_bodies for _, kind, k in through.components]
         )
-        # fields that bodies have, then those of notches alone; their unknowns on the scalar space
-        self._groups = tuple(
-            (np.flatnonzero(fields), np.flatnonzero(where))
-            for fields, where in ((in_bodies, loose), (~in_bodies, loose & plane.inside(notches)))
-        )
+        there = loose & (in_bodies[:, None] | plane.inside(notches))
+        # at each place the fields that bodies have come first
+        self._fields = np.argsort(~in_bodies, kind="stable")
+        order = plane.order_of_elimination
+        places, fields = np.nonzero(there[self._fields][:, order].T)
         #: Number of unknowns.
-        self.size = sum(fields.size * where.size for fields, where in self._groups)
+        self.size = places.size
         #: Which of them nothing holds: what is held is no unknown.
         self.free = np.ones(self.size, dtype=bool)
+        # of each unknown its field and place, in one number; and back, or -1
+        self._field_and_place = self._fields[fields] * plane.width + order[places]
+        numbers = np.full(there.size, -1)
+        numbers[self._field_and_place] = np.arange(self.size)
+        self._numbers = numbers.reshape(there.shape)
 
     def gathered(self, fields: Array) -> Array:
         """Return the unknowns of fields on the scalar space, shape (..., f, w) to (..., n)."""
-        lead = fields.shape[:-2]
-        parts = [
-            fields[..., own[:, None], where].swapaxes(-1, -2).reshape(*lead, -1)
-            for own, where in self._groups
-        ]
-        return np.concatenate(parts, axis=-1)
+        return fields.reshape(*fields.shape[:-2], -1)[..., self._field_and_place]
 
     def numbers(self, where: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the unknowns of fields at some places of the scalar space, shape (f, len(where)).
 
         Of what is no unknown it is -1.
         """
-        found = np.full((len(self.through.components), where.size), -1)
-        at = 0
-        for own, places in self._groups:
-            number = np.searchsorted(places, where)
-            there = number < places.size
-            there[there] = places[number[there]] == where[there]
-            found[np.ix_(own, there)] = at + own.size * number[there] + np.arange(own.size)[:, None]
-            at += own.size * places.size
-        return found
+        return self._numbers[:, where]
 
     def expanded(self, u: Array) -> Array:
         """Return the fields of displacements, shape (n, k) to (f, w, k)."""
-        found = np.zeros((len(self.through.components), self.plane.width, u.shape[1]))
-        at = 0
-        for own, where in self._groups:
-            part = u[at : at + own.size * where.size]
-            found[own[:, None], where] = part.reshape(where.size, own.size, u.shape[1]).swapaxes(
-                0, 1
-            )
-            at += len(part)
-        return found
+        found = np.zeros((self._numbers.size, u.shape[1]))
+        found[self._field_and_place] = u
+        return found.reshape(*self._numbers.shape, u.shape[1])
 
     # ------------------------------------------------------------------ matrices
 
@@ -201,54 +204,48 @@ class LayeredPlate:
         .. math:: \int \lambda\,\partial_k u_k\,\partial_l v_l
                   + G\,(\partial_l u_k\,\partial_l v_k + \partial_l u_k\,\partial_k v_l)
         """
-        through = self._through
-        blocks = [
-            [
-                self._block(through[np.ix_(own, other)], where, there)
-                for other, there in self._groups
-            ]
-            for own, where in self._groups
-        ]
-        matrix = sp.csr_matrix(sp.bmat(blocks))
+        through = self._through[np.ix_(self._fields, self._fields)]
+        of_row, of_column, planes = self.plane.pattern
+        # of each place how many unknowns it has, and the first of them
+        height = np.count_nonzero(self._numbers >= 0, axis=0)
+        first = self._numbers[self._fields[0]]
+        # rows of one place follow one another and are equally long, one block beside the other
+        width = height[of_column]
+        length = np.bincount(of_row, width, self.plane.width).astype(np.intp)
+        order = self.plane.order_of_elimination
+        ends = np.concatenate(([0], np.cumsum(np.repeat(length[order], height[order]))))
+        before = np.cumsum(width) - width
+        start = np.zeros(self.plane.width, dtype=np.intp)
+        start[order] = np.cumsum(length[order]) - length[order]
+        corner = ends[np.maximum(first[of_row], 0)] + before - start[of_row]
+        data, indices = np.zeros(ends[-1]), np.zeros(ends[-1], dtype=np.int32)
+        for a, b in product(np.unique(height[height > 0]).tolist(), repeat=2):
+            every = np.flatnonzero((height[of_row] == a) & (width == b))
+            rows, columns = np.arange(a)[:, None], np.arange(b)
+            factors = through[:a, :b].reshape(-1, 9).T
+            # some at a time, so that what is between stays in the processor's memory
+            for kept in np.split(every, range(_AT_ONCE, every.size, _AT_ONCE)):
+                at = corner[kept, None, None] + length[of_row[kept], None, None] * rows + columns
+                data[at] = (planes[kept] @ factors).reshape(at.shape)
+                indices[at] = first[of_column[kept], None, None] + columns
+        matrix = sp.csr_matrix((data, indices, ends), shape=(self.size, self.size))
         matrix.eliminate_zeros()
         # it is symmetric: its rows are its columns
         return sp.csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)
 
-    def _block(self, through: Array, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Any:
-        """Return the stiffness between unknowns of two groups of fields."""
-        of_row, of_column, planes = self.plane.pattern
-        number = np.full((2, self.plane.width), -1)
-        number[0, rows], number[1, columns] = np.arange(rows.size), np.arange(columns.size)
-        kept = np.flatnonzero((number[0, of_row] >= 0) & (number[1, of_column] >= 0))
-        a, b, _ = through.shape
-        count = np.bincount(number[0, of_row[kept]], minlength=rows.size)
-        shape = (a * rows.size, b * columns.size)
-        if not kept.size * a * b:
-            return sp.csr_matrix(shape)
-        values = (planes[kept] @ through.reshape(a * b, 9).T).reshape(-1, a, b)
-        ends = np.concatenate(([0], np.cumsum(count)))
-        return sp.bsr_matrix((values, number[1, of_column[kept]], ends), shape=shape).tocsr()
-
     @cached_property
-    def _masses(self) -> tuple[Any, ...]:
-        """Mass matrix of one field of each group [kg]; functions are orthonormal."""
+    def _mass(self) -> sp.csr_matrix:
+        """Mass matrix [kg]; functions are orthonormal, so that fields do not share any."""
         rows, columns, planes = self.plane.pattern
-        values = self.material.density * planes[:, 8]
-        whole: Any = sp.csr_matrix((values, (rows, columns)), shape=(self.plane.width,) * 2)
-        return tuple(sp.csr_matrix(whole[where][:, where]) for _, where in self._groups)
+        row, column = self._numbers[:, rows], self._numbers[:, columns]
+        kept = (row >= 0) & (column >= 0)
+        values = np.broadcast_to(self.material.density * planes[:, 8], kept.shape)
+        shape = (self.size, self.size)
+        return sp.csr_matrix((values[kept], (row[kept], column[kept])), shape=shape)
 
     def mass_times(self, u: Array) -> Array:
         """Multiply displacements, shape (n,) or (n, k), by the mass matrix [kg]."""
-        found, at = [], 0
-        for (own, where), mass in zip(self._groups, self._masses, strict=True):
-            part = u[at : at + own.size * where.size]
-            found.append(
-                (mass @ part.reshape(where.size, part.size // max(where.size, 1))).reshape(
-                    part.shape
-                )
-            )
-            at += len(part)
-        return np.concatenate(found)
+        return np.asarray(self._mass @ u)
 
     # ------------------------------------------------------------------ loads and readings
 
@@ -317,14 +314,13 @@ class LayeredPlate:
     def pins(self) -> NDArray[np.intp]:
         """Three unknowns that hold it if nothing else does."""
         x, y = self.plane.places[: self.plane.mesh.nv, 1:].T
-        fields, _ = self._groups[0]
-        first = [self.through.components[k][0] for k in fields].index
+        first = [d for d, _, _ in self.through.components].index
         if not self.through.out_of_plane:
-            vertex, along = np.divmod(plane_pins(x, y, x.size), x.size)[::-1]
-            return fields.size * vertex + np.array([first(0), first(1)])[along]
+            along, vertex = np.divmod(plane_pins(x, y, x.size), x.size)
+            return self._numbers[np.array([first(0), first(1)])[along], vertex]
         far = int(np.argmax(np.hypot(x - x[0], y - y[0])))
         aside = (x - x[0]) * (y[far] - y[0]) - (y - y[0]) * (x[far] - x[0])
-        return fields.size * np.array([0, far, int(np.argmax(np.abs(aside)))]) + first(2)
+        return self._numbers[first(2), [0, far, int(np.argmax(np.abs(aside)))]]
 
     def motion(self, region: str, at: tuple[float, float]) -> Array:
         """Return the rigid motion of regions about a point nearest to theirs in mean square.

@@ -92,7 +92,8 @@ def _generate(
         for z in levels:
             rules.RestrictH(x, y, z, size)
     try:
-        with parallel():
+        # a plane is meshed by one thread: others that wait for it would keep the cores busy
+        with parallel(1 if dimension == 2 else None):
             made = geometry.GenerateMesh(rules)
     except Exception as error:  # the mesher raises its own class, and RuntimeError
         raise ModelError(
