@@ -13,14 +13,14 @@ from scipy.sparse.linalg import SuperLU, splu
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ConvergenceError, ModelError
+from flexstage.errors import ModelError
+from flexstage.fem.block_lanczos import softest_modes
 from flexstage.fem.neck_rows import shaped
 
 _ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
 _SETTLED = 1e-3  # of the squares of frequencies, from one step to the next
-_BLOCK, _STEPS = 8, 60
+_BLOCK = 8  # displacements in a step
 _ORDERING = "MMD_AT_PLUS_A"
-_DEPENDENT = 1e-13  # mass that rounding leaves of displacements that others make up
 
 
 class Elastic(Protocol):
@@ -170,51 +170,17 @@ class Constrained:
         return u + self.X @ force + self._balance[0] @ rigid
 
     def modes(self, count: int, shapes: Array) -> tuple[Array, Array]:
-        r"""Return the lowest modes with the interfaces held, by block Lanczos iteration.
+        """Return the lowest modes with the interfaces held.
 
-        It starts with what the inertia of motions of the interfaces bends, of `interface_shapes`,
-        mixed at random. Squares of angular frequencies [rad^2/s^2], shape (count,), and modes with
-        these as modal stiffness, shape (n, count).
-
-        Notes
-        -----
-        G. H. Golub, R. Underwood, in Mathematical Software III (1977) 361. Each block is made
-        orthogonal to all before it, so that no mode comes twice.
+        The search starts with what the inertia of motions of the interfaces bends, of
+        `interface_shapes`, mixed at random. Squares of angular frequencies [rad^2/s^2], shape
+        (count,), and modes with these as modal stiffness, shape (n, count).
         """
-        mass_times, size = self.part.mass_times, self.part.size
-        if not count or not len(self._row):
-            return np.zeros(0), np.zeros((size, 0))
-        m = shapes.shape[1]
-        start = np.random.default_rng(0).standard_normal((m, min(m, _BLOCK)))
-        block = self.held(mass_times(shapes @ start))
-        basis: list[Array] = []
-        weighted: list[Array] = []
-        answers: list[Array] = []
-        flexible = np.zeros((0, 0))
-        last = np.zeros(count)
-        for _ in range(_STEPS):
-            for _ in range(2):
-                for earlier, heavy in zip(basis, weighted, strict=True):
-                    block = block - earlier @ (heavy.T @ block)
-                block = block @ _independent(block.T @ mass_times(block))
-            heavy = mass_times(block)
-            answer = self.held(heavy)
-            basis.append(block)
-            weighted.append(heavy)
-            answers.append(answer)
-            # K answers = weighted + P^T lambda, and P answers = 0
-            new = np.concatenate([w.T @ answer for w in weighted])
-            at = len(flexible)
-            flexible = np.block([[flexible, new[:at]], [new[:at].T, new[at:]]])
-            values, turn = np.linalg.eigh(0.5 * (flexible + flexible.T))
-            values, turn = values[: -count - 1 : -1], turn[:, : -count - 1 : -1]
-            found = 1.0 / values
-            if found.size == count and np.all(np.abs(found - last) <= _SETTLED * found):
-                # by one more iteration than the basis, these are orthogonal in K
-                return found, np.hstack(answers) @ (turn / values)
-            last = found if found.size == count else last
-            block = answer
-        raise ConvergenceError("the modes of a body with held interfaces were not found")
+        mass_times, m = self.part.mass_times, shapes.shape[1]
+        if not count or not m:
+            return np.zeros(0), np.zeros((self.part.size, 0))
+        mix = np.random.default_rng(0).standard_normal((m, min(m, _BLOCK)))
+        return softest_modes(self.held, mass_times, mass_times(shapes @ mix), count, _SETTLED)
 
     def reduced(self, loads: Array, count: int) -> tuple[Array, Array, int]:
         """Return the coordinates of the body: interfaces, modes, responses to loads inside it.
@@ -303,11 +269,3 @@ def _stiffness(continuum: Continuum) -> sp.csc_matrix:
     form.Assemble()
     rows, columns, values = (np.asarray(part) for part in form.mat.COO())
     return sp.csc_matrix((values, (rows, columns)), shape=(continuum.size, continuum.size))
-
-
-def _independent(mass: Array) -> Array:
-    """Return combinations of displacements with unit mass; dependent ones are left out."""
-    size = 1.0 / np.sqrt(np.diag(mass))
-    values, vectors = np.linalg.eigh(0.5 * (mass + mass.T) * np.outer(size, size))
-    kept = values > _DEPENDENT * values[-1]
-    return size[:, None] * vectors[:, kept] / np.sqrt(values[kept])

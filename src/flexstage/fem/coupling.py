@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky, eigh, solve_triangular
+from scipy.linalg import block_diag, cho_factor, cho_solve, eigh
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.fem.block_lanczos import independent, softest_modes
 from flexstage.fem.condensation import Condensed
 from flexstage.fem.coupling_loads import (
     inner_responses,
@@ -23,15 +24,17 @@ from flexstage.fem.cutting import Placed
 from flexstage.fem.freedom import Freedom, freedom
 from flexstage.stage import Stage
 
+# Stages of fewer coordinates than this for each mode are solved densely; squares of frequencies of
+# larger ones end with the last change of them.
+_FEW, _SETTLED = 10, 1e-8
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Joint:
     """The bodies of a stage, joined."""
 
-    K: Array
-    """Stiffness, shape (n, n)."""
-    M: Array
-    """Mass, shape (n, n)."""
+    blocks: tuple[tuple[Array, Array], ...]
+    """Stiffness and mass of each of its motions that know nothing of one another."""
     coordinates: tuple[str, ...]
     """Name and unit of each coordinate."""
     drives: dict[str, Array]
@@ -46,6 +49,20 @@ class Joint:
     """For each body which coordinates move it, shape (c,), and its own coordinates for them, shape
     (r, c).
     """
+
+    @property
+    def K(self) -> Array:
+        """Stiffness, shape (n, n)."""
+        return _whole([K for K, _ in self.blocks])
+
+    @property
+    def M(self) -> Array:
+        """Mass, shape (n, n)."""
+        return _whole([M for _, M in self.blocks])
+
+
+def _whole(blocks: list[Array]) -> Array:
+    return blocks[0] if len(blocks) == 1 else np.asarray(block_diag(*blocks))
 
 
 def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed]) -> Joint:
@@ -98,8 +115,7 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
         motion[:, at] = way.carried(acting[:3], own_centre(p, c), wholes[b].centre)
         bodies[p.body.name] = wholes[b].centre, motion
     return Joint(
-        K=0.5 * (K + K.T),
-        M=0.5 * (M + M.T),
+        blocks=((K, M),),
         coordinates=tuple(names),
         drives=_drives(stage, placed, index, bodies, n),
         probes=probes,
@@ -176,8 +192,7 @@ def stacked(joints: Sequence[Joint]) -> Joint:
         return found
 
     return Joint(
-        K=np.asarray(block_diag(*(j.K for j in joints))),
-        M=np.asarray(block_diag(*(j.M for j in joints))),
+        blocks=tuple(block for j in joints for block in j.blocks),
         coordinates=tuple(
             f"{'out of plane, ' if k else ''}{name}"
             for k, j in enumerate(joints)
@@ -207,19 +222,13 @@ def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
     K, M = (matrix * np.outer(size, size) for matrix in (joint.K, joint.M))
     n = size.size
     count = min(count, n)
-    # the largest eigenvalues of M against K: those asked for alone, and the softest modes, which
-    # are the largest here, to all digits
     try:
-        inverses, shapes = eigh(
-            M, K, subset_by_index=(n - count, n - 1), driver="gvx", check_finite=False
-        )
-        root = cholesky(M, check_finite=False)
+        factor = cho_factor(K.T, check_finite=False)
+        omega, modes = _softest(K, M, factor, count)
     except np.linalg.LinAlgError as error:
         raise ModelError(
             "a body has no mass or hangs on nothing, so the stage has no natural frequencies"
         ) from error
-    omega = 1.0 / np.sqrt(inverses[::-1])
-    modes = shapes[:, ::-1] * omega
     vectors = [
         *joint.drives.values(),
         *joint.probes.values(),
@@ -227,18 +236,13 @@ def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
     ]
     if not vectors or count == n:
         return omega, size[:, None] * modes, np.ones(count, dtype=bool)
-
-    def without_modes(motion: Array) -> Array:
-        return motion - modes @ (modes.T @ (M @ motion))
-
     forces = size[:, None] * np.array(vectors).T
-    forces -= M @ (modes @ (modes.T @ forces))
-    response = root @ without_modes(cho_solve(cho_factor(K, check_finite=False), forces))
-    length = np.linalg.norm(response, axis=0)
-    response = response[:, length > 0.0] / length[length > 0.0]
-    left, values, _ = np.linalg.svd(response, full_matrices=False)
-    kept = left[:, values > 1e-9 * values.max(initial=0.0)]
-    basis = solve_triangular(root, kept, check_finite=False)
+    weighted = M @ modes
+    basis = cho_solve(factor, forces - weighted @ (modes.T @ forces), check_finite=False)
+    basis = basis[:, np.any(basis != 0.0, axis=0)]
+    for _ in range(2):
+        basis = basis - modes @ (weighted.T @ basis)
+        basis = basis @ independent(basis.T @ M @ basis)
     rest, turn = np.linalg.eigh(basis.T @ K @ basis)
     residual = basis @ turn
     all_omega = np.concatenate((omega, np.sqrt(rest)))
@@ -247,3 +251,23 @@ def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         size[:, None] * np.column_stack((modes, residual)),
         np.arange(all_omega.size) < count,
     )
+
+
+def _softest(K: Array, M: Array, factor: tuple[Array, bool], count: int) -> tuple[Array, Array]:
+    """Return the lowest frequencies [rad/s] and their modes, of unit mass."""
+    n = len(K)
+    if n < _FEW * count:
+        # the largest eigenvalues of M against K: those asked for alone, and the softest modes,
+        # which are the largest here, to all digits
+        wanted = (n - count, n - 1)
+        inverses, shapes = eigh(M, K, subset_by_index=wanted, driver="gvx", check_finite=False)
+        omega = 1.0 / np.sqrt(inverses[::-1])
+        return omega, shapes[:, ::-1] * omega
+    squares, modes = softest_modes(
+        lambda forces: np.asarray(cho_solve(factor, forces, check_finite=False)),
+        lambda u: M @ u,
+        np.random.default_rng(0).standard_normal((n, count)),
+        count,
+        _SETTLED,
+    )
+    return np.sqrt(squares), modes

@@ -415,8 +415,6 @@ def _stress(
         point[here] = np.where(c.seam != 0, shared, used + c.point)
         used += int(c.point.max()) + 1
         at += c.neck.size
-    # numbers without gaps
-    point = np.unique(point, return_inverse=True)[1].ravel()
     return StressMap(
         hinges=tuple(h.name for h in stage.hinges),
         matrix=StressOfForces(count=count, shares=tuple(shares)),

@@ -77,9 +77,9 @@ class StressMap:
     owner: NDArray[np.intp]
     """Index into `hinges` of each place, shape (m,)."""
     point: NDArray[np.intp] | None = None
-    """The point that each place belongs to, counted from 0, shape (m,); several places, one in each
-    finite element about it, share a point, and their stress is averaged there. None where each
-    is a point of its own.
+    """Number of the point that each place belongs to, shape (m,), some of which may be unused;
+    several places, one in each finite element about it, share a point, and their stress is
+    averaged there. None where each is a point of its own.
     """
 
     def largest(self, q: Array) -> dict[str, float]:
@@ -96,12 +96,7 @@ class StressMap:
             Largest magnitude of the equivalent stress by hinge [Pa].
         """
         worst = np.zeros(len(self.hinges))
-        if self.owner.size:
-            # places of one hinge side by side: far faster than one maximum at a time
-            order = np.argsort(self.owner, kind="stable")
-            owner = self.owner[order]
-            first = np.flatnonzero(np.diff(owner, prepend=-1))
-            worst[owner[first]] = np.maximum.reduceat(self.equivalent(q)[order], first)
+        np.maximum.at(worst, self.owner, self.equivalent(q))
         return dict(zip(self.hinges, worst.tolist(), strict=True))
 
     def of(self, hinge: str) -> "StressMap":
@@ -113,9 +108,7 @@ class StressMap:
             if isinstance(self.matrix, StressOfForces)
             else self.matrix[own],
             owner=np.zeros(np.count_nonzero(own), dtype=np.intp),
-            point=None
-            if self.point is None
-            else np.unique(self.point[own], return_inverse=True)[1].ravel(),
+            point=None if self.point is None else self.point[own],
         )
 
     def scatter(self, q: Array) -> dict[str, float]:
@@ -172,7 +165,7 @@ class StressMap:
         """
         stress = self.components(q)
         if self.point is not None and self.point.size:
-            share = np.bincount(self.point)
+            share = np.maximum(np.bincount(self.point), 1)
             columns = stress.reshape(self.point.size, -1).T
             total = [np.bincount(self.point, weights=column) / share for column in columns]
             stress = np.stack(total, axis=-1)[self.point].reshape(stress.shape)
