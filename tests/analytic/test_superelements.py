@@ -200,11 +200,10 @@ def test_modes_with_held_interfaces(small: tuple[Constrained, np.ndarray, np.nda
     expected = scipy.linalg.eigh(
         free.T @ stiffness @ free, free.T @ mass @ free, eigvals_only=True, subset_by_index=(0, 2)
     )
-    squares, shapes = body.modes(3, body.interface_shapes()[0])
-    # the iteration ends when squares of frequencies move by 1e-3 in a step, by when they are off by
-    # some 1e-5; shapes are orthogonal to the square of that
+    squares, shapes = body.modes(3)
+    # the iteration ends when squares of frequencies move by 1e-5 in a step
     np.testing.assert_allclose(squares, expected, rtol=3e-5)
-    np.testing.assert_allclose(shapes.T @ mass @ shapes, np.eye(3), atol=1e-8)
+    np.testing.assert_allclose(shapes.T @ mass @ shapes, np.eye(3), atol=1e-9)
     assert np.abs(body.P @ shapes).max() < 1e-9 * abs(body.P).max() * np.abs(shapes).max()
 
 
@@ -415,7 +414,6 @@ def test_two_halves_meet_at_the_ends_of_their_neck(bars: SuperelementModel) -> N
     for p, owner in zip(shared, owners, strict=True):
         bodies = {0: {0, 1}, 1: {1, 2}}[owner.pop()]
         assert set(body[stress.point == p].tolist()) == bodies
-    np.testing.assert_array_equal(np.unique(stress.point), np.arange(stress.point.max() + 1))
 
 
 def test_shape_of_a_triangle() -> None:

@@ -80,10 +80,7 @@ def softest_modes(
                 values, turn = np.linalg.eigh(flexible)
                 values, turn = values[: -count - 1 : -1], turn[:, : -count - 1 : -1]
                 # by one more iteration than the basis, these are orthogonal in K
-                mixed = turn / values
-                ends = np.cumsum([b.shape[1] for b in basis])[:-1]
-                parts = zip(answers, np.split(mixed, ends), strict=True)
-                return 1.0 / values, sum(a @ part for a, part in parts)
+                return 1.0 / values, np.hstack(answers) @ (turn / values)
             last = found
         block, heavy = answer, mass_times(answer)
     raise ConvergenceError("the modes of a body with held interfaces were not found")

@@ -19,7 +19,7 @@ from flexstage.fem.neck_rows import shaped
 
 _ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
 _SETTLED = 1e-3  # of the squares of frequencies, from one step to the next
-_BLOCK = 8  # displacements in a step
+_BLOCK = 8  # loads that the search for modes starts with
 _ORDERING = "MMD_AT_PLUS_A"
 
 
@@ -169,18 +169,17 @@ class Constrained:
         force, rigid = self._multipliers(-self.P @ u, -self._balance[0].T @ load)
         return u + self.X @ force + self._balance[0] @ rigid
 
-    def modes(self, count: int, shapes: Array) -> tuple[Array, Array]:
+    def modes(self, count: int) -> tuple[Array, Array]:
         """Return the lowest modes with the interfaces held.
 
-        The search starts with what the inertia of motions of the interfaces bends, of
-        `interface_shapes`, mixed at random. Squares of angular frequencies [rad^2/s^2], shape
-        (count,), and modes with these as modal stiffness, shape (n, count).
+        Squares of their angular frequencies [rad^2/s^2], shape (count,), and shapes with these as
+        modal stiffness, shape (n, count).
         """
-        mass_times, m = self.part.mass_times, shapes.shape[1]
-        if not count or not m:
+        if not count or not len(self._row):
             return np.zeros(0), np.zeros((self.part.size, 0))
-        mix = np.random.default_rng(0).standard_normal((m, min(m, _BLOCK)))
-        return softest_modes(self.held, mass_times, mass_times(shapes @ mix), count, _SETTLED)
+        mass_times = self.part.mass_times
+        start = mass_times(np.random.default_rng(0).standard_normal((self.part.size, _BLOCK)))
+        return softest_modes(self.held, mass_times, start, count, _SETTLED)
 
     def reduced(self, loads: Array, count: int) -> tuple[Array, Array, int]:
         """Return the coordinates of the body: interfaces, modes, responses to loads inside it.
@@ -190,7 +189,7 @@ class Constrained:
         interfaces.
         """
         T, stiff = self.interface_shapes()
-        squares, modes = self.modes(count, T)
+        squares, modes = self.modes(count)
         U, inner = self.responses(loads, squares, modes)
         stiffness = np.asarray(block_diag(stiff, np.diag(squares), inner))
         return np.column_stack((T, modes, U)), stiffness, len(stiff)

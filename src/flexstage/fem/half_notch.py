@@ -263,7 +263,7 @@ def neck_response(half: NotchBlock, like: Profile | None = None) -> tuple[Array,
     if half.wide or half.widest is not None:
         plate, rows = _block(half)
         rows = mix @ rows
-        u = factorised(plate.stiffness, ordered=True).solve(np.ascontiguousarray(rows.T))
+        u = _responses(plate, rows)
     else:
         plate, rows, responses = _narrow(half)
         rows, u = mix @ rows, responses @ mix.T
@@ -308,7 +308,12 @@ def _plane_response(half: NotchBlock) -> tuple[Array, NeckStress]:
 def _narrow(half: NotchBlock) -> tuple[LayeredPlate, Array, Array]:
     """Return a half notch in a body as wide as its root, with motions of its neck, responses."""
     plate, rows = _block(half)
-    return plate, rows, factorised(plate.stiffness, ordered=True).solve(np.ascontiguousarray(rows.T))
+    return plate, rows, _responses(plate, rows)
+
+
+def _responses(plate: LayeredPlate, rows: Array) -> Array:
+    factor = factorised(plate.stiffness, ordered=plate.ordered)
+    return factor.solve(np.ascontiguousarray(rows.T))
 
 
 def _block(half: NotchBlock) -> tuple[LayeredPlate, Array]:
