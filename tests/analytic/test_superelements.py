@@ -17,6 +17,7 @@ from flexstage.errors import ModelError
 from flexstage.fem import mesh as plane_meshes
 from flexstage.fem.condensation import Condensed, condense, recover
 from flexstage.fem.constrained import Constrained, PlanePart, factorised
+from flexstage.fem.coupling import join, lowest
 from flexstage.fem.cutting import Placed, cut_free
 from flexstage.fem.geometry import exactly, neck_edge, patch_edge, stage_faces
 from flexstage.fem.mesh import MeshSettings
@@ -534,6 +535,30 @@ def test_bodies_in_space_are_found_in_the_cache(tmp_path: Path) -> None:
     names = np.array(["out of plane" in n for n in first.joint.coordinates])
     assert 0 < names.sum() < names.size
     assert not first.joint.K[np.ix_(names, ~names)].any()
+
+
+@pytest.mark.parametrize("count", [6, 16], ids=["by iteration", "densely"])
+def test_lowest_modes_and_responses_of_a_joined_stage(count: int) -> None:
+    """Against the whole eigenproblem, and statics of all coordinates."""
+    coarse = MeshSettings(order=2, neck_size=2.0)
+    model = superelement_model(design("parallelogram"), coarse, space=True, cache=False)
+    each = len(model.stage.bodies)
+    joint = join(model.stage, model.placed[:each], model.condensed[:each])
+    # fewer than a tenth of the coordinates are iterated for
+    assert (len(joint.K) < 10 * count) == (count == 16)
+    omega, basis, is_mode = lowest(joint, count)
+    size = 1.0 / np.sqrt(np.diag(joint.M))
+    scaled = joint.K * np.outer(size, size), joint.M * np.outer(size, size)
+    expected = 1.0 / scipy.linalg.eigh(scaled[1], scaled[0], eigvals_only=True)[::-1]
+    np.testing.assert_allclose(omega[:count] ** 2, expected[:count], rtol=1e-9)
+    assert is_mode.tolist() == [True] * count + [False] * (omega.size - count)
+    np.testing.assert_allclose(basis.T @ joint.M @ basis, np.eye(omega.size), atol=1e-9)
+    stiffness = basis.T @ joint.K @ basis / np.outer(omega, omega)
+    np.testing.assert_allclose(stiffness, np.eye(omega.size), atol=1e-7)
+    forces = np.array([*joint.drives.values(), *joint.probes.values()]).T
+    response = np.linalg.solve(joint.K, forces)
+    found = basis @ ((basis.T @ forces) / omega[:, None] ** 2)
+    np.testing.assert_allclose(found, response, rtol=1e-6, atol=1e-8 * np.abs(response).max())
 
 
 def test_in_space_there_is_no_plane_state_and_no_mesh_to_draw() -> None:

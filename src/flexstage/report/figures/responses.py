@@ -27,7 +27,7 @@ _PUBLISHED = {
     "published-measured": (CYCLE[3], (0, (6, 2, 1, 2)), "measured"),
 }
 # width and height of a label, in parts of the diagram
-_LABEL = (0.13, 0.07)
+_LABEL = (0.16, 0.07)
 _UNITS = {
     "m/N": ("µm/N", 1e6),
     "m/m": ("µm/µm", 1.0),
@@ -112,7 +112,7 @@ def _column(
     of = f" of drive '{first.drive}'" if len(responses) == 1 else ""
     entitle(
         upper,
-        f"{axis}, {analysis.system.model} model: {first.input_kind}{of}, drives {first.drives}",
+        f"{axis}, {analysis.system.model} model, drives {first.drives}\n{first.input_kind}{of}",
     )
     upper.set_ylabel(f"{first.probe} / {first.input_kind} [{unit}]", parse_math=False)
     lower.set_ylabel("phase [°]")
