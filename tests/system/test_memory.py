@@ -206,7 +206,7 @@ def test_a_damaged_entry_is_made_again(tmp_path: Path) -> None:
 
 def test_without_a_cache_all_is_done(tmp_path: Path) -> None:
     memo = Memory(None)
-    assert not memo.active
+    assert memo.cache is None
     for _ in range(2):
         memo.recall("work", work, ROW)
     assert len(CALLS) == 2
@@ -316,7 +316,7 @@ def test_what_bodies_in_space_give_is_not_kept_beside_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stage, cache = design("parallelogram"), Cache(tmp_path)
-    kept: list[bool] = []
+    kept: list[Cache | bool] = []
 
     def run(stage: Stage, model: str, options: ModelOptions) -> Any:
         assert model == "superelement-3d"
@@ -328,7 +328,7 @@ def test_what_bodies_in_space_give_is_not_kept_beside_them(
         assert run_study(stage, ["superelement-3d"], cache=cache).read == ()
     run_study(stage, ["superelement-3d"])
     # they themselves are, where anything is
-    assert kept == [True, True, False]
+    assert kept == [cache, cache, False]
     assert not list(tmp_path.rglob("*.arrays"))
 
 

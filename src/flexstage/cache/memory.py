@@ -31,14 +31,10 @@ class Memory:
     """
 
     def __init__(self, cache: Cache | None) -> None:
-        self._cache = cache
+        #: Where results are kept; None where they are not.
+        self.cache = cache
         self._read: dict[str, None] = {}
         self._made: dict[str, None] = {}
-
-    @property
-    def active(self) -> bool:
-        """Whether there is a cache."""
-        return self._cache is not None
 
     @property
     def read(self) -> tuple[str, ...]:
@@ -58,14 +54,14 @@ class Memory:
         What is no content of a result (see `pack`) must be functions; of a result that was read
         each of them does the work again when it is called. What is no plain data is not kept.
         """
-        if self._cache is None:
+        if self.cache is None:
             return work(*arguments, **named)
         try:
             key = content_hash((_surroundings(), work, arguments, named))
         except TypeError as error:
             _LOG.info("%s is not looked for: %s", name, error)
             return work(*arguments, **named)
-        entry = self._cache.load(key)
+        entry = self.cache.load(key)
         if entry is not None:
             self._read[name] = None
 
@@ -84,8 +80,8 @@ class Memory:
         except NotPlainError as error:
             _LOG.info("%s is not kept: %s", name, error)
             return made
-        self._cache.store(key, entry)
-        self._cache.trim()
+        self.cache.store(key, entry)
+        self.cache.trim()
         return made
 
 

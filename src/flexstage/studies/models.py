@@ -13,6 +13,7 @@ from flexstage.stage import Stage
 from flexstage.system import Analysis, analyse
 
 if TYPE_CHECKING:
+    from flexstage.cache.cache import Cache
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
     from flexstage.fem.superelement import SuperelementModel
@@ -54,8 +55,8 @@ class ModelOptions:
     """Whether to estimate the error of each figure (superelements, in twice the time)."""
     stroke: bool = False
     """Whether to follow the stage over its stroke with finite displacements (plane model)."""
-    cache: bool = field(default=True, compare=False)
-    """Whether condensed bodies of superelements are read from the user's cache."""
+    cache: "Cache | bool" = field(default=True, compare=False)
+    """Where condensed bodies of superelements are kept, True for the user's cache."""
     near: Stage | None = None
     """A stage that differs little, whose superelements serve: only what differs is computed."""
 

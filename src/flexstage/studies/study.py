@@ -300,7 +300,7 @@ def _recalled(
     memory: Memory, model: str, stage: Stage, options: ModelOptions, name: str = ""
 ) -> ModelRun:
     """Run a model, or read what it gave, where that saves time."""
-    options = replace(options, cache=memory.active)
+    options = replace(options, cache=memory.cache or False)
     if model in _QUICK:
         return run_model(stage, model, options)
     return memory.recall(name or model, run_model, stage, model, options)
