@@ -561,6 +561,18 @@ def test_lowest_modes_and_responses_of_a_joined_stage(count: int) -> None:
     np.testing.assert_allclose(found, response, rtol=1e-6, atol=1e-8 * np.abs(response).max())
 
 
+@pytest.mark.parametrize("count", [2, 16], ids=["by iteration", "densely"])
+@pytest.mark.parametrize("what", ["no mass", "no stiffness"])
+def test_a_stage_without_frequencies_is_refused(
+    bars: SuperelementModel, what: str, count: int
+) -> None:
+    ((K, M),) = ((K.copy(), M.copy()) for K, M in bars.joint.blocks)
+    matrix = M if what == "no mass" else K
+    matrix[4] = matrix[:, 4] = 0.0
+    with pytest.raises(ModelError, match="no mass or hangs on nothing"):
+        lowest(replace(bars.joint, blocks=((K, M),)), count)
+
+
 def test_in_space_there_is_no_plane_state_and_no_mesh_to_draw() -> None:
     with pytest.raises(ModelError, match="no plane state, got 'strain'"):
         superelement_model(hinged_bars(), space=True, plane="strain", cache=False)

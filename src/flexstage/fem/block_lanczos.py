@@ -90,5 +90,5 @@ def independent(mass: Array) -> Array:
     """Return combinations of displacements with unit mass; dependent ones are left out."""
     size = 1.0 / np.sqrt(np.diag(mass))
     values, vectors = np.linalg.eigh(0.5 * (mass + mass.T) * np.outer(size, size))
-    kept = values > _DEPENDENT * values[-1]
+    kept = values > _DEPENDENT * values.max(initial=0.0)
     return size[:, None] * vectors[:, kept] / np.sqrt(values[kept])

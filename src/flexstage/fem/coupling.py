@@ -217,12 +217,14 @@ def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
     are natural ones; what they move, with unit modal mass, shape (n, r); and which of them are
     modes, shape (r,).
     """
-    # columns of unit mass: metres, radians and modes become comparable
-    size = 1.0 / np.sqrt(np.diag(joint.M))
-    K, M = (matrix * np.outer(size, size) for matrix in (joint.K, joint.M))
-    n = size.size
-    count = min(count, n)
     try:
+        if not np.all(np.diag(joint.M) > 0.0):
+            raise np.linalg.LinAlgError
+        # columns of unit mass: metres, radians and modes become comparable
+        size = 1.0 / np.sqrt(np.diag(joint.M))
+        K, M = (matrix * np.outer(size, size) for matrix in (joint.K, joint.M))
+        n = size.size
+        count = min(count, n)
         factor = cho_factor(K.T, check_finite=False)
         omega, modes = _softest(K, M, factor, count)
     except np.linalg.LinAlgError as error:
