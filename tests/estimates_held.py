@@ -4,10 +4,13 @@
 ``space`` does so with those in space, on stages of few necks.
 """
 
+import os
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from itertools import islice
+from concurrent.futures import ProcessPoolExecutor
+from itertools import islice, repeat
+from multiprocessing import get_context
 from typing import NamedTuple
 from unittest.mock import patch
 
@@ -81,9 +84,17 @@ def _frequencies(mine: Analysis, other: Analysis) -> Iterator[tuple[float, float
 
 def all_compared(stages: Iterable[Stage], *, space: bool) -> dict[str, list[Comparison]]:
     """Compare figures of many stages, by what they are called."""
+    return _by_name(_compared(stage, space) for stage in stages)
+
+
+def _compared(stage: Stage, space: bool) -> list[tuple[str, Comparison]]:
+    return list(compared(stage, space=space))
+
+
+def _by_name(stages: Iterable[list[tuple[str, Comparison]]]) -> dict[str, list[Comparison]]:
     found = defaultdict(list)
-    for stage in stages:
-        for called, one in compared(stage, space=space):
+    for own in stages:
+        for called, one in own:
             found[called].append(one)
     return dict(found)
 
@@ -111,10 +122,14 @@ def table(found: Mapping[str, list[Comparison]]) -> Iterator[str]:
 
 
 def main(kind: str, count: str, seed: str) -> None:
-    """Print the table."""
+    """Print the table; each processor has a process."""
     space = kind == "space"
     stages = islice(random_stages(int(seed), small=space), int(count))
-    for line in table(all_compared(stages, space=space)):
+    for library in ("OPENBLAS", "NGS"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as processes:
+        found = _by_name(processes.map(_compared, stages, repeat(space)))
+    for line in table(found):
         sys.stdout.write(f"{line}\n")
 
 
