@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from flexstage.arrays import Array
 from flexstage.errors import HingeError, StageError
@@ -221,25 +222,28 @@ def with_other_necks(
     way = freedom(part.through)
     each = len(way.necks)
     size = np.ones(r)  # of the coordinates, in those that they were before
-    more, scales = np.zeros((m, m)), []
+    changes, scales = [], []
     for neck, family in necks:
         own = np.arange(each * neck.number, each * (neck.number + 1))
         size[own[way.turning]] = neck.thicker
         after, scale = family.at(neck.thicker)
         change = after - family.as_it_was * np.outer(size[own], size[own])
-        more[np.ix_(own, own)] = family.of_side(part.necks[neck.number].which, change)
+        changes.append(family.of_side(part.necks[neck.number].which, change))
         scales.append(scale)
     K = (condensed.stiffness / np.outer(size, size))[:m, :m]
     held = condensed.reactions / size[:m, None]
-    Y = np.linalg.solve(np.eye(m) + more @ K, more)
+    # of the necks that change alone
+    own = np.concatenate([each * neck.number + np.arange(each) for neck, _ in necks])
+    more = np.asarray(block_diag(*changes))
+    Y = np.linalg.solve(np.eye(own.size) + more @ K[np.ix_(own, own)], more)
     Y = 0.5 * (Y + Y.T)
+    moved = Y @ np.hstack((K[own], held[own]))
     basis = np.eye(r)
-    basis[:m, :m] -= Y @ K
-    basis[:m, m:] -= Y @ held
+    basis[own] -= moved
     basis /= size[:, None]
     stiffness = condensed.stiffness.copy()
-    stiffness[:m, :m] = K - K @ Y @ K
-    stiffness[m:, m:] += held.T @ Y @ held
+    stiffness[:m, :m] = K - K[own].T @ moved[:, :m]
+    stiffness[m:, m:] += held[own].T @ moved[:, m:]
     loads = condensed.loads @ basis
     mass = basis.T @ condensed.mass @ basis
     whole, x, y, turning = condensed.inertia
@@ -255,7 +259,7 @@ def with_other_necks(
         stiffness=0.5 * (stiffness + stiffness.T),
         mass=0.5 * (mass + mass.T),
         loads=loads,
-        reactions=held - K @ Y @ held,
+        reactions=held - K[own].T @ moved[:, m:],
         stress=stress,
         inertia=(whole + sum(n.gain for n, _ in necks), x, y, turning),
     )

@@ -399,7 +399,7 @@ def _stress(
     shares = []
     owner, point = np.zeros(count, dtype=np.intp), np.zeros(count, dtype=np.intp)
     at, used = 0, 2 * levels * len(stage.hinges)
-    for p, c, (index, own) in zip(placed, condensed, joint.shares, strict=True):
+    for k, (p, c, (index, own)) in enumerate(zip(placed, condensed, joint.shares, strict=True)):
         at %= count or 1
         here = slice(at, at + c.neck.size)
         if not c.neck.size:
@@ -410,10 +410,11 @@ def _stress(
         for i, (first, end) in enumerate(pairwise(ends.tolist())):
             carried = forces[each * i : each * (i + 1)]
             shares.append(StressByForces(at + first, c.stress[first:end], carried))
-        owner[here] = np.array(p.hinges, dtype=np.intp)[c.neck]
-        shared = 2 * (levels * owner[here] + np.abs(c.seam) - 1) + (c.seam > 0)
-        point[here] = np.where(c.seam != 0, shared, used + c.point)
-        used += int(c.point.max()) + 1
+        if k < len(stage.bodies):
+            owner[here] = np.array(p.hinges, dtype=np.intp)[c.neck]
+            shared = 2 * (levels * owner[here] + np.abs(c.seam) - 1) + (c.seam > 0)
+            point[here] = np.where(c.seam != 0, shared, used + c.point)
+            used += int(c.point.max()) + 1
         at += c.neck.size
     return StressMap(
         hinges=tuple(h.name for h in stage.hinges),

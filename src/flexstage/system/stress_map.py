@@ -164,12 +164,13 @@ class StressMap:
             Its magnitude [Pa], shape (m,).
         """
         stress = self.components(q)
-        if self.point is not None and self.point.size:
-            share = np.maximum(np.bincount(self.point), 1)
-            columns = stress.reshape(self.point.size, -1).T
-            total = [np.bincount(self.point, weights=column) / share for column in columns]
-            stress = np.stack(total, axis=-1)[self.point].reshape(stress.shape)
-        return np.abs(_equivalent(stress))
+        if self.point is None or not self.point.size:
+            return np.abs(_equivalent(stress))
+        share = np.maximum(np.bincount(self.point), 1)
+        columns = stress.reshape(self.point.size, -1).T
+        total = [np.bincount(self.point, weights=column) / share for column in columns]
+        averaged = np.stack(total, axis=-1).reshape(-1, *stress.shape[1:])
+        return np.abs(_equivalent(averaged))[self.point]
 
 
 def _equivalent(stress: Array) -> Array:
