@@ -26,8 +26,8 @@ _PUBLISHED = {
     "published-fem": (CYCLE[2], (0, (2, 1.5)), "FEM"),
     "published-measured": (CYCLE[3], (0, (6, 2, 1, 2)), "measured"),
 }
-# width and height of a label, in parts of the diagram
-_LABEL = (0.16, 0.07)
+# width and height of a label [inch], and what a diagram of the magnitude has of its column
+_LABEL, _DIAGRAM = (0.62, 0.2), (0.8, 0.45)
 _UNITS = {
     "m/N": ("µm/N", 1e6),
     "m/m": ("µm/µm", 1.0),
@@ -139,15 +139,18 @@ def _resonances(
     low, top = axes.get_ylim()
     wide, high = np.log(f[-1] / f[0]), np.log(top / low)
     found = analysis.modes[response.drives].frequency_hz
+    figure, grid = axes.get_figure(root=True), axes.get_subplotspec()
+    assert figure is not None
+    assert grid is not None
+    room = figure.get_size_inches() * _DIAGRAM / (grid.get_gridspec().ncols, 1.0)
+    label = np.divide(_LABEL, room)
     for at in sorted(peaks + 1, key=lambda i: -magnitude[i]):
         nearest = float(found[np.argmin(np.abs(found - f[at]))])
         near = np.abs(np.log(f / f[at])) < 0.1
         if magnitude[at] < 1.02 * magnitude[near].min():
             continue
         where = (np.log(f[at]) / wide, np.log(magnitude[at]) / high)
-        apart = all(
-            abs(where[0] - x) > _LABEL[0] or abs(where[1] - y) > _LABEL[1] for x, y in placed
-        )
+        apart = all(np.any(np.abs(np.subtract(where, other)) > label) for other in placed)
         if abs(nearest / f[at] - 1.0) > 0.03:
             continue
         axes.plot(f[at], magnitude[at], "o", color=CYCLE[0], markersize=3.5)
