@@ -244,3 +244,21 @@ def test_family_between_its_members(space: bool) -> None:
     # half of the notch is 4 mm long and thicker by 0.085 of 0.5 mm, of the reference material
     plate = stage.thickness if space else before.thickness
     assert neck.gain == pytest.approx(1e4 * plate * 2e-3 * 0.085 * 0.5e-3, rel=1e-6)
+
+
+def test_forces_on_the_necks_of_a_loaded_body_follow_them(parallelogram: SuperelementModel) -> None:
+    """Of the frame, with necks held, against condensing anew: 2 to 5 % before, now 0.3 %."""
+    made = with_necks(parallelogram.stage, 0.95, 0.95, 0.95, 0.95)
+    models = (
+        parallelogram,
+        superelement_model(made, cache=False, near=parallelogram),
+        superelement_model(made, cache=False),
+    )
+    forces = []
+    for body in (m.condensed[0] for m in models):
+        inner = slice(body.inner.start - body.interfaces, body.inner.stop - body.interfaces)
+        forces.append(body.reactions[:, inner])
+    before, near, anew = forces
+    largest = np.abs(anew).max(axis=0)
+    assert (np.abs(near - anew).max(axis=0) / largest).max() < 5e-3
+    assert (np.abs(before - anew).max(axis=0) / largest).min() > 2e-2
