@@ -252,7 +252,7 @@ def factorised(stiffness: sp.csc_matrix, *, ordered: bool = False) -> SuperLU:
 def elimination_order(matrix: sp.csc_matrix) -> NDArray[np.intp]:
     """Return an order in which the unknowns of a symmetric matrix are eliminated with little fill.
 
-    That of the shape functions of a mesh is one for all fields on it, found in a hundredth of the
+    That of the shape functions of a mesh is one for all fields on it, found in a twentieth of the
     time.
     """
     return np.argsort(factorised(matrix).perm_c)
