@@ -15,6 +15,7 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.experiments.verbs.identify import IdentifiedStep
+from flexstage.fem import superelement_model
 from flexstage.files.write import write_files
 from flexstage.hinges import Leaf
 from flexstage.material import material
@@ -30,7 +31,7 @@ from flexstage.report.front_page import verdict
 from flexstage.report.study import CHAPTERS, SECTIONS
 from flexstage.stage.mass import mass_properties
 from flexstage.studies import Study, results_json, run_study, study_results
-from flexstage.system import modes
+from flexstage.system import analyse, modes
 from flexstage.system.characteristics import pulsating_limit
 from tests.studies import page_of, study_of
 
@@ -371,6 +372,24 @@ def test_the_drawing_names_everything() -> None:
     }
     for thing in (*stage.bodies, *stage.hinges, *stage.drives, *stage.probes):
         assert thing.name in texts
+
+
+@pytest.mark.parametrize("size", [(5.1, 5.0), (5.0, 3.1)], ids=["usual", "of the front page"])
+def test_words_of_a_bode_diagram_have_room(size: tuple[float, float]) -> None:
+    """Many close peaks, and the longest name of a model."""
+    stage = design("vgtu-piezo")
+    found = analyse(stage, superelement_model(stage).system)
+    found = replace(found, system=replace(found.system, model="superelement-3d"))
+    figure = draw_bode(found, "x", size=size)
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        drawn = axes.get_tightbbox()
+        assert drawn is not None
+        assert drawn.x1 <= figure.bbox.x1
+        boxes = [text.get_window_extent() for text in axes.texts]
+        for i, box in enumerate(boxes):
+            assert not any(box.overlaps(other) for other in boxes[:i])
+    assert sum(len(axes.texts) for axes in figure.axes) > 4
 
 
 def test_figures_of_an_axis_that_does_not_exist_are_refused(study: Study) -> None:

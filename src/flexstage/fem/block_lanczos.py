@@ -32,7 +32,7 @@ def softest_modes(
         Number of modes.
     settled : float
         By how much the squares of frequencies may change in the last step, in parts of them. They
-        are within a hundredth of it then.
+        are off by less than a tenth of it then, as a rule.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def softest_modes(
                 return 1.0 / values, np.hstack(answers) @ (turn / values)
             last = found
         block, heavy = answer, mass_times(answer)
-    raise ConvergenceError("the modes of a body with held interfaces were not found")
+    raise ConvergenceError(f"the {count} lowest modes were not found in {_STEPS} steps")
 
 
 def independent(mass: Array) -> Array:

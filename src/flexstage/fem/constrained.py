@@ -20,7 +20,6 @@ from flexstage.fem.neck_rows import shaped
 _ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
 _SETTLED = 1e-3  # of the squares of frequencies, from one step to the next
 _BLOCK = 8  # loads that the search for modes starts with
-_ORDERING = "MMD_AT_PLUS_A"
 
 
 class Elastic(Protocol):
@@ -236,7 +235,7 @@ def factorised(stiffness: sp.csc_matrix, *, ordered: bool = False) -> SuperLU:
     try:
         return splu(
             stiffness,
-            permc_spec="NATURAL" if ordered else _ORDERING,
+            permc_spec="NATURAL" if ordered else "MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
