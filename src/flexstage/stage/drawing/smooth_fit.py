@@ -21,6 +21,8 @@ from flexstage.stage.drawing.strokes import DrawnStroke, rounded
 
 #: A corner that turns more than this ends a smooth side [rad].
 CORNER = math.radians(40.0)
+# an arc goes over into a line of the same curve at its tangent, give or take this [rad]
+_TANGENT = 0.05
 
 _CHORD = 0.5e-6  # points on arcs are so close that chords are off by less [m]
 _LONG = 2.5  # a line that is so many times as long as what it goes on from is of a body
@@ -74,9 +76,10 @@ def _run(sides: Sides, left: bool, ahead: bool, shorter: int) -> list[DrawnStrok
         if run:
             before = run[-1].curve
             (ux, uy), (vx, vy) = before.direction(1.0), stroke.curve.direction(0.0)
-            if abs(math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)) > CORNER:
-                break
             straight = not stroke.curve.bulge and not stroke.trace
+            corner = _TANGENT if straight and before.bulge else CORNER
+            if abs(math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)) > corner:
+                break
             if straight and stroke.curve.length > _LONG * before.length:
                 break
         run.append(stroke)
