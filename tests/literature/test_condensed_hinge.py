@@ -284,6 +284,8 @@ def test_lumped_model_takes_it():
         assert "beam theory" not in " ".join(system.validity)
 
 
+@pytest.mark.slow
+@pytest.mark.alone
 def test_one_hinge_is_fast_on_one_thread():
     before = ng.GetNumThreads()
     notch = Leaf(neck_thickness=0.37e-3, leaf_length=2.9e-3, notch_depth=1.1e-3)

@@ -84,12 +84,21 @@ _STEEP = Hyperbolic(
     notch_depth=2.89143271778517e-3,
     one_sided=True,
 )
+# a bottom so flat that its middle is drawn as a line, three times as long as the arc beside it
+_FLAT = PowerFunction(
+    neck_thickness=1.5e-3,
+    half_length=3.490625412562445e-3,
+    notch_depth=4e-3,
+    exponent=5.610183600488207,
+    one_sided=True,
+)
 
 
 @settings(max_examples=6, deadline=None)
 @given(notches(), turns, shifts)
 @example(_LONG, 0.0, (0.0, 0.0))
 @example(_STEEP, 2.983444411093359, (0.0, 0.0))
+@example(_FLAT, 2.0242468510868488, (0.0, 0.0))
 def test_some_guides_come_back(profile, turn, shift) -> None:
     _comes_back(profile, turn, shift)
 
