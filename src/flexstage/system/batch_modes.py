@@ -220,7 +220,7 @@ class _Work:
         last = min(MODES_SEARCHED, vector.shape[1])
         shape = samples_last(xp, vector[:, :, :last])
         shape = xp.reshape(shape, (bodies, 3, last, -1)) * scale[:, :, None, :]
-        # a matrix of K alone knows no mode better than rounding of its stiffest one; the factor does
+        # eigh errs by rounding of the stiffest mode; the factor corrects the softest ones
         return self.step(shape)[0]
 
 
