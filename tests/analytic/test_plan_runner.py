@@ -14,7 +14,7 @@ from flexstage.errors import ControllerError, FlexstageError, NotConnectedError,
 from flexstage.experiments import Plan, run_plan
 from flexstage.experiments.file import plan_from_text
 from flexstage.experiments.reference import Reference
-from flexstage.experiments.state import read_state
+from flexstage.experiments.state import clear_leftovers, read_state
 from flexstage.experiments.verbs import Centre, Identify, Verify
 from flexstage.experiments.verbs.measure import MeasuredStep
 from flexstage.experiments.verbs.verify import _run as follow_run
@@ -480,3 +480,17 @@ def test_the_last_cycles_of_a_reference_are_compared_each_by_itself(way, more):
     # an ellipse of the width 2 a sin(angle); the levels of the branches miss its middle by little
     assert run.widths == pytest.approx(2.0 * half * np.sin([0.05, 0.11, 0.23]), rel=2e-3)
     assert run.reference.size == 3 * period + more
+
+
+def test_what_an_attempt_left_is_put_aside_whatever_its_step_is_called(tmp_path):
+    records = tmp_path / "records"
+    records.mkdir()
+    for name in ("partial-way", "partial-way.both", "partial-way.replaced-1", "other"):
+        (records / f"{name}.h5").write_bytes(b"record")
+    aside = clear_leftovers(tmp_path, "partial-way", ("records/partial-way.replaced-1.h5",))
+    # both ways of the step, each by a name of its own; what was aside stays as it is
+    assert len(aside) == 3
+    assert not (records / "partial-way.h5").exists()
+    assert not (records / "partial-way.both.h5").exists()
+    assert (records / "other.h5").exists()
+    assert all((tmp_path / name).is_file() for name in aside)
