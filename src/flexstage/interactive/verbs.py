@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
@@ -12,6 +11,7 @@ from flexstage.choose import unknown
 from flexstage.comparison import Comparison
 from flexstage.comparison import compare as side_by_side
 from flexstage.errors import ModelError, StageError
+from flexstage.explore.workers import open_workers
 from flexstage.interactive.show import stage_of
 from flexstage.interactive.stage_analysis import StageAnalysis, analyse
 from flexstage.report.page import table_html
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from flexstage.centring.from_records import CentredRecords
     from flexstage.designs import StageTemplate
     from flexstage.experiments import Campaign, Characterisation
-    from flexstage.explore import Front, Optimum, Sensitivities, Sweep, Workers
+    from flexstage.explore import Front, Optimum, Sensitivities, Sweep
     from flexstage.explore.requests.tolerance import Found
     from flexstage.measure import ModalFit
     from flexstage.records import Record
@@ -40,14 +40,7 @@ def check(stage: Stage | _Path) -> tuple[Issue, ...]:
 
 
 def compare(*stages: Stage | StageAnalysis | _Path, model: str = "superelement") -> Comparison:
-    """Set stages side by side, a column each: analyses of them, or what the model gives.
-
-    Examples
-    --------
-    >>> import flexstage as fs
-    >>> print(str(fs.compare("parallelogram", "rhombus", model="lumped"))[:59])
-                               axis  parallelogram  rhombus
-    """
+    """Set stages side by side, a column each: analyses of them, or what the model gives."""
     runs = [s if isinstance(s, StageAnalysis) else analyse(s, model) for s in stages]
     names = [run.system.name for run in runs]
     if len(set(names)) < len(names):
@@ -69,17 +62,9 @@ def sweep(
     folder: Path | None = None,
     **asked: Any,
 ) -> "Sweep":
-    """Return figures over parameters, by the fields of a `SweepRequest`.
-
-    Examples
-    --------
-    >>> import flexstage as fs
-    >>> found = fs.sweep("parallelogram", over={"leg.notch.radius": "1..3 mm/3"}, of="mass")
-    >>> found.values.shape
-    (3, 1)
-    """
+    """Return figures over parameters, by the fields of a `SweepRequest`."""
     run = _ready("sweep", _template(stage, set), asked)
-    with _workers(workers) as shared:
+    with open_workers(workers) as shared:
         return run(workers=shared, keep=folder)
 
 
@@ -88,7 +73,7 @@ def optimise(
 ) -> "Optimum | Front":
     """Return the best stage, or the front of several goals, by an `OptimiseRequest`."""
     run = _ready("optimise", _template(stage, set), asked)
-    with _workers(workers) as shared:
+    with open_workers(workers) as shared:
         return run(shared)
 
 
@@ -97,7 +82,7 @@ def tolerance(
 ) -> "Found":
     """Return the spread of a lot, and what was chosen for a yield, by a `ToleranceRequest`."""
     run = _ready("tolerance", stage_of(stage), asked)
-    with _workers(workers) as shared:
+    with open_workers(workers) as shared:
         return run(shared, folder)
 
 
@@ -153,12 +138,6 @@ def _ready(job: str, subject: Any, asked: Mapping[str, Any]) -> Callable[..., An
     """Return what carries out a request of `flexstage.explore`."""
     module = import_module(f"flexstage.explore.requests.{job}")
     return _request(getattr(module, f"{job.capitalize()}Request"), asked).ready(subject)
-
-
-def _workers(count: int) -> "AbstractContextManager[Workers]":
-    from flexstage.explore import open_workers
-
-    return open_workers(count)
 
 
 def _request(kind: type[Any], asked: Mapping[str, Any]) -> Any:
