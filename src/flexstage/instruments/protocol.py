@@ -299,6 +299,6 @@ class Instrument(Protocol):
     def __repr__(self) -> str:
         said = self.identity
         number = f" no. {said.serial_number}" if said.serial_number else ""
-        kind = "simulated " if said.simulated else ""
+        kind = "simulated " if said.simulated and "simulated" not in said.model else ""
         axes = ", ".join(self.axes)
         return f"<{kind}{said.vendor} {said.model}{number}, axes {axes or 'none'}>"
