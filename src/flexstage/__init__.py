@@ -1,9 +1,11 @@
+# ruff: noqa: F405
 """Design, verify, identify and drive flexure-based micropositioning stages.
 
 ``import flexstage as fs`` offers `read` for a stage file, `design` for a built-in stage, `draw`,
-`analyse` for one model of it, `study` for several, `hinge` for a notch, and `read_record` for
-measured data. Everything else is in the subpackages, which the reference manual lists. All of it is
-imported when it is first used.
+`check`, `analyse` for one model of it, `study` for several, `compare`, `sensitivity`, `sweep`,
+`optimise` and `tolerance`, `hinge` for a notch; `read_record` for measured data, and `identify`,
+`characterise`, `frf` and `centre` for what is in them. Everything else is in the subpackages, which
+the reference manual lists. All of it is imported when it is first used.
 """
 
 from typing import TYPE_CHECKING
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from flexstage import control as control
     from flexstage import designs as designs
     from flexstage import experiments as experiments
+    from flexstage import explore as explore
     from flexstage import export as export
     from flexstage import fem as fem
     from flexstage import hinges as hinges
@@ -30,22 +33,29 @@ if TYPE_CHECKING:
     from flexstage import system as system
     from flexstage import units as units
     from flexstage import virtual as virtual
-    from flexstage.designs.registry import design
-    from flexstage.interactive.hinge_result import hinge
-    from flexstage.interactive.show import draw, read
-    from flexstage.interactive.stage_analysis import analyse
-    from flexstage.interactive.stage_study import study
+    from flexstage.hysteresis.identification.identify import identify
+    from flexstage.interactive import *  # noqa: F403
     from flexstage.records.read import read_record
 
 __all__ = [
     "__version__",
     "analyse",
+    "centre",
+    "characterise",
+    "check",
+    "compare",
     "design",
     "draw",
+    "frf",
     "hinge",
+    "identify",
+    "optimise",
     "read",
     "read_record",
+    "sensitivity",
     "study",
+    "sweep",
+    "tolerance",
 ]
 
 __version__ = "0.1.0"

@@ -95,6 +95,21 @@ class Characteristic:
         components = () if own is None else (own,)
         return Estimate(value=self.value, unit=self.unit, components=components, note=self.note)
 
+    @property
+    def label(self) -> str:
+        """Name of the quantity in words."""
+        return display(self.quantity).label
+
+    @property
+    def shown_unit(self) -> str:
+        """Unit of `text` and of `shown_value`, ``µm``, ``MPa``; empty for a plain number."""
+        return display(self.quantity).shown_unit
+
+    @property
+    def shown_value(self) -> float:
+        """The value in the unit that the quantity is shown in."""
+        return self.value * display(self.quantity).factor
+
     def text(self, shown: Quantity | None = None) -> str:
         """Write the value with the digits that are known of it.
 

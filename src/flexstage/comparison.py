@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from flexstage.characteristic import ORIGINS, Characteristic
 from flexstage.quantities import QUANTITIES, display
 from flexstage.short_repr import short_repr
+from flexstage.table import Table, table
 
 # what columns are called in a document of its own
 _TITLES = {
@@ -87,6 +88,21 @@ class Comparison:
             if column in self.ours:
                 return column
         return (*self.ours, "")[0]
+
+    def table(self, caption: str = "") -> Table:
+        """Return it as a table; two columns of ours with the change from the first to the other."""
+        two = self.ours if len(self.columns) == len(self.ours) == 2 else ()
+        rows = []
+        for row in self.rows:
+            shown = display(row.quantity)
+            values = [shown.text(row.value(column)) for column in self.columns]
+            change = row.difference_percent(*two[::-1]) if two else None
+            more = [] if not two else ["" if change is None else f"{change:+.1f}"]
+            rows.append([shown.label, row.axis, *values, shown.shown_unit, *more])
+        return table(caption, ["", "<axis", *self.columns, "<", *["change [%]"][: len(two)]], rows)
+
+    def __str__(self) -> str:
+        return str(self.table())
 
     @property
     def uncertain(self) -> tuple[str, ...]:

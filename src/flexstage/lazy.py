@@ -2,10 +2,14 @@
 
 import ast
 import sys
+from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas
 
 
 def import_on_use(package: str) -> None:
@@ -18,6 +22,7 @@ def import_on_use(package: str) -> None:
     module, homes = sys.modules[package], names_for_types(package)
     for starred in [home for home, name in homes.values() if name == "*"]:
         homes |= names_for_types(starred)
+    homes.pop("*", None)
     module.__dict__["_homes"] = homes
     module.__class__ = _Package
 
@@ -36,6 +41,17 @@ def names_for_types(module: str) -> dict[str, tuple[str, str]]:
         if isinstance(line, ast.ImportFrom)
         for name in line.names
     }
+
+
+def data_frame(columns: Mapping[str, Any]) -> "pandas.DataFrame":
+    """Return columns as a data frame."""
+    try:
+        import pandas
+    except ImportError as error:
+        raise ImportError(
+            "a data frame needs pandas, which is not installed: run 'pip install pandas'"
+        ) from error
+    return pandas.DataFrame(columns)
 
 
 def require_extra(extra: str, module: str, what: str, error: type[Exception]) -> None:
@@ -76,4 +92,5 @@ class _Package(ModuleType):
             super().__setattr__(name, value)
 
     def __dir__(self) -> list[str]:
-        return sorted({*self._homes, *self.__dict__.get("__all__", ())})
+        own = {name for name, (home, _) in self._homes.items() if home == self.__name__}
+        return sorted({*self._homes, *self.__dict__.get("__all__", ())} - own)

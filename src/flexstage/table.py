@@ -79,6 +79,16 @@ class Table:
                 out.append((column.group, 1))
         return tuple(out) if any(title for title, _ in out) else ()
 
+    def __str__(self) -> str:
+        lines = [[c.heading for c in self.columns], *([cell.text for cell in r] for r in self.rows)]
+        sizes = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        right = [column.kind == "figures" for column in self.columns]
+        made = (
+            [t.rjust(n) if r else t.ljust(n) for t, n, r in zip(line, sizes, right, strict=True)]
+            for line in lines
+        )
+        return "\n".join("  ".join(cells).rstrip() for cells in made)
+
     @property
     def divisions(self) -> tuple[bool, ...]:
         """Whether a row begins another subject than the row before it."""

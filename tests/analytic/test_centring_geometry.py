@@ -6,7 +6,9 @@ from scipy.optimize import brentq
 
 from flexstage.centring import ARCSEC, exact_error, first_order_error
 from flexstage.centring.geometry import direction_vector, exact_run_out, in_turning_frame
+from flexstage.centring.record_heads import head_of
 from flexstage.errors import ModelError
+from flexstage.records import Channel, Record
 
 R = 47e-3
 THETA = np.linspace(0.13, 0.13 + 2.0 * np.pi, 361)[:-1]
@@ -152,3 +154,22 @@ def test_impossible_geometry_is_refused(arguments, said):
     given = {"angle": THETA, "eccentricity": (1e-6, 2e-6), "radius": R, **arguments}
     with pytest.raises(ModelError, match=said):
         exact_error(**given)
+
+
+@pytest.mark.parametrize(
+    ("unit", "counts", "turn"),
+    [("turn", None, 1.0), ("rev", None, 1.0), ("deg", None, 360.0), ("count", 8192.0, 8192.0)],
+)
+def test_a_turn_is_two_pi_in_every_unit_of_a_record(unit, counts, turn):
+    columns = [Channel(name="t", values=turn * THETA / (2.0 * np.pi)),
+               Channel(name="e", values=turn * 0.013 * np.sin(THETA))]  # fmt: skip
+    record = Record(channels=tuple(columns), time=np.arange(THETA.size) * 1e-3)
+    error = 2.0 * np.pi * 0.013 * np.sin(THETA)
+    for units in ((unit, unit, None, counts), (None, None, unit, counts)):
+        if units[0] in ("deg", "count"):
+            continue  # the columns of a file that says so are read in it
+        found = head_of(record, "e", "t", None, units, 0.0)
+        assert found.angle == pytest.approx(THETA, rel=1e-14)
+        assert found.error == pytest.approx(error, abs=1e-15)
+        even = head_of(record, "e", None, 3.0, units, 0.0)
+        assert even.angle[-1] == pytest.approx(6.0 * np.pi * (1.0 - 1.0 / THETA.size), rel=1e-14)

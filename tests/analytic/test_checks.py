@@ -6,6 +6,8 @@ import math
 import pytest
 
 from flexstage.characteristic import Characteristic
+from flexstage.designs import design
+from flexstage.errors import StageError
 from flexstage.hinges import RightCircular
 from flexstage.hinges.corner_filleted import CornerFilleted
 from flexstage.material import material
@@ -21,6 +23,18 @@ WIRE = 0.35e-3
 def loop(*corners: tuple[float, float], bulges: tuple[float, ...] = ()) -> Loop:
     """A loop from corners in millimetres."""
     return Loop(tuple((x * 1e-3, y * 1e-3) for x, y in corners), bulges)
+
+
+def test_parts_of_a_stage_are_found_by_their_names() -> None:
+    stage = design("vgtu-piezo")
+    for noun, parts in (
+        ("body", stage.bodies), ("hinge", stage.hinges), ("drive", stage.drives),
+        ("probe", stage.probes),
+    ):  # fmt: skip
+        find = getattr(stage, noun)
+        assert [find(part.name) for part in parts] == list(parts)
+        with pytest.raises(StageError, match=f"{noun} 'nobody'"):
+            find("nobody")
 
 
 def box(x0: float, y0: float, x1: float, y1: float) -> Loop:

@@ -7,7 +7,7 @@ import pytest
 
 from flexstage.characteristic import Characteristic
 from flexstage.comparison import difference_percent
-from flexstage.quantities import display, number
+from flexstage.quantities import display, number, prefixed
 from flexstage.report.figures.body_motion import exaggeration
 from flexstage.studies import compare
 from flexstage.table import Table
@@ -92,6 +92,17 @@ def test_quantities_are_shown_in_their_prefixed_unit() -> None:
     # rounding of the rigid-body model is no motion; a real rotation of a nanoradian is one
     assert display("parasitic_rotation").text(4e-19) == "≈ 0"
     assert display("parasitic_rotation").text(1.3e-9) == "0.001300"
+
+
+def test_a_prefix_keeps_numbers_short_and_says_its_power_of_ten() -> None:
+    powers = {"": 0, "m": 3, "µ": 6, "n": 9, "p": 12}
+    for exponent in range(-15, 4):
+        factor, prefix = prefixed(1.7 * 10.0**exponent)
+        assert factor == 10.0 ** powers[prefix]
+        assert 0.5 <= factor * 1.7 * 10.0**exponent < 500.0 or prefix == (
+            "p" if exponent < 0 else ""
+        )
+    assert prefixed(0.0) == (1.0, "")
 
 
 @pytest.mark.parametrize("motion", [3.1e-9, 65e-6, 1.7e-3, 0.9])

@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 
 from flexstage.control import Requirements, loop_margins, tune
-from flexstage.control.design import tune_plant
+from flexstage.control.design import _left_of_steps, tune_plant
 from flexstage.control.loop_plant import LoopPlant, local_gains, loop_plant
 from flexstage.errors import ModelError
 from flexstage.hysteresis import (
@@ -126,6 +126,15 @@ def test_margins_are_those_of_the_control_package() -> None:
     assert made.crossover_hz == pytest.approx(min(wcp) / (2.0 * np.pi), rel=2e-3)
     poles = control.feedback(loop, 1).poles()
     assert made.stable == bool(np.max(np.abs(poles)) < 1.0)
+
+
+def test_what_a_loop_leaves_of_steps_is_that_of_its_closed_form() -> None:
+    """P = g/(1 + T s) under k/s leaves 1/(T s^2 + s + k g) of a step: its square is 1/(2 k g)."""
+    corner, lag = 2.0 * math.pi * 7.3, 0.31 / (2.0 * math.pi * 7.3)
+    own = plant(time_constant=lag, delay=0.0)
+    left = _left_of_steps(own, ServoSettings(integral=corner / GAIN))
+    # a voltage that stands still for a sample is half a sample late: 0.2 % of the corner
+    assert left == pytest.approx(0.5 / corner, rel=5e-3)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.97, 1.03, 2.2])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from flexstage.control import compensate, sine, trimmed_model
+from flexstage.control.trajectories.trajectory import delayed
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Lag, PrandtlIshlinskii, StageModes, ValidityRange
 
@@ -40,6 +41,17 @@ def test_what_the_delay_of_a_model_lacks_is_seen_in_a_run_by_its_inverse(lacks) 
     assert made.lag.time_constant == 8e-5
     assert made.hysteresis is taken.hysteresis
     assert made.modes == taken.modes
+
+
+@pytest.mark.parametrize("begins", [0.0, 7.3e-4, -3.1e-3])
+def test_the_delay_is_the_same_wherever_in_its_cycle_a_trajectory_begins(begins) -> None:
+    """The angle is that between reading and trajectory, not that of the reading alone."""
+    wanted = delayed(WANTED, begins)
+    t = np.arange(600) / RATE - begins
+    late = 26e-6 - 17e-6 * np.cos(2.0 * np.pi * 50.0 * (t - 1.9e-5))
+    made = trimmed_model(drive(2e-4), wanted, "x", late)
+    assert made.lag is not None
+    assert made.lag.delay == pytest.approx(2.19e-4, rel=1e-9)
 
 
 def test_a_drive_without_a_lag_gets_one() -> None:

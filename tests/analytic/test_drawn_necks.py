@@ -1,6 +1,7 @@
 """Which thin places of a part are necks: shapes drawn by hand, with their necks known."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -9,7 +10,7 @@ from flexstage.material import material
 from flexstage.stage import Body, Hinge, Loop, Stage, check
 from flexstage.stage.drawing.drawn_stage import DrawingOptions, read_drawing
 from tests import foreign_drawings as foreign
-from tests.drawing_stages import NOTCHES
+from tests.drawing_stages import NOTCHES, guide
 from tests.drawn_stages import dxf_without_hinges, require_same
 
 Corner = tuple[float, float, float]  # with the bulge of what follows
@@ -154,3 +155,18 @@ def test_walls_beside_holes_and_pockets_are_no_necks(tmp_path) -> None:
     document.saveas(path)
     with pytest.raises(StageError, match="holds no neck"):
         read_drawing(path)
+
+
+@pytest.mark.parametrize("one_sided", [False, True])
+def test_smooth_necks_of_every_kind_come_back(one_sided: bool, tmp_path) -> None:
+    """Four kinds of the same sizes in one drawing, turned and shifted; drawn within 10 nm."""
+    kinds = [replace(NOTCHES[k], one_sided=one_sided)
+             for k in ("elliptical", "parabolic", "hyperbolic", "power")]  # fmt: skip
+    stage = guide(kinds[0], turn=1.234, shift=(-13.7e-3, 8.9e-3))
+    hinges = [replace(h, profile=p) for h, p in zip(stage.hinges, kinds, strict=True)]
+    stage = replace(stage, hinges=tuple(hinges))
+    path = tmp_path / "part.dxf"
+    dxf_without_hinges(stage).saveas(path)
+    found = read_drawing(path, DrawingOptions(thickness=stage.thickness))
+    require_same(found.stage, stage)
+    assert {n.certainty for n in found.necks} == {"sure"}

@@ -12,7 +12,14 @@ from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.buckling import buckling
 from flexstage.elasticity.large_displacement import follow_drive, follow_load
-from flexstage.elasticity.loaded import loaded, material_stress, stress_stiffening
+from flexstage.elasticity.loaded import (
+    COMPONENTS,
+    loaded,
+    material_stress,
+    stress_stiffening,
+    von_mises,
+    von_mises_of,
+)
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.material import Material
@@ -468,3 +475,19 @@ def test_a_path_goes_on_with_the_stiffness_that_it_has():
     assert path.force[-1] == pytest.approx(alone.force[-1], rel=1e-10)
     assert path.compliance[-1] == pytest.approx(alone.compliance[-1], rel=1e-5)
     assert max(path.iterations[1:]) < path.iterations[0]
+
+
+def test_the_stress_of_von_mises_is_that_of_the_principal_stresses():
+    """Whatever the axes: half the squares of the differences of the eigenvalues (1913)."""
+    random = np.random.default_rng(11)
+    half = random.normal(0.0, 3e7, (40, 3, 3))
+    tensors = half + np.swapaxes(half, 1, 2)
+    principal = np.linalg.eigvalsh(tensors)
+    apart = principal - np.roll(principal, 1, axis=1)
+    expected = np.sqrt(0.5 * np.sum(apart**2, axis=1))
+    components = np.stack([tensors[:, i, j] for i, j in COMPONENTS], axis=-1)
+    assert von_mises_of(components) == pytest.approx(expected, rel=1e-12)
+    mesh = ng.Mesh(OCCGeometry(Box(gp_Pnt(0, 0, 0), gp_Pnt(1, 1, 1))).GenerateMesh(maxh=1.0))
+    for tensor, value in zip(tensors[:4], expected, strict=False):
+        constant = ng.CoefficientFunction(tuple(tensor.ravel().tolist()), dims=(3, 3))
+        assert von_mises(constant)(mesh(0.3, 0.4, 0.2)) == pytest.approx(value, rel=1e-12)

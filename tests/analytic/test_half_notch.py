@@ -21,6 +21,7 @@ from flexstage.hinges import (
     RightCircular,
 )
 from flexstage.hinges.finite_element import surface_stress
+from flexstage.hinges.half_mesh import _on_a_circle, _on_a_line
 from flexstage.stage.hinge_attachment import hinge_root
 from flexstage.system import static_forces
 from tests.hinged_bars import R1, T1, hinged_bars
@@ -127,3 +128,13 @@ def _largest(profile: Profile, width: float) -> list[float]:
     half = half_notch.neck_stress(_half(profile, width, None))
     xx, yy, _, xy = np.moveaxis(half.stress[0], 1, 0)
     return np.sqrt(xx**2 - xx * yy + yy**2 + 3.0 * xy**2).max(axis=0).tolist()
+
+
+def test_points_of_an_arc_are_told_from_others() -> None:
+    """What lies on a circle within a nanometre is meshed as an arc, anything else as a curve."""
+    angle = np.linspace(0.3, 1.1, 7)
+    arc = np.column_stack((2e-3 + 1.3e-3 * np.cos(angle), 1.3e-3 * np.sin(angle) - 4e-3))
+    assert _on_a_circle(arc)
+    assert not _on_a_circle(arc * (1.0, 1.001))
+    assert not _on_a_line(arc)
+    assert _on_a_line(np.linspace((5e-3, -1e-3), (6e-3, 1e-3), 4))

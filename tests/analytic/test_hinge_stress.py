@@ -15,6 +15,7 @@ from flexstage.hinges import (
     largest_rotation,
     stress_rows,
 )
+from flexstage.hinges.hinge_figures import hinge_figures
 from flexstage.hinges.stress import _SMALL, _neuber
 from flexstage.material import material
 
@@ -99,3 +100,31 @@ def test_a_brittle_material_has_no_rotation_at_yield():
     limit = largest_rotation(notch, material("Silicon <110>"), B)
     assert limit.before_yield is None
     assert limit.before_fatigue is None
+
+
+@pytest.mark.parametrize("plane", ["stress", "strain"])
+def test_the_table_of_a_notch_says_what_each_method_gives(plane):
+    """Stiffness is one over compliance, and differences are to the wedge, in per cent of it."""
+    notch = RightCircular(neck_thickness=0.43e-3, radius=1.7e-3)
+    metal = material("Al 7075-T6")
+    found = hinge_figures(notch, metal, B, plane)
+    rows = {(r["quantity"], r["method"]): r for r in found["stiffness"]}
+    e, nu = metal.youngs_modulus, metal.poissons_ratio
+    for method in ("wedge", "timoshenko", "euler-bernoulli"):
+        c = compliance(notch, e, nu, B, method=method, plane=plane).matrix
+        for place, quantity in enumerate(("axial", "shear", "rotation")):
+            assert rows[quantity, method]["stiffness"] == pytest.approx(1.0 / c[place, place])
+    # J. M. Paros and L. Weisbord (1965), with E / (1 - nu^2) in plane strain
+    e = e if plane == "stress" else e / (1.0 - nu**2)
+    thin = 2.0 * e * B * 0.43e-3**2.5 / (9.0 * math.pi * math.sqrt(1.7e-3))
+    short = rows["rotation", "Paros and Weisbord 1965, simplified"]
+    assert short["stiffness"] == pytest.approx(thin, rel=1e-9)
+    for (quantity, _), row in rows.items():
+        wedge = rows[quantity, "wedge"]["stiffness"]
+        expected = 100.0 * (row["stiffness"] - wedge) / wedge
+        assert row["difference_percent"] == pytest.approx(expected, abs=1e-9)
+    turn = largest_rotation(notch, metal, B, plane=plane)
+    assert found["largest_rotation"]["before_yield"] == turn.before_yield
+    assert found["largest_rotation"]["before_fatigue"] == turn.before_fatigue
+    assert found["concentration"]["axial"] == list(concentration(notch).axial)
+    assert found["concentration"]["bending"] == list(concentration(notch).bending)

@@ -9,13 +9,18 @@ from scipy.signal import lfilter
 
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis import (
+    MODELS,
     AsymmetricBoucWen,
     BoucWen,
     Dahl,
+    DriveModel,
     Duhem,
+    ModelFile,
     ModifiedPrandtlIshlinskii,
     PrandtlIshlinskii,
     Preisach,
+    model_text,
+    read_model_text,
 )
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.lag import Lag
@@ -41,6 +46,7 @@ from flexstage.hysteresis.identification.model_fit import (
 from flexstage.hysteresis.identification.projection import normal_equations, solve
 from flexstage.hysteresis.identification.refined_fit import RefinedFit
 from flexstage.hysteresis.identification.searched_fit import SearchedFit
+from flexstage.hysteresis.models import source_code
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.records import Channel, Record
@@ -781,3 +787,31 @@ def test_more_that_cannot_serve():
     for bad in ({"delay": -0.001}, {"creep_per_decade": float("nan")}, {"resonance_hz": -3.0}):
         with pytest.raises(ModelError, match="finite and not negative"):
             ChainValues(**bad)
+
+
+class _Elsewhere(Dahl):
+    """A law that stands outside the package, with nothing beside it."""
+
+    __slots__ = ()
+    kind = "elsewhere"
+
+
+def test_a_law_from_elsewhere_is_known_and_one_without_a_fit_is_not_identified() -> None:
+    law = _Elsewhere(gain=0.6e-6, stiffness=0.25e-6, limit=5e-6)
+    text = model_text(ModelFile(model=DriveModel(hysteresis=law)))
+    with pytest.raises(ModelError, match="elsewhere"):
+        read_model_text(text)
+    before = tuple(fits())
+    MODELS["elsewhere"] = _Elsewhere
+    try:
+        assert read_model_text(text).model.hysteresis == law
+        assert tuple(fits()) == before
+        with pytest.raises(ModelError, match="'elsewhere' is not known: choose from auto"):
+            identify([], "u", "y", model="elsewhere")
+        with pytest.raises(ModelError, match="no C for hysteresis of the kind 'elsewhere'"):
+            source_code.hysteresis_code(law)
+        with pytest.raises(ModelError, match="elsewhere model is not written for Simulink"):
+            source_code.matlab_code(law)
+    finally:
+        del MODELS["elsewhere"]
+    assert "elsewhere" not in MODELS

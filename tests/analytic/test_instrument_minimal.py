@@ -77,6 +77,15 @@ def test_what_every_instrument_can_be_told_works_on_it() -> None:
     assert (made.x.volts, made.settings()) == (0.0, {})
 
 
+def test_an_instrument_and_its_axes_say_what_they_are_without_being_asked() -> None:
+    made = Minimal()
+    made.gone = True
+    assert repr(made) == "<simulated v m, axes x>"
+    assert repr(made.x) == "<axis 'x': open loop>"
+    made.identity = Identity(vendor="v", model="m", serial_number="17")  # type: ignore[misc]
+    assert str(made) == "<v m no. 17, axes x>"
+
+
 def test_what_it_cannot_do_is_refused_with_a_sentence() -> None:
     made = Minimal()
     calls = {

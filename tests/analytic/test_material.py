@@ -14,6 +14,26 @@ def test_every_entry_says_where_it_comes_from_and_is_a_solid() -> None:
         assert (entry.fatigue_limit is None) == (entry.fatigue_cycles is None)
 
 
+@pytest.mark.parametrize(
+    ("name", "gigapascal", "density", "strength", "fatigue", "expansion"),
+    [
+        # typical values as ASM prints them; the strength of 7075 is that of the study
+        ("Al 7075-T6", 71.7, 2810.0, 505.0, 159.0, 23.6),
+        ("Al 6061-T6", 68.9, 2700.0, 276.0, 96.5, 23.6),
+        ("Al 2024-T3", 73.1, 2780.0, 345.0, 138.0, 23.2),
+    ],
+)
+def test_wrought_aluminium_is_as_in_the_handbook(
+    name: str, gigapascal: float, density: float, strength: float, fatigue: float, expansion: float
+) -> None:
+    found = material(name)
+    assert (found.youngs_modulus, found.poissons_ratio) == (gigapascal * 1e9, 0.33)
+    assert (found.density, found.yield_strength) == (density, strength * 1e6)
+    # five hundred million cycles of rotating bending, by the machine of R. R. Moore
+    assert (found.fatigue_limit, found.fatigue_cycles) == (fatigue * 1e6, 5e8)
+    assert found.thermal_expansion == pytest.approx(expansion * 1e-6, rel=1e-12)
+
+
 def test_the_nearest_name_is_offered() -> None:
     with pytest.raises(StageError, match="did you mean 'Al 7075-T6'"):
         material("Al 7075 T6")

@@ -664,3 +664,20 @@ def test_a_turn_that_is_read_twice_gives_each_run_one() -> None:
         variances.append(end.uncertainty**2)
     # 300 draws of each: the ratio is known to 10 %
     assert np.var(found_values) == pytest.approx(np.mean(variances), rel=0.25)
+
+
+@pytest.mark.parametrize("twice", [False, True])
+def test_a_curve_is_the_same_wherever_positions_are_counted_from(twice: bool) -> None:
+    share = np.linspace(0.0, 1.0, 13)
+    command = np.tile(np.concatenate((share, share[::-1] if twice else share[-2:0:-1])), 4)
+    noise = np.random.default_rng(8).standard_normal(command.size)
+    time = np.arange(command.size) + 0.0
+    here, there = (
+        fit_motion_curve(command + origin, noise, time, cycles=motion_cycles(command), order=3)
+        for origin in (0.0, 7.0)
+    )
+    for direction in ("forward", "backward"):
+        at = np.array([0.1, 0.5, 0.93])
+        assert there.value(at + 7.0, direction) == pytest.approx(
+            here.value(at, direction), abs=1e-9
+        )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from netgen import occ
 
+from flexstage.fem.mesher import first_hits
 from flexstage.fem.part import Part
 from flexstage.fem.part_estimate import estimate_part, part_surface
 from flexstage.fem.part_mesh import PartMesh
@@ -79,3 +80,23 @@ def test_the_surface_is_closed_and_looks_outwards() -> None:
         assert volume == pytest.approx(part.volume, rel=0.02)
         areas = np.bincount(surface.face, weights=np.linalg.norm(vectors, axis=1))
         assert areas == pytest.approx([f.area for f in part.faces], rel=0.02)
+
+
+def test_rays_go_to_the_first_triangle_that_looks_back() -> None:
+    """Two tilted triangles over each other, of planes in closed form, and one that looks away."""
+    plane = np.array([[0.0, 0.0], [4.0, 0.3], [0.7, 5.0]])
+    layers = [2.0 + 0.11 * plane @ (1.0, -0.6), 3.0 + 0.07 * plane @ (-0.5, 1.0)]
+    triangles = np.array([np.column_stack((plane, z)) for z in layers])
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    at = np.array([[0.9, 0.8], [1.9, 1.3], [0.9, 3.1], [3.9, 4.8]])  # the last one is outside
+    starts = np.column_stack((at, np.zeros(4)))[None]
+    up = np.array([[0.0, 0.0, 1.0]])
+    expected = 2.0 + 0.11 * at @ (1.0, -0.6)
+    found = first_hits(triangles, normal, starts, up, 9.0)[0]
+    assert found[:3] == pytest.approx(expected[:3], rel=1e-12)
+    assert found[3] == np.inf
+    # the lower one turned over is looked through; beyond the limit there is nothing
+    turned = first_hits(triangles, normal * [[-1.0], [1.0]], starts, up, 9.0)[0]
+    assert turned[:3] == pytest.approx((3.0 + 0.07 * at @ (-0.5, 1.0))[:3], rel=1e-12)
+    assert np.all(first_hits(triangles, normal, starts, up, 1.5) == np.inf)

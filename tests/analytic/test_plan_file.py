@@ -5,13 +5,15 @@ from typing import Any
 
 import pytest
 
-from flexstage.errors import PlanError
+from flexstage.errors import PlanError, RecordError
 from flexstage.experiments import dry_run, find_plan, plan_stage, read_plan, ready_plans
 from flexstage.experiments.excitations import EXCITATIONS, EqualCycles, Multisine
 from flexstage.experiments.file import plan_from_text
 from flexstage.experiments.plan import SensorEntry
 from flexstage.experiments.verb import Verb
 from flexstage.experiments.verbs import VERBS, Identify, Measure, Verify
+from flexstage.instruments.protocol import Identity
+from flexstage.instruments.recording.metadata import RunMetadata
 
 HEAD = """\
 plan: 1
@@ -42,6 +44,22 @@ def test_units_are_read_and_what_is_left_out_is_as_usual():
     assert plan.sensor("x").alignment == pytest.approx(1e-3, rel=1e-15)
     assert plan.sensor("tilt").unit == "rad"
     assert plan.axis_of("motion") == "x"
+
+
+def test_a_whole_number_may_be_written_as_people_do_and_not_in_what_programs_write():
+    for text in ("3.0", "0.3e1", "3"):
+        assert (
+            plan_from_text(HEAD.replace("channel: 1", f"channel: {text}") + LOOPS)
+            .sensor("x")
+            .channel
+            == 3
+        )
+    with pytest.raises(PlanError, match="expected a whole number"):
+        plan_from_text(HEAD.replace("channel: 1", "channel: 1.5") + LOOPS)
+    about = RunMetadata(stage="guide", instrument=Identity(vendor="v", model="m"), seed=3).plain()
+    assert RunMetadata.from_plain(about).seed == 3
+    with pytest.raises(RecordError, match=r"expected a whole number.*got 3\.0"):
+        RunMetadata.from_plain({**about, "seed": 3.0})
 
 
 def test_a_sensor_is_an_instrument_of_a_campaign_without_its_channel():

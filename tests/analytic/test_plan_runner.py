@@ -4,6 +4,8 @@ import json
 import math
 import re
 import shutil
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,11 +13,23 @@ import pytest
 from flexstage.errors import ControllerError, FlexstageError, NotConnectedError, PlanError
 from flexstage.experiments import Plan, run_plan
 from flexstage.experiments.file import plan_from_text
-from flexstage.experiments.state import read_state
-from flexstage.experiments.verbs import Centre
+from flexstage.experiments.reference import Reference
+from flexstage.experiments.state import clear_leftovers, read_state
+from flexstage.experiments.verbs import Centre, Identify, Verify
 from flexstage.experiments.verbs.measure import MeasuredStep
+from flexstage.experiments.verbs.verify import _run as follow_run
+from flexstage.hysteresis import (
+    DriveModel,
+    Lag,
+    ModelFile,
+    PrandtlIshlinskii,
+    ValidityRange,
+    model_text,
+)
 from flexstage.instruments.lock import stage_lock
-from flexstage.records import read_record
+from flexstage.instruments.protocol import Identity
+from flexstage.instruments.recording.metadata import RUN, RunMetadata
+from flexstage.records import Channel, Record, read_record
 from flexstage.stage.limits import AxisLimits
 from flexstage.studies.measurement import compare_plan
 from tests.simple_instrument import SimpleInstrument
@@ -424,3 +438,59 @@ def test_folders_can_be_moved(tmp_path):
     again = bench()
     run_plan(made(), again, tmp_path / "b", resume=True)
     assert waves(again) == []
+
+
+def test_a_model_is_shown_at_the_rate_of_its_record(tmp_path):
+    """A drive with a lag, read from its file, repeats the record that it made itself."""
+    drive = DriveModel(
+        hysteresis=PrandtlIshlinskii(gain=3.1e-7, thresholds=[5.0, 17.0], weights=[9e-8, 7e-8]),
+        lag=Lag(time_constant=3.1e-3, delay=7e-4),
+        validity=ValidityRange(
+            input_range=(0.0, 110.0), output_range=(0.0, 5e-5), rate_range_hz=(1.0, 9.0)
+        ),
+    )
+    rate, n = 730.0, 2200
+    voltage = 55.0 - 55.0 * np.cos(2.0 * np.pi * 3.7 * np.arange(n) / rate)
+    reading = drive.simulate(voltage, 1.0 / rate, drive.conditioned()) + 3e-6
+    record = Record(time=np.arange(n) / rate, channels=(
+        Channel(name="command", values=voltage, unit="V"),
+        Channel(name="x", values=reading, unit="m")))  # fmt: skip
+    file = tmp_path / "m.yaml"
+    file.write_text(model_text(ModelFile(model=drive)))
+    context = SimpleNamespace(plan=SimpleNamespace(axis_of=lambda _: "x"),
+                              measured=lambda _: SimpleNamespace(evaluated=record))  # fmt: skip
+    found = Identify(of=("motion",), output="x").result(context, "pi", [file], now=False)
+    assert found.modelled == pytest.approx(reading, abs=1e-15)
+    assert found.deviation < 1e-15
+
+
+@pytest.mark.parametrize(("way", "more"), [("inverse", 1), ("feedback", 0)])
+def test_the_last_cycles_of_a_reference_are_compared_each_by_itself(way, more):
+    """A lag that differs from cycle to cycle has in each the width of its closed form."""
+    action = Verify(model="pi", along="x", reference=Reference(rate=5.0, cycles=3, settle=2))
+    period, half = 400, 17e-6
+    t = np.arange(5 * period + more) / period
+    angles = np.array([0.0, 0.0, 0.05, 0.11, 0.23])[np.minimum(t.astype(int), 4)]
+    about = RunMetadata(stage="guide", instrument=Identity(vendor="v", model="m"))
+    record = Record(time=t / 5.0, attributes={RUN: json.dumps(about.plain())}, channels=(
+        Channel(name="reference", values=-half * np.cos(2.0 * np.pi * t), unit="m"),
+        Channel(name="x", values=-half * np.cos(2.0 * np.pi * t - angles), unit="m"),
+        Channel(name="voltage", values=0.0 * t, unit="V")))  # fmt: skip
+    run = follow_run(way, record, Path("a.h5"), action)
+    # an ellipse of the width 2 a sin(angle); the levels of the branches miss its middle by little
+    assert run.widths == pytest.approx(2.0 * half * np.sin([0.05, 0.11, 0.23]), rel=2e-3)
+    assert run.reference.size == 3 * period + more
+
+
+def test_what_an_attempt_left_is_put_aside_whatever_its_step_is_called(tmp_path):
+    records = tmp_path / "records"
+    records.mkdir()
+    for name in ("partial-way", "partial-way.both", "partial-way.replaced-1", "other"):
+        (records / f"{name}.h5").write_bytes(b"record")
+    aside = clear_leftovers(tmp_path, "partial-way", ("records/partial-way.replaced-1.h5",))
+    # both ways of the step, each by a name of its own; what was aside stays as it is
+    assert len(aside) == 3
+    assert not (records / "partial-way.h5").exists()
+    assert not (records / "partial-way.both.h5").exists()
+    assert (records / "other.h5").exists()
+    assert all((tmp_path / name).is_file() for name in aside)

@@ -98,6 +98,18 @@ def test_complex_arrays(tmp_path: Path, kind: str, columns: list[str] | None) ->
     assert found.outputs[0] == ("H" if columns or kind == "h5" else "H 0")
 
 
+def test_the_words_round_that_of_the_part_are_the_name(tmp_path: Path) -> None:
+    """Whether the word of the part stands first, in the middle, or last."""
+    heads = ("Re of stage x", "Im of stage x", "stage real y", "stage imag y", "lever RealZ2",
+             "lever ImagZ2")  # fmt: skip
+    parts = [p for k in (1.0, -2.0, 0.3) for p in (k * H.real, k * H.imag)]
+    record = responses_in_columns(table(tmp_path, f"f,{','.join(heads)}\n" + rows(F, *parts)))
+    found = response_from_record(record)
+    assert found.outputs == ("of stage x", "stage y", "lever Z2")
+    for o, k in enumerate((1.0, -2.0, 0.3)):
+        assert found.response[:, o, 0] == pytest.approx(k * H, rel=1e-14)
+
+
 def test_units_are_those_of_the_heading_or_of_options(tmp_path: Path) -> None:
     said = table(tmp_path, "f,H real (g/N),H imag (g/N)\n" + rows(F, H.real, H.imag))
     found = response_from_record(responses_in_columns(said))

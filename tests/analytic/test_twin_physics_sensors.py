@@ -106,6 +106,14 @@ def test_drift_begins_at_nothing_and_has_the_rate_that_is_said() -> None:
     assert np.sqrt(np.mean(squares)) == pytest.approx(10e-9 / 60.0, rel=0.3)
 
 
+def test_drift_goes_on_where_a_block_of_samples_ends() -> None:
+    drift = Disturbances(KINDS, BENCH, 400.0, 5).take(0, 8 * 4096)[0]
+    steps = np.abs(np.diff(drift, axis=1))
+    at_ends = steps[:, 4095::4096]
+    within = np.delete(steps, np.s_[4095::4096], axis=1)
+    assert np.all(at_ends.max(axis=1) <= within.max(axis=1) * (1.0 + 1e-9))
+
+
 def test_drift_is_motion_of_the_platform_and_noise_is_not() -> None:
     fast = replace(BENCH, drift_rate=1e-6)
     stage = small_stage(straight=True, quiet=False, sensors=fast, seed=6)

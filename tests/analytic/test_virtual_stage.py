@@ -222,3 +222,22 @@ def test_the_same_seed_gives_the_same_records(piezo) -> None:
 def test_an_axis_that_is_not_there(piezo) -> None:
     with pytest.raises(ModelError, match="no axis 'z'"):
         piezo.axis("z")
+
+
+def test_a_random_guide_is_as_straight_and_as_inclined_as_is_said() -> None:
+    """Curves of the orders 2 to 5, and the slope of their line."""
+    drawn = random_guide(
+        73e-6, {"across": 31e-9, "yaw": 4e-6}, {"yaw": 0.21}, np.random.default_rng(17)
+    )
+    for motion, wanted, slope in (("across", 31e-9, 0.0), ("yaw", 4e-6, 0.21)):
+        c = drawn.coefficients[motion]
+        assert c.size == 6
+        assert np.all(c[2:] != 0.0)
+        assert (c[0], c[1]) == (0.0, pytest.approx(0.5 * slope * 73e-6))
+        # the line of least squares takes nothing of even orders, and little of odd ones
+        x = np.linspace(0.0, 73e-6, 4001)
+        y = drawn.at(x, motion)
+        weight = np.ones(x.size)
+        weight[[0, -1]] = 0.5**0.5
+        line = np.polynomial.Polynomial.fit(x, y, 1, w=weight)
+        assert np.ptp(y - line(x)) == pytest.approx(wanted, rel=1e-3)

@@ -11,6 +11,9 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from flexstage.hinges import PROFILES
+from flexstage.hysteresis import MODELS
+
 ROOT = Path(__file__).parents[2]
 GENERATED = ROOT / "docs" / "reference" / "api"
 PAGES = [
@@ -29,7 +32,7 @@ LONG = {
     for name in (
         "explanation/identification", "how-to/compensate", "how-to/control",
         "how-to/drive-a-controller", "how-to/equations", "how-to/finite-elements",
-        "how-to/frequency-response", "how-to/identify", "how-to/python",
+        "how-to/frequency-response", "how-to/identify", "how-to/own-models", "how-to/python",
         "how-to/update-model", "how-to/write-a-plan", "tutorials/piezo-hysteresis",
     )
 }  # fmt: skip
@@ -99,7 +102,14 @@ def name_of(page: Path) -> str:
 def test_snippets_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
-    run(page.read_text("utf-8"), name_of(page))
+    monkeypatch.syspath_prepend(tmp_path)  # for files that a page imports
+    known = [(registry, dict(registry)) for registry in (MODELS, PROFILES)]
+    try:
+        run(page.read_text("utf-8"), name_of(page))
+    finally:
+        for registry, before in known:  # what a page adds is of that page
+            for kind in registry.keys() - before.keys():
+                del registry[kind]
 
 
 def test_the_runner_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -230,3 +230,15 @@ def test_impossible_notches_are_refused():
         profile_class("circle")
     with pytest.raises(HingeError, match="too extreme"):
         compliance(RightCircular(neck_thickness=1e-10, radius=1e-3), E, NU, B)
+
+
+@given(notches())
+def test_the_neck_radius_is_that_of_the_contour(notch):
+    """By the slope of what is cut out next to the neck: dx/d(angle) = R of a round contour."""
+    radius = notch.neck_radius
+    if notch.flat_length > 0.0 or not 0.0 < radius < math.inf:
+        return
+    x, _, angle, _ = next(iter(notch.pieces()))(np.array([1e-4]))
+    # the next term is of the order of the square of the angle
+    assert angle[0] < 0.03
+    assert x[0] / angle[0] == pytest.approx(radius, rel=1e-3)

@@ -4,20 +4,25 @@ import json
 import re
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import flexstage as fs
 from flexstage import report
+from flexstage.centring import exact_error
 from flexstage.errors import HingeError, ModelError, StageError
+from flexstage.experiments import Campaign, Columns, Test
+from flexstage.experiments.campaign.plan import campaign_text
 from flexstage.interactive.hinge_result import HingeResult
 from flexstage.interactive.stage_analysis import StageAnalysis
 from flexstage.interactive.stage_study import StageStudy
+from flexstage.records import Channel, Record
 from flexstage.short_repr import short_repr
 from flexstage.stage import write_stage
 
@@ -40,8 +45,15 @@ def notch() -> HingeResult:
 
 
 def test_the_names_are_listed() -> None:
-    wanted = {"read", "design", "draw", "analyse", "study", "hinge", "read_record", "designs"}
-    assert wanted <= set(dir(fs))
+    wanted = {
+        "read", "design", "draw", "check", "analyse", "study", "compare", "sensitivity", "sweep",
+        "optimise", "tolerance", "hinge", "read_record", "identify", "characterise", "frf",
+        "centre", "__version__",
+    }  # fmt: skip
+    assert wanted == set(dir(fs)) == set(fs.__all__)
+    assert not any(isinstance(getattr(fs, name), ModuleType) for name in dir(fs))
+    # the subpackages are there for all that, and their own names are listed
+    assert "sweep" in dir(fs.explore)
     with pytest.raises(AttributeError, match="has no attribute 'analyze'"):
         fs.analyze  # type: ignore[attr-defined]  # noqa: B018
 
@@ -160,6 +172,163 @@ def test_a_wrong_quantity_or_axis_names_the_right_one(
         studied.characteristics.value("max_stress", "x", "solid")
     with pytest.raises(ModelError, match="no analysis by 'plane': the study ran lumped"):
         studied.analysis("plane")
+
+
+def test_modes_are_drawn_of_every_model() -> None:
+    found = fs.analyse("parallelogram", "lumped")
+    figure = found.plot("modes")
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    frequencies = found.analysis.modes["removed"].frequency_hz
+    assert [float(title.split()[0]) for title in titles] == pytest.approx(frequencies[:6], rel=1e-3)
+    # in the lowest mode the platform moves furthest, along the guide: by 3 % of its size [mm]
+    images = figure.axes[0].images
+    assert len(images) == sum(not body.fixed for body in found.analysis.stage.bodies)
+    moves = [(i.get_transform() - figure.axes[0].transData).transform((0.0, 0.0)) for i in images]
+    assert sum(abs(x) == pytest.approx(0.03 * 68.5, rel=1e-3) for x, _ in moves) == 1
+
+
+def test_rows_say_their_value_and_unit_for_display(analysed: StageAnalysis) -> None:
+    rows = {(row.quantity, row.axis): row for row in analysed.characteristics}
+    stress = rows["max_stress", "x"]
+    assert (stress.unit, stress.shown_unit, stress.label) == ("Pa", "MPa", "Largest stress")
+    assert stress.shown_value == pytest.approx(1e-6 * stress.value, rel=1e-12)
+    assert float(stress.text()) == pytest.approx(stress.shown_value, rel=1e-3)
+    ratio = rows["transmission_ratio", "x"]
+    assert (ratio.unit, ratio.shown_unit, ratio.shown_value) == ("1", "", ratio.value)
+
+
+def test_a_record_is_a_data_frame_with_units(monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in = ModuleType("pandas")
+    stand_in.DataFrame = dict  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "pandas", stand_in)
+    t = np.array([0.0, 0.1, 0.3])
+    columns = [("x", 2.0 * t, "m"), ("count", 3.0 * t, ""), ("same", t + 1.0, "V"),
+               ("same", t + 2.0, "V")]  # fmt: skip
+    channels = tuple(Channel(name=n, values=v, unit=u) for n, v, u in columns)
+    frame = Record(time=t, channels=channels).to_frame()
+    assert list(frame) == ["time [s]", "x [m]", "count", "2: same [V]", "3: same [V]"]
+    assert [frame[name][2] for name in frame] == pytest.approx([0.3, 0.6, 0.9, 1.3, 2.3])
+    for over, name in (("point", "point"), ("frequency", "frequency [Hz]")):
+        assert next(iter(Record(time=t, channels=channels, over=over).to_frame())) == name
+
+
+def test_stages_are_compared_side_by_side() -> None:
+    thick = fs.read("parallelogram", set={"leg.notch.neck_thickness": "0.6 mm"})
+    found = fs.compare("parallelogram", fs.analyse(thick, "lumped"), model="lumped")
+    assert found.columns == ("1: parallelogram, lumped", "2: parallelogram, lumped")
+    lines = str(found).splitlines()
+    (words,) = (line.split() for line in lines if line.startswith("Natural frequency"))
+    frequencies = [
+        fs.analyse(stage, "lumped").value("natural_frequency_hz", "x")
+        for stage in ("parallelogram", thick)
+    ]
+    assert words[2] == "x"
+    assert [float(word) for word in words[3:5]] == pytest.approx(frequencies, rel=1e-3)
+    change = 100.0 * (frequencies[1] / frequencies[0] - 1.0)
+    assert words[5] == "Hz"
+    assert float(words[6]) == pytest.approx(change, abs=0.06)
+    html = ElementTree.fromstring(found._repr_html_())  # type: ignore[attr-defined]
+    assert len(list(html.iter("tr"))) == len(lines)
+    three = fs.compare("parallelogram", thick, "rhombus", model="lumped")
+    assert "change" not in str(three)
+
+
+def test_requests_are_asked_by_their_fields() -> None:
+    neck = "leg.notch.neck_thickness"
+    found = fs.sweep("parallelogram", over={neck: "0.4..0.6 mm/3"}, of="natural_frequency.x")
+    assert found.points[:, 0] == pytest.approx([0.4e-3, 0.5e-3, 0.6e-3])
+    for value, text in zip(found.values[:, 0], ("0.4 mm", "0.5 mm", "0.6 mm"), strict=True):
+        stage = fs.read("parallelogram", set={neck: text})
+        own = fs.analyse(stage, "lumped").value("natural_frequency_hz", "x")
+        assert value == pytest.approx(own, rel=1e-9)
+    # two ways to say the same; and what is set throughout
+    same = fs.sweep("parallelogram", over=[f"{neck}=0.4..0.6 mm/3"], of=["natural_frequency.x"])
+    assert same.values == pytest.approx(found.values, rel=1e-12)
+    short = fs.sweep("parallelogram", over=f"{neck}=0.4..0.6 mm/3", of="natural_frequency.x",
+                     set={"leg.bar_length": "20 mm"})  # fmt: skip
+    assert short.values.min() > 1.05 * found.values.min()
+    slopes = fs.sensitivity("parallelogram", by=neck, of="natural_frequency.x").slopes
+    central = (found.values[2, 0] - found.values[0, 0]) / 0.2e-3
+    assert slopes[0, 0] == pytest.approx(central, rel=0.02)
+    best = fs.optimise("parallelogram", maximise="natural_frequency.x", over=f"{neck}=0.4..0.6 mm",
+                       model="lumped", without="check")  # fmt: skip
+    assert best.point[0] > 0.5e-3  # type: ignore[union-attr]
+    study, choice = fs.tolerance("parallelogram", samples=64, model="lumped", scatter={"*": "0"},
+                                 of="natural_frequency.x")  # fmt: skip
+    assert choice is None
+    assert study.values[:, 0] == pytest.approx(found.values[1, 0], rel=1e-9)
+    with pytest.raises(ModelError, match=r"unknown option 'sample'.*did you mean 'samples'"):
+        fs.sweep("parallelogram", over=f"{neck}=0.4..0.6 mm", sample=3)
+    with pytest.raises(StageError, match="no parameters to vary: give its file or design"):
+        fs.sweep(fs.read("parallelogram"), over=f"{neck}=0.4..0.6 mm")  # type: ignore[arg-type]
+
+
+def test_a_stage_is_checked() -> None:
+    stage = fs.read("parallelogram")
+    assert fs.check(stage) == fs.check("parallelogram") == ()
+    loose = replace(stage, hinges=stage.hinges[1:])
+    assert any(issue.severity == "error" for issue in fs.check(loose))
+
+
+def test_modes_are_found_in_responses_and_in_records() -> None:
+    rng = np.random.default_rng(3)
+    # a mode at 137 Hz with 1.7 % of damping
+    f = np.linspace(90.0, 190.0, 401)
+    h = 2.3e-6 / (1.0 - (f / 137.0) ** 2 + 0.034j * f / 137.0)
+    h += 1e-9 * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size))
+    parts = (("h real", h.real), ("h imaginary", h.imag))
+    response = Record(
+        time=f,
+        over="frequency",
+        channels=tuple(Channel(name=name, values=v, unit="m/N") for name, v in parts),
+        attributes={"output unit of h": "m", "input unit of h": "N"},
+    )
+    (mode,) = fs.frf(response).modes
+    assert mode.frequency_hz.value == pytest.approx(137.0, rel=1e-4)
+    assert mode.damping_ratio.value == pytest.approx(0.017, rel=0.01)
+    with pytest.raises(ModelError, match="need an input and an output"):
+        fs.frf(replace(response, over="time"))
+    rate, n, w = 2048.0, 2**16, 2.0 * np.pi * 137.0
+    t, force = np.arange(n) / rate, rng.standard_normal(n)
+    system = signal.TransferFunction([2.3e-6 * w**2], [1.0, 0.034 * w, w**2])
+    moved = signal.lsim(system, force, t)[1] + 1e-8 * rng.standard_normal(n)
+    record = Record(time=t, channels=(Channel(name="F", values=force, unit="N"),
+                                      Channel(name="x", values=moved, unit="m")))  # fmt: skip
+    (mode,) = fs.frf(record, "F", "x", spectra={"resolution_hz": 0.5}, band=(110.0, 170.0)).modes
+    assert mode.frequency_hz.value == pytest.approx(137.0, rel=2e-3)
+
+
+def test_a_scale_is_centred_from_its_file_and_from_its_record(tmp_path: Path) -> None:
+    theta = np.linspace(0.0, 2.0 * np.pi, 721)[:-1]
+    e, radius = np.array([41e-6, -29e-6]), 50e-3
+    columns = np.column_stack((np.degrees(theta), np.degrees(exact_error(theta, e, radius))))
+    path = tmp_path / "bench.csv"
+    np.savetxt(path, columns, delimiter=",", header="angle,error", comments="")
+    asked = {"error": "error", "angle": "angle", "unit": "deg", "radius": radius}
+    found = fs.centre(path, **asked)
+    assert found.result["eccentricity"]["x"] == pytest.approx(e[0], abs=1e-10)
+    again = fs.centre(fs.read_record(path, over="point"), **asked)
+    assert again.result["eccentricity"] == found.result["eccentricity"]
+
+
+def test_tests_and_drives_are_evaluated(tmp_path: Path) -> None:
+    """Three cycles of 40 um of a drive that is a straight line."""
+    t = np.arange(3001) / 1000.0
+    u = 50.0 - 50.0 * np.cos(2.0 * np.pi * t)
+    x = 0.4e-6 * u + 1e-9 * np.random.default_rng(4).standard_normal(t.size)
+    path = tmp_path / "loops.csv"
+    np.savetxt(path, np.column_stack((t, u, x)), delimiter=",", header="t (s),u (V),x (m)",
+               comments="")  # fmt: skip
+    test = Test(name="loops", kind="motion", axis="x", records=(str(path),),
+                columns=Columns(command="u", along="x"))  # fmt: skip
+    campaign = Campaign(tests=(test,))
+    stroke = fs.characterise(campaign).figure("output_displacement", "x").value
+    assert stroke == pytest.approx(40e-6, abs=5e-9)
+    (tmp_path / "tests.yaml").write_text(campaign_text(campaign))
+    by_file = fs.characterise(tmp_path / "tests.yaml")
+    assert by_file.figure("output_displacement", "x").value == stroke
+    drive = fs.identify(fs.read_record(path), "u", "x", model="prandtl-ishlinskii")
+    assert drive.rms_percent < 0.1
 
 
 def test_a_hinge_takes_numbers_and_texts_alike(notch: HingeResult) -> None:

@@ -281,6 +281,18 @@ def test_the_oldest_give_way(tmp_path: Path) -> None:
     assert (tmp_path / "notes.txt").read_text() == "not ours"
 
 
+def test_a_cache_that_was_only_read_takes_nothing_away(tmp_path: Path) -> None:
+    fresh(tmp_path).store(KEY, {"a": np.zeros(1000)})
+    small = fresh(tmp_path, limit=100)
+    assert small.load(KEY) is not None
+    small.trim()
+    assert fresh(tmp_path).load(KEY) is not None
+    # what it writes itself counts
+    small.store("1" * 64, {"a": np.zeros(1000)})
+    small.trim()
+    assert not list(tmp_path.glob("*.arrays"))
+
+
 def test_memory_is_bounded_and_saves_reading(tmp_path: Path) -> None:
     cache = Cache(tmp_path, memory=20_000)
     for k in range(3):

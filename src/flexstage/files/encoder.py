@@ -1,6 +1,5 @@
 """Turns descriptions into the plain data of a file, as the types of the fields say."""
 
-import collections.abc
 import typing
 from dataclasses import MISSING, Field, dataclass
 from typing import Annotated, Any, Literal
@@ -51,8 +50,6 @@ class Encoder:
             if by_name(parts[0], self.format):
                 return {v.name: self.fields(v, skip="name") for v in value}
             return [self.encode(parts[0], v) for v in value]
-        if origin in (dict, collections.abc.Mapping):
-            return {k: self.encode(typing.get_args(kind)[1], v) for k, v in value.items()}
         if kind is float:
             return Number(repr(float(value)))
         if kind is int:

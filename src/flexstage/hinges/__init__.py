@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
+    from flexstage.hinges.arcs import CurvedProfile
     from flexstage.hinges.as_drawn import AsDrawn
     from flexstage.hinges.circular import RightCircular
     from flexstage.hinges.closed_forms import (
@@ -30,6 +31,7 @@ __all__ = [
     "PROFILES",
     "AsDrawn",
     "CornerFilleted",
+    "CurvedProfile",
     "Elliptical",
     "HingeCompliance",
     "Hyperbolic",

@@ -31,9 +31,16 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.identification.identify import Identification, identify
     from flexstage.hysteresis.identification.measurement import IdentificationData, measurement
     from flexstage.hysteresis.identification.misfit import ParameterEstimate
+    from flexstage.hysteresis.identification.searched_fit import SearchedFit
     from flexstage.hysteresis.inversion import Feedforward, feedforward, smoothed
     from flexstage.hysteresis.loops import Tracking, loop_width, tracking
-    from flexstage.hysteresis.model import HysteresisModel, Response, Segments
+    from flexstage.hysteresis.model import (
+        HysteresisModel,
+        ModelProperty,
+        Response,
+        Segments,
+        samples,
+    )
     from flexstage.hysteresis.model_file import (
         ModelFile,
         model_text,
@@ -62,9 +69,11 @@ __all__ = [
     "LogCreep",
     "ModelDrive",
     "ModelFile",
+    "ModelProperty",
     "ParameterEstimate",
     "Prediction",
     "Response",
+    "SearchedFit",
     "Segments",
     "Sensor",
     "StageModes",
@@ -85,6 +94,7 @@ __all__ = [
     "predict",
     "read_model_file",
     "read_model_text",
+    "samples",
     "simulate_bouc_wen_batch",
     "simulate_with_stage",
     "smoothed",

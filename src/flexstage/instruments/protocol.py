@@ -145,6 +145,11 @@ class MotionAxis(Protocol):
         """Change the settings of its position control."""
         raise not_able(self, Capability.SERVO_TUNING)
 
+    def __repr__(self) -> str:
+        # what is known without a question: nothing is asked of a controller to show it
+        able = sorted(c.name.lower().replace("_", " ") for c in self.capabilities)
+        return f"<axis '{self.name}': {', '.join(able)}>"
+
 
 def not_able(axis: MotionAxis, capability: Capability) -> ModelError:
     """Return the error of an axis that is asked for what it cannot do."""
@@ -290,3 +295,10 @@ class Instrument(Protocol):
     def close(self) -> None:
         """End the link; nothing moves by it."""
         ...
+
+    def __repr__(self) -> str:
+        said = self.identity
+        number = f" no. {said.serial_number}" if said.serial_number else ""
+        kind = "simulated " if said.simulated and "simulated" not in said.model else ""
+        axes = ", ".join(self.axes)
+        return f"<{kind}{said.vendor} {said.model}{number}, axes {axes or 'none'}>"

@@ -10,7 +10,7 @@ from flexstage.errors import HingeError
 from flexstage.hinges import Profile
 from flexstage.hinges.hinge_figures import hinge_figures
 from flexstage.hinges.registry import profile_class
-from flexstage.interactive.show import data_frame
+from flexstage.lazy import data_frame
 from flexstage.material import Material
 from flexstage.material import material as find_material
 from flexstage.quantities import number

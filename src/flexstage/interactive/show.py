@@ -1,7 +1,7 @@
 """Stages at a prompt, read and drawn; and results, as text and as a data frame."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from flexstage.characteristic import Characteristics
@@ -10,7 +10,6 @@ from flexstage.quantities import display
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.figure import Figure
 
 
@@ -66,14 +65,3 @@ def headline(figures: Characteristics) -> list[str]:
         if texts:
             lines.append(f"  {shown.label.lower()}: {', '.join(texts)} {shown.shown_unit}".rstrip())
     return lines
-
-
-def data_frame(columns: Mapping[str, Sequence[object]]) -> "pandas.DataFrame":
-    """Return columns as a data frame."""
-    try:
-        import pandas
-    except ImportError as error:
-        raise ImportError(
-            "a data frame needs pandas, which is not installed: run 'pip install pandas'"
-        ) from error
-    return pandas.DataFrame(columns)

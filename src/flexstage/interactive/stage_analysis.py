@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Literal
 from flexstage.characteristic import Characteristics
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
-from flexstage.interactive.show import data_frame, headline, stage_of
+from flexstage.interactive.show import headline, stage_of
+from flexstage.lazy import data_frame
 from flexstage.quantities import display
 from flexstage.report.page import table_html
 from flexstage.stage import Stage
@@ -55,8 +56,8 @@ class StageAnalysis:
         """Draw the result; of the first axis where none is named.
 
         ``response``: Bode diagram of an axis; ``shape``: the stage at the full stroke of an axis;
-        ``stress``: stress of every hinge; ``modes``: mode shapes on the mesh of the plane or solid
-        model.
+        ``stress``: stress of every hinge; ``modes``: mode shapes, on the mesh where the model has
+        one, else of the bodies.
 
         Examples
         --------
@@ -161,20 +162,18 @@ def analyse(
 
 
 def _figure(run: ModelRun, kind: str, axis: str | None) -> "Figure":
-    from flexstage.report.figures.body_motion import draw_static_shape
+    from flexstage.report.figures.body_motion import draw_modes, draw_static_shape
     from flexstage.report.figures.fields import draw_fe_modes
     from flexstage.report.figures.hinges import draw_stress
     from flexstage.report.figures.responses import draw_bode
 
-    analysis = run.analysis
+    analysis, mesh = run.analysis, run.mesh
     draw: dict[str, Callable[[str], Figure]] = {
         "response": lambda axis: draw_bode(analysis, axis),
         "shape": lambda axis: draw_static_shape(analysis, axis),
         "stress": lambda _: draw_stress(analysis),
+        "modes": lambda _: draw_fe_modes(mesh, analysis) if mesh else draw_modes(analysis),
     }
-    mesh = run.mesh
-    if mesh is not None:
-        draw["modes"] = lambda _: draw_fe_modes(mesh, analysis)
     if kind not in draw:
         raise ModelError(
             f"the {analysis.system.model} model has no plot '{kind}': choose from "

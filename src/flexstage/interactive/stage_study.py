@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Literal
 
 from flexstage.characteristic import Characteristics
 from flexstage.errors import ModelError
-from flexstage.interactive.show import data_frame, headline, stage_of
+from flexstage.interactive.show import headline, stage_of
 from flexstage.interactive.stage_analysis import StageAnalysis
-from flexstage.quantities import display
+from flexstage.lazy import data_frame
 from flexstage.report.page import table_html
 from flexstage.stage import Stage
 from flexstage.studies.models import Plane
-from flexstage.table import table
 
 if TYPE_CHECKING:
     import pandas
@@ -72,18 +71,7 @@ class StageStudy:
         return "\n".join([title, *headline(self.study.main.characteristics)])
 
     def _repr_html_(self) -> str:
-        comparison = self.study.comparison
-        rows = [
-            [
-                display(row.quantity).label,
-                row.axis,
-                *(display(row.quantity).text(row.value(origin)) for origin in comparison.columns),
-                display(row.quantity).shown_unit,
-            ]
-            for row in comparison.rows
-        ]
-        head = ["", "<axis", *comparison.columns, "<"]
-        return table_html(table(self.study.stage.name, head, rows))
+        return table_html(self.study.comparison.table(self.study.stage.name))
 
 
 def study(

@@ -2,13 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
+from flexstage.lazy import data_frame
 from flexstage.short_repr import short_repr
+
+if TYPE_CHECKING:
+    import pandas
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,6 +111,16 @@ class Record:
             There is no such column.
         """
         return self.channels[column_number([c.name for c in self.channels], name)]
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Return time and channels as a data frame, named with their units; needs pandas."""
+        over = {"time": "time [s]", "frequency": "frequency [Hz]"}.get(self.over, self.over)
+        frame = {over: self.time}
+        for k, channel in enumerate(self.channels):
+            name = f"{channel.name} [{channel.unit}]" if channel.unit else channel.name
+            twice = sum(other.name == channel.name for other in self.channels) > 1
+            frame[f"{k}: {name}" if twice else name] = channel.values
+        return data_frame(frame)
 
 
 def column_number(names: Sequence[str], selector: str | int) -> int:

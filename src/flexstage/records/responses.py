@@ -143,10 +143,11 @@ def _part(channel: Channel, unit: str = "") -> _Part:
         found = _JOINED.fullmatch(word)
         if found is not None:
             role = _ROLES[found["word"].lower()]
-            kept = [*words[:i], found["before"] or "", found["behind"] or "", *words[i + 1 :]]
+            joined = [w for w in (found["before"], found["behind"]) if w]
             # "ax/force real": the words in front are the name, to the letter
-            whole = channel.name.removesuffix(f" {word}")
-            stem = whole if whole != channel.name else " ".join(_named(kept))
+            whole = channel.name if joined else channel.name.removesuffix(f" {word}")
+            kept = " ".join(_named([*words[:i], *joined, *words[i + 1 :]]))
+            stem = whole if whole != channel.name else kept
             break
     if role == "magnitude" and not stem:
         stem = " ".join(_named([w for w in words if w.lower() not in _ROLES]))

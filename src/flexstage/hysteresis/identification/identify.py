@@ -177,7 +177,7 @@ def identify(
     if not names:
         raise ModelError(f"no model is named: choose from auto, {', '.join(fits())}")
     for name in names:
-        if name not in MODELS:
+        if name not in fits():
             raise ModelError(
                 f"the model '{name}' is not known: choose from auto, {', '.join(fits())}"
             )

@@ -336,10 +336,13 @@ def moves(columns: Sequence[Array], share: float = 0.0) -> NDArray[np.bool_]:
     return spread > share * np.max(spread, initial=0.0)
 
 
-@functools.cache
 def fits() -> Mapping[str, ModelFit]:
-    """Return how each model is fitted, by its name, from few parameters to many."""
-    made: list[ModelFit] = [
-        getattr(part(kind, "fit"), f"{law.__name__}Fit")() for kind, law in MODELS.items()
-    ]
+    """Return how each model that can be fitted is, by its name, from few parameters to many."""
+    return _fits(tuple(MODELS.items()))
+
+
+@functools.cache
+def _fits(models: tuple[tuple[str, type[HysteresisModel]], ...]) -> Mapping[str, ModelFit]:
+    found = (getattr(part(kind, "fit"), f"{law.__name__}Fit", None) for kind, law in models)
+    made: list[ModelFit] = [fit() for fit in found if fit]
     return {fit.kind: fit for fit in sorted(made, key=lambda fit: fit.size)}

@@ -136,6 +136,10 @@ class MatlabCode:
     """Numbers by name, and what is said of each."""
 
 
+def _written(model: HysteresisModel, name: str) -> bool:
+    return model.kind in MODELS and hasattr(part(model.kind, "code"), name)
+
+
 def hysteresis_code(model: HysteresisModel) -> HysteresisCode:
     """Return what C needs to compute a hysteresis model from volts to metres.
 
@@ -159,7 +163,7 @@ def hysteresis_code(model: HysteresisModel) -> HysteresisCode:
     >>> [f"{p.name} [{p.unit}] = p[{p.index}]" for p in code.tunable][:2]
     ['gain [m/V] = p[0]', 'hysteresis_gain [m/V] = p[1]']
     """
-    if model.kind not in MODELS:
+    if not _written(model, "c_code"):
         raise ModelError(
             f"there is no C for hysteresis of the kind '{model.kind}': take one of "
             f"{', '.join(MODELS)}"
@@ -170,7 +174,7 @@ def hysteresis_code(model: HysteresisModel) -> HysteresisCode:
 
 def matlab_code(model: HysteresisModel) -> MatlabCode:
     """Return what MATLAB needs to compute a hysteresis model."""
-    if model.kind not in MODELS:
+    if not _written(model, "matlab_code"):
         raise ModelError(
             f"a {model.kind} model is not written for Simulink: identify the record with one of "
             f"{', '.join(sorted(MODELS))}"

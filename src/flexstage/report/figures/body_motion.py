@@ -22,7 +22,7 @@ from flexstage.report.figures.style import (
     new_figure,
 )
 from flexstage.stage import Stage
-from flexstage.system import Analysis, AxisAnalysis, MechanicalSystem
+from flexstage.system import Analysis, AxisAnalysis, DriveCondition, MechanicalSystem
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -101,13 +101,46 @@ def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
         f"{number(result.output_displacement * 1e6)} {'µrad' if turns else 'µm'}; "
         f"motion × {factor:g}",
     )
-    for shape in sorted(shapes, key=lambda s: not s.body.fixed):
-        name = shape.body.name
-        _body(axes, shape, centres.get(name), motion.get(name, still), factor, largest)
-    # a picture sets the aspect of its axes, so this comes last
-    axes.set_aspect("equal")
+    _bodies(axes, analysis, motion, factor, largest)
     _colour_bar(figure, axes, largest)
     return figure
+
+
+def draw_modes(analysis: Analysis, drives: DriveCondition = "removed") -> "Figure":
+    """Draw the lowest modes as motions of the bodies, each with its share of the largest one."""
+    found = analysis.modes[drives]
+    count = min(MOST_SHOWN, found.frequency_hz.size)
+    x0, y0, x1, y1 = (v * _MM for v in extent(body_shapes(analysis.stage)))
+    size = max(x1 - x0, y1 - y0)
+    margin, columns, rows = 0.06 * size, min(3, count), math.ceil(count / 3)
+    figure = new_figure(3.2 * columns, rows * (3.0 * (y1 - y0) / (x1 - x0) + 0.4))
+    grid = np.ravel(figure.subplots(rows, columns, squeeze=False))
+    for k, axes in enumerate(grid):
+        dress(axes, grid=False)
+        axes.set(xlim=(x0 - margin, x1 + margin), ylim=(y0 - margin, y1 + margin))
+        axes.set_axis_off()
+        if k < count:
+            entitle(axes, f"{number(float(found.frequency_hz[k]))} Hz, drives {drives}")
+            motion = mode_motion(analysis.system, found.shapes[:, k], analysis.stage)
+            _bodies(axes, analysis, motion, SHOWN_OF_MODES * size / _MM, 1.0)
+    return figure
+
+
+def _bodies(
+    axes: "Axes",
+    analysis: Analysis,
+    motion: Mapping[str, tuple[float, float, float]],
+    factor: float,
+    largest: float,
+) -> None:
+    """Draw every body where its motion takes it."""
+    centres = {port.name: np.array(port.centre) for port in analysis.system.bodies}
+    for shape in sorted(body_shapes(analysis.stage), key=lambda s: not s.body.fixed):
+        name = shape.body.name
+        moved = motion.get(name, (0.0, 0.0, 0.0))
+        _body(axes, shape, centres.get(name), moved, factor, largest)
+    # a picture sets the aspect of its axes, so this comes last
+    axes.set_aspect("equal")
 
 
 def _body(

@@ -1,0 +1,165 @@
+"""The jobs of the commands as functions: each takes the fields of its request by name."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexstage.choose import unknown
+from flexstage.comparison import Comparison
+from flexstage.comparison import compare as side_by_side
+from flexstage.errors import ModelError, StageError
+from flexstage.explore.workers import open_workers
+from flexstage.interactive.show import stage_of
+from flexstage.interactive.stage_analysis import StageAnalysis, analyse
+from flexstage.report.page import table_html
+from flexstage.stage import Issue, Stage
+from flexstage.stage import check as check_stage
+
+if TYPE_CHECKING:
+    from flexstage.centring.from_records import CentredRecords
+    from flexstage.designs import StageTemplate
+    from flexstage.experiments import Campaign, Characterisation
+    from flexstage.explore import Front, Optimum, Sensitivities, Sweep
+    from flexstage.explore.requests.tolerance import Found
+    from flexstage.measure import ModalFit
+    from flexstage.records import Record
+
+_Path = str | os.PathLike[str]
+_Settings = Mapping[str, str] | None
+
+# a comparison knows nothing of pages; with this room loaded a notebook shows one
+Comparison._repr_html_ = lambda self: table_html(self.table())  # type: ignore[attr-defined]
+
+
+def check(stage: Stage | _Path) -> tuple[Issue, ...]:
+    """Return what is wrong with a stage: geometry, hinges, supports and drives."""
+    return check_stage(stage_of(stage))
+
+
+def compare(*stages: Stage | StageAnalysis | _Path, model: str = "superelement") -> Comparison:
+    """Set stages side by side, a column each: analyses of them, or what the model gives."""
+    runs = [s if isinstance(s, StageAnalysis) else analyse(s, model) for s in stages]
+    names = [run.system.name for run in runs]
+    if len(set(names)) < len(names):
+        names = [f"{k}: {run.system.name}, {run.system.model}" for k, run in enumerate(runs, 1)]
+    columns = zip(names, (run.characteristics for run in runs), strict=True)
+    return side_by_side((), dict(columns))
+
+
+def sensitivity(stage: _Path, *, set: _Settings = None, **asked: Any) -> "Sensitivities":
+    """Return which parameter moves which figure, by the fields of a `SensitivityRequest`."""
+    return _ready("sensitivity", _template(stage, set), asked)()
+
+
+def sweep(
+    stage: _Path,
+    *,
+    set: _Settings = None,
+    workers: int = 1,
+    folder: Path | None = None,
+    **asked: Any,
+) -> "Sweep":
+    """Return figures over parameters, by the fields of a `SweepRequest`."""
+    run = _ready("sweep", _template(stage, set), asked)
+    with open_workers(workers) as shared:
+        return run(workers=shared, keep=folder)
+
+
+def optimise(
+    stage: _Path, *, set: _Settings = None, workers: int = 1, **asked: Any
+) -> "Optimum | Front":
+    """Return the best stage, or the front of several goals, by an `OptimiseRequest`."""
+    run = _ready("optimise", _template(stage, set), asked)
+    with open_workers(workers) as shared:
+        return run(shared)
+
+
+def tolerance(
+    stage: Stage | _Path, *, workers: int = 1, folder: Path | None = None, **asked: Any
+) -> "Found":
+    """Return the spread of a lot, and what was chosen for a yield, by a `ToleranceRequest`."""
+    run = _ready("tolerance", stage_of(stage), asked)
+    with open_workers(workers) as shared:
+        return run(shared, folder)
+
+
+def frf(
+    records: "Record | Sequence[Record]",
+    input: str | int | None = None,
+    output: str | int | Sequence[str | int] | None = None,
+    *,
+    spectra: Mapping[str, Any] | None = None,
+    **fit: Any,
+) -> "ModalFit":
+    """Return the modes in records over time, or in responses that were measured.
+
+    Spectra are the options of `estimate_response`, the others those of `fit_modes`; with a delay or
+    a lag modes are real unless told otherwise.
+    """
+    from flexstage.measure import estimate_response, fit_modes
+    from flexstage.measure.spectra.response import response_from_record
+
+    given = list(records) if isinstance(records, Sequence) else [records]
+    fit.setdefault("real_modes", bool(fit.get("delay") or fit.get("lag")))
+    if all(record.over == "frequency" for record in given):
+        return fit_modes([response_from_record(record) for record in given], **fit)
+    if input is None or output is None:
+        raise ModelError("records over time need an input and an output: name the columns")
+    found = estimate_response(given, input, output, **(spectra or {}))
+    return fit_modes(found.response, added_damping_rate=found.added_damping_rate, **fit)
+
+
+def characterise(tests: "Campaign | _Path") -> "Characterisation":
+    """Return the figures of tests: of a description (`Campaign`), or of the file of one."""
+    from flexstage.experiments import Campaign, read_campaign
+    from flexstage.experiments import characterise as evaluated
+
+    if isinstance(tests, Campaign):
+        return evaluated(tests)
+    return evaluated(read_campaign(Path(tests)), Path(tests).parent)
+
+
+def centre(records: "_Path | Record | Sequence[Record]", **asked: Any) -> "CentredRecords":
+    """Return a scale's eccentricity and the move against it, by the fields of `CentreOptions`."""
+    from flexstage.centring.from_records import CentreOptions, centre_records
+    from flexstage.records import Record
+    from flexstage.records.files import read_files
+
+    options = _request(CentreOptions, asked)
+    if isinstance(records, str | os.PathLike):
+        records = read_files([Path(records)], options.columns, units=options.units, over="point")
+    return centre_records([records] if isinstance(records, Record) else records, options)
+
+
+def _ready(job: str, subject: Any, asked: Mapping[str, Any]) -> Callable[..., Any]:
+    """Return what carries out a request of `flexstage.explore`."""
+    module = import_module(f"flexstage.explore.requests.{job}")
+    return _request(getattr(module, f"{job.capitalize()}Request"), asked).ready(subject)
+
+
+def _request(kind: type[Any], asked: Mapping[str, Any]) -> Any:
+    """Make a request; where it takes several words, one, or pairs of names and values, will do."""
+    known = {field.name: field.default for field in fields(kind)}
+    for name in asked:
+        if name not in known:
+            raise ModelError(unknown("option", name, known))
+    return kind(**{n: _words(v) if known[n] == () else v for n, v in asked.items()})
+
+
+def _words(value: Any) -> tuple[str, ...]:
+    if isinstance(value, Mapping):
+        return tuple(f"{name}={text}" for name, text in value.items())
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
+def _template(source: _Path, settings: _Settings) -> "StageTemplate":
+    from flexstage.designs import StageTemplate
+
+    if isinstance(source, Stage):
+        raise StageError(
+            f"'{source.name}' as it was read has no parameters to vary: give its file or design"
+        )
+    return StageTemplate.of(source, settings)
