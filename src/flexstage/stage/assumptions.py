@@ -5,6 +5,13 @@ published measured rows, goes before them. Where no source is named a figure is 
 such parts have, and no one's measurement.
 """
 
+from typing import TYPE_CHECKING
+
+from flexstage.characteristic import measured_value
+
+if TYPE_CHECKING:
+    from flexstage.stage.model import Stage
+
 #: Width of a stack's loop over its stroke [1]: data sheets of stacks under voltage control state
 #: 10 to 15 %.
 LOOP_WIDTH = 0.125
@@ -40,3 +47,33 @@ SETTLING = 2e-9
 #: Orders of what the axis of a table does beside its turns: a cage with its balls runs at some such
 #: rates.
 ASYNCHRONOUS_ORDERS = (0.43, 2.57, 5.43)
+
+#: Figures of the guides of a simulated stage, each with the one that it follows from by published
+#: measurement; where there is none it is the share of the stroke above.
+_OF_GUIDES = {
+    "straightness": "straightness",
+    "straightness_out_of_plane": "straightness_out_of_plane",
+    "roll": "straightness_out_of_plane",
+    "pitch": "straightness_out_of_plane",
+}
+
+
+def assumed_figures(stage: "Stage") -> dict[tuple[str, str], str]:
+    """Return which figures of a simulated stage are assumptions, by quantity and axis, and which.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> assumed_figures(design("parallelogram"))["straightness", "x"]
+    'assumed: 0.2 % of the stroke, no figure of this stage'
+    >>> ("straightness", "x") in assumed_figures(design("vgtu-piezo"))
+    False
+    """
+    words = f"assumed: {100.0 * STRAIGHTNESS:g} % of the stroke"
+    turned = f"{words} over {1e3 * GUIDE_LENGTH:g} mm"
+    return {
+        (quantity, axis.name): f"{words if own == quantity else turned}, no figure of this stage"
+        for axis in stage.axes
+        for quantity, own in _OF_GUIDES.items()
+        if measured_value(stage.published, own, axis.name) is None
+    }
