@@ -207,5 +207,7 @@ def test_errors_say_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_path_of_leaves_is_refused() -> None:
     # leaves of length L that move by d sag by 0.6 d²/L, and one spring in their middle does not
-    with pytest.raises(ModelError, match=r"upper-outer-left.*bend over a length.*--model plane --stroke"):
+    with pytest.raises(
+        ModelError, match=r"upper-outer-left.*bend over a length.*--model plane --stroke"
+    ):
         stroke_path(design("compound-parallelogram"), "x", "x", [0.0, 0.5e-3])

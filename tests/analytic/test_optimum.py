@@ -283,10 +283,20 @@ def test_usual_requirements_give_way_to_those_that_are_asked() -> None:
         # of the bodies; of the platform, which both axes share
         "smallest_wall >= 1 mm",
         "output_wall.x >= 3.3 mm",
+        # nine tenths of the stroke as described
+        "output_displacement.x >= 60.8 µm",
+        "output_displacement.y >= 57.9 µm",
     ]
+    assert known["output_displacement", "x"] == pytest.approx(60.8e-6 / 0.9, rel=1e-3)
     asked = (requirement_of("stress.x <= 200 MPa", known),)
-    left = usual_requirements(stage, known, asked, ["input_stiffness", "output_wall"])
+    left = usual_requirements(stage, known, asked, ["input_stiffness", "output_wall", "stroke"])
     assert [r.text for r in left] == ["safety_factor.y >= 1.5", "smallest_wall >= 1 mm"]
+    # a stroke or ratio that is sought or asked for says itself what it is to be
+    for words, goals in (("ratio.x = 1.7", ()), ("mass <= 1 kg", ("stroke.x",))):
+        chosen = [figure_of(name, known) for name in goals]
+        told = usual_requirements(stage, known, (requirement_of(words, known),), goals=chosen)
+        strokes = [r.figure.name for r in told if r.figure.quantity == "output_displacement"]
+        assert strokes == ["output_displacement.y"]
     # no more is asked than the stage has, in whole um
     thin = StageTemplate.of("parallelogram", {"platform_height": "2.3456789 mm"}).stage()
     usual = usual_requirements(thin, known_figures(thin), asked)
@@ -294,6 +304,20 @@ def test_usual_requirements_give_way_to_those_that_are_asked() -> None:
     assert walls == ["smallest_wall >= 1 mm", "output_wall.x >= 2.345 mm"]
     with pytest.raises(ModelError, match="did you mean 'safety_factor"):
         usual_requirements(stage, known, (), ["safety_facto"])
+
+
+def test_the_frequency_with_its_stack_is_told_of_a_stage_that_has_one() -> None:
+    template = StageTemplate.of("bridge")
+    known = known_figures(template.stage())
+    wanted = Problem(
+        family=Family(template=template, variables=variables_of(template, ["edge=20 %"])),
+        goals=(Goal(figure=figure_of("natural_frequency.y", known), way="maximise"),),
+    )
+    found = find_optimum(wanted, SearchOptions(model="lumped", evaluations=30, starts=0))
+    (note,) = (n for n in found.notes if "with stack" in n)
+    for stage in (template.stage(), found.stage):
+        value = known_figures(stage)["natural_frequency_with_stack_hz", "y"]
+        assert f"{value:.0f} Hz" in note
 
 
 def test_published_targets_leave_out_what_follows() -> None:

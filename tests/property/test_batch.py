@@ -68,7 +68,9 @@ def test_every_figure_of_a_batch_is_that_of_the_single_analysis(name: str) -> No
     stages = [nominal, varied(nominal, 1), varied(nominal, 2)]
     found = batch_characteristics(assemble_batch(stage_arrays(stages)))
     for i, stage in enumerate(stages):
-        rows = analyse(stage, lumped_system(stage)).characteristics
+        every = analyse(stage, lumped_system(stage)).characteristics
+        # a batch has modes without drives alone
+        rows = [row for row in every if row.quantity != "natural_frequency_with_stack_hz"]
         assert list(found) == [(row.quantity, row.axis) for row in rows]
         for row in rows:
             value = found[row.quantity, row.axis][i]

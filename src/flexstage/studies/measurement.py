@@ -106,7 +106,9 @@ def compare_with_references(
         note = assumed.get((evaluated.quantity, evaluated.axis))
         figure = evaluated if note is None else replace(evaluated, note=note)
         given: dict[str, Characteristic] = {}
-        for row in references.select(figure.quantity, figure.axis):
+        for row in references:
+            if (row.quantity, row.axis) != (figure.quantity, figure.axis):
+                continue
             if row.origin == found.origin:
                 continue  # its own row, of a table that it has joined
             # a model gives some figures for several conditions; the first is the usual one

@@ -174,7 +174,7 @@ def as_built(
     axes = []
     for state in analysis.axes:
         mode = axis_mode(system, analysis.modes["removed"], state.drive, state.probe)
-        own = {row.quantity: row.value for row in known.select(axis=state.axis)}
+        own = {row.quantity: row.value for row in known if row.axis == state.axis}
         axes.append(_axis(made, system, state, mode, own, rng))
     if any(row.quantity != "natural_frequency_hz" for row in known):
         notes.append(

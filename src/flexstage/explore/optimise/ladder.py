@@ -13,6 +13,7 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.family import evaluate
+from flexstage.explore.figures import Figure
 from flexstage.explore.optimise.correction import Correction
 from flexstage.explore.optimise.local_search import (
     FEASIBLE,
@@ -55,6 +56,8 @@ _SAMPLE, _AGREED = 64, 1e-3
 _ALIKE = 2
 # what a turn leaves of the work that is left, as it is shown
 _LEFT = 0.67
+# what the frequency of an axis is called with its stack in place
+_WITH_STACK = "natural_frequency_with_stack_hz"
 _ROUNDED_OFF = (
     "rounded to 0.001 mm and 0.001 deg the stage misses what is required, and so do those beside it"
 )
@@ -590,6 +593,7 @@ class _Climb:
             start = self._fine(model, self.start)
             best = self._fine(model, x)
             levels.append(Level(model=model, start=start, best=best))
+        self._with_stacks(point)
         settings = {
             "goals": "; ".join(g.text for g in problem.goals),
             "requirements": "; ".join(r.text for r in problem.limits),
@@ -617,6 +621,20 @@ class _Climb:
             notes=tuple(self.notes),
             provenance=provenance(stage, settings),
         )
+
+    def _with_stacks(self, point: Array) -> None:
+        """Say the frequency with its stack of each axis whose frequency without it is sought."""
+        sought = [f.axis for f in self.problem.figures if f.quantity == "natural_frequency_hz"]
+        figures = [Figure(quantity=_WITH_STACK, axis=axis) for axis in sought]
+        points = np.array([drawn_point(self.problem, self.start), point])
+        found = evaluate(self.problem.family, points, figures).values
+        for figure, (before, after) in zip(figures, found.T, strict=True):
+            if np.isfinite(after):  # an axis of a stage with stacks
+                self.notes.append(
+                    f"natural_frequency.{figure.axis} is without stack; with stack it is "
+                    f"{figure.text(before)} at the start and {figure.text(after)} at the best "
+                    f"stage, by the lumped model ({figure.name})"
+                )
 
     def _faults(self, stage: Stage) -> None:
         self.notes += [issue.message for issue in check(stage) if issue.severity == "error"]
