@@ -23,7 +23,7 @@ from flexstage.explore import (
 )
 from flexstage.explore.family import Evaluated
 from flexstage.explore.optimise import ladder
-from flexstage.explore.optimise.local_search import LocalOptimum
+from flexstage.explore.optimise.local_search import LocalOptimum, local_search
 from flexstage.explore.optimise.multipliers import held_by
 from flexstage.explore.optimise.problem import StageProgram
 from flexstage.explore.optimise.usual import (
@@ -318,6 +318,23 @@ def test_the_frequency_with_its_stack_is_told_of_a_stage_that_has_one() -> None:
     for stage in (template.stage(), found.stage):
         value = known_figures(stage)["natural_frequency_with_stack_hz", "y"]
         assert f"{value:.0f} Hz" in note
+
+
+@pytest.mark.slow
+def test_a_description_that_lies_on_walls_is_no_end_of_a_search() -> None:
+    """The links of both axes have their least length in the piezo stage as it is described."""
+    template = StageTemplate.of("vgtu-piezo")
+    wanted = OptimiseRequest(maximise=("natural_frequency.x",)).problem(template)
+    start = wanted.position(wanted.family.usual)
+    program = StageProgram(problem=wanted, nearest_to=start)
+    program.goal_reference = float(program.figures(start[None])[0, 0])
+    found = local_search(program, start, steps=3)
+    assert found is not None
+    assert found.values[0] < -1.2  # from 326 Hz, in parts of it and then by the logarithm
+    assert not program.fault(found.point)
+    values = dict(zip(wanted.figures, program.figures(found.point[None])[0], strict=True))
+    for requirement in wanted.usual:
+        assert requirement.excess(np.array(values[requirement.figure])) < 0.05
 
 
 def test_published_targets_leave_out_what_follows() -> None:

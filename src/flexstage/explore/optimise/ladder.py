@@ -627,7 +627,7 @@ class _Climb:
         sought = [f.axis for f in self.problem.figures if f.quantity == "natural_frequency_hz"]
         figures = [Figure(quantity=_WITH_STACK, axis=axis) for axis in sought]
         points = np.array([drawn_point(self.problem, self.start), point])
-        found = evaluate(self.problem.family, points, figures).values
+        found = evaluate(self.problem.family, points, figures, "lumped").values
         for figure, (before, after) in zip(figures, found.T, strict=True):
             if np.isfinite(after):  # an axis of a stage with stacks
                 self.notes.append(
