@@ -32,6 +32,7 @@ from flexstage.explore.optimise.usual import (
     usual_requirements,
     usual_variables,
 )
+from flexstage.explore.requests.optimise import OptimiseRequest
 from flexstage.stage import check, stage_from_text
 
 RANGES = (
