@@ -239,11 +239,8 @@ class Characteristics(tuple[Characteristic, ...]):
         if quantity is not None:
             quantity = full_name(quantity)
             if quantity not in QUANTITIES:
-                shown = dict.fromkeys(row.quantity for row in self)
-                raise ModelError(
-                    f"there is no quantity '{quantity[:60]}'"
-                    f"{did_you_mean(quantity, (*shown, *QUANTITIES)) or _choices(shown)}"
-                )
+                hint = did_you_mean(quantity, QUANTITIES) or _choices({r.quantity for r in self})
+                raise ModelError(f"there is no quantity '{quantity[:60]}'{hint}")
         if origin is not None and origin not in ORIGINS:
             raise ModelError(unknown("origin", origin, ORIGINS))
         axes = dict.fromkeys(row.axis for row in self)
@@ -251,12 +248,10 @@ class Characteristics(tuple[Characteristic, ...]):
             raise ModelError(has_no("the table", "axis", axis, axes))
         return self._fitting(quantity, axis, origin)
 
-    def _fitting(
-        self, quantity: str | None = None, axis: str | None = None, origin: str | None = None
-    ) -> "Characteristics":
+    def _fitting(self, quantity: str | None, axis: str | None, origin: str | None) -> Self:
         wanted = {"quantity": quantity, "axis": axis, "origin": origin}
         asked = {name: value for name, value in wanted.items() if value is not None}
-        return Characteristics(
+        return type(self)(
             row for row in self if all(getattr(row, k) == v for k, v in asked.items())
         )
 
@@ -300,11 +295,11 @@ class Characteristics(tuple[Characteristic, ...]):
         if quantity not in quantities:
             near = nearest(quantity, quantities)
             return f": did you mean '{near}'?" if near else _choices(quantities)
-        rows = self._fitting(quantity)
+        rows = self._fitting(quantity, None, None)
         axes = dict.fromkeys(row.axis for row in rows)
         if axis not in axes:
             return f": it is known of axis {', '.join(axes)}"
-        return f": it comes from {', '.join(row.origin for row in rows._fitting(axis=axis))}"
+        return f": it comes from {', '.join(row.origin for row in rows._fitting(None, axis, None))}"
 
     def columns(self) -> dict[str, list[object]]:
         """Return the table by columns, as data-frame libraries take it.

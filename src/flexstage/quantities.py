@@ -151,13 +151,7 @@ ALIASES = {
 
 
 def full_name(name: str) -> str:
-    """Return the name that a quantity has in results, of a short one; any other as it is.
-
-    Examples
-    --------
-    >>> full_name("natural_frequency"), full_name("stroke"), full_name("mass")
-    ('natural_frequency_hz', 'output_displacement', 'mass')
-    """
+    """Return the name that a quantity has in results, of a short one; any other as it is."""
     quantity = ALIASES.get(name, name)
     return quantity if quantity in QUANTITIES or f"{name}_hz" not in QUANTITIES else f"{name}_hz"
 

@@ -239,29 +239,15 @@ class Part:
         return "|".join(re.escape(name) for name in given)
 
     def touching(self, names: Sequence[str]) -> list[tuple[str, ...]]:
-        """Return faces, given by name, in groups that touch; those of one name are one.
-
-        Examples
-        --------
-        >>> from netgen.occ import Box
-        >>> part = Part.from_shape(Box((0, 0, 0), (7.0, 2.0, 1.0)))
-        >>> [len(group) for group in part.touching([face.name for face in part.faces])]
-        [6]
-        >>> len(part.touching((*part.select("x", "min"), *part.select("x", "max"))))
-        2
-        """
-        corners: dict[str, set[TopoDS_Shape]] = {}
-        for f in self.shape.faces:
-            if f.name in names:
-                corners.setdefault(str(f.name), set()).update(f.vertices)
-        groups: list[tuple[list[str], set[TopoDS_Shape]]] = []
+        """Return faces, given by name, in groups that touch; those of one name are one."""
+        groups: list[tuple[tuple[str, ...], set[TopoDS_Shape]]] = []
         for name in dict.fromkeys(names):
-            met = [g for g in groups if g[1] & corners[name]]
+            own = {v for f in self.shape.faces if f.name == name for v in f.vertices}
+            met = [g for g in groups if g[1] & own]
             groups = [g for g in groups if g not in met]
-            groups.append(
-                ([*(n for g in met for n in g[0]), name], corners[name].union(*(g[1] for g in met)))
-            )
-        return [tuple(group) for group, _ in groups]
+            joined = (*(n for g in met for n in g[0]), name)
+            groups.append((joined, own.union(*(g[1] for g in met))))
+        return [group for group, _ in groups]
 
     # ------------------------------------------------------------------ mesh
 

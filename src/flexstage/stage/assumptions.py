@@ -48,32 +48,18 @@ SETTLING = 2e-9
 #: rates.
 ASYNCHRONOUS_ORDERS = (0.43, 2.57, 5.43)
 
-#: Figures of the guides of a simulated stage, each with the one that it follows from by published
-#: measurement; where there is none it is the share of the stroke above.
-_OF_GUIDES = {
-    "straightness": "straightness",
-    "straightness_out_of_plane": "straightness_out_of_plane",
-    "roll": "straightness_out_of_plane",
-    "pitch": "straightness_out_of_plane",
-}
-
 
 def assumed_figures(stage: "Stage") -> dict[tuple[str, str], str]:
-    """Return which figures of a simulated stage are assumptions, by quantity and axis, and which.
+    """Return what is assumed of the guides of a simulated stage, in words, by quantity and axis.
 
-    Examples
-    --------
-    >>> from flexstage.designs import design
-    >>> assumed_figures(design("parallelogram"))["straightness", "x"]
-    'assumed: 0.2 % of the stroke, no figure of this stage'
-    >>> ("straightness", "x") in assumed_figures(design("vgtu-piezo"))
-    False
+    Straightness where nobody has published it, and the rotations that follow from it.
     """
-    words = f"assumed: {100.0 * STRAIGHTNESS:g} % of the stroke"
-    turned = f"{words} over {1e3 * GUIDE_LENGTH:g} mm"
+    words = f"assumed: {100.0 * STRAIGHTNESS:g} % of the stroke, no figure of this stage"
+    follow = (("straightness",), ("straightness_out_of_plane", "roll", "pitch"))
     return {
-        (quantity, axis.name): f"{words if own == quantity else turned}, no figure of this stage"
+        (quantity, axis.name): words
         for axis in stage.axes
-        for quantity, own in _OF_GUIDES.items()
-        if measured_value(stage.published, own, axis.name) is None
+        for quantities in follow
+        if measured_value(stage.published, quantities[0], axis.name) is None
+        for quantity in quantities
     }

@@ -100,8 +100,8 @@ def compare_with_references(
     """Compare what was measured with rows that models or publications have given."""
     rows = []
     present: dict[str, None] = {}
-    simulated = stage is not None and found.origin == "virtual"
-    assumed = assumed_figures(stage) if simulated else {}
+    virtual = stage if found.origin == "virtual" else None
+    assumed = {} if virtual is None else assumed_figures(virtual)
     for evaluated in found.figures:
         note = assumed.get((evaluated.quantity, evaluated.axis))
         figure = evaluated if note is None else replace(evaluated, note=note)

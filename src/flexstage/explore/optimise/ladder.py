@@ -56,8 +56,6 @@ _SAMPLE, _AGREED = 64, 1e-3
 _ALIKE = 2
 # what a turn leaves of the work that is left, as it is shown
 _LEFT = 0.67
-# what the frequency of an axis is called with its stack in place
-_WITH_STACK = "natural_frequency_with_stack_hz"
 _ROUNDED_OFF = (
     "rounded to 0.001 mm and 0.001 deg the stage misses what is required, and so do those beside it"
 )
@@ -624,8 +622,11 @@ class _Climb:
 
     def _with_stacks(self, point: Array) -> None:
         """Say the frequency with its stack of each axis whose frequency without it is sought."""
-        sought = [f.axis for f in self.problem.figures if f.quantity == "natural_frequency_hz"]
-        figures = [Figure(quantity=_WITH_STACK, axis=axis) for axis in sought]
+        figures = [
+            Figure(quantity="natural_frequency_with_stack_hz", axis=f.axis)
+            for f in self.problem.figures
+            if f.quantity == "natural_frequency_hz"
+        ]
         points = np.array([drawn_point(self.problem, self.start), point])
         found = evaluate(self.problem.family, points, figures, "lumped").values
         for figure, (before, after) in zip(figures, found.T, strict=True):

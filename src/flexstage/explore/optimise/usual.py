@@ -127,16 +127,15 @@ def _walls(stage: Stage, known: Iterable[tuple[str, str]]) -> list[Requirement]:
 
 def _strokes(known: Mapping[tuple[str, str], float]) -> list[Requirement]:
     """Return what strokes may be, to three digits."""
-    found = []
-    for (quantity, axis), value in known.items():
-        if quantity in _STROKES and value:
-            figure, limit = Figure(quantity=quantity, axis=axis), float(f"{STROKE * value:.3g}")
-            found.append(
-                Requirement(figure=figure, low=limit)
-                if value > 0.0
-                else Requirement(figure=figure, high=limit)
-            )
-    return found
+    limits = [
+        (Figure(quantity=quantity, axis=axis), float(f"{STROKE * value:.3g}"))
+        for (quantity, axis), value in known.items()
+        if quantity in _STROKES and value
+    ]
+    return [
+        Requirement(figure=f, low=v) if v > 0.0 else Requirement(figure=f, high=v)
+        for f, v in limits
+    ]
 
 
 def walls_note(usual: Iterable[Requirement]) -> str:

@@ -97,26 +97,8 @@ def find_wall(possible: Callable[[Array], Bools], inside: Array, step: Array) ->
 def inside(possible: Callable[[Array], Bools], point: Array) -> Array:
     """Return a point beside a possible one that keeps `MARGIN` from walls along every variable.
 
-    On a wall, or where two meet, what lies beyond tells none of them from another, and a search
-    that keeps its distance has no step to take.
-
-    Parameters
-    ----------
-    possible : callable
-        Which of the points (S, d) are possible.
-    point : array
-        A possible point, from 0 to 1, shape (d,).
-
-    Returns
-    -------
-    array
-        The point itself where no wall is near, or no way leads from all of them.
-
-    Examples
-    --------
-    >>> x = inside(lambda x: x @ [3.0, 4.0] <= 2.0, np.array([0.4, 0.2]))
-    >>> bool(x @ [3.0, 4.0] < 2.0 - 4.0 * MARGIN)
-    True
+    On a wall, or where two meet, what lies beyond tells none of them from another. It is the point
+    itself where no way leads from all of them.
     """
     ways = np.vstack([np.eye(len(point)), -np.eye(len(point))]) * MARGIN
     for _ in range(_INWARDS):
