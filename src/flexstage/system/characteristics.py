@@ -144,11 +144,11 @@ def axis_characteristics(
         )
     mode = axis_mode(system, removed, static.drive_force, axis.probe)
     published = {(row.quantity, row.axis) for row in stage.published}
-    stacks = any(isinstance(stage.drive(name), PiezoStack) for name in axis.drives)
-    both = in_place is not None and stacks and ("natural_frequency_hz", axis.axis) not in published
+    stacks = any(isinstance(d, PiezoStack) and d.name in axis.drives for d in stage.drives)
+    both = stacks and ("natural_frequency_hz", axis.axis) not in published
     condition = "without stack (drives removed)" if both else "drives removed"
     add("natural_frequency_hz", removed.frequency_hz[mode], f"mode {mode + 1}, {condition}")
-    if in_place is not None and both:
+    if both and in_place is not None and in_place.frequency_hz.size:
         driven = axis_mode(system, in_place, static.drive_force, axis.probe)
         condition = f"mode {driven + 1}, with stack (drives in place)"
         add("natural_frequency_with_stack_hz", in_place.frequency_hz[driven], condition)
