@@ -133,7 +133,7 @@ def _turning() -> Stage:
         (lambda: _driven("three-rrr", _COIL, _SCREW, _SOFT_SCREW), 0),
         (_relative, 0),
         (_read_from_the_platform, 0),
-        # every figure of the two axes, frequencies with stacks too; of the other stage the workspace
+        # every figure of the two axes, with stacks too; and of the other stage the workspace
         (_redundant, 28),
         (_turning, 1),
     ],
