@@ -307,18 +307,27 @@ def test_usual_requirements_give_way_to_those_that_are_asked() -> None:
         usual_requirements(stage, known, (), ["safety_facto"])
 
 
-def test_the_frequency_with_its_stack_is_told_of_a_stage_that_has_one() -> None:
-    template = StageTemplate.of("bridge")
+@pytest.mark.parametrize(
+    ("name", "over", "axis"), [("bridge", "edge=20 %", "y"), ("vgtu-piezo", "x.leg_neck=9 %", "x")]
+)
+def test_the_frequency_with_its_stack_is_told_of_a_stage_that_has_one(
+    name: str, over: str, axis: str
+) -> None:
+    template = StageTemplate.of(name)
     known = known_figures(template.stage())
     wanted = Problem(
-        family=Family(template=template, variables=variables_of(template, ["edge=20 %"])),
-        goals=(Goal(figure=figure_of("natural_frequency.y", known), way="maximise"),),
+        family=Family(template=template, variables=variables_of(template, [over])),
+        goals=(Goal(figure=figure_of(f"natural_frequency.{axis}", known), way="maximise"),),
     )
     found = find_optimum(wanted, SearchOptions(model="lumped", evaluations=30, starts=0))
     (note,) = (n for n in found.notes if "with stack" in n)
-    for stage in (template.stage(), found.stage):
-        value = known_figures(stage)["natural_frequency_with_stack_hz", "y"]
-        assert f"{value:.0f} Hz" in note
+    told = ("natural_frequency_with_stack_hz", axis)
+    text = figure_of("natural_frequency_with_stack", {told}).text
+    assert f"{text(known_figures(found.stage)[told])} at the best stage" in note
+    # of the start where nothing was published of it
+    assert ("at the start" in note) == (told in known)
+    if told in known:
+        assert f"{text(known[told])} at the start" in note
 
 
 @pytest.mark.slow

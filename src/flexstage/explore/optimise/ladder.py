@@ -629,12 +629,14 @@ class _Climb:
         ]
         points = np.array([drawn_point(self.problem, self.start), point])
         found = evaluate(self.problem.family, points, figures, "lumped").values
-        for figure, (before, after) in zip(figures, found.T, strict=True):
-            if np.isfinite(after):  # an axis of a stage with stacks
+        for figure, values in zip(figures, found.T, strict=True):
+            # none of an axis without stacks, nor of a start whose frequency was published
+            ends = zip(values.tolist(), ("the start", "the best stage"), strict=True)
+            known = [f"{figure.text(v)} at {end}" for v, end in ends if np.isfinite(v)]
+            if known:
                 self.notes.append(
                     f"natural_frequency.{figure.axis} is without stack; with stack it is "
-                    f"{figure.text(before)} at the start and {figure.text(after)} at the best "
-                    f"stage, by the lumped model ({figure.name})"
+                    f"{' and '.join(known)}, by the lumped model ({figure.name})"
                 )
 
     def _faults(self, stage: Stage) -> None:
