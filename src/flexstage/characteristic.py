@@ -6,10 +6,10 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, fields
 from typing import Self
 
-from flexstage.choose import nearest
+from flexstage.choose import did_you_mean, has_no, nearest, unknown
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.quantities import QUANTITIES, Quantity, beside, display
+from flexstage.quantities import QUANTITIES, Quantity, beside, display, full_name
 
 #: Where a value can come from.
 ORIGINS: tuple[str, ...] = (
@@ -235,7 +235,7 @@ class Characteristics(tuple[Characteristic, ...]):
         Parameters
         ----------
         quantity : str, optional
-            Quantity of the rows.
+            Quantity of the rows, by its name or a short one such as ``natural_frequency``.
         axis : str, optional
             Axis of the rows.
         origin : str, optional
@@ -245,10 +245,28 @@ class Characteristics(tuple[Characteristic, ...]):
         -------
         Characteristics
             The rows, in order; all where nothing is asked.
+
+        Raises
+        ------
+        ModelError
+            There is no such quantity or origin at all, or no such axis in the table.
         """
+        if quantity is not None:
+            quantity = full_name(quantity)
+            if quantity not in QUANTITIES:
+                hint = did_you_mean(quantity, QUANTITIES) or _choices({r.quantity for r in self})
+                raise ModelError(f"there is no quantity '{quantity[:60]}'{hint}")
+        if origin is not None and origin not in ORIGINS:
+            raise ModelError(unknown("origin", origin, ORIGINS))
+        axes = dict.fromkeys(row.axis for row in self)
+        if axis is not None and axes and axis not in axes:
+            raise ModelError(has_no("the table", "axis", axis, axes))
+        return self._fitting(quantity, axis, origin)
+
+    def _fitting(self, quantity: str | None, axis: str | None, origin: str | None) -> Self:
         wanted = {"quantity": quantity, "axis": axis, "origin": origin}
         asked = {name: value for name, value in wanted.items() if value is not None}
-        return Characteristics(
+        return type(self)(
             row for row in self if all(getattr(row, k) == v for k, v in asked.items())
         )
 
@@ -274,7 +292,8 @@ class Characteristics(tuple[Characteristic, ...]):
         ModelError
             No row fits, or more than one.
         """
-        rows = self.select(quantity, axis, origin)
+        quantity = full_name(quantity)
+        rows = self._fitting(quantity, axis, origin)
         if len(rows) != 1:
             what = f"{quantity} of axis '{axis}'" + (f" from '{origin}'" if origin else "")
             found = ", ".join(row.origin for row in rows)
@@ -291,11 +310,11 @@ class Characteristics(tuple[Characteristic, ...]):
         if quantity not in quantities:
             near = nearest(quantity, quantities)
             return f": did you mean '{near}'?" if near else _choices(quantities)
-        rows = self.select(quantity)
+        rows = self._fitting(quantity, None, None)
         axes = dict.fromkeys(row.axis for row in rows)
         if axis not in axes:
             return f": it is known of axis {', '.join(axes)}"
-        return f": it comes from {', '.join(row.origin for row in rows.select(axis=axis))}"
+        return f": it comes from {', '.join(row.origin for row in rows._fitting(None, axis, None))}"
 
     def columns(self) -> dict[str, list[object]]:
         """Return the table by columns, as data-frame libraries take it.

@@ -85,6 +85,9 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("resolution", "m", "Resolution", "µm", 1e6),
         Quantity("rotation_resolution", "rad", "Resolution in rotation", "µrad", 1e6),
         Quantity("natural_frequency_hz", "Hz", "Natural frequency", "Hz", 1.0),
+        Quantity(
+            "natural_frequency_with_stack_hz", "Hz", "Natural frequency with stack", "Hz", 1.0
+        ),
         Quantity("cross_coupling", "1", "Cross-coupling", "%", 100.0, 1e-9),
         Quantity("cross_displacement", "m", "Displacement of other axes", "µm", 1e6, 1e-15),
         Quantity("cross_rotation", "rad", "Rotation of other axes", "µrad", 1e6, 1e-12),
@@ -135,6 +138,22 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("hysteresis_deviation", "m", "Hysteresis model, largest error", "µm", 1e6),
     )
 }  # fmt: skip
+
+
+#: Short names of quantities, beside the full ones and those without ``_hz``.
+ALIASES = {
+    "stroke": "output_displacement",
+    "ratio": "transmission_ratio",
+    "stress": "max_stress",
+    "coupling": "cross_coupling",
+    "frequency": "natural_frequency_hz",
+}
+
+
+def full_name(name: str) -> str:
+    """Return the name that a quantity has in results, of a short one; any other as it is."""
+    quantity = ALIASES.get(name, name)
+    return quantity if quantity in QUANTITIES or f"{name}_hz" not in QUANTITIES else f"{name}_hz"
 
 
 def display(name: str) -> Quantity:

@@ -5,9 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from flexstage.designs import design
+from flexstage.interactive.show import headline
+from flexstage.lumped import lumped_system
 from flexstage.material import material
 from flexstage.provenance import content_hash
+from flexstage.report.front_page import verdict
 from flexstage.stage import Axis, Body, Loop, PiezoStack, Probe, Stage
+from flexstage.studies import run_study
 from flexstage.system import (
     MechanicalSystem,
     ModalDamping,
@@ -15,6 +20,7 @@ from flexstage.system import (
     guyan_reduction,
     static_displacements,
 )
+from flexstage.system.characteristics import axis_mode
 from flexstage.system.mechanical import (
     AxisPort,
     BodyPort,
@@ -424,3 +430,31 @@ def test_the_stress_of_one_hinge_is_that_of_the_whole_map() -> None:
         one = whole.of(name)
         assert one.largest(q) == {name: whole.largest(q)[name]}
         assert one.scatter(q) == {name: whole.scatter(q)[name]}
+
+
+def test_an_own_piezo_stage_has_its_frequency_without_and_with_stack() -> None:
+    stage = design("bridge")
+    made = analyse(stage, lumped_system(stage))
+    (bare,) = made.characteristics.select("natural_frequency", "y")
+    (driven,) = made.characteristics.select("natural_frequency_with_stack", "y")
+    assert "without stack" in bare.note
+    assert "with stack" in driven.note
+    mode = axis_mode(made.system, made.modes["in place"], "y", "y")
+    assert driven.value == made.modes["in place"].frequency_hz[mode] > 2.0 * bare.value
+    # they stand beside each other in every table and sentence
+    quantities = [row.quantity for row in made.characteristics]
+    at = quantities.index("natural_frequency_hz")
+    assert quantities[at + 1] == "natural_frequency_with_stack_hz"
+    shown = {line.partition(":")[0].strip() for line in headline(made.characteristics)}
+    assert {"natural frequency", "natural frequency with stack"} <= shown
+    motion = next(s for s in verdict(run_study(stage)) if s.startswith("Motion"))
+    assert (
+        f"without stack {bare.value:.1f} Hz in y, with stack {driven.value:.0f} Hz in y" in motion
+    )
+    # a screw has no such choice, and a published frequency says its own condition
+    for name in ("parallelogram", "vgtu-piezo"):
+        rows = analyse(design(name), lumped_system(design(name))).characteristics
+        assert not rows.select("natural_frequency_with_stack")
+    assert analyse(
+        replace(design("vgtu-piezo"), published=()), lumped_system(design("vgtu-piezo"))
+    ).characteristics.select("natural_frequency_with_stack", "x")

@@ -466,13 +466,13 @@ def probed(axis, seed=11, count=6, stations=15):
     return record(over="point", **columns)
 
 
-@pytest.mark.parametrize("axis", ["x", "y"])
-def test_spheres(axis) -> None:
+@pytest.mark.parametrize(("axis", "runs"), [("x", "x"), ("y", "y"), ("travel", "y"), ("y", "x")])
+def test_spheres(axis, runs) -> None:
     test = Test(
         name="b", kind="spheres", axis=axis, records=("a",),
         columns=Columns(command="command", spheres=("A", "B", "C")),
     )  # fmt: skip
-    found = run(test, probed(axis))
+    found = run(test, probed(runs))  # an axis may be called as it likes
     truth = {
         "output_displacement": (STROKE, 5e-8),
         "straightness": (1e-6, 5e-8),
@@ -494,8 +494,13 @@ def test_spheres_that_cannot_tell_a_motion() -> None:
         columns=Columns(command="command", spheres=("A", "B", "C")),
     )  # fmt: skip
     data = probed("x")
-    with pytest.raises(RecordError, match=r"spheres are evaluated along axis x or y, got 'z'"):
-        run(replace(test, axis="z"), data)
+    lifted = {"X": "Z", "Y": "X", "Z": "Y"}  # of each column, what it is called instead
+    turned = tuple(
+        replace(c, name=c.name[:-1] + lifted[c.name[-1]]) if "." in c.name else c
+        for c in data.channels
+    )
+    with pytest.raises(RecordError, match="the spheres move most along the machine's Z"):
+        run(test, replace(data, channels=turned))
     with pytest.raises(RecordError, match="names 2 spheres"):
         run(replace(test, columns=Columns(command="command", spheres=("A", "B"))), data)
     with pytest.raises(RecordError, match=r"no column 'D\.X'"):

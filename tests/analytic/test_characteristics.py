@@ -26,6 +26,20 @@ def test_rows_are_found_by_any_of_their_keys() -> None:
     assert TABLE.value("natural_frequency_hz", "x", "lumped") == 326.0
 
 
+def test_short_names_are_those_of_the_quantity_and_others_are_refused() -> None:
+    assert TABLE.select("natural_frequency") == TABLE.select("natural_frequency_hz") == TABLE
+    assert TABLE.select("frequency", "y") == TABLE.select(axis="y")
+    assert TABLE.value("natural_frequency", "y") == 538.7
+    assert not TABLE.select("mass")  # a quantity that this table has not
+    with pytest.raises(ModelError, match="no quantity 'natural_freq'; did you mean 'natural_freq"):
+        TABLE.select("natural_freq")
+    with pytest.raises(ModelError, match="the table has no axis 'X': its axes are x, y; did you"):
+        TABLE.select(axis="X")
+    with pytest.raises(ModelError, match="unknown origin 'lumpd'"):
+        TABLE.select(origin="lumpd")
+    assert not Characteristics(()).select("mass", "x", "lumped")
+
+
 def test_what_is_not_there_or_not_clear_is_said() -> None:
     with pytest.raises(ModelError, match=r"there are 2 values .* lumped, published-measured"):
         TABLE.value("natural_frequency_hz", "x")

@@ -198,6 +198,24 @@ def test_plane_walls_are_found_and_kept() -> None:
     assert normals == [(0.6, 0.8, 0.1), (0.98, -0.2, 0.0)]
 
 
+def test_a_start_in_the_corner_of_two_walls_goes_on() -> None:
+    """What lies beyond a corner tells neither wall from the other: it is left first."""
+    program = Textbook(
+        lambda x: -x[0] - 1.1 * x[2],
+        (),
+        ([], []),
+        ([0.0] * 4, [1.0] * 4),
+        lambda x: 3 * x[0] - x[1] <= 0.7 + 1e-9 and 4 * x[2] - x[3] <= 0.9 + 1e-9,
+    )
+    # both described as small as they may be, as two links that have their least length
+    found = local_search(program, np.array([0.4, 0.5, 0.35, 0.5]))
+    assert found is not None
+    assert found.converged
+    # it slides along both until their other variables end
+    assert found.point == pytest.approx([1.7 / 3.0, 1.0, 1.9 / 4.0, 1.0], abs=5 * MARGIN)
+    assert len(found.walls) == 2
+
+
 def test_wall_is_no_limit_that_gives_way() -> None:
     """An equation that only impossible points meet: the search ends at the wall, in few steps."""
     program = Textbook(

@@ -203,3 +203,11 @@ def test_errors_say_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("flexstage.lumped.large_displacement._ITERATIONS", 2)
     with pytest.raises(ConvergenceError, match="within 2 Newton steps for push"):
         equilibrium(model, {"push": 0.002})
+
+
+def test_a_path_of_leaves_is_refused() -> None:
+    # leaves of length L that move by d sag by 0.6 d²/L, and one spring in their middle does not
+    with pytest.raises(
+        ModelError, match=r"upper-outer-left.*bend over a length.*--model plane --stroke"
+    ):
+        stroke_path(design("compound-parallelogram"), "x", "x", [0.0, 0.5e-3])

@@ -23,7 +23,7 @@ from flexstage.explore import (
 )
 from flexstage.explore.family import Evaluated
 from flexstage.explore.optimise import ladder
-from flexstage.explore.optimise.local_search import LocalOptimum
+from flexstage.explore.optimise.local_search import LocalOptimum, local_search
 from flexstage.explore.optimise.multipliers import held_by
 from flexstage.explore.optimise.problem import StageProgram
 from flexstage.explore.optimise.usual import (
@@ -32,6 +32,7 @@ from flexstage.explore.optimise.usual import (
     usual_requirements,
     usual_variables,
 )
+from flexstage.explore.requests.optimise import OptimiseRequest
 from flexstage.stage import check, stage_from_text
 
 RANGES = (
@@ -283,10 +284,20 @@ def test_usual_requirements_give_way_to_those_that_are_asked() -> None:
         # of the bodies; of the platform, which both axes share
         "smallest_wall >= 1 mm",
         "output_wall.x >= 3.3 mm",
+        # nine tenths of the stroke as described
+        "output_displacement.x >= 60.8 µm",
+        "output_displacement.y >= 57.9 µm",
     ]
+    assert known["output_displacement", "x"] == pytest.approx(60.8e-6 / 0.9, rel=1e-3)
     asked = (requirement_of("stress.x <= 200 MPa", known),)
-    left = usual_requirements(stage, known, asked, ["input_stiffness", "output_wall"])
+    left = usual_requirements(stage, known, asked, ["input_stiffness", "output_wall", "stroke"])
     assert [r.text for r in left] == ["safety_factor.y >= 1.5", "smallest_wall >= 1 mm"]
+    # a stroke or ratio that is sought or asked for says itself what it is to be
+    for words, goals in (("ratio.x = 1.7", ()), ("mass <= 1 kg", ("stroke.x",))):
+        chosen = [figure_of(name, known) for name in goals]
+        told = usual_requirements(stage, known, (requirement_of(words, known),), goals=chosen)
+        strokes = [r.figure.name for r in told if r.figure.quantity == "output_displacement"]
+        assert strokes == ["output_displacement.y"]
     # no more is asked than the stage has, in whole um
     thin = StageTemplate.of("parallelogram", {"platform_height": "2.3456789 mm"}).stage()
     usual = usual_requirements(thin, known_figures(thin), asked)
@@ -294,6 +305,46 @@ def test_usual_requirements_give_way_to_those_that_are_asked() -> None:
     assert walls == ["smallest_wall >= 1 mm", "output_wall.x >= 2.345 mm"]
     with pytest.raises(ModelError, match="did you mean 'safety_factor"):
         usual_requirements(stage, known, (), ["safety_facto"])
+
+
+@pytest.mark.parametrize(
+    ("name", "over", "axis"), [("bridge", "edge=20 %", "y"), ("vgtu-piezo", "x.leg_neck=9 %", "x")]
+)
+def test_the_frequency_with_its_stack_is_told_of_a_stage_that_has_one(
+    name: str, over: str, axis: str
+) -> None:
+    template = StageTemplate.of(name)
+    known = known_figures(template.stage())
+    wanted = Problem(
+        family=Family(template=template, variables=variables_of(template, [over])),
+        goals=(Goal(figure=figure_of(f"natural_frequency.{axis}", known), way="maximise"),),
+    )
+    found = find_optimum(wanted, SearchOptions(model="lumped", evaluations=30, starts=0))
+    (note,) = (n for n in found.notes if "with stack" in n)
+    told = ("natural_frequency_with_stack_hz", axis)
+    text = figure_of("natural_frequency_with_stack", {told}).text
+    assert f"{text(known_figures(found.stage)[told])} at the best stage" in note
+    # of the start where nothing was published of it
+    assert ("at the start" in note) == (told in known)
+    if told in known:
+        assert f"{text(known[told])} at the start" in note
+
+
+@pytest.mark.slow
+def test_a_description_that_lies_on_walls_is_no_end_of_a_search() -> None:
+    """The links of both axes have their least length in the piezo stage as it is described."""
+    template = StageTemplate.of("vgtu-piezo")
+    wanted = OptimiseRequest(maximise=("natural_frequency.x",)).problem(template)
+    start = wanted.position(wanted.family.usual)
+    program = StageProgram(problem=wanted, nearest_to=start)
+    program.goal_reference = float(program.figures(start[None])[0, 0])
+    found = local_search(program, start, steps=3)
+    assert found is not None
+    assert found.values[0] < -1.2  # from 326 Hz, in parts of it and then by the logarithm
+    assert not program.fault(found.point)
+    values = dict(zip(wanted.figures, program.figures(found.point[None])[0], strict=True))
+    for requirement in wanted.usual:
+        assert requirement.excess(np.array(values[requirement.figure])) < 0.05
 
 
 def test_published_targets_leave_out_what_follows() -> None:

@@ -68,7 +68,9 @@ def test_every_figure_of_a_batch_is_that_of_the_single_analysis(name: str) -> No
     stages = [nominal, varied(nominal, 1), varied(nominal, 2)]
     found = batch_characteristics(assemble_batch(stage_arrays(stages)))
     for i, stage in enumerate(stages):
-        rows = analyse(stage, lumped_system(stage)).characteristics
+        every = analyse(stage, lumped_system(stage)).characteristics
+        # a batch has modes without drives alone
+        rows = [row for row in every if row.quantity != "natural_frequency_with_stack_hz"]
         assert list(found) == [(row.quantity, row.axis) for row in rows]
         for row in rows:
             value = found[row.quantity, row.axis][i]
@@ -131,8 +133,8 @@ def _turning() -> Stage:
         (lambda: _driven("three-rrr", _COIL, _SCREW, _SOFT_SCREW), 0),
         (_relative, 0),
         (_read_from_the_platform, 0),
-        # every figure of the two axes; and of the other stage the workspace
-        (_redundant, 26),
+        # every figure of the two axes, with stacks too; and of the other stage the workspace
+        (_redundant, 28),
         (_turning, 1),
     ],
 )

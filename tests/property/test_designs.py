@@ -1,26 +1,33 @@
 """Parametric designs stay possible stages when their dimensions change."""
 
+import importlib
 import itertools
+import json
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 import shapely
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from flexstage.designs import vgtu_mechanical, vgtu_piezo
+from flexstage.designs import DESIGNS, design, vgtu_mechanical, vgtu_piezo
 from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
 from flexstage.designs.nested_xy_parameters import AxisParameters
 from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
 from flexstage.designs.pieces import Leg
 from flexstage.designs.registry import TOPOLOGIES
-from flexstage.errors import StageError
+from flexstage.errors import ModelError, StageError
 from flexstage.files.format import field_types
 from flexstage.files.ranges import Size
 from flexstage.hinges import CornerFilleted, RightCircular
-from flexstage.stage import Body, Hinge, Loop, Stage, check
+from flexstage.records import Record
+from flexstage.stage import Body, Hinge, Loop, PiezoStack, Stage, check
+from flexstage.studies import run_study, study_results
+from flexstage.studies.results import results_json
 
 BASES = {"mechanical": vgtu_mechanical.PARAMETERS, "piezo": vgtu_piezo.PARAMETERS}
 
@@ -289,3 +296,87 @@ def test_dimensions_of_a_guide_are_possible_or_refused(drawn: tuple[str, Any]) -
         return
     stage = topology.construct(parameters)
     assert [f.message for f in check(stage) if f.severity == "error"] == []
+
+
+def renamed(stage: Stage) -> Stage:
+    """Give every part another name, which says of what kind it is."""
+    axes = {axis.name for axis in stage.axes}
+
+    def body(name: str) -> str:
+        return f"body_of_{name}"
+
+    def published(name: str) -> str:
+        return f"axis_of_{name}" if name in axes else name
+
+    return replace(
+        stage,
+        bodies=tuple(replace(b, name=body(b.name)) for b in stage.bodies),
+        hinges=tuple(
+            replace(h, name=f"hinge_of_{h.name}", bodies=(body(h.bodies[0]), body(h.bodies[1])))
+            for h in stage.hinges
+        ),
+        drives=tuple(
+            replace(d, name=f"drive_of_{d.name}", pushes=body(d.pushes), reacts=body(d.reacts))
+            for d in stage.drives
+        ),
+        probes=tuple(
+            replace(
+                p,
+                name=f"probe_of_{p.name}",
+                body=body(p.body),
+                relative_to=None if p.relative_to is None else body(p.relative_to),
+            )
+            for p in stage.probes
+        ),
+        axes=tuple(
+            replace(
+                a,
+                name=f"axis_of_{a.name}",
+                drive=None if a.drive is None else f"drive_of_{a.drive}",
+                drives=tuple(f"drive_of_{name}" for name in a.drives),
+                probe=f"probe_of_{a.probe}",
+            )
+            for a in stage.axes
+        ),
+        published=tuple(replace(row, axis=published(row.axis)) for row in stage.published),
+    )
+
+
+def studied(stage: Stage) -> dict[str, Any]:
+    """Return all that a study of rigid bodies gives, by the names that the parts had at first."""
+    study = run_study(stage, hysteresis=True, virtual=True)
+    text = results_json(study_results(study)).decode()
+    results = json.loads(re.sub("(body|hinge|drive|probe|axis)_of_", "", text))
+    for made in (*results["models"].values(), *results["variants"].values()):
+        del made["provenance"]  # the hash of the description
+    return results
+
+
+def takes_long(name: str) -> bool:
+    """Say whether hysteresis is identified, or the stage is that of the study."""
+    stage = design(name)
+    one_drive = (stage.drive(axis.drive) for axis in stage.axes if axis.drive is not None)
+    return name == "vgtu-mechanical" or any(isinstance(d, PiezoStack) for d in one_drive)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow if takes_long(n) else ()) for n in DESIGNS],
+)
+def test_a_study_does_not_depend_on_names(name: str) -> None:
+    stage = design(name)
+    assert studied(renamed(stage)) == studied(stage)
+
+
+def test_hysteresis_is_found_whatever_axis_and_probe_are_called(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def read(record: Record, given: str, follows: str, **_: Any) -> None:
+        range_of = (np.ptp(record.channel(given).values), np.ptp(record.channel(follows).values))
+        raise ModelError(f"{range_of[0]:.0f} V, {1e6 * range_of[1]:.1f} um")
+
+    monkeypatch.setattr(importlib.import_module("flexstage.studies.compensation"), "identify", read)
+    said = {}
+    for stage in (design("bridge"), renamed(design("bridge"))):
+        said |= run_study(stage, hysteresis=True).experiments_left_out
+    assert said["axis_of_y"] == said["y"] == "120 V, 187.5 um"

@@ -8,15 +8,20 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from flexstage.characteristic import Characteristics
 from flexstage.cli import main
+from flexstage.cli.characterise_tables import print_measurement
+from flexstage.cli.output import console
 from flexstage.designs import design
 from flexstage.experiments.campaign.evaluate import evaluate
 from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.quantities import display
 from flexstage.report import report_html
 from flexstage.report.measurement import measurement_text
+from flexstage.report.simulated import bench_section
 from flexstage.studies import compare_measurement, results_json, run_study, study_results
-from flexstage.studies.measurement import measurement_results
+from flexstage.studies.measurement import compare_with_references, measurement_results
+from flexstage.table import Table
 from flexstage.virtual.as_built import as_built
 from flexstage.virtual.laboratory import Laboratory
 from tests.studies import sections_of
@@ -407,3 +412,30 @@ def test_a_range_is_compared_with_the_size_of_what_a_model_gives(result):
         beside = compare_with_references(result.found, result.stage, Characteristics((given,)))
         found = next(r for r in beside.rows if r.figure == row.figure).differences["solid"]
         assert found.percent == pytest.approx(-50.0)
+
+
+def test_assumed_straightness_is_no_figure_of_the_stage(capsys: pytest.CaptureFixture[str]) -> None:
+    """A simulated guide is given 0.2 % of the stroke where nobody has measured it."""
+    published = compare_with_references(
+        characterised(design("vgtu-mechanical"), kinds=("spheres",)),
+        design("vgtu-mechanical"),
+        Characteristics(),
+    )
+    assert not any(row.assumed for row in published.rows)
+    own = design("parallelogram")
+    found = compare_with_references(characterised(own), own, Characteristics())
+    labelled = {row.figure.quantity for row in found.rows if row.assumed}
+    assert labelled == {"straightness", "straightness_out_of_plane", "roll", "pitch"}
+    rows = {r["quantity"]: r["note"] for r in measurement_results(found)["characteristics"]}
+    assert rows["straightness"] == "assumed: 0.2 % of the stroke, no figure of this stage"
+    assert any("straightness of x and the rotations" in note for note in found.notes)
+    (table,) = (part for part in bench_section(found, "page") if isinstance(part, Table))
+    shown = {row[0].text for row in table.rows}
+    assert not any("Straightness" in name for name in shown)
+    assert any("Natural frequency" in name for name in shown)
+    assert "assumed, and left out" in table.caption
+    print_measurement(console(), found, [])
+    assert "Straightness in plane, assumed" in capsys.readouterr().out
+    # a real stage whose figures are measured has none of it
+    real = compare_with_references(as_measured(characterised(own)), own, Characteristics())
+    assert not any(row.assumed for row in real.rows)

@@ -12,9 +12,9 @@ from netgen import occ
 from flexstage.elasticity import Continuum, resources
 from flexstage.elasticity.resources import memory_needed, require_memory
 from flexstage.errors import FlexstageError, ModelError, StageError
-from flexstage.fem.interface import interface_modes, interface_stiffness
+from flexstage.fem.interface import interface_modes, interface_ratio, interface_stiffness
 from flexstage.fem.part import Part, read_step
-from flexstage.fem.part_analysis import Bodies
+from flexstage.fem.part_analysis import Bodies, analyse_part
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.material import material
 
@@ -349,3 +349,38 @@ def test_interfaces_of_a_bar_are_those_of_a_beam() -> None:
     euler = 4.730041**2 / length**2 * math.sqrt(e * inertia / (STEEL.density * b * h))
     assert 0.97 * euler < omega[0] < euler
     assert issubclass(ModelError, FlexstageError)
+
+
+@pytest.mark.usefixtures("meshed_here")
+def test_faces_that_lie_apart_are_interfaces_of_their_own() -> None:
+    # a bar that is held at both ends vibrates as a clamped one; held by one mean motion of both it
+    # would turn at each of them, and have less than half of that frequency
+    length, b, h = 40e-3, 3e-3, 2e-3
+    part = Part.from_shape(occ.Box((0, 0, 0), (40.0, 3.0, 2.0)))
+    left, right = (part.select("x", end) for end in ("min", "max"))
+    top, bottom = (part.select("z", end) for end in ("min", "max"))
+    found = analyse_part(
+        part, STEEL, hold=(*left, *right), mesh=PartMesh(order=2, size=5e-3), modes=2
+    ).results
+    inertia = b * h**3 / 12.0
+    euler = 4.730041**2 / length**2
+    euler *= math.sqrt(STEEL.youngs_modulus * inertia / (STEEL.density * b * h)) / (2.0 * math.pi)
+    assert 0.95 * euler < found["mean"].frequency_hz[0] < found["rigid"].frequency_hz[0]
+    assert found["rigid"].frequency_hz[0] < 1.01 * euler
+
+    # it is the same in whatever order they are named, and two that move as one are the stiffer
+    mesh = part.mesh(PartMesh(order=1, size=5e-3))
+    free = Continuum(mesh, STEEL, order=2, shift=(2e3 * math.pi) ** 2)
+    ends = [part.boundary(name) for name in (left, right)]
+    faces = (part.boundary(top), part.boundary(bottom))
+    one = interface_stiffness(free, faces[0], ends, rigid=False)
+    both = interface_stiffness(free, faces, ends, rigid=False)
+    turned = interface_stiffness(free, faces[0], ends[::-1], rigid=False)
+    np.testing.assert_allclose(turned, one, rtol=1e-6, atol=1e-6 * abs(one).max())
+    assert (np.linalg.eigvalsh(both - one) > -1e-6 * abs(one).max()).all()
+    ratio = interface_ratio(free, faces, part.boundary(part.select("y", "max")), ends, rigid=False)
+    other = interface_ratio(
+        free, faces, part.boundary(part.select("y", "max")), ends[::-1], rigid=False
+    )
+    np.testing.assert_allclose(other.motion, ratio.motion, atol=1e-6 * abs(ratio.motion).max())
+    assert part.touching((*left, *top, *right)) == [(*left, *top, *right)]

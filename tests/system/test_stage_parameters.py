@@ -6,10 +6,11 @@ import time
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 
-from flexstage.designs import design, find_stage
-from flexstage.errors import FlexstageError, PlanError, UnitError
+from flexstage.designs import StageTemplate, design, find_stage
+from flexstage.errors import FlexstageError, PlanError, StageError, UnitError
 from flexstage.experiments.file import plan_from_text
 from flexstage.hinges import RightCircular
 from flexstage.stage import PlaneMotion, Stage, check, moved, read_stage, stage_from_text
@@ -418,3 +419,25 @@ def test_the_file_of_a_drawing_has_its_necks_as_parameters(tmp_path: Path) -> No
     blank = read_drawing(path, DrawingOptions(thickness=8e-3))
     assert "material" in blank.blanks
     assert "material: expected a text, got nothing" in refusal(stage_file_text(blank))
+
+
+def test_numbers_from_python_are_in_si_units(tmp_path: Path) -> None:
+    told = design_parameter("vgtu-piezo", {"x.lever_neck": "0.5 mm"}, "x.lever_neck")
+    for value in (0.0005, np.float64(0.0005)):
+        assert design_parameter("vgtu-piezo", {"x.lever_neck": value}, "x.lever_neck") == told
+    path = tmp_path / "own.yaml"
+    path.write_text(HALF + MIRROR)
+    assert find_stage(path, {"t": 0.0006}) == find_stage(path, {"t": "0.6 mm"})
+    made = StageTemplate.of(path, {"t": 0.0006}).stage()
+    assert made == find_stage(path, {"t": "0.6 mm"}) != find_stage(path)
+    # a text has its unit, and no file stands behind it
+    with pytest.raises(UnitError, match=r"lever_neck: the length '0.0005' has no unit") as refused:
+        find_stage("vgtu-piezo", {"x.lever_neck": "0.0005"})
+    assert "length_unit" not in str(refused.value)
+    with pytest.raises(StageError, match=r"'leg\.notch\.neck': did you mean 'leg.notch.neck_thick"):
+        find_stage("parallelogram", {"leg.notch.neck": 0.0004})
+
+
+def design_parameter(name: str, settings: dict[str, object], which: str) -> float:
+    template = StageTemplate.of(name, settings)
+    return next(p.value for p in template.parameters if p.name == which)

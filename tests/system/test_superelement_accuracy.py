@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
+from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.fem.condensation import condense
 from flexstage.fem.cutting import cut_free
@@ -99,3 +100,20 @@ def test_the_screen_shows_it_beside_frequencies(capsys: pytest.CaptureFixture[st
 def test_other_models_have_none(model: str, instead: str) -> None:
     with pytest.raises(ModelError, match=f"got {model}: {instead}"):
         run_model(hinged_bars(), model, ModelOptions(estimate=True))
+
+
+@pytest.mark.slow
+def test_a_stress_of_one_mesh_holds_that_of_a_finer_one() -> None:
+    """What `analyse` prints of the usual mesh, and `study` of the one that it refines."""
+    stage = design("parallelogram")
+    usual, refined = (
+        run_model(stage, "plane", options).analysis.characteristics
+        for options in (ModelOptions(), ModelOptions(accuracy=1e-3))
+    )
+    (one,), (other,) = usual.select("max_stress", "x"), refined.select("max_stress", "x")
+    assert one.value != other.value
+    apart = abs(one.value - other.value)
+    # elements that agree at a point said a twentieth of what the next mesh changes
+    for row in (one, other):
+        assert row.uncertainty is not None
+        assert apart < row.uncertainty < 0.03 * row.value

@@ -30,7 +30,8 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
         for name in columns:
             found = row.differences.get(name)
             cells.append("" if found is None else _difference(found))
-        rows.append((shown.label, row.figure.axis, *cells))
+        label = f"{shown.label}, assumed" if row.assumed else shown.label
+        rows.append((label, row.figure.axis, *cells))
     heads = "quantity", "<axis", "value", "± (95 %)", "<unit"
     print_table(screen, result.title, (*heads, *titles), rows)
     if columns:

@@ -76,9 +76,10 @@ def optimise(
         by 30 %, but nothing of bought parts and bolts, and not the thickness of the plate).
     without
         NAME: What is required without being asked, and shall not be here: check (what can be made),
-        safety_factor (1.5 against yield), input_stiffness (no stiffer than the actuator, and full
-        stroke within its blocking force), smallest_wall (1 mm of any body) or output_wall (3.3 mm
-        of the body that moves the load; both no more than the stage has); may be repeated.
+        stroke (90 % of that as described), safety_factor (1.5 against yield), input_stiffness (no
+        stiffer than the actuator, and full stroke within its blocking force), smallest_wall (1 mm
+        of any body) or output_wall (3.3 mm of the body that moves the load; both no more than the
+        stage has); may be repeated.
     start
         described|middle: Start from the stage as it is described, or from the middle of the bounds,
         which is the same for bounds in per cent.

@@ -80,7 +80,7 @@ def part(
         each micrometre of the drive is computed, with one end fixed.
     interfaces
         rigid|mean|both: Fixed, moved and pushed faces are rigid, or deform and count by their mean
-        motion.
+        motion, fixed and moved ones by that of each group that touches.
     order
         N: Order of the elements; 0 lists the faces only.
     size

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Mapping
 from functools import cache
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ from flexstage.files.settings import require_known, settings_of
 from flexstage.stage import Stage
 from flexstage.stage.drawing.endings import DRAWINGS
 from flexstage.stage.format import STAGE_FILE
+from flexstage.units import DIMENSIONS
 
 if TYPE_CHECKING:
     from flexstage.stage.drawing.drawn_stage import DrawingOptions
@@ -44,7 +46,7 @@ def find_stage(
         Name of a built-in design, or path of a stage file or a drawing (DXF, STEP).
     set : mapping, optional
         Parameters of the design or of the file by name, with dots for those of a group, and their
-        values as a stage file has them: ``{"x.lever_neck": "0.45 mm"}``.
+        values as a stage file has them, ``{"x.lever_neck": "0.45 mm"}``; a number is in SI units.
     drawing : DrawingOptions, optional
         What is to be known of a drawing beyond its file.
 
@@ -65,8 +67,11 @@ def find_stage(
     'vgtu-piezo'
     >>> find_stage("parallelogram", {"leg_spacing": "35 mm"}).hinges[0].at[0]
     -0.0175
+    >>> find_stage("parallelogram", {"leg_spacing": 0.035}).hinges[0].at[0]
+    -0.0175
     """
     text = os.fspath(source)
+    set = in_si(text, set)
     if drawing is not None and Path(text).suffix.lower() not in DRAWINGS:
         raise StageError(
             f"what is said of a drawing belongs to one ({', '.join(DRAWINGS)}), got '{text[:200]}'"
@@ -83,6 +88,16 @@ def find_stage(
     from flexstage.stage.file import read_stage
 
     return read_stage(path, designs=build, set=set)
+
+
+def in_si(source: str, settings: Mapping[str, object] | None) -> Mapping[str, object]:
+    """Return settings of a design or file in which a number has the SI unit of its quantity."""
+    given = dict(settings or {})
+    numbers = [n for n, v in given.items() if isinstance(v, Real) and not isinstance(v, bool)]
+    if numbers:
+        units = {p.name: DIMENSIONS[p.dimension].si for p in parameters_of(source) if p.dimension}
+        given |= {n: f"{given[n]} {units[n]}" for n in numbers if n in units}
+    return given
 
 
 def parameters_of(source: str | os.PathLike[str]) -> tuple[StageParameter, ...]:

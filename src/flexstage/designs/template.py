@@ -10,7 +10,7 @@ from typing import Any, Self
 
 from flexstage.designs.parameters import StageParameter
 from flexstage.designs.registry import DESIGNS, build, construct
-from flexstage.designs.source import chosen_design, find_stage, parameters_in
+from flexstage.designs.source import chosen_design, find_stage, in_si, parameters_in
 from flexstage.designs.start import text_of_dimensions
 from flexstage.designs.topology import ParameterSet, Topology
 from flexstage.errors import FlexstageError, StageError
@@ -65,7 +65,7 @@ class StageTemplate:
                 f"parameters of it first (flexstage import '{shown}')"
             )
         find_stage(text, settings or {})
-        given = tuple((settings or {}).items())
+        given = tuple(in_si(text, settings).items())
         if text.casefold() in DESIGNS:
             return cls(source=text.casefold(), settings=given)
         file = read_text(Path(text), STAGE_FILE.noun, StageError)

@@ -107,7 +107,8 @@ class PlanResult:
         """Return what was published of the same thing; nothing of a mode with drives in place."""
         if self.drives_in_place(figure):
             return ()
-        return tuple(Characteristics(self.stage.published).select(figure.quantity, figure.axis))
+        wanted = (figure.quantity, figure.axis)
+        return tuple(row for row in self.stage.published if (row.quantity, row.axis) == wanted)
 
     @property
     def published(self) -> Characteristics:

@@ -81,7 +81,7 @@ def _description(built: AsBuilt, lab: Laboratory) -> Campaign:
     """What is measured of a virtual stage.
 
     An axis with a piezo stack is read by sensors in all six motions while it runs in cycles; any
-    other that is called x or y by spheres that a measuring machine probes at stations.
+    other by spheres that a measuring machine probes at stations.
     """
     names = [axis.name for axis in built.axes]
     found = modes(built.system, drives="removed").frequency_hz
@@ -89,8 +89,7 @@ def _description(built: AsBuilt, lab: Laboratory) -> Campaign:
     outputs = tuple(f"acceleration {name}" for name in names)
     tests: list[Test] = []
     for axis in built.axes:
-        # a measuring machine has no other axes
-        if axis.hysteresis is not None or axis.name not in ("x", "y"):
+        if axis.hysteresis is not None:
             columns = replace(Columns(command="command", along="along"), **{m: m for m in MOTIONS})
             moved = _test("motion", axis.name, columns)
             moved = replace(moved, transverse="transverse", angle="angle")

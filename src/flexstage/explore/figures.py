@@ -13,17 +13,9 @@ from flexstage.arrays import Array
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError, UnitError
-from flexstage.quantities import QUANTITIES, Quantity
+from flexstage.quantities import ALIASES, QUANTITIES, Quantity, full_name
 from flexstage.units import DIMENSIONS, parse
 
-#: Short names of quantities, beside the full ones and those without ``_hz``.
-ALIASES = {
-    "stroke": "output_displacement",
-    "ratio": "transmission_ratio",
-    "stress": "max_stress",
-    "coupling": "cross_coupling",
-    "frequency": "natural_frequency_hz",
-}
 # what a short name means of an axis that is a rotation
 _OF_ROTATION = {"output_displacement": "rotation_stroke"}
 #: What is looked at first of every axis, as far as a stage has it.
@@ -133,9 +125,7 @@ def figure_of(text: str, known: Collection[tuple[str, str]]) -> Figure:
     'output_displacement'
     """
     name, _, axis = text.strip().partition(".")
-    quantity = ALIASES.get(name, name)
-    if quantity not in QUANTITIES and f"{quantity}_hz" in QUANTITIES:
-        quantity = f"{quantity}_hz"
+    quantity = full_name(name)
     turned = _OF_ROTATION.get(quantity, quantity)
     if name in ALIASES and (turned, axis) in known:
         quantity = turned

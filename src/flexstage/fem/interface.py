@@ -73,22 +73,23 @@ def interface_motion(continuum: Continuum, boundary: str, at: Sequence[float]) -
 
 def interface_stiffness(
     continuum: Continuum,
-    moving: str,
-    held: str,
+    moving: str | Sequence[str],
+    held: str | Sequence[str],
     *,
     at: Sequence[float] = (0.0, 0.0, 0.0),
     rigid: bool = True,
 ) -> Array:
-    r"""Return the stiffness of one interface of a part while another one is held.
+    r"""Return the stiffness of interfaces of a part, moved as one, while others are held.
 
     A *rigid* interface moves as a stiff plate would that is welded to it. A *mean* interface is
     free to deform, and what is held, moved and loaded is its mean motion: forces are spread over it
     as a rigid motion is. The part between rigid interfaces is always the stiffer.
 
     Forces [N] and moments about the point `at` [N m] over displacements [m] and rotations [rad],
-    shape (6, 6). `moving` and `held` are regular expressions. For rigid interfaces both must be
-    among the held boundaries of the part; for mean ones nothing may be held, and a `shift` must be
-    given, of any size below its lowest natural frequency.
+    shape (6, 6). `moving` and `held` are regular expressions, one for each interface: of several
+    mean ones each has the motion that is asked for, or none. For rigid interfaces all must be among
+    the held boundaries of the part; for mean ones nothing may be held, and a `shift` must be given,
+    of any size below its lowest natural frequency.
 
     Examples
     --------
@@ -106,14 +107,17 @@ def interface_stiffness(
     >>> round(float(k[2, 2] * (20e-3) ** 3 / (12 * 68.9e9 * 2e-12)), 2)
     0.97
     """
-    _check(continuum, moving)
-    _check(continuum, held)
+    moved, fixed = _each(moving), _each(held)
+    for name in (*moved, *fixed):
+        _check(continuum, name)
     afford(continuum)
-    return (_between_rigid if rigid else _between_mean)(continuum, moving, held, at)
+    if rigid:
+        return _rigid_stiffness(continuum, [("|".join(moved), at)], "|".join(fixed))
+    return _between_mean(continuum, moved, fixed, at)
 
 
-def _between_rigid(continuum: Continuum, moving: str, held: str, at: Sequence[float]) -> Array:
-    return _rigid_stiffness(continuum, [(moving, at)], held)
+def _each(names: str | Sequence[str]) -> tuple[str, ...]:
+    return (names,) if isinstance(names, str) else tuple(names)
 
 
 def _rigid_stiffness(
@@ -170,13 +174,18 @@ class MotionRatio:
 
 
 def interface_ratio(
-    continuum: Continuum, apart: tuple[str, str], output: str, held: str, *, rigid: bool = True
+    continuum: Continuum,
+    apart: tuple[str, str],
+    output: str,
+    held: str | Sequence[str],
+    *,
+    rigid: bool = True,
 ) -> MotionRatio:
     """Return how an interface moves while two others are pushed apart by opposite forces.
 
     All are regular expressions: `apart` the ends of a drive, along the line through whose centroids
-    the forces act, `output` the one whose motion is wanted. The part is as of
-    `interface_stiffness`; rigid interfaces are all four of them, and must not touch.
+    the forces act, `output` the one whose motion is wanted. The part, and several that are held,
+    are as of `interface_stiffness`; rigid interfaces are all of them, and must not touch.
 
     Examples
     --------
@@ -198,7 +207,8 @@ def interface_ratio(
     >>> (found.motion[:3] * 9.0 / 2.0).round(2) + 0.0
     array([ 0.  ,  0.  , -0.33])
     """
-    for name in (*apart, output, held):
+    fixed = _each(held)
+    for name in (*apart, output, *fixed):
         _check(continuum, name)
     afford(continuum)
     first, second, end = (_centroid(continuum, name) for name in (*apart, output))
@@ -209,7 +219,7 @@ def interface_ratio(
     direction /= length
     if rigid:
         moving = [(apart[0], first), (apart[1], second), (output, end)]
-        stiffness = _rigid_stiffness(continuum, moving, held)
+        stiffness = _rigid_stiffness(continuum, moving, "|".join(fixed))
         force = np.concatenate([direction, [0.0] * 3, -direction, [0.0] * 9])
         found = np.linalg.solve(stiffness, force)
         opened = float(direction @ (found[:3] - found[6:9]))
@@ -221,10 +231,13 @@ def interface_ratio(
             - interface_motion(continuum, apart[1], second)[:3]
         )
         u = _floating(continuum, pull)
+        base, *others = (interface_motion(continuum, name, end) for name in fixed)
+        if others:  # kept where the first is, by forces between them
+            between = np.vstack([other - base for other in others])
+            answers = np.column_stack([_floating(continuum, row) for row in between])
+            u = u - answers @ np.linalg.solve(between @ answers, between @ u)
         opened = float(pull @ u)
-        motion = (
-            interface_motion(continuum, output, end) - interface_motion(continuum, held, end)
-        ) @ u
+        motion = (interface_motion(continuum, output, end) - base) @ u
     motion = np.asarray(motion / opened, dtype=float)
     return MotionRatio(direction=direction, motion=motion, stiffness=1.0 / opened)
 
@@ -256,14 +269,20 @@ def _require_floating(continuum: Continuum) -> None:
         )
 
 
-def _between_mean(continuum: Continuum, moving: str, held: str, at: Sequence[float]) -> Array:
+def _between_mean(
+    continuum: Continuum, moving: Sequence[str], held: Sequence[str], at: Sequence[float]
+) -> Array:
     _require_floating(continuum)
-    # Unit loads on the one interface and their reactions on the other are in balance, so that they
-    # have a static answer, up to a rigid motion, without any support.
-    apart = interface_motion(continuum, moving, at) - interface_motion(continuum, held, at)
+    # Unit loads on one interface and their reactions on another are in balance, so that they have a
+    # static answer, up to a rigid motion, without any support.
+    first, *others = (interface_motion(continuum, name, at) for name in (*held, *moving))
+    apart = np.vstack([other - first for other in others])
     compliance = apart @ np.column_stack([_floating(continuum, row) for row in apart])
-    compliance = 0.5 * (compliance + compliance.T)
-    return np.asarray(np.linalg.inv(compliance), dtype=float)
+    stiffness = np.linalg.inv(0.5 * (compliance + compliance.T))
+    # those that are held stay where the first of them is, and those that move have one motion
+    n, still = len(moving), 6 * (len(held) - 1)
+    blocks = stiffness[still:, still:].reshape(n, 6, n, 6)
+    return np.asarray(blocks.sum(axis=(0, 2)), dtype=float)
 
 
 def interface_modes(

@@ -238,6 +238,17 @@ class Part:
                 )
         return "|".join(re.escape(name) for name in given)
 
+    def touching(self, names: Sequence[str]) -> list[tuple[str, ...]]:
+        """Return faces, given by name, in groups that touch; those of one name are one."""
+        groups: list[tuple[tuple[str, ...], set[TopoDS_Shape]]] = []
+        for name in dict.fromkeys(names):
+            own = {v for f in self.shape.faces if f.name == name for v in f.vertices}
+            met = [g for g in groups if g[1] & own]
+            groups = [g for g in groups if g not in met]
+            joined = (*(n for g in met for n in g[0]), name)
+            groups.append((joined, own.union(*(g[1] for g in met))))
+        return [group for group, _ in groups]
+
     # ------------------------------------------------------------------ mesh
 
     def mesh(self, settings: PartMesh | None = None, *, limit: float | None = None) -> ng.Mesh:

@@ -149,10 +149,13 @@ def named_faces(part: Part, text: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Wanted:
-    """What is asked for, with faces as regular expressions; empty where there are none."""
+    """What is asked for, with faces as regular expressions; empty where there are none.
 
-    held: str
-    moved: str
+    Held and moved faces have one for each group of faces that touch.
+    """
+
+    held: tuple[str, ...]
+    moved: tuple[str, ...]
     ratio: tuple[str, str, str] | None
     at: tuple[float, ...]
     modes: int
@@ -178,9 +181,10 @@ def analyse_part(
     Faces are given by name: `hold` none for a part that floats, `move` those whose stiffness is
     wanted about `at` [m] (their centroid where None), `ratio` two ends that are pushed apart and
     the faces whose motion by it is wanted. ``rigid`` interfaces move as if stiff plates were welded
-    to them; ``mean`` ones may deform, and it is their mean motion that counts. The displacement has
-    the order of the mesh. `force` goes on even where the memory seems not to suffice; `expect` is
-    told what the mesh will be and cost, before it is made.
+    to them; ``mean`` ones may deform, and it is their mean motion that counts, of each group of
+    held and of moved faces that touch. The displacement has the order of the mesh. `force` goes on
+    even where the memory seems not to suffice; `expect` is told what the mesh will be and cost,
+    before it is made.
 
     Notes
     -----
@@ -266,13 +270,17 @@ def _wanted(
         centroid = (sum(f.area * f.centre[i] for f in faces) / area for i in range(3))
         point = tuple(at if at is not None else centroid)
     return _Wanted(
-        held=part.boundary(tuple(hold)) if hold else "",
-        moved=part.boundary(tuple(move)) if move else "",
+        held=_interfaces(part, hold),
+        moved=_interfaces(part, move),
         ratio=tuple(part.boundary(tuple(n)) for n in ratio) if ratio else None,  # type: ignore[arg-type]
         at=point,
         modes=modes,
         force=force,
     )
+
+
+def _interfaces(part: Part, names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(part.boundary(group) for group in part.touching(names))
 
 
 def _ready(body: Bodies, force: bool) -> Bodies:
@@ -300,7 +308,7 @@ def _with_rigid_interfaces(
     """Solve with one factorisation for each set of faces that is held."""
 
     def held(*more: str) -> Bodies:
-        names = "|".join(n for n in (wanted.held, *more) if n)
+        names = "|".join((*wanted.held, *more))
         return _ready(Bodies(mesh, materials, order=order, held=names), wanted.force)
 
     frequency, stiffness, ratio = np.zeros(0), None, None
@@ -312,7 +320,7 @@ def _with_rigid_interfaces(
     if wanted.moved:
         with progress.subtask(0.5, 0.75):
             progress.update("stiffness")
-            body = held(wanted.moved)
+            body = held(*wanted.moved)
             stiffness = interface_stiffness(body, wanted.moved, wanted.held, at=wanted.at)
             body.release()
     if wanted.ratio:
@@ -328,7 +336,7 @@ def _with_mean_interfaces(body: Bodies, wanted: _Wanted) -> InterfaceResult:
     frequency, stiffness, ratio = np.zeros(0), None, None
     if wanted.modes:
         with progress.subtask(0.0, 0.5):
-            frequency = _hertz(interface_modes(body, [wanted.held], wanted.modes)[0])
+            frequency = _hertz(interface_modes(body, wanted.held, wanted.modes)[0])
     if wanted.moved:
         progress.update("stiffness", 0.5)
         stiffness = interface_stiffness(body, wanted.moved, wanted.held, at=wanted.at, rigid=False)

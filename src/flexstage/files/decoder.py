@@ -372,7 +372,8 @@ class Decoder:
             value = parse(node.text, dimension.name, bare_unit=unit)
         except FlexstageError as error:
             advised = self.format.length_unit and is_length and unit is None
-            bare = advised and isinstance(node.value, (int, float))
+            # what is set from outside has no file
+            bare = advised and isinstance(node.value, (int, float)) and node.line is not None
             extra = ", or put 'length_unit: mm' at the top of the file" if bare else ""
             self.refuse(node, path, f"{error}{extra}", type(error))
         return value

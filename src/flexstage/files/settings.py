@@ -58,8 +58,9 @@ def require_known(
     if name in known:
         return
     last = name.rpartition(".")[2]
-    # the same name in another group, or the nearest of all
+    # the same name in another group, one that goes on, or the nearest of all
     near = [k for k in known if k.rpartition(".")[2] == last]
+    near = near or [k for k in known if len(last) > 2 and k.startswith(name)]
     near = near or [k for k in [nearest(name, known, 0.5)] if k is not None]
     if near:
         hint = f"did you mean {' or '.join(repr(k) for k in near[:4])}?"

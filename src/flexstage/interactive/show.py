@@ -52,7 +52,10 @@ def _drawing(stage: Stage) -> str:
 Stage._notebook_html = _drawing
 
 #: Quantities that the text of a result shows, of those that it has.
-_HEADLINE = ("output_displacement", "transmission_ratio", "max_stress", "natural_frequency_hz")
+_HEADLINE = (
+    "output_displacement", "transmission_ratio", "max_stress", "natural_frequency_hz",
+    "natural_frequency_with_stack_hz",
+)  # fmt: skip
 
 
 def headline(figures: Characteristics) -> list[str]:

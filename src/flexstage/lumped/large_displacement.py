@@ -196,7 +196,8 @@ def stroke_path(
     ConvergenceError
         A step is too long.
     ModelError
-        The drive or the probe does not exist, or the probe reads a rotation.
+        The drive or the probe does not exist, the probe reads a rotation, or a hinge bends over a
+        length, as a leaf does.
 
     Notes
     -----
@@ -208,6 +209,15 @@ def stroke_path(
     model = nonlinear(stage) if isinstance(stage, Mechanism) else stage
     if any(p.name == probe and p.direction is None for p in model.mechanism.probes):
         raise ModelError(f"probe '{probe}' reads a rotation, whose point has no path to follow")
+    bent = [hinge.name for hinge in model.mechanism.hinges if hinge.flat_length > 0.0]
+    if bent:
+        # its chord is 0.6 d^2/L shorter than it is long, which one spring at its middle has not
+        more = f" and {len(bent) - 4} more" if len(bent) > 4 else ""
+        raise ModelError(
+            f"{', '.join(bent[:4])}{more} bend over a length and shorten as they do, which a hinge "
+            "of the lumped model does not: take the path of plane finite elements "
+            "(`flexstage analyse --model plane --stroke`)"
+        )
     wanted = np.atleast_1d(np.asarray(displacement, dtype=float))
     path = np.zeros((wanted.size, model.order))
     force = np.zeros(wanted.size)

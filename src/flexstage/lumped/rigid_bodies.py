@@ -52,6 +52,10 @@ class SpringHinge:
     """Forces (N, V, M) on body b for deformations (u, v, theta) of b against a, in the hinge's own
     axes [N/m, N, N m/rad], shape (3, 3).
     """
+    flat_length: float = 0.0
+    """Length over which it bends, and gets shorter as it does, which a spring does not [m]; 0 of a
+    notch that bends at its neck.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,6 +181,7 @@ def mechanism(
             at=spring.hinge.at,
             direction=spring.hinge.direction,
             stiffness=spring.stiffness,
+            flat_length=spring.hinge.profile.flat_length,
         )
         for spring in hinge_springs(stage, method=method, plane=plane)
     )

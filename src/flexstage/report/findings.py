@@ -52,7 +52,9 @@ def _dynamics(study: "Study") -> str:
     """Say the natural frequency of each axis."""
     found = _of(study, "natural_frequency_hz")
     if found:
-        return f"Natural frequency {found}, drives removed; {_best(study)}."
+        driven = _of(study, "natural_frequency_with_stack_hz")
+        more = f"; with stack {driven}" if driven else ""
+        return f"Natural frequency {found}, drives removed{more}; {_best(study)}."
     first = study.main.modes["removed"].frequency_hz
     return f"Lowest natural frequency {number(float(first[0]))} Hz." if first.size else "No modes."
 

@@ -320,7 +320,9 @@ def _known(study: "Study") -> Iterator[str]:
     strokes = ("output_displacement", "rotation_stroke")
     motion = listed(part for quantity in strokes if (part := said(quantity)))
     if motion:
-        frequency = said("natural_frequency_hz")
+        frequency, driven = said("natural_frequency_hz"), said("natural_frequency_with_stack_hz")
+        if driven:
+            frequency = f"without stack {frequency}, with stack {driven}"
         yield (
             f"Motion: {motion} at full stroke; natural frequency {frequency}; {model_name(model)}."
         )

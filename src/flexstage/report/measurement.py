@@ -100,7 +100,7 @@ def _cells(row: MeasuredRow, origins: tuple[str, ...]) -> list[Cell | str]:
     shown = display(row.figure.quantity).fitting(max(sizes))
     value, spread = beside(shown.factor * estimate.value, shown.factor * estimate.expanded)
     cells: list[Cell | str] = [
-        shown.heading,
+        f"{shown.heading}, assumed" if row.assumed else shown.heading,
         row.figure.axis,
         Cell(value, note=estimate.note, mark="ours"),
         Cell(spread, mark="ours"),

@@ -132,16 +132,20 @@ def bench_section(found: MeasurementComparison | str | None, file: str) -> Itera
 
 def _main_figures(found: MeasurementComparison) -> Iterator[Table]:
     """A row for each main quantity, a column for each axis."""
-    axes = list(dict.fromkeys(r.figure.axis for r in found.rows if r.figure.quantity in _MAIN))
+    main = [row for row in found.rows if row.figure.quantity in _MAIN]
+    figures = [row.figure for row in main if not row.assumed]
+    axes = list(dict.fromkeys(figure.axis for figure in figures))
     rows = []
     for quantity in _MAIN:
-        of = {r.figure.axis: r.figure.estimate for r in found.rows if r.figure.quantity == quantity}
+        of = {f.axis: f.estimate for f in figures if f.quantity == quantity}
         if of:
             shown = display(quantity).fitting(max(abs(e.value) for e in of.values()))
             values = (_with_spread(of[a], shown.factor) if a in of else "–" for a in axes)
             rows.append((shown.heading, *values))
     if rows:
         caption = "Simulated measurement: main figures, ± at 95 % with all contributions."
+        if len(figures) < len(main):
+            caption += " Straightness that nobody has measured is assumed, and left out."
         yield table(caption, ("Quantity", *(Column(axis) for axis in axes)), rows)
 
 

@@ -44,7 +44,8 @@ from flexstage.studies.results import results_json, study_results
 from flexstage.studies.study import Study
 from flexstage.table import Table
 
-_DYNAMICS = ("natural_frequency_hz", "out_of_plane_frequency_hz", "damping_ratio")
+_FREQUENCIES = ("natural_frequency_hz", "natural_frequency_with_stack_hz")
+_DYNAMICS = (*_FREQUENCIES, "out_of_plane_frequency_hz", "damping_ratio")
 _STRESS = ("max_stress", "safety_factor", "fatigue_safety")
 _STATICS = tuple(name for name in QUANTITIES if name not in (*_DYNAMICS, *_STRESS))
 _VIRTUAL_FILE = "virtual-measurement.html"
@@ -148,7 +149,7 @@ def _statics_table(study: Study) -> tuple[Table | None]:
 
 
 def _dynamics_table(study: Study) -> tuple[Table | None]:
-    caption = "Natural frequencies by model, drives removed."
+    caption = "Natural frequencies by model, drives removed where not said otherwise."
     return (characteristics_table(study.comparison, _DYNAMICS, caption),)
 
 

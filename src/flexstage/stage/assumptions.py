@@ -5,6 +5,13 @@ published measured rows, goes before them. Where no source is named a figure is 
 such parts have, and no one's measurement.
 """
 
+from typing import TYPE_CHECKING
+
+from flexstage.characteristic import measured_value
+
+if TYPE_CHECKING:
+    from flexstage.stage.model import Stage
+
 #: Width of a stack's loop over its stroke [1]: data sheets of stacks under voltage control state
 #: 10 to 15 %.
 LOOP_WIDTH = 0.125
@@ -40,3 +47,19 @@ SETTLING = 2e-9
 #: Orders of what the axis of a table does beside its turns: a cage with its balls runs at some such
 #: rates.
 ASYNCHRONOUS_ORDERS = (0.43, 2.57, 5.43)
+
+
+def assumed_figures(stage: "Stage") -> dict[tuple[str, str], str]:
+    """Return what is assumed of the guides of a simulated stage, in words, by quantity and axis.
+
+    Straightness where nobody has published it, and the rotations that follow from it.
+    """
+    words = f"assumed: {100.0 * STRAIGHTNESS:g} % of the stroke, no figure of this stage"
+    follow = (("straightness",), ("straightness_out_of_plane", "roll", "pitch"))
+    return {
+        (quantity, axis.name): words
+        for axis in stage.axes
+        for quantities in follow
+        if measured_value(stage.published, quantities[0], axis.name) is None
+        for quantity in quantities
+    }

@@ -122,9 +122,9 @@ def virtual_experiment(
     bench = driven_axis(stage, system, axis, seed=seed)
     first = _study_record(bench)
     progress.update(f"hysteresis, {axis}", 0.2)
-    bouc_wen = identify(first, "voltage", axis, model="bouc-wen")
+    bouc_wen = identify(first, "voltage", "position", model="bouc-wen")
     progress.update(f"hysteresis, {axis}", 0.4)
-    best = identify(_designed_record(bench), "voltage", axis, model=_MODELS)
+    best = identify(_designed_record(bench), "voltage", "position", model=_MODELS)
     voltage = bench.cosine(CYCLES)
     measured = bench.run(voltage)[LATE]
     modelled = _modelled(bouc_wen.model, bench, voltage)[LATE]

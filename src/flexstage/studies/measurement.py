@@ -10,6 +10,7 @@ from flexstage.experiments.campaign.results import Difference, difference
 from flexstage.files.plain import picked, plain
 from flexstage.measure.motion.positioning import Positioning
 from flexstage.quantities import display
+from flexstage.stage.assumptions import assumed_figures
 
 if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import Characterisation, TestResult
@@ -31,6 +32,8 @@ class MeasuredRow:
     """What others say, by origin."""
     differences: Mapping[str, Difference]
     """The differences of the figure to them, by origin."""
+    assumed: bool = False
+    """Whether it is of a simulated stage and was put in by an assumption."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -97,9 +100,15 @@ def compare_with_references(
     """Compare what was measured with rows that models or publications have given."""
     rows = []
     present: dict[str, None] = {}
-    for figure in found.figures:
+    virtual = stage if found.origin == "virtual" else None
+    assumed = {} if virtual is None else assumed_figures(virtual)
+    for evaluated in found.figures:
+        note = assumed.get((evaluated.quantity, evaluated.axis))
+        figure = evaluated if note is None else replace(evaluated, note=note)
         given: dict[str, Characteristic] = {}
-        for row in references.select(figure.quantity, figure.axis):
+        for row in references:
+            if (row.quantity, row.axis) != (figure.quantity, figure.axis):
+                continue
             if row.origin == found.origin:
                 continue  # its own row, of a table that it has joined
             # a model gives some figures for several conditions; the first is the usual one
@@ -110,6 +119,7 @@ def compare_with_references(
                 figure=figure,
                 references=given,
                 differences={origin: _compared(figure, row) for origin, row in given.items()},
+                assumed=note is not None,
             )
         )
     order = {row.origin: i for i, row in reversed(list(enumerate(references)))}

@@ -323,14 +323,6 @@ def _over_the_stroke(
     stage: Stage, analysis: Analysis, plane: Plane
 ) -> tuple[dict[str, StrokePath], Analysis]:
     """Follow each axis with finite rotations, and add its straightness to the characteristics."""
-    bent = [h.name for h in stage.hinges if h.profile.flat_length > 0.0]
-    if bent:
-        # its chord is 0.6 d^2/L shorter than it is long, which one spring at its middle has not
-        note = (
-            f"No straightness: {', '.join(bent[:6])} bend over a length, and shorten as they do, "
-            "which a hinge of the lumped model does not."
-        )
-        return {}, replace(analysis, validity=(*analysis.validity, note))
     model = mechanism(stage, plane=plane)
     paths: dict[str, StrokePath] = {}
     rows = list(analysis.characteristics)
@@ -342,7 +334,7 @@ def _over_the_stroke(
         steps = np.linspace(0.0, axis.input_displacement, _STEPS)
         try:
             path = stroke_path(model, axis.drive, axis.probe, steps)
-        except ConvergenceError as error:
+        except (ConvergenceError, ModelError) as error:
             validity.append(f"Axis {axis.axis} could not be followed over its stroke: {error}.")
             continue
         paths[axis.axis] = path

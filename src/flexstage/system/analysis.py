@@ -85,7 +85,7 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
                 response_of_modes(system, every[condition], f, drive, axis.probe)
                 for drive in axis.drives
             ]
-    rows = every_characteristic(stage, system, states, found["removed"])
+    rows = every_characteristic(stage, system, states, found["removed"], found.get("in place"))
     return Analysis(
         stage=stage,
         system=system,

@@ -9,7 +9,7 @@ from flexstage.arrays import Array
 from flexstage.characteristic import WHOLE_STAGE, Characteristic
 from flexstage.material import Material
 from flexstage.quantities import QUANTITIES, number
-from flexstage.stage import Stage, mass_properties
+from flexstage.stage import PiezoStack, Stage, mass_properties
 from flexstage.stage.mass import outer_size
 from flexstage.system.axis_states import AxisStates, stress_anywhere
 from flexstage.system.coupled_axes import CoupledAxes
@@ -22,6 +22,8 @@ from flexstage.system.statics import AxisAnalysis, probe_stiffness, static_loads
 ALIKE = 1e-3
 #: Shares of a response that differ by less, as a part of the larger, are equal [1].
 AS_MUCH = 1e-3
+#: What a largest stress, which is read at points of a mesh, differs by from mesh to mesh [1].
+AT_POINTS = 1e-2
 #: Modes that are computed, among which that of an axis is sought.
 MODES_SEARCHED = 12
 
@@ -65,15 +67,20 @@ def strongest(share: Array) -> int:
 
 
 def every_characteristic(
-    stage: Stage, system: MechanicalSystem, states: AxisStates, removed: Modes
+    stage: Stage,
+    system: MechanicalSystem,
+    states: AxisStates,
+    removed: Modes,
+    in_place: Modes | None = None,
 ) -> list[Characteristic]:
     """Return the characteristics of each axis and of the whole; none where no axis is named.
 
-    `removed` has `MODES_SEARCHED` modes with the drives removed.
+    There are `MODES_SEARCHED` modes with the drives removed, and with them in place if there are
+    drives.
     """
     rows: list[Characteristic] = []
     for axis in states.axes:
-        rows += axis_characteristics(stage, system, axis, removed, states.together)
+        rows += axis_characteristics(stage, system, axis, removed, states.together, in_place)
     return rows + stage_characteristics(stage, system, states.coupling) if rows else rows
 
 
@@ -83,11 +90,14 @@ def axis_characteristics(
     axis: AxisAnalysis,
     removed: Modes,
     coupled: CoupledAxes | None = None,
+    in_place: Modes | None = None,
 ) -> list[Characteristic]:
     """Return the characteristics of one axis.
 
     `axis` is at full stroke, `removed` has the modes with the drives removed; `coupled` is given
-    where all drives together make the motion of the axis.
+    where all drives together make the motion of the axis. An axis that stacks drive has its
+    frequency with them `in_place` as well, unless a frequency of it was published, whose condition
+    is that of the comparison.
     """
     others = [a for a in system.axes if a.name != axis.axis]
     static, unit = axis.static, system.probe(axis.probe).unit
@@ -114,7 +124,10 @@ def axis_characteristics(
         stress = static.hinge_stress[worst]
         own = None if static.stress is None else static.stress.of(worst)
         scatter = None if own is None else own.scatter(static.q)[worst]
-        # nothing is known of its scatter where the stress comes from no mesh
+        # nothing is known of its scatter where the stress comes from no mesh; on one, elements that
+        # agree at a point do not know that it lies elsewhere on the next
+        if scatter:
+            scatter += AT_POINTS * stress
         where = "full stroke" if alone else "change from end to end (the largest is of the stage)"
         add.stress(stage.material, stress, f"hinge '{worst}', {where}", scatter or None)
     steps = {n: p.smallest_displacement for n, p in ports.items() if p.smallest_displacement}
@@ -130,7 +143,15 @@ def axis_characteristics(
             "smallest step of the drive times ratio" + ("" if alone else ", the largest"),
         )
     mode = axis_mode(system, removed, static.drive_force, axis.probe)
-    add("natural_frequency_hz", removed.frequency_hz[mode], f"mode {mode + 1}, drives removed")
+    published = {(row.quantity, row.axis) for row in stage.published}
+    stacks = any(isinstance(d, PiezoStack) and d.name in axis.drives for d in stage.drives)
+    both = stacks and ("natural_frequency_hz", axis.axis) not in published
+    condition = "without stack (drives removed)" if both else "drives removed"
+    add("natural_frequency_hz", removed.frequency_hz[mode], f"mode {mode + 1}, {condition}")
+    if both and in_place is not None and in_place.frequency_hz.size:
+        driven = axis_mode(system, in_place, static.drive_force, axis.probe)
+        condition = f"mode {driven + 1}, with stack (drives in place)"
+        add("natural_frequency_with_stack_hz", in_place.frequency_hz[driven], condition)
     for quantity, value, note in _cross(system, axis, [a.probe for a in others]):
         add(quantity, value, note)
     body = system.probe(axis.probe).body

@@ -26,6 +26,7 @@ from flexstage.stage.assumptions import (
     REVERSAL,
     STRAIGHTNESS,
     VIRTUAL_DAMPING_RATIO,
+    assumed_figures,
 )
 from flexstage.system import AxisAnalysis, MechanicalSystem, ModalDamping, analyse, modes
 from flexstage.system.characteristics import axis_mode
@@ -173,12 +174,17 @@ def as_built(
     axes = []
     for state in analysis.axes:
         mode = axis_mode(system, analysis.modes["removed"], state.drive, state.probe)
-        own = {row.quantity: row.value for row in known.select(axis=state.axis)}
+        own = {row.quantity: row.value for row in known if row.axis == state.axis}
         axes.append(_axis(made, system, state, mode, own, rng))
     if any(row.quantity != "natural_frequency_hz" for row in known):
         notes.append(
             "stroke, straightness, and width of the loop are the published measured ones, where "
             "there are any"
+        )
+    if assumed := {axis for quantity, axis in assumed_figures(stage) if quantity == "straightness"}:
+        notes.append(
+            f"straightness of {', '.join(sorted(assumed))} and the rotations with it are assumed, "
+            f"{100.0 * STRAIGHTNESS:g} % of the stroke, and tell nothing of this stage"
         )
     return AsBuilt(stage=stage, made=made, system=system, axes=tuple(axes), notes=tuple(notes))
 

@@ -56,11 +56,11 @@ class DrivenAxis:
         return self.model.simulate({self.drive: whole}).readings[self.probe][before.size :]
 
     def record(self, voltage: Array) -> Record:
-        """Return command and reading as a record: ``voltage``, and the name of the probe."""
+        """Return command and reading as a record of two columns, ``voltage`` and ``position``."""
         return Record(
             channels=(
                 Channel(name="voltage", values=voltage, unit="V"),
-                Channel(name=self.probe, values=self.run(voltage), unit="m"),
+                Channel(name="position", values=self.run(voltage), unit="m"),
             ),
             time=np.arange(voltage.size) / SAMPLE_RATE_HZ,
             source="virtual stage",

@@ -210,7 +210,8 @@ def sphere_record(
     command = np.tile(np.concatenate((run, run[::-1])), laboratory.cycles)
     approach = own.repeatability * rng.standard_normal(laboratory.cycles)
     position = own.position(command) + np.repeat(approach, 2 * stations)
-    x, y, z, roll, pitch, yaw = _pose(own, position, along_x=axis != "y")
+    # the second axis of a stage is clamped along the machine's Y, every other along its X
+    x, y, z, roll, pitch, yaw = _pose(own, position, along_x=names.index(axis) != 1)
     gain = 1.0 + laboratory.position.calibration * rng.standard_normal(3)
     # the plate lies a little askew, which the rigid motion does not see
     spheres = _SPHERE_AT @ _rotation(*(2e-3 * rng.standard_normal(3))).T

@@ -44,7 +44,6 @@ _NOTES = {
     "parasitic_rotation": "largest less smallest rotation in the plane",
     "drift": "linear drift of the position over all cycles",
 }
-_DIRECTIONS = {"x": 0, "y": 1}
 
 
 def evaluate_motion(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
@@ -180,14 +179,11 @@ def evaluate_spheres(test: Test, records: list[Record], campaign: Campaign) -> T
     """Evaluate spheres probed at stations over repeated cycles.
 
     The motion is that of the point at the origin of the machine's coordinates, which is the point
-    of interest; axis ``x`` runs along the machine's X, and ``y`` along its Y. The record has a row
-    for each station; the figures are those of `evaluate_motion`, without drift.
+    of interest; the axis runs along the machine's X or Y, that along which the spheres move more.
+    The record has a row for each station; the figures are those of `evaluate_motion`, without
+    drift.
     """
     record = only(test, records)
-    if test.axis not in _DIRECTIONS:
-        raise RecordError(
-            f"test '{test.name}': spheres are evaluated along axis x or y, got '{test.axis}'"
-        )
     if len(test.columns.spheres) < 3:
         raise RecordError(
             f"test '{test.name}' names {len(test.columns.spheres)} spheres: a rigid motion needs "
@@ -195,7 +191,12 @@ def evaluate_spheres(test: Test, records: list[Record], campaign: Campaign) -> T
         )
     points = np.stack([_centres(record, sphere) for sphere in test.columns.spheres], axis=1)
     command, unit = _command(test, record)
-    number = _DIRECTIONS[test.axis]
+    number = int(np.argmax(np.ptp(points.mean(axis=1), axis=0)))
+    if number == 2:
+        raise RecordError(
+            f"test '{test.name}': the spheres move most along the machine's Z, and an axis is "
+            "evaluated along X or Y: check the order of their columns"
+        )
     frame = travel_frame(np.eye(3)[number])
     points = points @ frame.T
     # the first station, over all of its visits, is what the others are compared with

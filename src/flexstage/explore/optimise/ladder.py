@@ -13,6 +13,7 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.family import evaluate
+from flexstage.explore.figures import Figure
 from flexstage.explore.optimise.correction import Correction
 from flexstage.explore.optimise.local_search import (
     FEASIBLE,
@@ -590,6 +591,7 @@ class _Climb:
             start = self._fine(model, self.start)
             best = self._fine(model, x)
             levels.append(Level(model=model, start=start, best=best))
+        self._with_stacks(point)
         settings = {
             "goals": "; ".join(g.text for g in problem.goals),
             "requirements": "; ".join(r.text for r in problem.limits),
@@ -617,6 +619,25 @@ class _Climb:
             notes=tuple(self.notes),
             provenance=provenance(stage, settings),
         )
+
+    def _with_stacks(self, point: Array) -> None:
+        """Say the frequency with its stack of each axis whose frequency without it is sought."""
+        figures = [
+            Figure(quantity="natural_frequency_with_stack_hz", axis=f.axis)
+            for f in self.problem.figures
+            if f.quantity == "natural_frequency_hz"
+        ]
+        points = np.array([drawn_point(self.problem, self.start), point])
+        found = evaluate(self.problem.family, points, figures, "lumped").values
+        for figure, values in zip(figures, found.T, strict=True):
+            # none of an axis without stacks, nor of a start whose frequency was published
+            ends = zip(values.tolist(), ("the start", "the best stage"), strict=True)
+            known = [f"{figure.text(v)} at {end}" for v, end in ends if np.isfinite(v)]
+            if known:
+                self.notes.append(
+                    f"natural_frequency.{figure.axis} is without stack; with stack it is "
+                    f"{' and '.join(known)}, by the lumped model ({figure.name})"
+                )
 
     def _faults(self, stage: Stage) -> None:
         self.notes += [issue.message for issue in check(stage) if issue.severity == "error"]

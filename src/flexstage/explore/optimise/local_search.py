@@ -8,7 +8,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.explore.optimise.quadratic import bounded_step
-from flexstage.explore.optimise.walls import Bools, Wall, find_wall, joined
+from flexstage.explore.optimise.walls import MARGIN, Bools, Wall, find_wall, inside, joined
 
 # trust region: its first half width, what a good step widens it by, what a bad one leaves of it
 _FIRST, _LARGEST, _WIDER, _NARROWER = 0.15, 0.5, 2.0, 0.4
@@ -105,7 +105,8 @@ def local_search(
     (`bounded_step`); it is taken where it lowers objective + mu x violation (an exact penalty
     function: Han 1977; Nocedal, Wright 2006, Numerical Optimization, algorithm 18.3), else the
     region shrinks. Curvature is gathered from the slopes (BFGS, damped as by Powell 1978). A step
-    to an impossible point finds the wall that it met (`find_wall`) and is taken again before it.
+    to an impossible point finds the wall that it met (`find_wall`) and is taken again before it;
+    from a point that lies on one it steps inside first (`inside`).
 
     Parameters
     ----------
@@ -236,6 +237,9 @@ class _Search:
             if predicted <= self.tolerance * min(1.0, self.region / _FIRST):
                 break
             taken = self._taken(p, predicted)
+            if taken is None and not met and self._stepped_inside(p):
+                met += 1
+                continue
             if taken is None:  # impossible there
                 wall = find_wall(self.program.possible, self.place.x, p) if met < _WALLS else None
                 met += 1
@@ -250,6 +254,19 @@ class _Search:
             self.region = _NARROWER * min(self.region, float(np.max(np.abs(q))))
         self.converged = True
         return None
+
+    def _stepped_inside(self, p: Array) -> bool:
+        """Go away from walls where one is nearer than it should be along a step, if that is so."""
+        x = self.place.x
+        near = x + min(MARGIN / float(np.max(np.abs(p))), 1.0) * p
+        if bool(self.program.possible(near[None])[0]):
+            return False
+        there = np.clip(inside(self.program.possible, x), self.least, self.most)
+        values, slopes = self.program.slopes(there)
+        if not np.any(there != x) or not _finite(values, slopes):
+            return False
+        self.place = _Place(there, values, slopes)
+        return True
 
     def _model(self) -> _Trial | None:
         """Return the step of the quadratic model, and set the penalty by its multipliers."""

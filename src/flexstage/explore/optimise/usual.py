@@ -1,13 +1,14 @@
 """What is required of every stage without being asked, and figures that were published."""
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 
 from flexstage.choose import did_you_mean
 from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.variables import Variable, every_variable, is_data_sheet
+from flexstage.quantities import full_name
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.narrowest import thinnest_wall
 
@@ -19,12 +20,17 @@ THINNEST_WALL = 1e-3
 #: Thinnest wall of a body that something is bolted to [m]: what takes an M2 thread (least boss in
 #: TR Fastenings' table of screws for aluminium: 3.32 mm).
 BOLTED = 3.3e-3
+#: Share of the stroke as described that an axis keeps where nothing else is said of it [1].
+STROKE = 0.9
 #: What stands for the checks of `flexstage.stage.check` where they are not to be required.
 CHECK = "check"
 #: Share by which every dimension is varied to either side where nothing is said [1].
 SHARE = 0.3
 # what says as much of the stress of an axis as the safety against yield
 _STRESS = ("max_stress", "safety_factor", "fatigue_safety")
+# what a stroke is called, and what says as much of it
+_STROKES = ("output_displacement", "rotation_stroke")
+_OF_STROKE = (*_STROKES, "transmission_ratio")
 # figures that a published one follows from, where that was published too
 _FOLLOWS = {
     "transmission_ratio": ("output_displacement",),
@@ -38,12 +44,16 @@ _PLATE = "thickness"
 
 def usual_requirements(
     stage: Stage,
-    known: Collection[tuple[str, str]],
+    known: Mapping[tuple[str, str], float],
     asked: Iterable[Requirement],
     without: Iterable[str] = (),
+    *,
+    goals: Iterable[Figure] = (),
 ) -> tuple[Requirement, ...]:
     """Return what is required without being asked: what can be stressed and driven.
 
+    Each axis keeps `STROKE` of its stroke, unless stroke or ratio of it is a goal or asked for: a
+    stage that hardly moves has any frequency.
     The safety against yield is `SAFETY`. Walls of bodies are no thinner than `THINNEST_WALL`, those
     of an output body, to which something is bolted, no thinner than `BOLTED`, or than they are
     described where that is less. At the input the stage is no stiffer than its actuator, so
@@ -55,12 +65,14 @@ def usual_requirements(
     ----------
     stage : Stage
         The stage as it is described.
-    known : collection of (str, str)
-        Quantities and axes that there are.
+    known : Mapping
+        The figures that there are, of the stage as described, by quantity and axis.
     asked : iterable of Requirement
         What is asked for.
     without : iterable of str
-        Names of what is not required, such as ``safety_factor`` or ``safety_factor.x``.
+        Names of what is not required, such as ``safety_factor``, ``safety_factor.x`` or ``stroke``.
+    goals : iterable of Figure
+        What is made best.
 
     Raises
     ------
@@ -76,7 +88,8 @@ def usual_requirements(
         ),
     ]
     usual += _walls(stage, known)
-    dropped = list(without)
+    usual += _strokes(known)
+    dropped = [full_name(name) for name in without]
     names = {CHECK, *(name for r in usual for name in (r.figure.name, r.figure.quantity))}
     for name in dropped:
         if name not in names:
@@ -86,17 +99,19 @@ def usual_requirements(
                 f"{', '.join([CHECK, *(r.figure.name for r in usual)])}"
             )
     said = {r.figure.key for r in asked}
+    moved = {a for q, a in said.union(goal.key for goal in goals) if q in _OF_STROKE}
     stressed = {axis for quantity, axis in said if quantity in _STRESS}
     return tuple(
         r
         for r in usual
         if r.figure.key not in said
         and not (r.figure.quantity in _STRESS and r.figure.axis in stressed)
+        and not (r.figure.quantity in _STROKES and r.figure.axis in moved)
         and not {r.figure.name, r.figure.quantity} & set(dropped)
     )
 
 
-def _walls(stage: Stage, known: Collection[tuple[str, str]]) -> list[Requirement]:
+def _walls(stage: Stage, known: Iterable[tuple[str, str]]) -> list[Requirement]:
     """Return what walls may be: no more is asked than the stage has."""
     outputs = {axis.name: stage.probe(axis.probe).body for axis in stage.axes}
     found: dict[str | None, Requirement] = {}
@@ -110,6 +125,19 @@ def _walls(stage: Stage, known: Collection[tuple[str, str]]) -> list[Requirement
     return list(found.values())
 
 
+def _strokes(known: Mapping[tuple[str, str], float]) -> list[Requirement]:
+    """Return what strokes may be, to three digits."""
+    limits = [
+        (Figure(quantity=quantity, axis=axis), float(f"{STROKE * value:.3g}"))
+        for (quantity, axis), value in known.items()
+        if quantity in _STROKES and value
+    ]
+    return [
+        Requirement(figure=f, low=v) if v > 0.0 else Requirement(figure=f, high=v)
+        for f, v in limits
+    ]
+
+
 def walls_note(usual: Iterable[Requirement]) -> str:
     """Return in a sentence where the limits of walls come from; empty where there are none."""
     if not any(r.figure.quantity in ("smallest_wall", "output_wall") for r in usual):
@@ -121,7 +149,7 @@ def walls_note(usual: Iterable[Requirement]) -> str:
     )
 
 
-def _figures(quantity: str, known: Collection[tuple[str, str]]) -> list[Figure]:
+def _figures(quantity: str, known: Iterable[tuple[str, str]]) -> list[Figure]:
     return [Figure(quantity=q, axis=a) for q, a in known if q == quantity]
 
 

@@ -15,6 +15,8 @@ MARGIN = 1e-4
 # How near to a wall its normal is measured, and how far is looked for it along each variable: less
 # than the margin from other walls, which are not to be taken for this one; halvings of an interval.
 _NEAR, _REACH, _HALVINGS = 2e-6, 6e-5, 18
+# steps away from walls, of the margin each
+_INWARDS = 4
 # cosine of the angle between two walls from which on they are one
 _SAME = 0.999
 
@@ -90,6 +92,22 @@ def find_wall(possible: Callable[[Array], Bools], inside: Array, step: Array) ->
         return None
     normal = normal / size
     return Wall(normal=normal, offset=float(normal @ at) - MARGIN, beyond=outside)
+
+
+def inside(possible: Callable[[Array], Bools], point: Array) -> Array:
+    """Return a point beside a possible one that keeps `MARGIN` from walls along every variable.
+
+    On a wall, or where two meet, what lies beyond tells none of them from another. It is the point
+    itself where no way leads from all of them.
+    """
+    ways = np.vstack([np.eye(len(point)), -np.eye(len(point))]) * MARGIN
+    for _ in range(_INWARDS):
+        stopped = ways[~possible(np.clip(point + ways, 0.0, 1.0))]
+        there = np.clip(point - 1.1 * stopped.sum(axis=0), 0.0, 1.0)
+        if not np.any(there != point) or not possible(there[None])[0]:
+            break
+        point = there
+    return point
 
 
 def joined(walls: tuple[Wall, ...], wall: Wall) -> tuple[Wall, ...]:

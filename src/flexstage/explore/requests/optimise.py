@@ -107,7 +107,9 @@ class OptimiseRequest:
             family=Family(template=template, variables=variables),
             goals=goals,
             requirements=requirements,
-            usual=usual_requirements(described, known, requirements, self.without),
+            usual=usual_requirements(
+                described, known, requirements, self.without, goals=[g.figure for g in goals]
+            ),
             checked=CHECK not in self.without,
             notes=() if given or not (held := held_dimensions(template)) else (held,),
         )

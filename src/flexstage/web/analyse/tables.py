@@ -17,7 +17,7 @@ _FIRST = frozenset(
     (
         "transmission_ratio", "output_displacement", "rotation_stroke", "input_stiffness",
         "output_stiffness", "max_stress", "safety_factor", "natural_frequency_hz",
-        "cross_coupling", "buckling_factor",
+        "natural_frequency_with_stack_hz", "cross_coupling", "buckling_factor",
     )
 )  # fmt: skip
 _MODES = 6

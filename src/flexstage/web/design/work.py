@@ -32,7 +32,10 @@ if TYPE_CHECKING:
     from flexstage.system import Analysis
 
 #: What is shown of every axis and of the whole, as far as a stage has it.
-SHOWN = (*USUAL, "safety_factor", "resolution", "parasitic_rotation", "mass", "smallest_neck")
+SHOWN = (
+    *USUAL, "natural_frequency_with_stack_hz", "safety_factor", "resolution", "parasitic_rotation",
+    "mass", "smallest_neck",
+)  # fmt: skip
 #: The figures beside the sliders, and what the columns are called.
 BESIDE = {
     "transmission_ratio": "ratio",
