@@ -247,7 +247,11 @@ def test_input_and_output_are_taken_where_the_file_decides(tmp_path, columns, na
 
 @pytest.mark.parametrize(
     ("names", "option"),
-    [("t [s],a [V],b [V]", "input"), ("t [s],a [m],b [m]", "input"), ("t [s],a [V],b", "output")],
+    [
+        ("t [s],a [V],b [V]", "input"),
+        ("t [s],a [m],b [m]", "input"),
+        ("t [s],a [V],b [N]", "output"),
+    ],
 )
 def test_a_choice_is_left_to_the_user_with_the_columns(capsys, tmp_path, columns, names, option):
     said = refused(capsys, write(tmp_path / "a.csv", names, *columns))

@@ -222,9 +222,6 @@ def public(file: Path) -> None:
 #: Files that the reader of a page has. They are not those of the page: its figures are others.
 GIVEN: dict[str, dict[str, Callable[[Path], None]]] = {
     "README.md": {
-        "measured.csv": measured,
-        "another.csv": lambda file: measured(file, (0.7, 3.0)),
-        "wanted.csv": wanted,
         "parallelogram.yaml": stage("parallelogram"),
     },
     "compensate.md": {"stack.yaml": model, "reference.csv": wanted},

@@ -43,7 +43,8 @@ def likely_drive(
         forced = vibration and any(c["unit"] == "N" for c in moving)
         driven = _told(moving, ("N",) if forced else ("V",), _INPUTS)
     rest = [c for c in moving if c not in driven]
-    return driven, _told(rest, _VIBRATIONS if vibration else _MOTIONS, _OUTPUTS)
+    follows = _told(rest, _VIBRATIONS if vibration else _MOTIONS, _OUTPUTS)
+    return driven, follows or [c for c in rest if len(rest) == 1 and not c["unit"]]
 
 
 def _told(columns: Columns, units: Collection[str], words: Sequence[str]) -> Columns:
@@ -59,14 +60,16 @@ def taken_drive(
     given: tuple[str | None, str | None],
     *,
     vibration: bool = False,
+    options: tuple[str, str] = ("input", "output"),
     rates_hz: Sequence[float | None] = (None,),
     resample_hz: object = None,
     **how: Any,
 ) -> tuple[str, str, str]:
     """Return input and outputs of a file, where they are not given, and a line that says so.
 
-    Columns are their numbers, with commas between, and empty for responses that exist; `how` goes
-    on to `read_whole`. Raises a `RecordError` where units and names leave a choice.
+    `options` ask for them. Columns are their numbers, with commas between, and empty for responses
+    that exist; `how` goes on to `read_whole`. Raises a `RecordError` where units and names leave a
+    choice.
     """
     found = contents(*read_whole(file, sample_rate_hz=rates_hz[0], **how))
     if vibration and found["over"] != "time" and not any(given):
@@ -75,7 +78,7 @@ def taken_drive(
     left = [c for c in moving_columns(found) if not known & {str(c["number"]), c["name"]}]
     chosen, said = list(given), []
     likely = likely_drive(left, vibration=vibration, driven=[] if given[0] else None)
-    for k, option in enumerate(("input", "output")):
+    for k, option in enumerate(options):
         if given[k]:
             continue
         if len(likely[k]) != 1 and not (vibration and k and likely[k]):
