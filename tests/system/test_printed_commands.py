@@ -330,7 +330,7 @@ class Page:
             return
         self.ran += 1
         for start, (told, more) in _SERVES.items():
-            if not line.startswith(start):
+            if not line.startswith(start) or "--play" in line:
                 continue
             said = self.shell.serve(line + more + ("" if "--port" in line else " --port 0"))
             ready = re.search(told, said)

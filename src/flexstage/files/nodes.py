@@ -144,8 +144,8 @@ def parse_yaml(
     except yaml.MarkedYAMLError as fault:
         mark = fault.problem_mark or fault.context_mark
         line = f", line {mark.line + 1}" if mark else ""
-        written = text.split("\n")[mark.line : mark.line + 1] if mark else []
-        tab = any(w[mark.column :].startswith("\t") for w in written)
+        rest = text.split("\n")[mark.line :] if mark else []
+        tab = mark and rest and rest[0][mark.column :].startswith("\t")
         said = "a tab stands where spaces must: use spaces" if tab else fault.problem
         raise error(f"{source}{line}: this is not YAML: {said}") from None
     except yaml.YAMLError as fault:
