@@ -81,6 +81,14 @@ def test_touching_is_not_overlapping(depth: float, found: str) -> None:
     ]
 
 
+def test_a_body_of_metres_is_doubted() -> None:
+    large = stage_of(body("a", box(0, 0, 2001, 30)))
+    (found,) = [f for f in check(large) if f.code == "size"]
+    assert found.severity == "warning"
+    assert "a body of 2.001 m: check the length_unit" in found.message
+    assert "size" not in codes(stage_of(body("a", box(0, 0, 1999, 30))))
+
+
 def test_a_body_in_the_hole_of_another_is_no_overlap() -> None:
     hole = box(1, 1, 9, 9)
     assert (

@@ -245,6 +245,32 @@ def test_long_lines_are_parted_where_the_format_demands_it() -> None:
     assert joined == points
 
 
+def test_an_axis_that_turns_is_a_rotation_about_z_over_a_force(tmp_path: Path) -> None:
+    stage = design("three-rrr")
+    system = lumped_system(stage)
+    files = universal_files(stage, system, count=6, frequency_hz=np.geomspace(60.0, 900.0, 9))
+    functions = of_kind(read(files["three-rrr-frf.uff"], tmp_path), 58)
+    columns = {c.name: c for c in read_universal(tmp_path / "file.uff", "2,5,8").columns}
+    assert [f["rsp_dir"] for f in functions] == 3 * [1, 2, 6]
+    points = modal_points(stage).numbers
+    shapes = of_kind(read(files["three-rrr-modes.uff"], tmp_path), 55)
+    found = modes(system, count=6)
+    for f, drive in zip(functions[2::3], stage.drives, strict=True):
+        exact = frequency_response(system, f["x"], drive.name, "theta").value
+        assert np.abs(f["data"] / exact - 1.0).max() < 2 * THIRTEEN
+        assert "about z" in f["id4"]
+        assert (f["ordinate_axis_lab"].strip(), f["ordinate_axis_units_lab"].strip()) == (
+            "rotation",
+            "rad",
+        )
+        code = {0: "", 1: ":+x", 2: ":+y"}[f["ref_dir"]]
+        name = f"{points['probe', 'theta']}:+rz/{points['drive', drive.name]}{code}"
+        assert columns[f"{name} real"].unit == "rad/N"
+    for k, mode in enumerate(shapes):
+        turn = system.probe("theta").vector @ found.shapes[:, k]
+        assert shape_of(mode)[points["probe", "theta"] - 1, 5] == pytest.approx(turn, rel=SIX)
+
+
 def test_names_are_plain_text_of_80_characters_and_the_file_is_the_same_each_time(
     tmp_path: Path,
 ) -> None:

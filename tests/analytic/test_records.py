@@ -203,6 +203,46 @@ def test_dates_count_from_the_first(tmp_path: Path) -> None:
     np.testing.assert_allclose(clock.time, [0.0, 0.25])
 
 
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("31.12.2026 23:59:59.750", "1.1.2027 0:00:00.000"),
+        ("31.12.2026 23:59:59,750", "01.01.2027 00:00:00,000"),
+        ("12/31/2026 23:59:59.750", "1/1/2027 0:00:00.000"),
+        ("12/31/2026 11:59:59.750 PM", "1/1/2027 12:00:00.000 AM"),
+        ("31/12/2026 23:59:59.750", "01/01/2027 00:00:00.000"),
+        # all of one day: which number is the month makes no difference
+        ("05/06/2026 11:59:59.750", "05/06/2026 12:00:00.000"),
+        ("05/06/2026 11:59:59.750 AM", "05/06/2026 12:00:00.000 PM"),
+    ],
+)
+def test_dates_as_countries_write_them(tmp_path: Path, first: str, second: str) -> None:
+    record = read_record(text(tmp_path, f"Time;u [V]\n{first};1,5\n{second};2,5\n"))
+    np.testing.assert_allclose(record.time, [0.0, 0.25], atol=1e-10)
+
+
+def test_dates_that_leave_the_month_open_are_not_guessed(tmp_path: Path) -> None:
+    rows = "Time,u\n05/06/2026 23:59:59,1.5\n05/07/2026 00:00:00,2.5\n"
+    path = text(tmp_path, rows)
+    said = r"'05/06/2026 23:59:59' may begin with the month or the day.* write them as 2026-05-31"
+    for time in (None, "Time"):
+        with pytest.raises(RecordError, match=said):
+            read_record(path, time=time)
+    assert values(read_record(path, sample_rate_hz=2.0), "u") == [[1.5, 2.5]]
+    # a date further below tells
+    told = read_record(text(tmp_path, rows + "05/13/2026 00:00:01,3.5\n"), largest_step=1e9)
+    np.testing.assert_allclose(told.time, [0.0, 1.0, 6 * 86400.0 + 2.0])
+
+
+@pytest.mark.parametrize("sign", [";", ",", "\t"])
+def test_a_row_of_units_may_begin_with_an_empty_cell(tmp_path: Path, sign: str) -> None:
+    lines = ["t;u;y", ";V;µm", "0;1.5;11.5", "0.25;2.5;7.25"]
+    path = text(tmp_path, "\n".join(lines).replace(";", sign) + "\n")
+    record = read_record(path, time="t")
+    assert [(c.name, c.unit) for c in record.channels] == [("t", "s"), ("u", "V"), ("y", "m")]
+    assert values(record, "u", "y") == [[1.5, 2.5], [11.5e-6, 7.25e-6]]
+
+
 # ------------------------------------------------------------------ other formats
 
 
@@ -658,7 +698,7 @@ ROWS = [(0.5, 1.25), (0.625, 1.5), (0.75, -2.0), (0.875, 3.125)]
         ("u,y,status", ["{},{},OK", "{},{},OK", "{},{},7", "{},{},ERR"], "status ('OK')"),
         ("u,y,status", ['{},{},"a, b"', '{},{},"c"'] * 2, "status ('a, b')"),
         ("u;y;Datum", ["{};{};06.05.2024"] * 4, "Datum ('06.05.2024')"),
-        ("u\ty\twhen", ["{}\t{}\t05/06/2024 12:00:01"] * 4, "when ('05/06/2024 12:00:01')"),
+        ("u\ty\twhen", ["{}\t{}\t05/06/2024 noon"] * 4, "when ('05/06/2024 noon')"),
         ("u y note", ["{} {} OK", "{} {}", "{} {} no", "{} {} OK"], "note ('OK')"),
         ("u,y,load", ["{},{},12 %"] * 4, "load ('12 %')"),
         ("u,y", ["{},{}", "{},{} # paused, then on", "{},{}", "{},{}"], "'# paused, then on'"),

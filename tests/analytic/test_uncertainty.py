@@ -419,6 +419,19 @@ correlations:
 """
 
 
+@pytest.mark.parametrize("key", ["uncertainty", "half_width"])
+def test_percent_of_a_value_with_a_unit_are_of_the_value(key):
+    def own(value, size):
+        written = f"value: {value}, {key}: {size}"
+        budget = budget_from_text(FILE.replace("value: 2 arcsec, uncertainty: 0.3 arcsec", written))
+        return next(i for i in budget.influences if i.name == "p").standard_uncertainty
+
+    wanted = pytest.approx(own("2 arcsec", "0.3 arcsec"), rel=1e-12, abs=0)
+    assert own("-2 arcsec", "15 %") == own("2 arcsec", "15%") == wanted
+    with pytest.raises(RecordError, match="same kind of unit"):
+        budget_from_text(FILE.replace("uncertainty: 0.2 K", "uncertainty: 1 %"))
+
+
 def test_a_budget_file_is_read_in_si():
     budget = budget_from_text(FILE)
     by_name = {i.name: i for i in budget.influences}

@@ -211,6 +211,9 @@ def test_the_file_opens_at_the_whole_of_the_part() -> None:
     box = bbox.extents(document.modelspace())
     for name, corner in (("$EXTMIN", box.extmin), ("$EXTMAX", box.extmax)):
         assert document.header[name][:2] == pytest.approx((corner.x, corner.y), abs=0.5)
+    # a program that has no styles of dimensions writes them by the header
+    wanted = {"$INSUNITS": 4, "$LUNITS": 2, "$LUPREC": 6, "$DIMDSEP": ord("."), "$DIMDEC": 3}
+    assert {name: document.header[name] for name in wanted} == wanted
     (view,) = document.viewports.get("*Active")
     assert tuple(view.dxf.center)[:2] == pytest.approx((box.center.x, box.center.y), abs=0.5)
     assert box.size.y <= view.dxf.height <= 3.0 * max(box.size.x, box.size.y)

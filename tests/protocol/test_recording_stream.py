@@ -18,6 +18,7 @@ from flexstage.instruments.recording.recovery import examine, recover
 from flexstage.instruments.recording.stream import Irregularity, in_use
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.records import read_record
+from tests.octave_program import OCTAVE, run_octave
 from tests.recordings import CHANNELS, RATE, assert_true, metadata, truth, writer, written
 
 
@@ -465,3 +466,18 @@ def test_a_frame_of_another_run_is_none_of_this_one(tmp_path):
     found = examine(paths[0])
     assert found.samples == 40
     assert not found.complete
+
+
+@pytest.mark.skipif(OCTAVE is None, reason="GNU Octave is not installed")
+def test_octave_loads_all_of_a_record(tmp_path):
+    path = tmp_path / "run.stream"
+    written(path, [30, 12])
+    file = archived(path, tmp_path / "run.h5")
+    done = run_octave(
+        tmp_path,
+        'found = load("run.h5"); printf("%d %s\\n", numel(fieldnames(found)), found.run);',
+    )
+    assert done.stderr == ""
+    count, _, described = done.stdout.partition(" ")
+    assert int(count) == 1 + len(CHANNELS)
+    assert json.loads(described) == read_metadata(read_record(file)).plain()

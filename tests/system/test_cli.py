@@ -72,6 +72,75 @@ def test_a_file_by_a_name_that_is_nearly_right_is_suggested(
 
 
 @pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (b"stage:\n\tname: x\n", "line 2: this is not YAML: a tab stands where spaces must"),
+        (b"stage: 1\n\tname: x\n", "line 2: this is not YAML: a tab stands where spaces must"),
+        (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "is a picture or another binary file, expected a stage"),
+        (
+            b"flexstage: 1\ndesign: {name: parallelogram, thickness: 0,5}\n",
+            "decimal sign as a point",
+        ),
+        (b"flexstage: 1\ndesign:\n  name: parallelogram\n  thickness: 0,5 mm\n", "must be a point"),
+        (None, "is called 'stack.yaml': the designs are "),
+    ],
+)
+def test_a_file_that_cannot_be_meant_is_told_why(
+    elsewhere: Path, capsys: pytest.CaptureFixture[str], text: bytes | None, said: str
+) -> None:
+    (elsewhere / "tab.yaml").write_text("")
+    if text is not None:
+        (elsewhere / "stack.yaml").write_bytes(text)
+    assert run("check", "stack.yaml") == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_help_is_a_word_too_and_hinges_say_how_a_profile_is_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for words in ((), ("frf",)):
+        assert run(*words, "--help") == 0
+        wanted = capsys.readouterr().out
+        assert run("help", *words) == 0
+        assert capsys.readouterr().out == wanted
+    assert run("hinges", "circular") == 2
+    assert "a profile is named by --profile" in capsys.readouterr().err
+    assert run("hinges", "--kind", "v", "--depth", "1 mm") == 2  # as --profile v is
+    assert "--half-angle" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("model", ["superelement", "plane", "lumped"])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("thinnest", "1 nm"), "notch of hinge 'left-lower' are too extreme to compute with"),
+        (("mass", "1e30 kg"), "body 'platform' has 1e+30 kg and 'left-leg' 0.00275 kg, too far"),
+        (("length_unit", "nm"), "hinge 'left-lower' does not grow from body 'base'"),
+    ],
+)
+def test_what_no_model_computes_is_refused_before_any(
+    elsewhere: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, str], said: str,
+    model: str,
+) -> None:  # fmt: skip
+    run("new", "parallelogram", "--spelled-out", "--out", "full.yaml")
+    text = (elsewhere / "full.yaml").read_text()
+    kind, value = change
+    if kind == "mass":
+        load = f"  platform:\n    extra_masses:\n    - {{mass: {value}, at: [0, 40]}}\n"
+        text = text.replace("  platform:\n", load, 1)
+    elif kind == "thinnest":
+        text = text.replace("neck_thickness: 0.5 mm", f"neck_thickness: {value}")
+    else:
+        text = text.replace("length_unit: mm", f"length_unit: {value}")
+    (elsewhere / "full.yaml").write_text(text)
+    capsys.readouterr()
+    assert run("analyse", "full.yaml", "--model", model, "-q") == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("begins", "what"),
     [
         ("  0\r\nSECTION\r\n  2\r\nHEADER\r\n", "a DXF drawing"),

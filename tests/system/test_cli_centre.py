@@ -363,6 +363,22 @@ def test_tables_for_people(run, bench):
     assert "µm" in out
 
 
+def test_angle_and_error_are_taken_where_names_decide(run, tmp_path):
+    theta = turned()
+    error = np.degrees(exact_error(theta, E, R)) * 3600.0
+    columns = (np.degrees(theta), error)
+    path = write(tmp_path / "a.csv", *columns, header="Winkel [deg],Fehler [arcsec]")
+    named = json.loads(run(path, "--angle", "0", "--error", "1", "--json")[1])
+    plain = json.loads(run(path, "--json")[1])
+    assert "angle Winkel; error Fehler: taken by their names" in plain["notes"]
+    assert plain["harmonics"] == named["harmonics"]
+    path = write(tmp_path / "b.csv", *columns, header="Winkel [deg],head [arcsec]")
+    status, _, err = run(path)
+    assert status == 2
+    assert "leaves open what is angle and error: name them" in err
+    assert "(columns: 0: Winkel [rad], 1: head [" in err
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

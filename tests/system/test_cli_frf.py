@@ -407,7 +407,6 @@ def test_bad_options(capsys, struck, tmp_path):
         ("must end", (*named, "--figure", tmp_path / "a.txt")),
         ("--out must end", (*named, "--out", tmp_path / "a.xyz")),
         ("no column 'c'", (struck, "--input", "force", "--output", "c")),
-        ("--input and --output", (struck, "--output", "a")),
         ("named twice", (struck, "--input", "force", "--output", "a,a")),
         ("H1", (*named, "--estimator", "H7")),
         ("excitation", (*named, "--excitation", "jackhammer")),
@@ -493,8 +492,21 @@ def test_a_table_of_an_analyser(capsys, folder, tmp_path):
         assert mode["damping_ratio"]["value"] == pytest.approx(zeta, rel=1e-3)
 
 
+def test_force_and_accelerations_of_a_record_are_taken(capsys, shaken):
+    asked = ("--near", "137,250", "--resolution", "2 Hz", "-q")
+    plain, named = (
+        found(capsys, shaken, *asked),
+        found(capsys, shaken, *asked, "--input", "force", "--output", "a,b"),
+    )
+    said = "input 1: force [N]; output 2: a [m/s^2], 3: b [m/s^2]: taken by units and names"
+    assert plain["notes"][0] == said
+    assert [m["frequency_hz"] for m in plain["modes"]] == [
+        m["frequency_hz"] for m in named["modes"]
+    ]
+
+
 def test_options_of_existing_responses(capsys, shaken, universal, tmp_path):
     driven = ("--input", "force", "--output", "a")
     refused(capsys, "one or the other", tmp_path, shaken, *driven, "--response", "0,1,2")
     refused(capsys, "leave --response out", tmp_path, universal, "--response", "0,1,2")
-    refused(capsys, "need --input and --output", tmp_path, shaken, "--sample-rate", "2048")
+    refused(capsys, "which column is the output", tmp_path, universal, "--input", "b")

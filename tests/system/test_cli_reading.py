@@ -185,7 +185,7 @@ def test_train_counts_in_the_file_that_was_resampled(tmp_path):
 def test_options_that_do_not_go_together(capsys, tmp_path, columns):
     file = write(tmp_path / "a.csv", "time (s),u,y", *columns)
     for words, said in (
-        ((), "there is no output"),
+        (("--curve", "time"), "needs --input, and --output or --branches"),
         (("--branches", "u"), "needs two columns"),
         (("--branches", "y,time", "--output", "y"), "leave --output out"),
         (("--branches", "y,time", "--curve", "time"), "leave --curve out"),
@@ -219,3 +219,41 @@ def test_the_figure_says_which_files_and_cycles_are_drawn(capsys, tmp_path, colu
         assert "shaded: the cycles at the left" in drawn
         assert beyond in drawn
         assert ("not drawn" in drawn) == bool(beyond)
+
+
+# ------------------------------------------------------------------ columns that the file decides
+
+
+@pytest.mark.parametrize(
+    ("names", "order", "said"),
+    [
+        ("Zeit [s];Spannung [V];Weg [µm]", "uy", "input 1: Spannung [V]; output 2: Weg [µm]"),
+        ("t [s];sensor [V];command [V]", "yu", "input 2: command [V]; output 1: sensor [V]"),
+        ("time (s);gap (um);x (V)", "yu", "input 2: x [V]; output 1: gap [µm]"),
+        ("t [s];u;y", "uy", "input 1: u; output 2: y"),
+    ],
+)
+def test_input_and_output_are_taken_where_the_file_decides(tmp_path, columns, names, order, said):
+    t, u, y = columns
+    path = write(tmp_path / "a.csv", names, t, *((u, y) if order == "uy" else (y, u)))
+    path.write_text(path.read_text().replace(",", ";"))
+    (record,), driven, follows = read(path, input=None, output=None)
+    assert record.notes[0] == f"{said}: taken by units and names"
+    np.testing.assert_allclose(record.channel(driven).values, u, rtol=1e-8)
+    # one that is given is kept
+    for given in ({"input": str(driven), "output": None}, {"input": None, "output": str(follows)}):
+        assert read(path, **given)[1:] == (driven, follows)
+
+
+@pytest.mark.parametrize(
+    ("names", "option"),
+    [
+        ("t [s],a [V],b [V]", "input"),
+        ("t [s],a [m],b [m]", "input"),
+        ("t [s],a [V],b [N]", "output"),
+    ],
+)
+def test_a_choice_is_left_to_the_user_with_the_columns(capsys, tmp_path, columns, names, option):
+    said = refused(capsys, write(tmp_path / "a.csv", names, *columns))
+    assert f"leaves open which column is the {option}: name it by --{option} (columns: " in said
+    assert "(columns: 0: t [s], 1: a [" in said

@@ -1,6 +1,7 @@
 """`flexstage records`: what it says of files, and what it refuses."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -56,6 +57,27 @@ def test_responses_and_tables_without_times(capsys, tmp_path):
     assert second["over"] == "point"
     assert any("give the sample rate" in note for note in second["notes"])
     assert "frequency responses H: 2 lines from 500 to 1000 Hz" in run(capsys, response)[1]
+
+
+@pytest.mark.parametrize(
+    ("content", "goes_on"),
+    [
+        ("t [s];Spannung [V];Weg [µm]\n0;0;0\n0,1;5;2,5\n0,2;9;41,6\n", "identify"),
+        ("t [s];force [N];a1 [m/s^2];a2 [m/s^2]\n0;1;2;3\n0,1;2;3;5\n0,2;1;0;4\n", "frf"),
+        ("Winkel [deg];Fehler [arcsec]\n0;1,5\n120;2,5\n240;-4\n", "centre"),
+        ("freq (kHz);H_mag;H_phase_deg\n0,5;1,5;-10\n1;2,5;-90\n", "frf"),
+        ("t [s];a [V];b [V]\n0;1;2\n1;2;4\n2;3;5\n", ""),
+        ("Winkel [deg];gap [arcsec]\n0;1,5\n120;2,5\n240;-4\n", ""),
+    ],
+)
+def test_it_ends_with_the_command_that_goes_on(capsys, tmp_path, content, goes_on):
+    path = tmp_path / "a b.csv"
+    path.write_text(content)
+    out = run(capsys, path)[1]
+    assert out.endswith(f"to go on: flexstage {goes_on} '{path}'\n") == bool(goes_on)
+    assert ("to go on" in out) == bool(goes_on)
+    if "Weg" in content:
+        assert re.search(r"2 +Weg +µm +0 +41\.6 ", out)
 
 
 def test_bad_input(capsys, gapped, tmp_path):

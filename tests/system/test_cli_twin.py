@@ -8,9 +8,13 @@ import subprocess
 import sys
 import threading
 
+import numpy as np
 import pytest
 
 from flexstage.cli import main
+from flexstage.designs import design
+from flexstage.records import read_record
+from flexstage.virtual import virtual_stage
 
 TIMEOUT = 120.0
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -188,3 +192,55 @@ def test_a_host_that_no_name_can_have_gets_a_sentence(capsys, host):
     assert (ended.value.code, said.out) == (1, "")
     assert said.err.count("\n") == 1
     assert "choose another --port" in said.err
+
+
+# ------------------------------------------------------------------ a record that is played
+
+
+def played(capsys, tmp_path, t, u, *words):
+    np.savetxt(
+        tmp_path / "drive.csv", np.column_stack((t, u)), delimiter=",", header="time (s),drive (V)",
+        comments="",
+    )  # fmt: skip
+    with pytest.raises(SystemExit) as ended:
+        main([
+            "twin", "vgtu-piezo", "--play", str(tmp_path / "drive.csv"), "--out",
+            str(tmp_path / "measured.csv"), *words,
+        ])  # fmt: skip
+    return ended.value.code, capsys.readouterr()
+
+
+@pytest.mark.parametrize("rate", [300.0, 4000.0])
+def test_a_record_that_is_played_is_what_the_twin_does(capsys, monkeypatch, tmp_path, rate):
+    t = np.arange(round(0.8 * rate)) / rate
+    u = 70.0 - 45.0 * np.cos(2.0 * np.pi * 2.5 * t)
+    monkeypatch.setattr("flexstage.virtual.stage._BLOCK", 97)
+    status, said = played(capsys, tmp_path, t, u, "--axis", "y", "--seed", "3", "--json", "-q")
+    assert (status, json.loads(said.out)["files"]) == (0, [str(tmp_path / "measured.csv")])
+    record = read_record(tmp_path / "measured.csv")
+    assert [(c.name, c.unit) for c in record.channels[1:]] == [("voltage", "V"), ("position", "m")]
+    assert record.sample_rate_hz == pytest.approx(rate)
+    many = round(10e3 / rate)
+    stage = virtual_stage(design("vgtu-piezo"), model="lumped", seed=3, sample_rate_hz=rate * many)
+    lead = round(0.5 * rate)
+    whole = np.concatenate((25.0 * np.arange(lead) / lead, u))
+    at = np.arange(whole.size * many) / many
+    command = np.interp(at, np.arange(whole.size), whole)
+    samples = stage.run(np.array([0.0 * command, command]), [False, False])
+    np.testing.assert_array_equal(
+        record.channel("position").values, samples.reading[1, lead * many :: many]
+    )
+    # a converter of 20 bits and an amplifier of one pole are between
+    np.testing.assert_allclose(record.channel("voltage").values, u, atol=0.3)
+
+
+def test_what_exceeds_limits_is_refused_before_anything_is_written(capsys, tmp_path):
+    t = np.arange(400) / 1e3
+    status, said = played(capsys, tmp_path, t, 65.0 - 60.0 * np.cos(20.0 * t))
+    assert (status, said.out) == (2, "")
+    assert "axis 'x' would get 12" in said.err
+    assert "its limits are 0 to 120 V" in said.err
+    assert not (tmp_path / "measured.csv").exists()
+    with pytest.raises(SystemExit):
+        main(["twin", "vgtu-piezo", "--out", str(tmp_path / "a.csv")])
+    assert "--play and --out go together" in capsys.readouterr().err

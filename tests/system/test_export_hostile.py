@@ -152,8 +152,9 @@ def test_variables_of_an_fmu_differ_whatever_drives_are_called(tmp_path: Path) -
 
 
 def test_names_of_drives_in_an_fmu_are_of_one_part() -> None:
-    found = plain_names(["ä", "ö", "a", "x.1", "x_1", "", ".", "sensor", "微", "軸"])
-    assert len(set(found)) == 10
+    found = plain_names("drive", ["ä", "ö", "a", "x.1", "x_1", "", ".", "sensor", "微", "軸", "1"])
+    assert len(set(found)) == 11
+    assert found[-1] == "drive_1"
     assert not any("." in name or not name.isascii() or name == "sensor" for name in found)
     assert found[0] == "a"
 

@@ -222,9 +222,6 @@ def public(file: Path) -> None:
 #: Files that the reader of a page has. They are not those of the page: its figures are others.
 GIVEN: dict[str, dict[str, Callable[[Path], None]]] = {
     "README.md": {
-        "measured.csv": measured,
-        "another.csv": lambda file: measured(file, (0.7, 3.0)),
-        "wanted.csv": wanted,
         "parallelogram.yaml": stage("parallelogram"),
     },
     "compensate.md": {"stack.yaml": model, "reference.csv": wanted},
@@ -333,7 +330,7 @@ class Page:
             return
         self.ran += 1
         for start, (told, more) in _SERVES.items():
-            if not line.startswith(start):
+            if not line.startswith(start) or "--play" in line:
                 continue
             said = self.shell.serve(line + more + ("" if "--port" in line else " --port 0"))
             ready = re.search(told, said)

@@ -105,6 +105,8 @@ def _run(arguments: list[str] | None) -> int:
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     words = sys.argv[1:] if arguments is None else arguments
     # a command line that cannot be parsed says by this word alone what its reader is
+    if words[:1] == ["help"]:
+        arguments = [*words[1:], "--help"]
     as_json = "--json" in words[: words.index("--") if "--" in words else None]
     if any("\0" in word for word in words):
         message = "an argument holds a character of code 0, which no text or path has"
@@ -142,6 +144,8 @@ def _usage(error: Exception) -> str:
     said = error.format_message() if hasattr(error, "format_message") else str(error)  # type: ignore[attr-defined]
     command = getattr(getattr(error, "ctx", None), "command_path", "flexstage")
     said = said.removesuffix(".")
+    if "extra argument" in said and command.endswith(" hinges"):
+        said += ": a profile is named by --profile"
     return f"{said}{' See' if said.endswith('?') else '; see'} '{command} --help'"
 
 

@@ -1,5 +1,6 @@
 """`flexstage centre`: eccentricity of a scale on a turning table, and the move that removes it."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -56,7 +57,8 @@ def centre(
         one setting if --heads has an angle for each, else settings in sequence.
     error
         COLUMN,...: Numbers or names of the error columns, one for each head: angle reading minus
-        true angle; or, in a unit of length, the readings of indicators on the rim.
+        true angle; or, in a unit of length, the readings of indicators on the rim (default: with
+        none of these options, what is called angle and error).
     reading
         COLUMN,...: Instead of --error: columns of the readings of the heads, wrapped at a turn or
         not; the true angle is subtracted.
@@ -109,6 +111,13 @@ def centre(
     """
     from flexstage.centring.from_records import CentreOptions, centre_records
 
+    said: list[str] = []
+    if not (angle or error or reading or turns):
+        from flexstage.records.likely_columns import taken_turn
+        from flexstage.records.sampling import row_range
+
+        of_rows = row_range(how.rows, "--rows")
+        angle, error, *said = taken_turn(records[0], **{**vars(how), "rows": of_rows})
     options = CentreOptions(
         error=error,
         reading=reading,
@@ -137,6 +146,7 @@ def centre(
         over="point",
         **vars(how),
     )
+    read[0] = replace(read[0], notes=(*said, *read[0].notes))
     found = centre_records(read, options)
     result = found.result
     if figure is not None:

@@ -15,7 +15,7 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
         "--hysteresis": "--identification",
         "--no-hysteresis": "--no-identification",
     },
-    "hinges": {"--angle": "--half-angle"},
+    "hinges": {"--angle": "--half-angle", "--kind": "--profile"},
     "equations": {"--format": "--to"},
     "export": {"--out": "--folder", "--step": "--time-step", "--modes": "--keep-modes"},
     "excite": {

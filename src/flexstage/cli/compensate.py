@@ -28,7 +28,6 @@ from flexstage.cli.reading import (
     WHOLE_FILE,
     EvenTimeOptions,
     FileOptions,
-    read_records,
     record_format,
 )
 from flexstage.errors import ModelError
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
 def compensate(
     model: Annotated[Path, typer.Argument()],
     reference: Path,
-    column_: str = "0",
+    column_: str | None = None,
     timing: EvenTimeOptions = AS_EVEN,
     reference_unit: str | None = None,
     relative: bool = False,
@@ -69,7 +68,8 @@ def compensate(
     reference
         FILE: Record of the wanted readings over time.
     column_
-        --column COLUMN: Number or name of its column.
+        --column COLUMN: Number or name of its column (default: the only one in a unit of length or
+        angle, or called position, output...).
     reference_unit
         UNIT: Unit of the reference, such as "um".
     relative
@@ -96,20 +96,18 @@ def compensate(
     from flexstage.hysteresis.drive_model import in_unit_of_model, lowest_reading
     from flexstage.hysteresis.inversion import command_record, feedforward
     from flexstage.hysteresis.model_file import read_model_file
+    from flexstage.records.files import read_files
+    from flexstage.records.likely_columns import taken_drive
+    from flexstage.records.reading_options import understood
     from flexstage.records.write import record_bytes
 
     kind = record_format(out)
     file = read_model_file(model)
     drive = file.model
-    wanted = column(column_)
-    record = read_records(
-        [reference],
-        [wanted],
-        units=[reference_unit],
-        even=True,
-        **vars(timing),
-        **vars(how),
-    )[0]
+    given = understood(1, **vars(timing), **vars(how))
+    names = ("input", "column")
+    wanted = column(column_ or taken_drive(reference, ("none", None), options=names, **given)[1])
+    (record,) = read_files([reference], [wanted], units=[reference_unit], even=True, **given)
     channel = record.channel(wanted)
     values, converted = in_unit_of_model(
         channel.values, channel.unit, drive.output_unit, "reference"

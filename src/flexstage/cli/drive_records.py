@@ -31,7 +31,7 @@ CurveOption = Annotated[
 
 def read_drive(
     files: "Sequence[Path]",
-    input: str,
+    input: str | None,
     output: str | None,
     *,
     branches: str | None,

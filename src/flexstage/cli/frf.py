@@ -79,9 +79,11 @@ def frf(
     records
         FILE...: Measured records, averaged together, or measured frequency responses.
     input
-        COLUMN: Number or name of the input column.
+        COLUMN: Number or name of the input column (default: of a record over time the one in N,
+        else in V, or called so).
     output
-        COLUMNS: Numbers or names of the output columns, separated by commas.
+        COLUMNS: Numbers or names of the output columns, separated by commas (default: those in
+        units of motion, or called so).
     response
         COLUMNS: Columns of a measured response, if the headings do not name them: frequency, real
         and imaginary part, "0,1,2", or magnitude and phase, "0,1 dB,2 deg".
@@ -141,6 +143,13 @@ def frf(
         )
     fitted_band = _band(band)
     lines = None if resolution is None else positive_frequency(resolution, "--resolution")
+    taken = ""
+    if not (ring_down or response or (input and output)):
+        from flexstage.records.likely_columns import taken_drive
+        from flexstage.records.reading_options import understood
+
+        given = understood(len(records), **vars(timing), **vars(how))
+        input, output, taken = taken_drive(records[0], (input, output), vibration=True, **given)
     inputs, outputs = column_list(input), column_list(output)
     units = [input_unit] * len(inputs) + [output_unit] * len(outputs)
     existing = not (inputs or outputs or ring_down)
@@ -192,7 +201,7 @@ def frf(
                 },
             )
     said = (note for record in read for note in record.notes)
-    result["notes"] = list(dict.fromkeys((*result["notes"], *said)))
+    result["notes"] = list(filter(None, dict.fromkeys((taken, *result["notes"], *said))))
     result["files"] = _written(out, figure, found, read, draw)
     if json:
         print_json(result)

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 @from_docstring
 def identify(
     records: Annotated[list[Path], typer.Argument()],
-    input: str,
+    input: str | None = None,
     output: str | None = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
@@ -83,9 +83,10 @@ def identify(
         RECORD...: Measured files of one drive. Files at two or more rates separate lag and creep
         from hysteresis.
     input
-        COLUMN: Number or name of the input column.
+        COLUMN: Number or name of the input column (default: the one in V, or called so).
     output
-        COLUMN: Number or name of the output column.
+        COLUMN: Number or name of the output column (default: the one in a unit of length or angle,
+        or called so).
     hysteresis_model
         NAME: A hysteresis model, such as bouc-wen or preisach, or several separated by commas; auto
         tries all. The simplest model is chosen that predicts held-out cycles as well as the best.

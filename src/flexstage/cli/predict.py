@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 def predict(
     model: Annotated[Path, typer.Argument()],
     records: Annotated[list[Path], typer.Argument()],
-    input: str,
+    input: str | None = None,
     output: str | None = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
@@ -69,9 +69,10 @@ def predict(
     records
         RECORD...: Measured files of the same drive.
     input
-        COLUMN: Number or name of the input column.
+        COLUMN: Number or name of the input column (default: the one in V, or called so).
     output
-        COLUMN: Number or name of the output column.
+        COLUMN: Number or name of the output column (default: the one in a unit of length or angle,
+        or called so).
     start
         auto|rested|TIME: State before the record: rested at the first command, or in motion for a
         time, such as "30 s" or inf, since the low end of the range; auto estimates it from the

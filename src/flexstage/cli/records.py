@@ -1,5 +1,6 @@
 """`flexstage records`: what is in measured files, before anything is asked of them."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -47,12 +48,15 @@ def records(
     if json:
         print_json({"files": found})
         return
+    asked = {**vars(timing), **vars(how)}
+    asked = {f"--{name.replace('_', '-')}": str(value) for name, value in asked.items() if value}
     for one in found:
-        _print(console(), one)
+        _print(console(), one, [word for pair in asked.items() for word in pair])
 
 
-def _print(screen: "Console", one: dict[str, Any]) -> None:
+def _print(screen: "Console", one: dict[str, Any], asked: list[str]) -> None:
     from flexstage.records.contents import contents_table, length_in_words
+    from flexstage.records.likely_columns import next_job
 
     screen.print(on_terminal(contents_table(one, one["file"])))
     screen.print(length_in_words(one), markup=False, soft_wrap=True)
@@ -62,3 +66,6 @@ def _print(screen: "Console", one: dict[str, Any]) -> None:
     if len(gaps) > 5:
         screen.print(f"and {len(gaps) - 5} more gaps")
     print_notes(screen, one["notes"])
+    if job := next_job(one):
+        line = shlex.join(["flexstage", job, one["file"], *asked])
+        screen.print(f"to go on: {line}", markup=False, soft_wrap=True)

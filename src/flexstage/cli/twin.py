@@ -6,18 +6,36 @@ import json
 import signal
 import threading
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
-from flexstage.cli.options import JsonOption, from_docstring, one_of, quantity
+from flexstage.cli.options import (
+    AxisOption,
+    JsonOption,
+    QuietOption,
+    from_docstring,
+    one_of,
+    quantity,
+)
+from flexstage.cli.output import (
+    OutputFile,
+    console,
+    print_json,
+    print_notes,
+    progress_bar,
+    write_file,
+)
+from flexstage.cli.reading import record_format
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.errors import NotConnectedError, UnitError
+from flexstage.errors import LimitError, ModelError, NotConnectedError, UnitError
 
 if TYPE_CHECKING:
     import socket
 
     from flexstage.instruments.pi.simulated.server import GcsServer
+    from flexstage.stage import Stage
 
 _MODELS = ("lumped", "superelement")
 _AMPLIFIERS = ("voltage", "charge")
@@ -39,6 +57,10 @@ def twin(
     identity: Annotated[str, one_of(_IDENTITIES)] = _IDENTITIES[0],
     serial_number: str = "",
     hold_control: bool = False,
+    play: Path | None = None,
+    axis: AxisOption = None,
+    out: OutputFile = None,
+    quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run a simulated stage behind a GCS 2.0 controller.
@@ -65,6 +87,10 @@ def twin(
         and all commands.
     serial_number
         TEXT: Serial number that it reports (default: twin-SEED).
+    play
+        FILE: Record whose voltage the stack of an axis gets; no port is opened.
+    out
+        Write voltage and position that --play gives (.csv, .npz, .h5 or .mat).
     hold_control
         The first program that sends a motion or a change keeps control until it disconnects
         (default: all have control, as with a real controller).
@@ -77,7 +103,16 @@ def twin(
     if not (serial_number.isascii() and serial_number.isprintable()):
         raise typer.BadParameter("--serial-number must be of plain printable characters")
     loop_rate = _rate(servo_rate)
+    if (play is None) != (out is None) or (axis is not None and play is None):
+        raise typer.BadParameter("--play and --out go together, and --axis with them")
     described = taken.stage(stage)
+    if play is not None and out is not None:
+        how = {"model": model, "seed": seed, "amplifier": amplifier}
+        with progress_bar("twin", quiet=quiet):
+            _play(described, play, out, axis, loop_rate, how)
+        said = {"stage": described.name, "record": str(play), "files": [str(out)]}
+        print_json(said) if as_json else print_notes(console(), (), [out])
+        return
 
     with _ended_by_signals() as ended, _reserved(host, port) as listener:
         from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker
@@ -116,6 +151,31 @@ def twin(
                 "still for that long; choose a lower --servo-rate, or --fast",
                 err=True,
             )
+
+
+def _play(
+    stage: "Stage", file: Path, out: Path, axis: str | None, loop_rate: float, how: dict[str, Any]
+) -> None:
+    """Simulate what a stage does under the voltage of a record; refuse what exceeds its limits."""
+    from flexstage.instruments.limits import check_waveform
+    from flexstage.instruments.waveform import Waveform
+    from flexstage.records.files import read_files
+    from flexstage.records.likely_columns import taken_drive
+    from flexstage.records.selectors import column
+    from flexstage.records.write import record_bytes
+    from flexstage.virtual.build import virtual_stage
+
+    kind, name = record_format(out), stage.axis(axis).name if axis else stage.axes[0].name
+    driven = column(taken_drive(file, (None, "none"))[0])
+    (record,) = read_files([file], [driven], units=[None], even=True)
+    rate, values = record.sample_rate_hz, record.channel(driven).values
+    made = virtual_stage(stage, sample_rate_hz=rate * max(1, round(loop_rate / rate)), **how)
+    waveform = Waveform(values={name: values}, sample_rate_hz=rate, quantity="voltage")
+    try:
+        check_waveform(made.limits, waveform)
+    except LimitError as error:
+        raise ModelError(f"'{file}': {error}") from error
+    write_file(out, record_bytes(made.played(name, values, rate), kind))
 
 
 def _check(option: str, value: str, allowed: tuple[str, ...]) -> None:

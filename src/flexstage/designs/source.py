@@ -180,9 +180,14 @@ def _file(text: str) -> Path:
     path = Path(text)
     if not text or not _exists(path):
         # a file that lies there, by another ending or a letter less, before a design of such a name
-        beside = _files_beside(path)
-        file = nearest(path.name, beside, 0.7)
-        near = str(path.with_name(file)) if file else nearest(text, DESIGNS, 0.4)
+        # named alike, the ending left out: of five letters four are those of any other file
+        beside = {Path(name).stem: name for name in _files_beside(path)}
+        file = beside.get(nearest(path.stem, beside, 0.75) or "")
+        near = (
+            str(path.with_name(file))
+            if file
+            else nearest(text, DESIGNS, 0.7 if path.suffix else 0.4)
+        )
         hint = f"did you mean '{near}'?" if near else f"the designs are {some_of(DESIGNS)}"
         raise StageError(f"no built-in design and no file is called '{text[:200]}': {hint}")
     return path

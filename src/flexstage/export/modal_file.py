@@ -132,7 +132,6 @@ def universal_files(
             frequency_response(system, written, d.name, p.name, drives=drives)
             for d in stage.drives
             for p in stage.probes
-            if p.direction is not None  # the format has no code for a rotation over a force
         ]
         files[f"{name}-frf.uff"] = frf_file(stage, responses, time_stamp=time_stamp)
     files[f"{name}-points.csv"] = points.table()
@@ -183,16 +182,17 @@ def frf_file(
     """Return frequency responses of a stage as a universal file.
 
     Data sets: heading (151), units (164), points (2411), outlines (82), and each response (58),
-    complex in double precision: displacement of the probe's point over the force of the drive on
-    the point that it pushes, or over its free displacement.
+    complex in double precision: displacement of the probe's point, or rotation of its body, over
+    the force of the drive on the point that it pushes, or over its free displacement.
 
     Notes
     -----
     Validity: a drive pushes one body and reacts on another, and a probe may read one against
     another; the format names one point of each, and the titles say the rest. Directions other than
-    along x and y have the number 0. The format has 13 digits for values, and six for frequencies
-    that are not evenly spaced: give frequencies of six digits, as `universal_files` does, else
-    values near a resonance seem to be up to 1e-6 times its quality off.
+    along x and y have the number 0, and a rotation has 6. The format has 13 digits for values, and
+    six for frequencies that are not evenly spaced: give frequencies of six digits, as
+    `universal_files` does, else values near a resonance seem to be up to 1e-6 times its quality
+    off.
     """
     points = modal_points(stage)
     parts = [_opening(stage, "frequency responses", time_stamp), _geometry(points)]
@@ -228,18 +228,19 @@ def _function(stage: Stage, points: ModalPoints, number: int, response: Frequenc
             f"the response of '{probe.name}' to '{drive.name}' must have two frequencies or more, "
             f"got {response.frequency_hz.size}"
         )
-    if response.unit not in ("m/N", "m/m"):
+    if response.unit not in (f"{probe.unit}/N", f"{probe.unit}/m"):
         raise ModelError(
-            f"the response of '{probe.name}' to '{drive.name}' must be in m/N or m/m, got "
-            f"'{response.unit}'"
+            f"the response of '{probe.name}' to '{drive.name}' must be in {probe.unit}/N or "
+            f"{probe.unit}/m, got '{response.unit}'"
         )
-    along = probe.direction or 0.0
+    along = probe.direction
     against = "the ground" if probe.relative_to is None else f"body {probe.relative_to}"
     titles = (
         f"{stage.name}: probe {probe.name} over drive {drive.name}",
-        f"displacement over {response.input_kind}, drives {response.drives}",
+        f"{probe.reads} over {response.input_kind}, drives {response.drives}",
         "NONE",
-        f"probe on {probe.body} against {against}, at {_degrees(along)} deg",
+        f"probe on {probe.body} against {against}, "
+        + ("about z" if along is None else f"at {_degrees(along)} deg"),
         f"drive pushes {drive.pushes}, reacts on {drive.reacts}, at {_degrees(drive.direction)} "
         "deg",
     )
@@ -247,8 +248,9 @@ def _function(stage: Stage, points: ModalPoints, number: int, response: Frequenc
         titles,
         number,
         (probe.name, points.numbers["probe", probe.name], direction_code(along)),
+        probe.unit,
         (drive.name, points.numbers["drive", drive.name], direction_code(drive.direction)),
-        FORCE if response.unit == "m/N" else DISPLACEMENT,
+        FORCE if response.unit.endswith("/N") else DISPLACEMENT,
         response.frequency_hz,
         response.value,
     )
@@ -258,10 +260,10 @@ def _degrees(angle: float) -> str:
     return f"{math.degrees(angle):.6g}"
 
 
-def direction_code(angle: float) -> int:
+def direction_code(angle: float | None) -> int:
     """Return the number that universal files have for a direction in the plane [rad].
 
-    1 along x, 2 along y, negative the other way; 0 for any other.
+    1 along x, 2 along y, negative the other way; 0 for any other; 6 about z, without an angle.
 
     Examples
     --------
@@ -269,6 +271,8 @@ def direction_code(angle: float) -> int:
     >>> direction_code(0.0), direction_code(-math.pi / 2), direction_code(1.0)
     (1, -2, 0)
     """
+    if angle is None:
+        return 6
     c, s = math.cos(angle), math.sin(angle)
     if abs(s) < _ALONG:
         return 1 if c > 0.0 else -1

@@ -114,6 +114,7 @@ def frequency_function(
     titles: Sequence[str],
     number: int,
     response: tuple[str, int, int],
+    unit: str,
     reference: tuple[str, int, int],
     denominator: int,
     frequency_hz: Array,
@@ -121,9 +122,10 @@ def frequency_function(
 ) -> str:
     """Write data set 58: a frequency response function, complex, in double precision.
 
-    Response and reference are name, number of the point and direction: 1 to 3 along x, y, z,
-    negative the other way, 0 for another one. The denominator is the kind of the reference, `FORCE`
-    or `DISPLACEMENT`; of frequencies six digits are written.
+    Response and reference are name, number of the point and direction: 1 to 3 along x, y, z, 4 to 6
+    about them, negative the other way, 0 for another one. The unit is that of the response, m or
+    rad. The denominator is the kind of the reference, `FORCE` or `DISPLACEMENT`; of frequencies six
+    digits are written.
     """
     lines = [_text(title) for title in (*titles, "", "", "", "", "")[:5]]
     places = "".join(
@@ -138,9 +140,9 @@ def frequency_function(
         "".join(f"{code:10d}" for code in stored) + "".join(_reals((start, step, 0.0), 13, 5, 3))
     )
     lines.append(f"{_FREQUENCY:10d}{0:5d}{0:5d}{0:5d} {'frequency':<20} {'Hz':<20}")
-    for kind in (DISPLACEMENT, denominator):
-        label, unit = _NAMES[kind]
-        lines.append(f"{kind:10d}{0:5d}{0:5d}{0:5d} {label:<20} {unit:<20}")
+    above = (DISPLACEMENT, "rotation" if unit == "rad" else "displacement", unit)
+    for kind, label, of in (above, (denominator, *_NAMES[denominator])):
+        lines.append(f"{kind:10d}{0:5d}{0:5d}{0:5d} {label:<20} {of:<20}")
     lines.append(f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {'NONE':<20}")
     pairs = np.column_stack((value.real, value.imag))
     if spacing:

@@ -44,6 +44,7 @@ from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.parameters import FileParameter, read_parameters
 from flexstage.files.ranges import range_of, wanted
 from flexstage.units import DIMENSIONS, Dimension, parse, readable
+from flexstage.units.text import point_hint
 
 #: What the entries of a list are called.
 _ENTRIES = {str: "texts", float: "numbers", int: "whole numbers"}
@@ -190,6 +191,9 @@ class Decoder:
         for key, value in node.items.items():
             if key not in known and not self.format.later:
                 hint = did_you_mean(key, known, 0.5)
+                # {thickness: 0,5 mm} has two entries
+                if key[:1].isdigit() and isinstance(value, Scalar) and value.value is None:
+                    hint = "; of a number, write the decimal sign as a point"
                 place = Scalar(node.key_lines.get(key, value.line), key, key)
                 self.refuse(
                     place, path, f"unknown key '{key[:60]}' (known: {', '.join(known)}){hint}"
@@ -463,7 +467,9 @@ def show(node: Node) -> str:
         return "nothing"
     text = node.text if len(node.text) <= 60 else node.text[:57] + "..."
     # in data of a program 7 is not '7'
-    return text if node.line is None and not isinstance(node.value, str) else repr(text)
+    if node.line is None and not isinstance(node.value, str):
+        return text
+    return repr(text) + point_hint(text)
 
 
 def _join(path: str, name: str) -> str:

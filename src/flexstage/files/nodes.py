@@ -105,6 +105,11 @@ def read_text(path: Path, kind: str, error: type[FlexstageError]) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as fault:
         line = data.count(b"\n", 0, fault.start) + 1
+        if b"\0" in data and data[:2] not in (b"\xff\xfe", b"\xfe\xff"):
+            raise error(
+                f"{path} is a picture or another binary file, expected a {kind}: give the text "
+                "file that it belongs to"
+            ) from None
         raise error(
             f"{path}, line {line}: the file is not UTF-8 text; save it in that encoding"
         ) from None
@@ -139,7 +144,10 @@ def parse_yaml(
     except yaml.MarkedYAMLError as fault:
         mark = fault.problem_mark or fault.context_mark
         line = f", line {mark.line + 1}" if mark else ""
-        raise error(f"{source}{line}: this is not YAML: {fault.problem}") from None
+        rest = text.split("\n")[mark.line :] if mark else []
+        tab = mark and rest and rest[0][mark.column :].startswith("\t")
+        said = "a tab stands where spaces must: use spaces" if tab else fault.problem
+        raise error(f"{source}{line}: this is not YAML: {said}") from None
     except yaml.YAMLError as fault:
         reason = getattr(fault, "reason", None) or "it cannot be parsed"
         raise error(f"{source}: this is not YAML: {reason}") from None

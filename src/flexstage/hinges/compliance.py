@@ -104,20 +104,25 @@ def compliance(
         from flexstage.hinges.finite_element import condensed_compliance
 
         return condensed_compliance(profile, modulus, poisson, width, state, root_widths)
-    # the quadrature is exact to 1e-11 down to this neck; absurd sizes overflow, and are refused too
-    slender = profile.neck_thickness < SMALLEST_NECK * max(profile.length, profile.depth)
+    require_sizes(profile)
     with np.errstate(all="ignore"):
         c = _notch(profile, nu, method) / (e * width)
-    if slender or not (np.all(np.isfinite(c)) and np.all(np.diag(c) > 0.0)):
-        raise HingeError(
-            f"the sizes of this {profile.kind} notch are too extreme to compute with: neck "
-            f"{profile.neck_thickness!r} m, length {profile.length!r} m, depth {profile.depth!r} m"
-        )
+    require_sizes(profile, sound=bool(np.all(np.isfinite(c)) and np.all(np.diag(c) > 0.0)))
     if root_widths is not None:
         for side, root_width in zip((-1.0, 1.0), root_widths, strict=True):
             c += _root(profile, nu, root_width, side) / (e * width)
     c = 0.5 * (c + c.T)
     return HingeCompliance(matrix=c, method=method, plane=state)
+
+
+def require_sizes(profile: Profile, of: str = "", *, sound: bool = True) -> None:
+    """Refuse a notch whose sizes are too far apart to compute with; where not `sound`, any."""
+    # the quadrature is exact to 1e-11 down to this neck; absurd sizes overflow, and are refused too
+    if profile.neck_thickness < SMALLEST_NECK * max(profile.length, profile.depth) or not sound:
+        raise HingeError(
+            f"the sizes of this {profile.kind} notch{of} are too extreme to compute with: neck "
+            f"{profile.neck_thickness!r} m, length {profile.length!r} m, depth {profile.depth!r} m"
+        )
 
 
 def _notch(profile: Profile, nu: float, method: str) -> Array:

@@ -79,14 +79,27 @@ def contents(record: Record, without_times: str = "") -> dict[str, Any]:
     return result
 
 
-def contents_table(one: dict[str, Any], caption: str = "", *, readable: bool = False) -> Table:
-    """Set out the columns of what `contents` returns; in units that are read easily if asked."""
+def _shown(channel: dict[str, Any]) -> tuple[str, float]:
+    """Return the unit in which a column is read easily, and how many of it one of its own is."""
+    ends = (channel["smallest"], channel["largest"])
+    size = max((abs(end) for end in ends if end is not None), default=0.0)
+    unit, factor = readable_unit(size, channel["unit"])
+    return (f"µ{unit[1:]}" if factor == 1e6 else unit), factor
+
+
+def column_label(channel: dict[str, Any]) -> str:
+    """Name a column of what `contents` returns as a person does: ``2: Weg [µm]``."""
+    unit = _shown(channel)[0]
+    return f"{channel['number']}: {channel['name']}" + (f" [{unit}]" if unit else "")
+
+
+def contents_table(one: dict[str, Any], caption: str = "") -> Table:
+    """Set out the columns of what `contents` returns, in units that are read easily."""
     heads = "no.", "<column", "<unit", "smallest", "largest", "missing"
     rows = []
     for channel in one["columns"]:
+        unit, factor = _shown(channel)
         ends = (channel["smallest"], channel["largest"])
-        size = max((abs(end) for end in ends if end is not None), default=0.0)
-        unit, factor = readable_unit(size, channel["unit"]) if readable else (channel["unit"], 1.0)
         figures = ("" if e is None else f"{factor * e:.6g}".replace("-", "−") for e in ends)
         named = channel["number"], channel["name"], unit
         rows.append((*named, *figures, channel["missing"] or ""))

@@ -1,6 +1,7 @@
 """Records of a drive: over time, or as tables of branches and of reversal curves."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from flexstage.records.curves import (
     from_branches,
 )
 from flexstage.records.files import read_files
+from flexstage.records.likely_columns import taken_drive
 from flexstage.records.record import Record
 from flexstage.records.sampling import row_range
 from flexstage.records.selectors import column, column_list
@@ -21,7 +23,7 @@ from flexstage.records.selectors import column, column_list
 
 def read_drive(
     files: Sequence[Path],
-    input: str,
+    input: str | None,
     output: str | None,
     *,
     branches: str | None = None,
@@ -38,20 +40,25 @@ def read_drive(
     the columns of the rising and the falling branch; `curve` is a column that numbers reversal
     curves, or says how they lie: "files" or "columns". `how` goes on to `read_files`. Returns the
     records, evenly sampled and NaN where nothing was measured, then the columns that drive and
-    follow.
+    follow. Over time those that are not given are taken of the first file, where units and names
+    leave no choice; a note says so.
     """
-    if output is None and branches is None:
-        raise RecordError(
-            "there is no output: give the column that follows by --output, or two branches of a "
-            "table by --branches"
-        )
     if branches is None and curve is None:
-        wanted = [column(input), column(output or "")]
+        said: list[str] = []
+        if not (input and output):
+            given = {"rates_hz": rates_hz or [None], "time": time, **how}
+            input, output, *said = taken_drive(files[0], (input, output), **given)
+        wanted = [column(input), column(output)]
         read = read_files(
             files, wanted, units=units, rates_hz=rates_hz, time=time, resample_hz=resample_hz,
             even=True, **how,
         )  # fmt: skip
+        read[0] = replace(read[0], notes=(*said, *read[0].notes))
         return read, wanted[0], wanted[1]
+    if input is None or (output is None and branches is None):
+        raise RecordError(
+            "a table without times needs --input, and --output or --branches: name the columns"
+        )
     option = "--branches" if branches is not None else "--curve"
     for other, given in (("--time", time), ("--resample", resample_hz)):
         if given is not None:

@@ -26,6 +26,10 @@ from flexstage.records.text_rows import (
 )
 
 _DELIMITER_NAMES = {"tab": "\t", "comma": ",", "semicolon": ";", "space": None, " ": None}
+_OPEN_DATES = (
+    "; dates such as {} may begin with the month or the day, and none of them tells: write them as "
+    "2026-05-31"
+)
 #: Letters of a text that are kept to tell it by.
 _LETTERS = 30
 
@@ -205,7 +209,7 @@ def _value(text: str, column: int, layout: RowLayout) -> float | None:
     if is_missing(text):
         return np.nan
     if column in layout.stamps:
-        return _seconds(text, layout.first_day)
+        return _seconds(text, layout)
     return float(text.replace(",", ".")) if NUMBER.fullmatch(text) else None
 
 
@@ -213,16 +217,19 @@ def _kept(text: str) -> str:
     return text if COMPLEX.fullmatch(text) else text[:_LETTERS]
 
 
-def _seconds(text: str, first_day: int) -> float | None:
+def _seconds(text: str, layout: RowLayout) -> float | None:
     """Return the seconds that a date or a time of day is after a day has begun.
 
     Counted from that day, and not from 1970, a float keeps the nanoseconds.
     """
-    own = day(text)
-    if not STAMP.fullmatch(text) or own < 0:
+    own, found = day(text, layout.month_first), STAMP.fullmatch(text)
+    if found is None or own < 0:
         return None
-    hours, minutes, seconds = re.split("[T ]", text.replace(",", ".").rstrip("Z"))[-1].split(":")
-    return 86400.0 * (own - first_day) + 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
+    hours = int(found["h"])
+    if found["half"]:
+        hours = hours % 12 + 12 * (found["half"] == "P")
+    seconds = float(found["s"].replace(",", "."))
+    return 86400.0 * (own - layout.first_day) + 3600.0 * hours + 60.0 * int(found["min"]) + seconds
 
 
 def _columns(table: _Table, heading: Heading, layout: RowLayout) -> FileColumns:
@@ -252,8 +259,11 @@ def _columns(table: _Table, heading: Heading, layout: RowLayout) -> FileColumns:
             beside[list(words)] = list(words.values())
             column = replace(column, words=beside)
         columns.append(column)
+    dates = (f"'{text}'" for text in table.words.values() if "/" in text and STAMP.fullmatch(text))
+    example = next(dates, "")
     return FileColumns(
         columns=tuple(columns),
+        hint=example and _OPEN_DATES.format(example),
         sample_rate_hz=None if heading.interval is None else 1.0 / heading.interval,
         start=heading.start,
         rate_source=heading.interval_source,

@@ -89,7 +89,9 @@ def _names(line: str, width: int, delimiter: str | None) -> tuple[str, ...]:
     """Return the names of the columns in a line, if it holds as many as there are columns."""
     for mark in COMMENT_MARKS:
         if line.lstrip().startswith(mark):
-            line = line.lstrip().lstrip(mark)
+            # an empty field, where what divides the fields would mark a remark too
+            if mark != delimiter or len(split_line(line, delimiter)) != width:
+                line = line.lstrip().lstrip(mark)
             break
     if delimiter is not None:
         names = split_line(line, delimiter)

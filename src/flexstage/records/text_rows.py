@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -46,7 +46,14 @@ _PART = r"(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?"
 COMPLEX = re.compile(
     rf"\(?\s*(?:[+-]?{_PART}\s*[+-]\s*{_PART}|[+-]?{_PART})\s*[ij]\s*\)?", re.IGNORECASE
 )
-STAMP = re.compile(r"(?:\d{4}-\d\d-\d\d[ T])?\d\d?:\d\d:\d\d(?:[.,]\d{1,9})?Z?")
+STAMP = re.compile(
+    r"(?:(?:\d{4}-\d\d-\d\d|\d\d?([./])\d\d?\1\d{4})[ T])?"
+    r"(?P<h>\d\d?):(?P<min>\d\d):(?P<s>\d\d(?:[.,]\d{1,9})?)(?:Z| (?P<half>[AP])M)?"
+)
+_DAY = re.compile(
+    r"(?P<y>\d{4})-(?P<m>\d\d)-(?P<d>\d\d)|(?P<a>\d\d?)(?P<sign>[./])(?P<b>\d\d?)[./](?P<c>\d{4})"
+)
+_SLASHED = re.compile(r"(?<![\d/])(\d\d?)/(\d\d?)/\d{4}[ T]\d")
 _MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "null", "none", "--", "1.#qnan", "-1.#ind"))
 # a remark behind numbers; a sign of percent is one only before a word
 _REMARK = re.compile(r"(?:(?<=[\s,;])|^)(?:#|//|!|%(?=\s*[^\W\d]))")
@@ -79,6 +86,8 @@ class RowLayout:
     """Columns that hold text and no numbers, as far as was looked."""
     first_day: int = 0
     """Number of the day of the first date."""
+    month_first: bool = False
+    """Whether the month stands first in dates with strokes."""
 
 
 def is_comment(line: str, delimiter: str | None = None) -> bool:
@@ -100,17 +109,39 @@ def row_of(line: str, delimiter: str | None) -> tuple[list[str], str]:
     return split_line(line, delimiter), ""
 
 
-def day(field: str) -> int:
+def day(field: str, month_first: bool = False) -> int:
     """Return the number of the day of a date.
 
     0 for a time alone, -1 for a date that is none.
     """
-    if len(field) < 10 or field[4] != "-":
+    found = _DAY.match(field)
+    if found is None:
         return 0
+    year, month, of_month = found["y"] or found["c"], found["m"] or found["b"], found["d"]
+    of_month = of_month or found["a"]
+    if month_first and found["sign"] == "/":
+        month, of_month = of_month, month
     try:
-        return date.fromisoformat(field[:10]).toordinal()
+        return date(int(year), int(month), int(of_month)).toordinal()
     except ValueError:
         return -1
+
+
+def is_month_first(lines: Iterable[str]) -> bool | None:
+    """Say whether dates with strokes begin with the month; None where they leave that open.
+
+    They leave it open where both numbers of each are 12 at most, unless all are of one day.
+
+    Examples
+    --------
+    >>> is_month_first(["11/27/2026 14:03:12"]), is_month_first(["5/6/2026 9:00", "5/7/2026 9:00"])
+    (True, None)
+    """
+    found = {pair for line in lines for pair in _SLASHED.findall(line)}
+    largest = [max((int(pair[k]) for pair in found), default=0) for k in (0, 1)]
+    if max(largest) > 12:
+        return largest[1] > 12
+    return None if len(found) > 1 else False
 
 
 def first_row(
@@ -204,15 +235,19 @@ def _settled(lines: Sequence[str], first: int, layout: RowLayout) -> tuple[int, 
     trailing = count > 1 and all(row[-1] == "" for row in alike)
     columns = _columns(alike, count - trailing)
     stamps = tuple(j for j, kinds in enumerate(columns) if 2 * kinds.count("s") > len(kinds))
-    origin = next((day(row[stamps[0]]) for row in alike if row[stamps[0]]), 0) if stamps else 0
+    month_first = is_month_first(lines[first:]) if stamps else False
     words = frozenset(j for j, kinds in enumerate(columns) if "t" in kinds and "n" not in kinds)
+    if month_first is None:  # they stay text, and whoever asks for them is told why
+        stamps, words = (), words | set(stamps)
+    days = (day(row[stamps[0]], month_first is True) for row in alike if stamps and row[stamps[0]])
     return first, replace(
         layout,
         width=count - trailing,
         trailing=trailing,
         stamps=stamps,
         words=words - set(stamps),
-        first_day=origin,
+        first_day=next(days, 0),
+        month_first=month_first is True,
     )
 
 

@@ -12,7 +12,8 @@ from flexstage.records.record import Channel, column_number
 from flexstage.records.sampling import require_rising, step_uncertainty, time_jitter
 from flexstage.records.text_heading import X_VALUE
 
-_TIME_NAMES = frozenset(("t", "time", "times", "timestamp", "zeit", "x_value"))
+#: What a column of times may be called.
+TIME_NAMES = frozenset(("t", "time", "times", "timestamp", "zeit", "x_value"))
 # two statements of one sample rate may differ by their printed digits, and by no more
 _SAME_RATE = 0.01
 
@@ -52,7 +53,7 @@ def timed(
     called = [
         i
         for i, c in enumerate(channels)
-        if (c.name.lower() in _TIME_NAMES and c.unit in ("s", ""))
+        if (c.name.lower() in TIME_NAMES and c.unit in ("s", ""))
         # a column without a name whose unit is said
         or (c.name == f"column {i}" and c.unit == "s")
     ]

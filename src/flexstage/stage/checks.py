@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.errors import StageError
 from flexstage.stage.clearance import overlaps, slots_between, slots_within
@@ -19,6 +21,8 @@ from flexstage.stage.shapes import Shape, body_shapes, notch_shapes, ring
 ON_BODY = 10e-6
 # how deep under the surface the material is looked for that a drive pushes on [m]
 _INTO_BODY = 50e-6
+# bodies of plates that are cut by wire are smaller [m]
+_LARGEST = 2.0
 # a wall thinner than this part of the thinnest neck that can be cut breaks when it is cut
 _BREAKS = 0.1
 
@@ -74,6 +78,16 @@ def check(stage: Stage) -> tuple[Issue, ...]:
             issues += slots_within(body, wire)
     for body, shape in zip((b for b in stage.bodies if b.name in sound), bodies, strict=True):
         issues += _wall(stage, body, shape)
+    sides = [np.ptp(np.reshape(s.polygon.bounds, (2, 2)), axis=0).max() for s in bodies]
+    if (largest := max(sides, default=0.0)) > _LARGEST:
+        issues.append(
+            _warning(
+                "size",
+                (WHOLE_STAGE,),
+                f"the stage has a body of {largest:.4g} m: check the length_unit of the file, or "
+                "the units of its sizes",
+            )
+        )
     issues += _mechanism(stage)
     by_name = {s.name: s for s in bodies}
     for drive in stage.drives:

@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, Literal
 
 from flexstage import progress
 from flexstage.errors import ModelError
+from flexstage.hinges.compliance import require_sizes
 from flexstage.lumped import lumped_system
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
+from flexstage.stage.hinge_attachment import root_widths
+from flexstage.stage.mass import mass_properties
 from flexstage.system import Analysis, analyse
 
 if TYPE_CHECKING:
@@ -19,6 +22,9 @@ if TYPE_CHECKING:
     from flexstage.fem.superelement import SuperelementModel
 
 Plane = Literal["auto", "stress", "strain"]
+
+#: Largest ratio of two masses that floats can be trusted with.
+_FARTHEST_MASSES = 1e12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -232,7 +238,24 @@ def run_model(stage: Stage, model: str, options: ModelOptions | None = None) -> 
     """Analyse a stage with one of `MODELS`."""
     options = options or ModelOptions()
     known_model(model, options)
+    _require_computable(stage)
     return MODELS[model](stage, options)
+
+
+def _require_computable(stage: Stage) -> None:
+    """Refuse, before any time is spent, what no model can compute, by the names that it has."""
+    for hinge in stage.hinges:
+        require_sizes(hinge.profile, f" of hinge '{hinge.name}'")
+        root_widths(stage, hinge)
+    masses = {name: found.mass for name, found in mass_properties(stage).items()}
+    fixed = {body.name for body in stage.bodies if body.fixed}
+    by_mass = sorted((mass, name) for name, mass in masses.items() if name not in fixed)
+    if by_mass and by_mass[-1][0] > _FARTHEST_MASSES * by_mass[0][0]:
+        (light, lightest), (heavy, heaviest) = by_mass[0], by_mass[-1]
+        raise ModelError(
+            f"body '{heaviest}' has {heavy:.3g} kg and '{lightest}' {light:.3g} kg, too far apart "
+            "to compute with: correct the masses"
+        )
 
 
 def known_model(model: str, options: ModelOptions | None = None) -> None:

@@ -191,7 +191,19 @@ def _plain(number: Decimal) -> str:
     return digits if len(digits) <= 24 else f"{number:e}"
 
 
+def point_hint(text: str) -> str:
+    """Return the end of a message on a text that has a decimal comma; nothing for any other.
+
+    Examples
+    --------
+    >>> point_hint("0,5 mm"), point_hint("1, 2")
+    (', whose decimal sign must be a point', '')
+    """
+    comma = re.fullmatch(r"\s*[+-]?\d+,\d+[^,]*", text)
+    return ", whose decimal sign must be a point" if comma else ""
+
+
 def shortened(value: object) -> str:
     """Write a value for a message."""
     text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return (text if len(text) <= 60 else text[:57] + "...") + point_hint(str(value))

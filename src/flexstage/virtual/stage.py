@@ -8,13 +8,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.records import Channel, Record
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.hammer import Blow, Hammer
 from flexstage.virtual.sensors import ChannelDescription, beside_channels
+
+_BLOCK = 50_000  # samples of a record that are simulated at once
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,6 +103,35 @@ class VirtualStage(ABC):
         A run that is cut in two gives the same numbers. What is commanded at a sample is at the
         amplifier one sample later; what is read at a sample is two samples later in the voltage.
         """
+
+    def played(self, axis: str, voltage: Array, rate_hz: float) -> Record:
+        """Return voltage and reading while the stack of an axis gets a voltage [V], the others 0.
+
+        `rate_hz` is that of the samples, which divides the rate of the loop. The voltage is first
+        led to its first value, in half a second.
+        """
+        number, many = self.axes.index(axis), round(self.sample_rate_hz / rate_hz)
+        lead = max(round(0.5 * rate_hz), 1)
+        whole = np.concatenate((voltage[0] * np.arange(lead) / lead, voltage))
+        found = np.empty((2, whole.size))
+        for first in range(0, whole.size, _BLOCK):
+            at = np.arange(first, min(first + _BLOCK, whole.size), 1.0 / many)
+            command = np.zeros((len(self.axes), at.size))
+            command[number] = np.interp(at, np.arange(whole.size), whole)
+            samples = self.run(command, [False] * len(self.axes))
+            own = samples.voltage[number], samples.reading[number]
+            found[:, first : first + _BLOCK] = [values[::many] for values in own]
+            progress.update("playing", min(1.0, (first + _BLOCK) / whole.size))
+        return Record(
+            channels=(
+                Channel(name="voltage", values=found[0, lead:], unit="V"),
+                Channel(name="position", values=found[1, lead:], unit=self.channels[number].unit),
+            ),
+            time=np.arange(voltage.size) / rate_hz,
+            source=f"twin of {self.stage.name}",
+            notes=("simulated: nothing in it was measured",),
+            attributes={"simulated": "yes", "axis": axis},
+        )
 
     def strike(self, axis: str) -> Blow:
         """Strike the platform along an axis with a hammer, the drives taken out for it.

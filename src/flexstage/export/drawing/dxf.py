@@ -28,6 +28,7 @@ DXF_LAYERS: dict[str, tuple[str, int, int]] = {
 }
 
 _MM = 1e3
+_DECIMALS = 3  # of a dimension [mm]
 _START_HOLE = 1e-3  # m
 
 
@@ -87,6 +88,8 @@ def _document() -> Any:
     document.header["$MEASUREMENT"] = 1
     document.header["$LUNITS"] = 2
     document.header["$LUPREC"] = 6
+    # programs that have no styles take these: three decimals, behind a point
+    document.header["$DIMDSEP"], document.header["$DIMDEC"] = ord("."), _DECIMALS
     document.header["$LWDISPLAY"] = 1
     for name, (description, colour, width) in DXF_LAYERS.items():
         layer = document.layers.add(name, color=colour, lineweight=width)
@@ -176,7 +179,7 @@ def _dimensions(space: Any, plate: PlateContours, start_hole: float) -> None:
             "dimtad": 1,  # text above the line, and along it
             "dimtih": 0,
             "dimtoh": 0,
-            "dimdec": 3,  # decimals, a point before them, no zeros at their end
+            "dimdec": _DECIMALS,  # a point before them, no zeros at their end
             "dimdsep": ord("."),
             "dimzin": 8,
         },

@@ -180,8 +180,8 @@ def fmu_layout(model: DynamicModel) -> FmuLayout:
 
 def _named(model: DynamicModel) -> DynamicModel:
     """The same with drives and probes by names that FMI takes."""
-    drives = plain_names(d.name for d in model.drives)
-    probes = plain_names(p.name for p in model.probes)
+    drives = plain_names("drive", (d.name for d in model.drives))
+    probes = plain_names("probe", (p.name for p in model.probes))
     return replace(
         model,
         drives=tuple(replace(d, name=n) for d, n in zip(model.drives, drives, strict=True)),
@@ -333,17 +333,19 @@ def identifier(name: str) -> str:
     return kept if re.match(r"[A-Za-z]", kept) else f"stage_{kept}".rstrip("_")
 
 
-def plain_names(names: Iterable[str]) -> list[str]:
+def plain_names(noun: str, names: Iterable[str]) -> list[str]:
     """Return a name of one part, in ASCII, for each name of drives or of probes, no two alike.
+
+    One that begins with a digit, which would be quoted, gets the noun before it.
 
     Examples
     --------
-    >>> plain_names(["x", "x.1", "x_1", "Kühler"])
-    ['x', 'x_1', 'x_1_2', 'Kuhler']
+    >>> plain_names("drive", ["x", "x.1", "x_1", "Kühler", "1"])
+    ['x', 'x_1', 'x_1_2', 'Kuhler', 'drive_1']
     """
     found: list[str] = []
     for name in names:
-        base = free = plain(name).replace(".", "_") or "_"
+        base = free = re.sub(r"^(?=\d)", f"{noun}_", plain(name).replace(".", "_")) or "_"
         count = 1
         # these two begin names of other variables
         while free in found or free in ("mode", "sensor"):

@@ -114,8 +114,8 @@ def _write(draft: Path, stream: Path, found: StreamRecovery) -> None:
 def _describe(file: Any, found: StreamRecovery) -> None:
     for key, value in run_attributes(found.head.run, found.complete, found.notes).items():
         if key == RUN:
-            # of any length, and so no attribute
-            file.create_dataset(key, data=value)
+            # of any length, and so no attribute; of a fixed one, which Octave reads as well
+            file.create_dataset(key, data=np.bytes_(str(value).encode()))
         else:
             file.attrs[key] = value
 

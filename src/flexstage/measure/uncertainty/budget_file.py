@@ -287,7 +287,12 @@ def _read_influence(decoder: Decoder, node: Node, path: str, _base: Any) -> Infl
 
 
 def _width(decoder: Decoder, node: Node, path: str, value: _Quantity, size: _Quantity) -> float:
-    """Return a width in the unit of its value; a degree Celsius is a kelvin there."""
+    """Return a width in the unit of its value; a degree Celsius is a kelvin there.
+
+    Percent are of the value, unless that is a number, or a temperature with a zero of its own.
+    """
+    if "%" in show(node) and value.unit not in ("1", "degC"):
+        return size.value * abs(value.value)
     unit = "degC" if value.unit == "degC" and size.unit == "K" else size.unit
     if unit != value.unit:
         decoder.refuse(

@@ -7,12 +7,12 @@ from typing import Literal
 
 from flexstage.centring.from_records import CentreOptions
 from flexstage.centring.procedure import trial_length, trial_position
+from flexstage.records.likely_columns import LikelyTurn
 from flexstage.web.centring.work import (
     EXAMPLE_HEADS,
     EXAMPLE_RADIUS,
     CentreFound,
     CentreRequest,
-    LikelyColumns,
     options_at,
 )
 from flexstage.web.jobs import BackgroundJob
@@ -136,7 +136,7 @@ class CentringState:
         fresh.errors = fresh.columns[1:]
         self.__dict__.update(fresh.__dict__)
 
-    def look(self, likely: LikelyColumns) -> None:
+    def look(self, likely: LikelyTurn) -> None:
         """Take the columns of the first record."""
         self.columns, self.angle, self.errors = likely.columns, likely.angle, likely.errors
         self.unit = "" if likely.has_units else "deg"

@@ -16,6 +16,7 @@ from flexstage.errors import RecordError
 from flexstage.records import Channel, Record, write_record
 from flexstage.records.contents import contents, read_whole
 from flexstage.records.files import read_files
+from flexstage.records.likely_columns import LikelyTurn, likely_turn
 from flexstage.report.figures.centring import draw_polar
 from flexstage.virtual import VirtualTable, scale_errors
 from flexstage.web.pictures import inline
@@ -26,7 +27,6 @@ EXAMPLE_HEADS = (0.0, math.pi)
 _CENTRE = (17.3e-6, -11.2e-6)
 _TURNED, _GAINS = 0.7, (1.03, 0.96)  # how its stage lies on the table [rad], and how far it goes
 _FEWEST = 8  # readings of a gauge in a turn
-_ANGLES = ("angle", "theta", "azimuth", "winkel", "reference")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,35 +76,9 @@ def evaluated(request: CentreRequest, key: str) -> CentreFound:
     return CentreFound(request=request, result=found.result, svg=svg)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LikelyColumns:
-    """The columns of a record of a turn, and what they are likely to be."""
-
-    columns: tuple[str, ...]
-    """All columns, by name."""
-    angle: str
-    """The likely angle."""
-    errors: tuple[str, ...]
-    """The likely errors."""
-    has_units: bool
-    """Whether the file says their units."""
-
-
-def likely_columns(path: Path) -> LikelyColumns:
-    """Look into a file: its angle is the column called so, else the first one."""
-    found = contents(*read_whole(path))["columns"]
-    names = tuple(str(c["name"]) for c in found)
-    if len(names) < 2:
-        raise RecordError(
-            f"'{path.name}' has {len(names)} column: a record of a turn has the angle and, for "
-            "each head, its error"
-        )
-    called = (n for n in names if n.casefold().startswith(_ANGLES))
-    angle = next(called, names[0])
-    units = {str(c["name"]): c["unit"] for c in found}
-    errors = tuple(n for n in names if n != angle and n.casefold() not in {"time", "t"})
-    known = all(units[n] for n in (angle, *errors))
-    return LikelyColumns(columns=names, angle=angle, errors=errors, has_units=known)
+def likely_columns(path: Path) -> LikelyTurn:
+    """Look into a file."""
+    return likely_turn(contents(*read_whole(path)))
 
 
 def gauge_record(text: str, factor: float, path: Path) -> None:

@@ -10,7 +10,7 @@ from nicegui import background_tasks, events, ui
 
 from flexstage.errors import FlexstageError
 from flexstage.records import FORMATS
-from flexstage.records.contents import contents_table, length_in_words
+from flexstage.records.contents import column_label, contents_table, length_in_words
 from flexstage.web.figures import show_table
 from flexstage.web.hysteresis.requests import Reading
 from flexstage.web.hysteresis.shown import in_page
@@ -154,11 +154,8 @@ class FilesForm:
     def _columns(self) -> dict[str, str]:
         if self._source.looked is None:
             return {}
-        made = {}
-        for column in self._source.looked.contents[0]["columns"]:
-            unit = f" [{column['unit']}]" if column["unit"] else ""
-            made[str(column["number"])] = f"{column['number']}: {column['name']}{unit}"
-        return made
+        columns = self._source.looked.contents[0]["columns"]
+        return {str(column["number"]): column_label(column) for column in columns}
 
     def _set(self, name: str, event: events.ValueChangeEventArguments[Any]) -> None:
         value = (event.value or "").strip()
@@ -306,7 +303,7 @@ def show_contents(looked: Looked) -> None:
     for one in looked.contents:
         name = Path(one["file"]).name
         ui.label(f"{name}: {length_in_words(one)}")
-        show_table(in_page(contents_table(one, readable=True)))
+        show_table(in_page(contents_table(one)))
         gaps = one.get("gaps", [])
         if gaps:
             first = gaps[0]

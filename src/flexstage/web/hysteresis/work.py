@@ -28,6 +28,7 @@ from flexstage.records.contents import contents, read_whole
 from flexstage.records.detect import format_of
 from flexstage.records.drives import read_drive, train_range
 from flexstage.records.files import read_files
+from flexstage.records.likely_columns import is_time, likely_drive, moving_columns
 from flexstage.records.reading_options import understood
 from flexstage.records.selectors import column
 from flexstage.records.write import record_bytes
@@ -41,7 +42,6 @@ from flexstage.web.pictures import inline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_TIMES = ("time", "t")
 _LIGHT = 4 * 2**20  # byte
 #: Share of the range of a model that a motion has as amplitude, unless another one is asked for.
 _USUAL_AMPLITUDE = 0.4
@@ -89,25 +89,21 @@ def whole(reading: Reading) -> tuple[Reading, tuple[dict[str, Any], ...], Record
 def _with_columns(reading: Reading, found: dict[str, Any]) -> Reading:
     """Return how a file is read, with the columns that are likely where none are chosen.
 
-    The time is one that is called so. The input is the first column in V, the output the first in
-    m; else the first two that move.
+    Where units and names leave a choice, the first columns that move are taken, to be seen.
     """
-    columns = [c for c in found["columns"] if (c["smallest"] or 0.0) < (c["largest"] or 0.0)]
-    times = [c for c in columns if c["name"].casefold() in _TIMES]
+    times = [c for c in found["columns"] if is_time(c)]
     if found["over"] == "point" and times and not (reading.time or reading.sample_rate):
         reading = replace(reading, time=str(times[0]["number"]))
     if reading.input or reading.output or reading.is_table:
         return reading
-    moving = [c for c in columns if c not in times and c["unit"] != "s"]
-    driven = next((c for c in moving if c["unit"] == "V"), None)
-    follows = next((c for c in moving if c["unit"] in ("m", "rad") and c is not driven), None)
-    rest = [c for c in moving if c is not driven and c is not follows]
-    driven = driven or (rest.pop(0) if rest else None)
-    follows = follows or (rest.pop(0) if rest else None)
+    moving = moving_columns(found)
+    driven, follows = (some[:1] for some in likely_drive(moving))
+    rest = [c for c in moving if c not in (*driven, *follows)]
+    driven, rest = driven or rest[:1], rest if driven else rest[1:]
     return replace(
         reading,
-        input="" if driven is None else str(driven["number"]),
-        output="" if follows is None else str(follows["number"]),
+        input="".join(str(c["number"]) for c in driven),
+        output="".join(str(c["number"]) for c in follows or rest[:1]),
     )
 
 
