@@ -195,6 +195,25 @@ def prefixed(largest: float) -> tuple[float, str]:
     return _PREFIXES[-1] if largest > 0.0 else (1.0, "")
 
 
+def within_digits(value: str, uncertainty: float) -> str:
+    """Write an uncertainty with the decimals of the value that it stands beside.
+
+    What is below them is told as less than the last; of a value that is rounding nothing is told.
+
+    Examples
+    --------
+    >>> within_digits("353.2", 0.3712), within_digits("97.50", 6.2e-5), within_digits("≈ 0", 1e-9)
+    ('0.4', '< 0.01', '')
+    """
+    if value == "≈ 0":
+        return ""
+    if "e" in value or not math.isfinite(uncertainty):
+        return number(uncertainty, 2)
+    decimals = len(value.partition(".")[2])
+    last = 10.0**-decimals
+    return f"{uncertainty:.{decimals}f}" if uncertainty >= 0.5 * last else f"< {last:.{decimals}f}"
+
+
 def beside(value: float, uncertainty: float) -> tuple[str, str]:
     """Write a value and its uncertainty, in one unit, with the same decimals.
 
@@ -210,7 +229,9 @@ def beside(value: float, uncertainty: float) -> tuple[str, str]:
     size = max(abs(value), uncertainty)
     last = math.floor(math.log10(float(f"{uncertainty:.1e}"))) - 1
     first = math.floor(math.log10(size))
-    if not -3 <= first < 6 or first - last > 6:
+    if not -3 <= first < 6:
         return number(value), number(uncertainty, 2)
+    if first - last > 6:
+        return number(value), within_digits(number(value), uncertainty)
     decimals = max(-last, 0)
     return f"{value:.{decimals}f}", f"{uncertainty:.{decimals}f}"

@@ -1,7 +1,7 @@
 """A table as people read it, said once for the terminal, the report, spreadsheets and papers."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from flexstage.errors import ModelError
@@ -19,6 +19,13 @@ class Column:
     """
     group: str = ""
     """Title above the headings of neighbouring columns that share it; empty for none."""
+    spare: bool = False
+    """Whether it may be left out where there is no room."""
+
+    @property
+    def title(self) -> str:
+        """Its whole heading in one line."""
+        return " ".join(f"{self.group} {self.heading}".split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +95,41 @@ class Table:
         before = ["", *subjects[:-1]]
         return tuple(self.divided and s != b for s, b in zip(subjects, before, strict=True))
 
+    def narrower(self) -> Iterator["Table"]:
+        """Yield it with fewer and fewer columns, for where there is no room for all.
+
+        First as it is; then a column whose cells are alike is said once, in the caption; then
+        those are left out that can be spared.
+
+        Examples
+        --------
+        >>> wide = table("Axes", ("axis", "<unit", "~serial"), [("x", "V", 1), ("y", "V", 2)])
+        >>> [(form.caption, len(form.columns)) for form in wide.narrower()]
+        [('Axes', 3), ('Axes; unit: V', 2), ('Axes; unit: V; not shown: serial', 1)]
+        """
+        yield self
+        kept, said = [], []
+        for i, column in enumerate(self.columns):
+            texts = [row[i].text for row in self.rows]
+            told = [text for text in texts if text]
+            # a figure that some rows lack is said of those that have it
+            alike = len(set(told if column.kind != "figures" else texts)) == 1 < len(told)
+            if i and column.title and alike:
+                said.append(f"{column.title}: {told[0]}")
+            else:
+                kept.append(i)
+        if said:
+            yield self._of(kept, said)
+        if spare := [self.columns[i].title for i in kept if self.columns[i].spare]:
+            kept = [i for i in kept if not self.columns[i].spare]
+            yield self._of(kept, [*said, f"not shown: {', '.join(spare)}"])
+
+    def _of(self, kept: Sequence[int], said: Sequence[str]) -> "Table":
+        columns = tuple(self.columns[i] for i in kept)
+        rows = tuple(tuple(row[i] for i in kept) for row in self.rows)
+        caption = "; ".join((*filter(None, [self.caption.removesuffix(".")]), *said))
+        return replace(self, caption=caption, columns=columns, rows=rows)
+
 
 def table(
     caption: str,
@@ -99,8 +141,8 @@ def table(
 ) -> Table:
     """Return a table from headings and cells as they are written.
 
-    A heading is that of a column of words where it is the first or begins with ``<``, which is
-    taken off, and that of figures otherwise.
+    A heading is that of a column of words where it is the first or begins with ``<``, and that of
+    figures otherwise; before that, ``~`` says that the column can be spared. Both are taken off.
 
     Examples
     --------
@@ -119,5 +161,6 @@ def table(
 
 
 def _column(index: int, heading: str) -> Column:
+    spare, heading = heading.startswith("~"), heading.removeprefix("~")
     words = index == 0 or heading.startswith("<")
-    return Column(heading.removeprefix("<"), "words" if words else "figures")
+    return Column(heading.removeprefix("<"), "words" if words else "figures", spare=spare)

@@ -14,9 +14,10 @@ def print_setting(result: dict[str, Any]) -> None:
     whole = result.get("harmonics_with_all")
     _print_harmonics(f"harmonics: {', '.join(result['records'])}", result["harmonics"], whole)
     screen.print(result["convention"], markup=False)
+    left, unit = _shown(result, result["residual_rms"])
     screen.print(
-        f"{result['samples']} samples over {result['turns']:.2f} turns; left over "
-        f"{result['residual_rms']:.4g} {result['unit']} rms"
+        f"{result['samples']} samples over {result['turns']:.2f} turns; left over {left:.4g} "
+        f"{unit} rms"
     )
     if "eccentricity" in result:
         _print_centre(result["eccentricity"], result["move"])
@@ -29,15 +30,14 @@ def print_setting(result: dict[str, Any]) -> None:
     if "change" in result:
         _print_change(result["change"])
     if result["outliers"]:
-        screen.print(_outliers(result["outliers"]), style="yellow", markup=False)
+        screen.print(_outliers(result), style="yellow", markup=False)
     print_notes(screen, result["notes"])
 
 
 def _print_harmonics(
     title: str, harmonics: list[dict[str, Any]], whole: list[dict[str, Any]] | None
 ) -> None:
-    radial = any(h["amplitude_um"] is not None for h in harmonics)
-    unit, key = ("µm", "amplitude_um") if radial else ("arcsec", "amplitude_arcsec")
+    unit, key = _unit(harmonics)
     heads = ["order", f"amplitude, {unit}", "95 % interval", "phase, deg"]
     rows = []
     for i, h in enumerate(harmonics):
@@ -48,17 +48,33 @@ def _print_harmonics(
     print_table(console(), title, heads if whole is None else [*heads, "with all samples"], rows)
 
 
-def _outliers(found: list[dict[str, Any]]) -> str:
+def _shown(result: dict[str, Any], value: float) -> tuple[float, str]:
+    """Return an error in the unit of the table of harmonics."""
+    first = next((h for h in result["harmonics"] if h["amplitude"]), None)
+    if first is None:
+        return value, result["unit"]
+    unit, key = _unit(result["harmonics"])
+    return value * first[key] / first["amplitude"], unit
+
+
+def _unit(harmonics: list[dict[str, Any]]) -> tuple[str, str]:
+    radial = any(h["amplitude_um"] is not None for h in harmonics)
+    return ("µm", "amplitude_um") if radial else ("arcsec", "amplitude_arcsec")
+
+
+def _outliers(result: dict[str, Any]) -> str:
     """Say how many samples were set aside, where, and which is the largest."""
+    found = result["outliers"]
     places = sorted({round(o["angle_deg"], 2) for o in found})
     most = max(found, key=lambda o: abs(o["residual"]))
     more = len(places) - _PLACES
+    off, unit = _shown(result, most["residual"])
     return (
         f"outliers: {len(found)} set aside, at "
         + ", ".join(f"{p:.2f}" for p in places[:_PLACES])
         + (f" deg and {more} places more" if more > 0 else " deg")
         + f"; the largest, sample {most['index']} of '{most['head']}' at {most['angle_deg']:.2f} "
-        f"deg, is {most['residual']:.4g} {most['unit']} off"
+        f"deg, is {off:.4g} {unit} off"
     )
 
 

@@ -17,6 +17,7 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
     },
     "hinges": {"--angle": "--half-angle"},
     "equations": {"--format": "--to"},
+    **{name: {"--out": "--folder"} for name in ("optimise", "sensitivity", "sweep", "tolerance")},
     "export": {"--out": "--folder", "--step": "--time-step", "--modes": "--keep-modes"},
     "excite": {
         "--rates": "--loop-rates",

@@ -34,6 +34,13 @@ def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     each of its fields, which its docstring describes likewise; its `panel` is their section.
     """
     sentence, own = _described(command)
+    # progress is nowhere printed against the wish, and a script may say so to every command
+    own_quiet = any(parameter.name == "quiet" for parameter in own)
+    if not own_quiet:
+        quiet = inspect.Parameter(
+            "quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=QuietOption
+        )
+        own.append(quiet)
     groups = {
         parameter.name: parameter.annotation
         for parameter in own
@@ -47,6 +54,8 @@ def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     def run(**given: Any) -> None:
         for name, made in groups.items():
             given[name] = made(**{field.name: given.pop(field.name) for field in fields(made)})
+        if not own_quiet:
+            del given["quiet"]
         command(**given)
 
     run.__doc__ = sentence

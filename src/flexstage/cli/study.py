@@ -25,11 +25,10 @@ from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOption
 from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from flexstage.studies import Comparison
     from flexstage.table import Table
-
-_LABELS = 38  # characters of a row's quantity and axis
-_COLUMN = 12  # and of a value, with the space beside it
 
 
 @from_docstring
@@ -116,7 +115,7 @@ def study(
         return
     screen = console()
     title = f"{described.name}: {described.title}" if described.title else described.name
-    for table in comparison_tables(result.comparison, title, width=screen.width):
+    for table in comparison_tables(result.comparison, title):
         screen.print(on_terminal(table))
     if result.traditional is not None:
         from flexstage.report.traditional import claim_table
@@ -139,50 +138,31 @@ def study(
     print_notes(screen, described.notes, files)
 
 
-def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> list["Table"]:
-    """Return a comparison as a table for the terminal, or as two where it is too narrow for one.
+def comparison_tables(comparison: "Comparison", title: str) -> "Iterator[Table]":
+    """Return a comparison as a table of values, and one of the differences to what was published.
 
-    A row for each quantity and axis: the values, and the difference of our best column to each
-    published one. `width` is that of the terminal in characters.
+    A row for each quantity and axis. What is not our best column can be spared.
     """
     from flexstage.quantities import display
     from flexstage.report.tables import column_title, percent
-    from flexstage.table import table
+    from flexstage.table import Cell, Column, table
 
-    published, first = comparison.published, comparison.best
-    ours = comparison.ours
-    room = width - _LABELS
-    if _COLUMN * (len(published) + len(ours)) > room:
-        ours = comparison.models  # another choice in the same model stands in the report
-    values = [*(f"published\n{column_title(c)}" for c in published)]
-    values += [column.replace(", ", ",\n") for column in ours]
-    differences = [f"{first} to\n{column_title(c)}" for c in published]
-    split = _COLUMN * (2 * len(published) + len(ours)) > room and bool(published)
+    published, best = comparison.published, comparison.best
     head = ["quantity", "<axis"]
-    beside = differences
-    if split:
-        differences = [f"{m} to\n{column_title(c)}" for c in published for m in comparison.models]
-        if _COLUMN * len(differences) > room:
-            differences = [f"{first} to\n{column_title(c)}" for c in published]
-    remarks: list[str] = []
-    figures: list[tuple[str, ...]] = []
-    apart: list[tuple[str, ...]] = []
+    values = [Column(column_title(c), group="published") for c in published]
+    values += [Column(c, spare=c != best) for c in comparison.ours]
+    pairs = [(model, c) for c in published for model in comparison.models]
+    differences = [Column(m, group=f"to {column_title(c)}", spare=m != best) for m, c in pairs]
+    figures, apart = [], []
+    units = comparison.units
     for row in comparison.rows:
-        shown = display(row.quantity)
-        label = f"{shown.label} ({shown.shown_unit})" if shown.shown_unit else shown.label
-        if row.remark:
-            remarks.append(row.remark)
-            label += f" [{len(remarks)}]"
-        texts = [shown.text(row.value(column)) for column in (*published, *ours)]
-        models = comparison.models if len(differences) > len(published) else (first,)
-        signed = [percent(row.difference_percent(m, c)) for c in published for m in models]
-        figures.append((label, row.axis, *texts, *(() if split else signed)))
+        shown = units[row.quantity]
+        cells = [row.cells.get(column) for column in (*published, *comparison.ours)]
+        texts = [Cell(c.text(shown), failing=c.failing) if c else "–" for c in cells]
+        figures.append((Cell(shown.heading, note=row.remark), row.axis, *texts))
+        signed = [percent(row.difference_percent(m, c)) for m, c in pairs]
         if any(signed):
-            apart.append((label, row.axis, *signed))
-    notes = (f"[{i}] {remark}" for i, remark in enumerate(remarks, start=1))
-    if not split:
-        return [table(title, (*head, *values, *beside), figures, notes=notes)]
-    return [
-        table(title, (*head, *values), figures, notes=notes),
-        table("differences", (*head, *differences), apart),
-    ]
+            apart.append((display(row.quantity).label, row.axis, *signed))
+    yield table(title, (*head, *values), figures)
+    if apart:
+        yield table("differences", (*head, *differences), apart)

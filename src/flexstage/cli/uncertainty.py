@@ -166,7 +166,7 @@ def _constants(budget: "Budget") -> list[str]:
 
 def _print(screen: "Console", result: dict[str, Any]) -> None:
     unit = "" if result["unit"] == "1" else f" {result['unit']}"
-    heads = "influence", "value", "std. uncertainty", "<unit", "<distribution", "<kind", "dof"
+    heads = "influence", "value", "std. uncertainty", "<unit", "~<distribution", "~<kind", "~dof"
     shares = "sensitivity", f"contribution,{unit or ' 1'}", "share, %"
     rows = (
         (

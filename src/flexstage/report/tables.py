@@ -98,8 +98,9 @@ def characteristics_table(
             heads.append(Column(column_title(column), group=group))
             marks[column] = "ours" if column == ours else "variant" if column in others else ""
     lines = []
+    units = comparison.units
     for row in rows:
-        shown = shown_in(row)
+        shown = units[row.quantity]
         values = (_value(row, column, shown, mark) for column, mark in marks.items())
         lines.append((*_label(row, shown), *values))
     spread = any(isinstance(cell, Cell) and cell.small for line in lines for cell in line[2:])
@@ -151,9 +152,10 @@ def published_table(comparison: Comparison) -> Table | None:
         Column("remark", "long words"),
     ]
     lines = []
+    units = comparison.units
     for row in shared_rows(comparison.rows):
         if any(column in row.cells for column in comparison.published):
-            shown = shown_in(row)
+            shown = units[row.quantity]
             cells = [*_label(row, shown), *(_value(row, c, shown) for c in comparison.published)]
             cells += [percent(row.difference_percent(a, b)) for a, b in pairs]
             remarks = (row.cells[c].note for c in comparison.published if c in row.cells)
@@ -220,20 +222,10 @@ def necks_table(drawn: "DrawnStage", caption: str = "") -> Table:
         for hinge, neck in zip(drawn.stage.hinges, drawn.necks, strict=True)
     ]
     headings = (
-        *("neck", "bodies", "at, mm", "profile", "thickness, mm"),
-        *("off, um", "body/neck", "certainty"),
+        *("neck", "~<bodies", "at, mm", "<profile", "thickness, mm"),
+        *("off, um", "body/neck", "<certainty"),
     )
     return table(caption, headings, rows)
-
-
-def shown_in(row: ComparisonRow) -> Quantity:
-    """Return the unit that a row is shown in: one in which its values are not tiny.
-
-    The usual one where some are published, as it is the one that they are printed in.
-    """
-    if any(column.startswith("published") for column in row.cells):
-        return display(row.quantity)
-    return display(row.quantity).fitting(max(abs(cell.value) for cell in row.cells.values()))
 
 
 def _profile_text(profile: Profile) -> str:
