@@ -24,23 +24,16 @@ class Quantity:
     zero: float = 0.0
     """Magnitude below which a value is rounding and no motion, in `unit`."""
     at_least: float = -math.inf
-    """What a stage that holds has at least, in `unit`."""
+    """What is required of it, in `unit`."""
     at_most: float = math.inf
-    """What a drive that reaches the stroke needs at most, in `unit`."""
+    """What is possible of it, in `unit`."""
 
     def failing(self, value: float) -> str:
-        """Say what is required where a value in `unit` fails it; empty where none does.
-
-        Examples
-        --------
-        >>> display("fatigue_safety").failing(0.51), display("fatigue_safety").failing(1.2)
-        ('at least 1 is required', '')
-        """
+        """Say what is required where a value in `unit` fails it; empty where none does."""
         if value < self.at_least:
             return f"at least {self.at_least * self.factor:g} is required"
-        unit = f" {self.shown_unit}" if self.shown_unit else ""
-        over = f"at most {self.at_most * self.factor:g}{unit} is possible"
-        return over if value > self.at_most else ""
+        most = f"at most {self.at_most * self.factor:g} {self.shown_unit} is possible"
+        return most if value > self.at_most else ""
 
     @property
     def heading(self) -> str:
@@ -196,14 +189,9 @@ def prefixed(largest: float) -> tuple[float, str]:
 
 
 def within_digits(value: str, uncertainty: float) -> str:
-    """Write an uncertainty with the decimals of the value that it stands beside.
+    """Write an uncertainty with the decimals of the value beside it: 353.2 ± 0.4, 97.50 ± < 0.01.
 
-    What is below them is told as less than the last; of a value that is rounding nothing is told.
-
-    Examples
-    --------
-    >>> within_digits("353.2", 0.3712), within_digits("97.50", 6.2e-5), within_digits("≈ 0", 1e-9)
-    ('0.4', '< 0.01', '')
+    Of a value that is rounding nothing is told.
     """
     if value == "≈ 0":
         return ""

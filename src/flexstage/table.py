@@ -96,39 +96,27 @@ class Table:
         return tuple(self.divided and s != b for s, b in zip(subjects, before, strict=True))
 
     def narrower(self) -> Iterator["Table"]:
-        """Yield it with fewer and fewer columns, for where there is no room for all.
-
-        First as it is; then a column whose cells are alike is said once, in the caption; then
-        those are left out that can be spared.
-
-        Examples
-        --------
-        >>> wide = table("Axes", ("axis", "<unit", "~serial"), [("x", "V", 1), ("y", "V", 2)])
-        >>> [(form.caption, len(form.columns)) for form in wide.narrower()]
-        [('Axes', 3), ('Axes; unit: V', 2), ('Axes; unit: V; not shown: serial', 1)]
-        """
+        """Yield it whole; with what is alike in all rows said once; without what can be spared."""
         yield self
         kept, said = [], []
         for i, column in enumerate(self.columns):
             texts = [row[i].text for row in self.rows]
-            told = [text for text in texts if text]
-            # a figure that some rows lack is said of those that have it
-            alike = len(set(told if column.kind != "figures" else texts)) == 1 < len(told)
-            if i and column.title and alike:
+            # a figure that some rows lack is not said of all
+            told = texts if column.kind == "figures" else [text for text in texts if text]
+            if i and column.title and len(set(told)) == 1 < len(told):
                 said.append(f"{column.title}: {told[0]}")
             else:
                 kept.append(i)
-        if said:
-            yield self._of(kept, said)
-        if spare := [self.columns[i].title for i in kept if self.columns[i].spare]:
-            kept = [i for i in kept if not self.columns[i].spare]
-            yield self._of(kept, [*said, f"not shown: {', '.join(spare)}"])
-
-    def _of(self, kept: Sequence[int], said: Sequence[str]) -> "Table":
-        columns = tuple(self.columns[i] for i in kept)
-        rows = tuple(tuple(row[i] for i in kept) for row in self.rows)
-        caption = "; ".join((*filter(None, [self.caption.removesuffix(".")]), *said))
-        return replace(self, caption=caption, columns=columns, rows=rows)
+        spare = [i for i in kept if self.columns[i].spare]
+        names = dict.fromkeys(self.columns[i].heading for i in spare)
+        not_shown = f"not shown: {', '.join(names)}"
+        for left, more in ((kept, ()), (sorted({*kept} - {*spare}), (not_shown,) * bool(spare))):
+            yield replace(
+                self,
+                caption="; ".join(filter(None, (self.caption.removesuffix("."), *said, *more))),
+                columns=tuple(self.columns[i] for i in left),
+                rows=tuple(tuple(row[i] for i in left) for row in self.rows),
+            )
 
 
 def table(

@@ -125,9 +125,8 @@ def analyse(
     screen = console()
     for run in runs.values():
         _print(screen, run)
-    for name, why in left_out.items():
-        screen.print(f"note: the {name} model was left out: {why}", markup=False)
-    print_notes(screen, (), files)
+    left = (f"the {name} model was left out: {why}" for name, why in left_out.items())
+    print_notes(screen, left, files)
 
 
 def _printed(
@@ -183,21 +182,14 @@ def _print(screen: "Console", run: "ModelRun") -> None:
 
 
 def _characteristics(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.characteristic import shown_units
-    from flexstage.table import Cell
+    from flexstage.comparison import compare
+    from flexstage.quantities import QUANTITIES
+    from flexstage.report.tables import characteristics_table
 
-    model = analysis.system.model
-    head = ["quantity", "<axis", "value", "± mesh", "<unit"]
-    units = shown_units(analysis.characteristics)
-    rows = []
-    for row in analysis.characteristics:
-        shown = units[row.quantity]
-        value = Cell(row.text(shown), note=row.note, failing=row.failing)
-        rows.append([shown.label, row.axis, value, row.spread_text(shown), shown.shown_unit])
-    if not any(row[3] for row in rows):
-        head, rows = [*head[:3], head[4]], [[*row[:3], row[4]] for row in rows]
-    if rows:
-        print_table(screen, f"{analysis.stage.name}: {model}", head, rows)
+    title = f"{analysis.stage.name}: {analysis.system.model}"
+    shown = characteristics_table(compare(analysis.characteristics), QUANTITIES, title)
+    if shown is not None:
+        screen.print(on_terminal(shown))
 
 
 def _modes(screen: "Console", analysis: "Analysis") -> None:

@@ -14,10 +14,10 @@ def print_setting(result: dict[str, Any]) -> None:
     whole = result.get("harmonics_with_all")
     _print_harmonics(f"harmonics: {', '.join(result['records'])}", result["harmonics"], whole)
     screen.print(result["convention"], markup=False)
-    left, unit = _shown(result, result["residual_rms"])
+    unit, _, per = _shown(result["harmonics"])
     screen.print(
-        f"{result['samples']} samples over {result['turns']:.2f} turns; left over {left:.4g} "
-        f"{unit} rms"
+        f"{result['samples']} samples over {result['turns']:.2f} turns; left over "
+        f"{per * result['residual_rms']:.4g} {unit} rms"
     )
     if "eccentricity" in result:
         _print_centre(result["eccentricity"], result["move"])
@@ -37,29 +37,21 @@ def print_setting(result: dict[str, Any]) -> None:
 def _print_harmonics(
     title: str, harmonics: list[dict[str, Any]], whole: list[dict[str, Any]] | None
 ) -> None:
-    unit, key = _unit(harmonics)
+    unit, key, per = _shown(harmonics)
     heads = ["order", f"amplitude, {unit}", "95 % interval", "phase, deg"]
     rows = []
     for i, h in enumerate(harmonics):
-        per = h[key] / h["amplitude"] if h["amplitude"] else 0.0
         low, high = (per * end for end in h["amplitude_interval"])
         row = [h["order"], f"{h[key]:.5g}", f"{low:.4g} to {high:.4g}", f"{h['phase_deg']:.2f}"]
         rows.append(row if whole is None else [*row, f"{whole[i][key]:.5g}"])
     print_table(console(), title, heads if whole is None else [*heads, "with all samples"], rows)
 
 
-def _shown(result: dict[str, Any], value: float) -> tuple[float, str]:
-    """Return an error in the unit of the table of harmonics."""
-    first = next((h for h in result["harmonics"] if h["amplitude"]), None)
-    if first is None:
-        return value, result["unit"]
-    unit, key = _unit(result["harmonics"])
-    return value * first[key] / first["amplitude"], unit
-
-
-def _unit(harmonics: list[dict[str, Any]]) -> tuple[str, str]:
+def _shown(harmonics: list[dict[str, Any]]) -> tuple[str, str, float]:
+    """Return the unit of harmonics, where they have their amplitude in it, and its size."""
     radial = any(h["amplitude_um"] is not None for h in harmonics)
-    return ("µm", "amplitude_um") if radial else ("arcsec", "amplitude_arcsec")
+    unit, key = ("µm", "amplitude_um") if radial else ("arcsec", "amplitude_arcsec")
+    return unit, key, next((h[key] / h["amplitude"] for h in harmonics if h["amplitude"]), 0.0)
 
 
 def _outliers(result: dict[str, Any]) -> str:
@@ -68,13 +60,13 @@ def _outliers(result: dict[str, Any]) -> str:
     places = sorted({round(o["angle_deg"], 2) for o in found})
     most = max(found, key=lambda o: abs(o["residual"]))
     more = len(places) - _PLACES
-    off, unit = _shown(result, most["residual"])
+    unit, _, per = _shown(result["harmonics"])
     return (
         f"outliers: {len(found)} set aside, at "
         + ", ".join(f"{p:.2f}" for p in places[:_PLACES])
         + (f" deg and {more} places more" if more > 0 else " deg")
         + f"; the largest, sample {most['index']} of '{most['head']}' at {most['angle_deg']:.2f} "
-        f"deg, is {off:.4g} {unit} off"
+        f"deg, is {per * most['residual']:.4g} {unit} off"
     )
 
 

@@ -69,15 +69,19 @@ def print_json(value: Any) -> None:
     typer.echo(json.dumps(value, indent=2, allow_nan=False))
 
 
+def print_text(screen: "Console", text: str, style: str = "") -> None:
+    """Print a text, broken where a line may end."""
+    from flexstage.cli.tables import wrapped
+
+    screen.print("\n".join(wrapped(text, screen.width)), style=style or None, markup=False)
+
+
 def print_notes(
     screen: "Console", notes: "Iterable[str]", files: "Iterable[object]" = (), *, style: str = "dim"
 ) -> None:
     """Print notes, and which files were written."""
-    from flexstage.cli.tables import wrapped
-
     for note in notes:
-        lines = wrapped(f"note: {note}", screen.width)
-        screen.print("\n".join(lines), style=style, markup=False)
+        print_text(screen, f"note: {note}", style)
     for file in files:
         screen.print(f"wrote {file}", markup=False, soft_wrap=True)
 

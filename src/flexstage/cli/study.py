@@ -1,7 +1,8 @@
 """`flexstage study`: every model of a stage beside what was published, with a report."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -23,12 +24,6 @@ from flexstage.cli.output import (
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.files.names import file_name
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from flexstage.studies import Comparison
-    from flexstage.table import Table
 
 
 @from_docstring
@@ -74,7 +69,9 @@ def study(
     """
     from flexstage.cache import Memory, open_cache
     from flexstage.files.write import require_writable, write_files
+    from flexstage.quantities import QUANTITIES
     from flexstage.report.study import study_files
+    from flexstage.report.tables import characteristics_table, differences_table
     from flexstage.studies import run_study
     from flexstage.studies.results import characteristic_row
 
@@ -115,54 +112,28 @@ def study(
         return
     screen = console()
     title = f"{described.name}: {described.title}" if described.title else described.name
-    for table in comparison_tables(result.comparison, title):
-        screen.print(on_terminal(table))
+    for shown in (
+        characteristics_table(result.comparison, QUANTITIES, title),
+        differences_table(result.comparison),
+    ):
+        if shown is not None:
+            # the conditions of every figure stand in the report
+            rows = tuple(tuple(replace(cell, note="") for cell in row) for row in shown.rows)
+            screen.print(on_terminal(replace(shown, rows=rows, notes=())))
     if result.traditional is not None:
         from flexstage.report.traditional import claim_table
         from flexstage.studies.traditional_verdict import claim_verdict
 
         screen.print(on_terminal(claim_table(result.traditional)))
         screen.print(claim_verdict(result.traditional), markup=False)
-    if not described.axes:
-        screen.print("note: the stage names no axis, so there are modes only; see the report")
-    for model, why in result.left_out.items():
-        screen.print(f"note: the {model} model was left out: {why}", markup=False)
+    notes = [f"the {model} model was left out: {why}" for model, why in result.left_out.items()]
     for axis, why in result.experiments_left_out.items():
-        screen.print(f"note: the hysteresis of axis {axis} was left out: {why}", markup=False)
+        notes.append(f"the hysteresis of axis {axis} was left out: {why}")
+    if not described.axes:
+        notes.append("the stage names no axis, so there are modes only; see the report")
     if result.read:
-        screen.print(
-            f"note: {', '.join(result.read)}: read from the cache, as computed before of the same "
-            "description; --no-cache computes them again",
-            markup=False,
+        notes.append(
+            f"{', '.join(result.read)}: read from the cache, as computed before of the same "
+            "description; --no-cache computes them again"
         )
-    print_notes(screen, described.notes, files)
-
-
-def comparison_tables(comparison: "Comparison", title: str) -> "Iterator[Table]":
-    """Return a comparison as a table of values, and one of the differences to what was published.
-
-    A row for each quantity and axis. What is not our best column can be spared.
-    """
-    from flexstage.quantities import display
-    from flexstage.report.tables import column_title, percent
-    from flexstage.table import Cell, Column, table
-
-    published, best = comparison.published, comparison.best
-    head = ["quantity", "<axis"]
-    values = [Column(column_title(c), group="published") for c in published]
-    values += [Column(c, spare=c != best) for c in comparison.ours]
-    pairs = [(model, c) for c in published for model in comparison.models]
-    differences = [Column(m, group=f"to {column_title(c)}", spare=m != best) for m, c in pairs]
-    figures, apart = [], []
-    units = comparison.units
-    for row in comparison.rows:
-        shown = units[row.quantity]
-        cells = [row.cells.get(column) for column in (*published, *comparison.ours)]
-        texts = [Cell(c.text(shown), failing=c.failing) if c else "–" for c in cells]
-        figures.append((Cell(shown.heading, note=row.remark), row.axis, *texts))
-        signed = [percent(row.difference_percent(m, c)) for m, c in pairs]
-        if any(signed):
-            apart.append((display(row.quantity).label, row.axis, *signed))
-    yield table(title, (*head, *values), figures)
-    if apart:
-        yield table("differences", (*head, *differences), apart)
+    print_notes(screen, (*notes, *described.notes), files)

@@ -1,25 +1,23 @@
 """A table as the terminal shows it: whole numbers and whole words, in fewer columns if need be."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import zip_longest
 from typing import TYPE_CHECKING
 
+from rich import box
 from rich.cells import cell_len
+from rich.table import Table as Grid
 from rich.text import Text
 
 from flexstage.table import Cell, Column, Table
 
 if TYPE_CHECKING:
-    from rich.console import Console, ConsoleOptions
+    from rich.console import Console, ConsoleOptions, RenderableType
 
-_GAP = 2  # between columns
-_HEAD = 3  # lines that a heading may have and the table still be flat
-_FAILS = " fails"
 _LEADS = ("±", "<", "≥", "≤", "≈")
-_NUMBER = re.compile(r"(?:^|[\s(])[-+−]?\d[\d.]*(?:e[-+]?\d+)?$")
-_MARK = re.compile(r"\[\d+\]")
+_LED = re.compile(r".*[±<≥≤≈]|\[\d+\]")
+_NUMBER = re.compile(r"(?:.*[\s(])?[-+−]?\d[\d.]*(?:e[-+]?\d+)?")
 _UNIT = re.compile(r"(?:%|°|[A-Za-zµ]{1,4}[²³]?(?:[/·][A-Za-zµ]{1,4}[²³]?)*)[,;.:)]*")
 
 
@@ -32,47 +30,40 @@ class Printed:
 
     shown: Table
 
-    def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> Iterator[Text]:
+    def __rich_console__(
+        self, console: "Console", options: "ConsoleOptions"
+    ) -> "Iterator[RenderableType]":
         width = options.max_width
-        shown = _numbered(self.shown)
-        forms = list(shown.narrower())
-        flat = [(form, lines) for form in forms if (lines := _flat(form, width))]
-        calm = [(f, lines) for f, lines in flat if len(lines) <= 2 * len(f.rows) + _HEAD]
-        form, lines = (*calm, *sorted(flat, key=lambda one: len(one[1])), (forms[-1], None))[0]
-        for words, style in ((form.caption, "italic"), ("; ".join(shown.notes), "dim")):
-            if style == "dim":
-                yield from _blocks(form, width) if lines is None else lines
-            yield from (Text(line, style) for line in wrapped(words, width))
+        forms = list(_numbered(self.shown).narrower())
+        tried = [(form, *found) for form in forms if (found := _flat(form, width))]
+        flat = [one for one in tried if one[1] <= 2 * len(one[0].rows) + 3]
+        fewest = sorted(tried, key=lambda one: one[1])
+        form, _, grid = (*flat, *fewest, (forms[-1], 0, None))[0]
+        yield from (Text(line, "italic") for line in wrapped(form.caption, width))
+        yield from _blocks(form, width) if grid is None else (grid,)
+        yield from (Text(line, "dim") for line in wrapped("; ".join(form.notes), width))
         yield Text()
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Break a text over lines: between words, and not within a number, its ± and its unit.
-
-    Examples
-    --------
-    >>> wrapped("a stroke of 63.65 ± 0.07 µm", 15)
-    ['a stroke of', '63.65 ± 0.07 µm']
-    """
+    """Break a text over lines: between words, and not within a number, its ± and its unit."""
     lines = []
-    for line in text.split("\n"):
-        made = ""
+    for line in text.split("\n") if text else ():
+        lines.append("")
         for atom in _atoms(line):
-            if made and cell_len(made) + 1 + cell_len(atom) > width:
-                lines.append(made)
-                made = ""
-            made += f" {atom}" if made else atom
-        lines.append(made)
-    return lines if text else []
+            if lines[-1] and cell_len(lines[-1]) + 1 + cell_len(atom) > width:
+                lines.append("")
+            lines[-1] += f" {atom}" if lines[-1] else atom
+    return lines
 
 
 def _atoms(text: str) -> list[str]:
     atoms: list[str] = []
     for word in text.split():
         before = atoms[-1] if atoms else ""
-        of_number = _NUMBER.search(before) and _UNIT.fullmatch(word)
-        led = word in _LEADS or before.endswith(_LEADS) or _MARK.fullmatch(before)
-        if before and (led or of_number or (before.endswith(" N") and word == "m/rad")):
+        of_number = _NUMBER.fullmatch(before) and _UNIT.fullmatch(word)
+        led = word in _LEADS or (_LED.fullmatch(before) and word[0] != "[")
+        if before and (led or of_number or (before.endswith("N") and word == "m/rad")):
             atoms[-1] += f" {word}"
         else:
             atoms.append(word)
@@ -82,99 +73,82 @@ def _atoms(text: str) -> list[str]:
 def _numbered(shown: Table) -> Table:
     """Put a column of numbers in place of the notes of cells, and the notes below the table."""
     notes: dict[str, int] = {}
-    marks = []
+    rows = []
     for row in shown.rows:
-        said = dict.fromkeys(
-            note
-            for cell in row
-            for note in (f"fails: {cell.failing}" if cell.failing else "", cell.note)
-            if note
-        )
-        marks.append(" ".join(f"[{notes.setdefault(note, len(notes) + 1)}]" for note in said))
+        said = [t for c in row for t in (c.failing and f"fails: {c.failing}", c.note) if t]
+        marks = (f"[{notes.setdefault(note, len(notes) + 1)}]" for note in dict.fromkeys(said))
+        rows.append((*row, Cell(" ".join(marks))))
     if not notes:
         return shown
-    return replace(
-        shown,
-        columns=(*shown.columns, Column("", "words")),
-        rows=tuple((*row, Cell(mark)) for row, mark in zip(shown.rows, marks, strict=True)),
-        notes=(*(f"[{i}] {note}" for note, i in notes.items()), *shown.notes),
-    )
+    below = (*(f"[{i}] {note}" for note, i in notes.items()), *shown.notes)
+    columns = (*shown.columns, Column("", "words"))
+    return replace(shown, columns=columns, rows=tuple(rows), notes=below)
 
 
-def _cells(form: Table) -> list[list[str]]:
-    """What is read of every cell, by columns; digits stay below each other where one fails."""
-    out = []
-    for cells in zip(*form.rows, strict=True):
-        room = " " * len(_FAILS) if any(cell.failing for cell in cells) else ""
-        out.append([c.text + (_FAILS if c.failing else room) for c in cells])
-    return out
+def _cell(cell: Cell, beside: list[Cell]) -> str:
+    """What is read of a cell; the digits of a column stay below each other, whatever follows."""
+    longest = max((len(_tail(other)) for other in beside), default=0)
+    return cell.text + _tail(cell).ljust(longest)
 
 
-def _flat(form: Table, width: int) -> list[Text]:
-    """Return heading and rows of a table with its columns side by side; none where they need more.
+def _tail(cell: Cell) -> str:
+    return (f" {cell.small}" if cell.small else "") + (" fails" if cell.failing else "")
+
+
+def _flat(form: Table, width: int) -> tuple[int, Grid] | None:
+    """Set the columns side by side, and count the lines; none where they need more room.
 
     Figures are in one line; words, and headings, are broken where room is short.
     """
-    texts = _cells(form) or [[] for _ in form.columns]
+    columns = [[row[i] for row in form.rows] for i in range(len(form.columns))]
+    texts = [[_cell(cell, cells) for cell in cells] for cells in columns]
     heads = [f"{c.group}\n{c.heading}" if c.group else c.heading for c in form.columns]
+    heads = [head.replace("\u00ad", "") for head in heads]  # a terminal would show it
     right = [column.kind == "figures" for column in form.columns]
     sizes, most = [], []
     for figures, head, cells in zip(right, heads, texts, strict=True):
         pieces = cells if figures else [atom for text in cells for atom in _atoms(text)]
         sizes.append(max(map(cell_len, (*_atoms(head), *pieces)), default=0))
-        lines = "\n".join((head, *cells)).split("\n")
-        most.append(max(map(cell_len, lines)))
-    gap = _GAP + (sum(most) + (_GAP + 1) * len(most) <= width)
-    room = width - sum(sizes) - gap * (len(sizes) - 1) - 1
+        most.append(max(map(cell_len, "\n".join((head, *cells)).split("\n"))))
+    gap = 3 if sum(most) + 3 * len(most) <= width else 2
+    room = width - sum(sizes) - gap * (len(sizes) - 1)
     if room < 0:
-        return []
+        return None
     # what a row is called stays in a line where it can; then the tightest column grows
     if form.columns[0].kind != "long words" and (more := most[0] - sizes[0]) <= room:
         sizes[0], room = most[0], room - more
     for _ in range(min(room, sum(most) - sum(sizes))):
-        tightest = max(range(len(sizes)), key=lambda i: most[i] / max(sizes[i], 1))
-        sizes[tightest] += 1
+        sizes[max(range(len(sizes)), key=lambda i: most[i] / max(sizes[i], 1))] += 1
     titles = [wrapped(head, size) for head, size in zip(heads, sizes, strict=True)]
-    high = max(map(len, titles))
-    # a heading is just above its column, a cell beside the first line of its row
-    rows = [([[""] * (high - len(title)) + title for title in titles], ["bold"] * len(sizes))]
-    rows.append(([["─" * (sum(sizes) + gap * (len(sizes) - 1))]], [""]))
-    for row, words in zip(form.rows, zip(*texts, strict=True), strict=True):
-        cells = [
-            text.split("\n") if figures else wrapped(text, size)
-            for figures, text, size in zip(right, words, sizes, strict=True)
-        ]
-        rows.append((cells, [_style(cell) for cell in row]))
-    return [line for cells, styles in rows for line in _beside(cells, sizes, right, styles, gap)]
+    deepest = max(map(len, titles))
+    grid = Grid(box=box.SIMPLE_HEAD, padding=(0, gap - 1, 0, 0), show_edge=False, pad_edge=False)
+    high, broken = 0, []
+    for figures, title, text, size in zip(right, titles, texts, sizes, strict=True):
+        # a heading is just above its column, a cell beside the first line of its row
+        head = [""] * (deepest - len(title)) + title
+        at = size if figures else 0
+        broken.append([_lines([t] if figures else wrapped(t, size), at) for t in text])
+        grid.add_column(Text(_lines(head, at)), width=size, no_wrap=True)
+    for row, words in zip(form.rows, zip(*broken, strict=True), strict=True):
+        high += max(text.count("\n") + 1 for text in words)
+        grid.add_row(*map(Text, words, map(_style, row)))
+    return high, grid
 
 
-def _beside(
-    cells: Sequence[list[str]],
-    sizes: Sequence[int],
-    right: Sequence[bool],
-    styles: Sequence[str],
-    gap: int,
-) -> Iterator[Text]:
-    """Set the lines of cells side by side."""
-    for texts in zip_longest(*cells, fillvalue=""):
-        line = Text(" ")
-        for text, size, at_right, style in zip(texts, sizes, right, styles, strict=False):
-            space = " " * (size - cell_len(text))
-            line.append(space if at_right else "").append(text, style or None)
-            line.append(("" if at_right else space) + " " * gap)
-        line.rstrip()
-        yield line
+def _lines(lines: list[str], size: int) -> str:
+    """Set lines below each other, to the right of so many characters."""
+    return "\n".join(" " * (size - cell_len(line)) + line for line in lines)
 
 
 def _blocks(form: Table, width: int) -> Iterator[Text]:
     """Return each row as its first cell with the others below it, a line for each."""
     heads = [column.title for column in form.columns]
     size = max(map(cell_len, heads[1:]), default=0)
-    for row, words in zip(form.rows, zip(*_cells(form), strict=True), strict=True):
-        yield Text(f" {words[0]}", "bold")
-        for head, text, cell in zip(heads[1:], words[1:], row[1:], strict=True):
-            for i, line in enumerate(wrapped(text.strip(), width - size - 5)):
-                yield Text(f"   {'' if i else head:<{size}}  ").append(line, _style(cell) or None)
+    for first, *others in form.rows:
+        yield Text(_cell(first, []), "bold")
+        for head, cell in zip(heads[1:], others, strict=True):
+            for i, line in enumerate(wrapped(_cell(cell, []), width - size - 4)):
+                yield Text(f"  {'' if i else head:<{size}}  ").append(line, _style(cell))
 
 
 def _style(cell: Cell) -> str:

@@ -35,7 +35,7 @@ _TITLES = {
 MANUFACTURE = frozenset(("straightness", "straightness_out_of_plane", "linearity"))
 _LABELS = (Column("Quantity", "long words"), "<Axis")
 _SPREAD_NOTE = (
-    "± in small print: of a model the estimate of what its mesh leaves out, or, of a stress that "
+    "±: of a model the estimate of what its mesh leaves out, or, of a stress that "
     "has none, by how much the elements about its point differ; of a measurement the standard "
     "uncertainty."
 )
@@ -95,7 +95,7 @@ def characteristics_table(
     for column in comparison.columns:
         if any(column in row.cells for row in rows):
             group = "published" if column in comparison.published else "here, by model"
-            heads.append(Column(column_title(column), group=group))
+            heads.append(Column(column_title(column), group=group, spare=column in others))
             marks[column] = "ours" if column == ours else "variant" if column in others else ""
     lines = []
     units = comparison.units
@@ -117,7 +117,11 @@ def differences_table(comparison: Comparison) -> Table | None:
     models = comparison.models
     # the longest name may be broken, or the last column stands outside the page
     heads = [
-        Column(m.replace("superelement", "super\u00adelement"), group=f"to {column_title(c)}")
+        Column(
+            m.replace("superelement", "super\u00adelement"),
+            group=f"to {column_title(c)}",
+            spare=m != comparison.best,
+        )
         for c in comparison.published
         for m in models
     ]

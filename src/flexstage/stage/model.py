@@ -266,9 +266,7 @@ class Stage:
     published: tuple[Characteristic, ...] = ()
     """Figures that others have given for it."""
     notes: tuple[str, ...] = ()
-    """Remarks that belong to every result of it; those that begin with the word Published to what
-    is compared with a publication.
-    """
+    """Remarks that belong to every result of it; those that begin with Published to a study."""
 
     # how a notebook shows a stage; set by the room that draws
     _notebook_html: ClassVar["Callable[[Stage], str] | None"] = None
