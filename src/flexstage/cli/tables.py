@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _LEADS = ("±", "<", "≥", "≤", "≈")
 _LED = re.compile(r".*[±<≥≤≈]|\[\d+\]")
 _NUMBER = re.compile(r"(?:.*[\s(])?[-+−]?\d[\d.]*(?:e[-+]?\d+)?")
-_UNIT = re.compile(r"(?:%|°|[A-Za-zµ]{1,4}[²³]?(?:[/·][A-Za-zµ]{1,4}[²³]?)*)[,;.:)]*")
+_UNIT = re.compile(r"(?:%|°|(?:[A-Za-zµ]{1,4}|arcsec)[²³]?(?:[/·][A-Za-zµ]{1,4}[²³]?)*)[,;.:)]*")
 
 
 @dataclass(frozen=True, slots=True)
