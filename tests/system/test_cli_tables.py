@@ -10,13 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import typer
 from rich.cells import cell_len
 from rich.console import Console
 
-from flexstage.characteristic import Characteristic
-from flexstage.cli import main, tables
+from flexstage.characteristic import Characteristic, shown_units
+from flexstage.cli import app, main, tables
 from flexstage.cli.output import on_terminal
 from flexstage.comparison import compare
+from flexstage.quantities import beside, display
 from flexstage.report.page import table_html
 from flexstage.report.tables import characteristics_table
 from flexstage.studies.results import characteristic_row
@@ -263,3 +265,85 @@ def test_a_dry_run_is_read_on_three_screens(
     said = capsys.readouterr().out
     assert len(said.splitlines()) < 120
     assert "allowed: 0 to 120 V, 40000 V/s" in " ".join(said.split())
+
+
+def figure(axis: str, value: float, spread: float | None = None, origin: str = "plane") -> Any:
+    return Characteristic(
+        quantity="straightness", axis=axis, origin=origin, value=value, unit="m", uncertainty=spread
+    )
+
+
+def test_an_uncertainty_has_the_digits_of_its_value() -> None:
+    shown = display("straightness")
+    texts = [
+        (row.text(shown), row.spread_text(shown))
+        for row in (
+            figure("x", 97.5e-6, 6.2e-11),
+            figure("x", 353.24e-6, 0.3712e-6),
+            figure("x", 97.5e-6, 0.0),
+            figure("x", 1e-18, 1e-9),
+            figure("x", 338.9104e-6, 2.43e-9, "measured"),
+        )
+    ]
+    assert texts == [
+        ("97.50", "< 0.01"), ("353.2", "0.4"), ("97.50", "< 0.01"), ("≈ 0", ""),
+        ("338.9104", "0.0024"),
+    ]  # fmt: skip
+    assert beside(63.65, 6e-9) == ("63.65", "< 0.01")
+
+
+def test_one_quantity_has_one_unit_on_every_axis() -> None:
+    pair = [figure("x", 0.3945e-6), figure("y", 95.5e-9)]
+    assert shown_units(pair)["straightness"].shown_unit == "µm"
+    assert shown_units(pair[1:])["straightness"].shown_unit == "nm"
+    printed_so = figure("y", 9e-8, origin="published-measured")
+    assert shown_units([pair[1], printed_so])["straightness"].shown_unit == "µm"
+    made = characteristics_table(compare(pair), ("straightness",), "")
+    assert made is not None
+    assert len({row[0].text for row in made.rows}) == 1
+
+
+def test_what_others_published_is_no_note_of_an_export(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ("--to", "c", "--model", "lumped", "--hysteresis", "none", "--folder", "made", "-q")
+    for command in (("export", "vgtu-piezo", *words), ("analyse", "vgtu-piezo", *words[2:4])):
+        with pytest.raises(SystemExit):
+            main([*command])
+        said = " ".join(capsys.readouterr().out.split())
+        assert "The geometry is a reconstruction" in said
+        assert "Published" not in said
+        assert "93.9 %" not in said
+
+
+def test_every_command_can_be_told_to_print_no_progress() -> None:
+    def leaves(command: Any) -> Any:
+        for name, below in getattr(command, "commands", {"": command}).items():
+            yield from leaves(below) if hasattr(below, "commands") else [(name, below)]
+
+    found = dict(leaves(typer.main.get_command(app)))
+    assert len(found) > 25
+    assert not [n for n, c in found.items() if not any("-q" in p.opts for p in c.params)]
+
+
+def test_rest_of_a_scale_is_told_in_the_unit_of_its_harmonics(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data(tmp_path)
+    words = ("--angle", "angle", "--error", "h1", "--unit", "deg", "--orders", "2:4")
+    for more, unit in (((), "arcsec"), (("--radius", "50 mm"), "arcsec")):
+        with pytest.raises(SystemExit):
+            main(["centre", str(tmp_path / "scale.csv"), *words, *more])
+        said = capsys.readouterr().out
+        assert re.search(rf"left over [\d.]+ {unit} rms", said), said
+
+
+def test_noise_of_a_load_is_no_figure(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["analyse", "vgtu-piezo", "--model", "lumped", "-q"])
+    said = capsys.readouterr().out
+    assert re.search(r"gravity x +g +2\.36 +≈ 0", said)
+    assert "e-19" not in said
