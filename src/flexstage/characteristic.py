@@ -309,7 +309,8 @@ def shown_units(rows: Iterable[Characteristic]) -> dict[str, Quantity]:
     """
     largest: dict[str, float] = {}
     for row in rows:
-        size = math.inf if row.origin.startswith("published") else abs(row.value)
+        size = max(abs(row.value), row.uncertainty or 0.0)
+        size = math.inf if row.origin.startswith("published") else size
         largest[row.quantity] = max(size, largest.get(row.quantity, 0.0))
     return {quantity: display(quantity).fitting(size) for quantity, size in largest.items()}
 

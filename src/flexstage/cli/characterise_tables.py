@@ -20,7 +20,8 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
 
     columns = list(result.references)
     groups = {c: "published" for c in columns if c.startswith("published")}
-    titles = [Column(column_title(c), group=groups.get(c, "")) for c in columns]
+    kept = ("published-measured", *columns[-1:])
+    titles = [Column(column_title(c), "figures", groups.get(c, ""), c not in kept) for c in columns]
     rows = []
     units = shown_units(row.figure for row in result.rows)
     for row in result.rows:

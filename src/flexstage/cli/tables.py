@@ -1,7 +1,7 @@
 """A table as the terminal shows it: whole numbers and whole words, in fewer columns if need be."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -85,14 +85,11 @@ def _numbered(shown: Table) -> Table:
     return replace(shown, columns=columns, rows=tuple(rows), notes=below)
 
 
-def _cell(cell: Cell, beside: list[Cell]) -> str:
-    """What is read of a cell; the digits of a column stay below each other, whatever follows."""
-    longest = max((len(_tail(other)) for other in beside), default=0)
-    return cell.text + _tail(cell).ljust(longest)
-
-
-def _tail(cell: Cell) -> str:
-    return (f" {cell.small}" if cell.small else "") + (" fails" if cell.failing else "")
+def _cells(cells: Iterable[Cell]) -> list[str]:
+    """What is read of cells; their digits stay below each other, whatever follows."""
+    both = [(c.text, f" {c.small}" * bool(c.small) + " fails" * bool(c.failing)) for c in cells]
+    longest = max((len(tail) for _, tail in both), default=0)
+    return [text + tail.ljust(longest) for text, tail in both]
 
 
 def _flat(form: Table, width: int) -> tuple[int, Grid] | None:
@@ -100,8 +97,7 @@ def _flat(form: Table, width: int) -> tuple[int, Grid] | None:
 
     Figures are in one line; words, and headings, are broken where room is short.
     """
-    columns = [[row[i] for row in form.rows] for i in range(len(form.columns))]
-    texts = [[_cell(cell, cells) for cell in cells] for cells in columns]
+    texts = [_cells(row[i] for row in form.rows) for i in range(len(form.columns))]
     heads = [f"{c.group}\n{c.heading}" if c.group else c.heading for c in form.columns]
     heads = [head.replace("\u00ad", "") for head in heads]  # a terminal would show it
     right = [column.kind == "figures" for column in form.columns]
@@ -122,22 +118,19 @@ def _flat(form: Table, width: int) -> tuple[int, Grid] | None:
     titles = [wrapped(head, size) for head, size in zip(heads, sizes, strict=True)]
     deepest = max(map(len, titles))
     grid = Grid(box=box.SIMPLE_HEAD, padding=(0, gap - 1, 0, 0), show_edge=False, pad_edge=False)
-    high, broken = 0, []
+    broken = []
     for figures, title, text, size in zip(right, titles, texts, sizes, strict=True):
-        # a heading is just above its column, a cell beside the first line of its row
-        head = [""] * (deepest - len(title)) + title
+        # figures stand at the right, a heading just above, a cell at the first line of its row
+        cells = [[""] * (deepest - len(title)) + title]
+        cells += [[t] if figures else wrapped(t, size) for t in text]
         at = size if figures else 0
-        broken.append([_lines([t] if figures else wrapped(t, size), at) for t in text])
-        grid.add_column(Text(_lines(head, at)), width=size, no_wrap=True)
-    for row, words in zip(form.rows, zip(*broken, strict=True), strict=True):
-        high += max(text.count("\n") + 1 for text in words)
-        grid.add_row(*map(Text, words, map(_style, row)))
-    return high, grid
-
-
-def _lines(lines: list[str], size: int) -> str:
-    """Set lines below each other, to the right of so many characters."""
-    return "\n".join(" " * (size - cell_len(line)) + line for line in lines)
+        head, *below = ("\n".join(" " * (at - cell_len(t)) + t for t in c) for c in cells)
+        grid.add_column(Text(head), width=size, no_wrap=True)
+        broken.append(below)
+    rows = list(zip(*broken, strict=True))
+    for row, words in zip(form.rows, rows, strict=True):
+        grid.add_row(*map(Text, words, ("bold red" * bool(cell.failing) for cell in row)))
+    return sum(max(text.count("\n") + 1 for text in words) for words in rows), grid
 
 
 def _blocks(form: Table, width: int) -> Iterator[Text]:
@@ -145,11 +138,9 @@ def _blocks(form: Table, width: int) -> Iterator[Text]:
     heads = [column.title for column in form.columns]
     size = max(map(cell_len, heads[1:]), default=0)
     for first, *others in form.rows:
-        yield Text(_cell(first, []), "bold")
+        yield Text(first.text, "bold")
         for head, cell in zip(heads[1:], others, strict=True):
-            for i, line in enumerate(wrapped(_cell(cell, []), width - size - 4)):
-                yield Text(f"  {'' if i else head:<{size}}  ").append(line, _style(cell))
-
-
-def _style(cell: Cell) -> str:
-    return "bold red" if cell.failing else ""
+            for i, line in enumerate(wrapped(_cells([cell])[0], width - size - 4)):
+                yield Text(
+                    f"  {'' if i else head:<{size}}  {line}", "bold red" * bool(cell.failing)
+                )
