@@ -4,6 +4,8 @@
 PYTHON ?= python3
 OUT ?= out
 PYTEST_ARGS ?=
+# How often `make evidence` draws new examples for the tests of properties.
+SEARCHES ?= 5
 
 main := .venv/bin
 dev := .venv-dev/bin
@@ -43,6 +45,10 @@ slow: env-dev ## the slow evidence: peers, long runs, the built package
 
 evidence: env-dev ## the slow evidence at full size, before a release
 	$(dev_run) pytest tests -m evidence -n auto $(parallel) $(PYTEST_ARGS)
+	for search in $$(seq $(SEARCHES)); do \
+	  $(dev_run) pytest tests -m "hypothesis and not evidence" --hypothesis-profile=search \
+	    -n auto $(parallel) $(PYTEST_ARGS) || exit 1; \
+	done
 
 bench: env-dev ## speed, as ratios against named alternatives
 	$(dev_run) python -m benchmarks

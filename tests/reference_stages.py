@@ -1,4 +1,4 @@
-"""The two reconstructed stages, as they stand in the reference folder beside the project."""
+"""The two stages as they were reconstructed for this project, before this code."""
 
 import json
 import math
@@ -6,22 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from flexstage.hinges import RightCircular
 from flexstage.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Probe, Screw, Stage
 
-REFERENCE = Path(__file__).resolve().parents[1].parent / "shared" / "reference"
+REFERENCE = Path(__file__).parent / "reference"
 NAMES = ("piezo", "mechanical")
 
 
 def reference_json(name: str) -> dict[str, Any]:
-    """Return the file of a reconstructed stage, or skip the test that wants it."""
-    path = REFERENCE / f"{name}-stage.json"
-    if not path.exists():
-        pytest.skip(f"the reference folder with {path.name} is not beside the project")
-    return json.loads(path.read_text(encoding="utf-8"))
+    """Return the file of a reconstructed stage."""
+    return json.loads((REFERENCE / f"{name}-stage.json").read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True)

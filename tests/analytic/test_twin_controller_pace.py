@@ -172,6 +172,8 @@ def test_the_real_clock_drives_it_too(device: VirtualController) -> None:
     assert device.now <= Clock().now() - began + 1e-3
 
 
+@pytest.mark.slow
+@pytest.mark.alone
 def test_the_lock_comes_to_others_while_it_is_behind() -> None:
     """A computer that is far too slow still answers at once."""
 

@@ -5,9 +5,7 @@ same outlines, notches and ports, or every figure that was computed from them wo
 stage.
 """
 
-import json
 import math
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,8 +14,7 @@ from flexstage.designs import design
 from flexstage.hinges import RightCircular
 from flexstage.stage import Circle, Loop, Stage
 from flexstage.stage.mass import mass_properties
-
-REFERENCE = Path(__file__).resolve().parents[2].parent / "shared" / "reference"
+from tests.reference_stages import reference_json
 
 # The files are written in millimetres with at most six decimals, so to 1e-9 m; sums of decimals in
 # floating point differ by less than 1e-15 m.
@@ -29,10 +26,7 @@ Corner = tuple[float, float]
 @pytest.fixture(scope="module", params=["mechanical", "piezo"])
 def pair(request: pytest.FixtureRequest) -> tuple[Stage, dict[str, Any]]:
     """Return a built stage and the file that holds its reconstruction."""
-    path = REFERENCE / f"{request.param}-stage.json"
-    if not path.exists():
-        pytest.skip(f"the reference geometry {path.name} is not beside this repository")
-    return design(f"vgtu-{request.param}"), json.loads(path.read_text(encoding="utf-8"))
+    return design(f"vgtu-{request.param}"), reference_json(request.param)
 
 
 def metres(values: list[float]) -> tuple[float, ...]:

@@ -26,11 +26,10 @@ from flexstage.fem.part import Part, read_step
 from flexstage.fem.part_analysis import Bodies
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.material import Material
+from tests.shared_data import DATA, needs
 
-DATA = Path(__file__).parents[3] / "shared" / "data" / "ansys-flexures"
-pytestmark = pytest.mark.skipif(
-    not DATA.is_dir(), reason=f"the Ansys super-elements are not in {DATA}"
-)
+FOLDER = DATA / "ansys-flexures"
+pytestmark = needs("ansys-flexures")
 
 # Ansys' library: "Stainless Steel" and "Structural Steel". Which was used follows from the density.
 STAINLESS = Material(
@@ -48,7 +47,7 @@ LOG = logging.getLogger(__name__)
 
 def superelement(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return K, M and the interface nodes [m]: 6 degrees of freedom a node, then modes."""
-    data: dict[str, Any] = scipy.io.loadmat(DATA / f"{name}.mat")
+    data: dict[str, Any] = scipy.io.loadmat(FOLDER / f"{name}.mat")
     return data["K"], data["M"], data["int_xyz"]
 
 
@@ -128,7 +127,7 @@ def test_interfaces_of_the_superelements_are_deformable():
 
 
 def joint(name: str) -> tuple[Part, str, str]:
-    part = read_step(DATA / name)
+    part = read_step(FOLDER / name)
     (_, _, low), (_, _, high) = part.bounding_box
     if name.startswith("flexor_025"):
         # each end is three faces: the middle one is the body's, those beside it belong to the
@@ -263,7 +262,7 @@ def actuator(end_height: float) -> Part:
 
     The pocket is 15 mm high as far as the arms' inner faces reach, and `end_height` at its ends.
     """
-    shape = read_step(DATA / "APA300ML.STEP").shape
+    shape = read_step(FOLDER / "APA300ML.STEP").shape
     quarter = [(_CORNER, 7.5), (_END, 0.5 * end_height)]
     corners = quarter + [(x, -y) for x, y in reversed(quarter)]
     corners += [(-x, y) for x, y in reversed(corners)]

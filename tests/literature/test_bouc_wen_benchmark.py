@@ -10,7 +10,6 @@ What was published for models without knowledge of the equations: polynomial non
 """
 
 import functools
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,24 +21,23 @@ from benchmarks.oscillator.identification import (
 )
 from benchmarks.oscillator.oscillator import BoucWenOscillator
 from flexstage.hysteresis.compiled import compiled
+from tests.shared_data import DATA, needs
 from tests.tiers import sizes
 
-DATA = Path(__file__).parents[3] / "shared" / "data" / "bouc-wen-benchmark"
+FOLDER = DATA / "bouc-wen-benchmark"
 RATE = 750.0
 TRUE = BoucWenOscillator(
     mass=2.0, damping=10.0, stiffness=5e4, alpha=5e4, beta_gamma=800.0, beta_delta=-1100.0
 )
 
-pytestmark = pytest.mark.skipif(
-    not DATA.is_dir(), reason="the Bouc–Wen benchmark (shared/data/bouc-wen-benchmark) is absent"
-)
+pytestmark = needs("bouc-wen-benchmark")
 
 
 @functools.cache
 def read(file: str, group: str) -> tuple[np.ndarray, np.ndarray]:
     import h5py
 
-    with h5py.File(DATA / file) as content:
+    with h5py.File(FOLDER / file) as content:
         u, y = (np.asarray(content[group][name], dtype=float).ravel() for name in ("u", "y"))
     return u, y
 

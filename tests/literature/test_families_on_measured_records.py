@@ -4,7 +4,6 @@ The records are of a PICMA P-885.91 stack at 200 Hz (Y. N. Aye, W. T. Ang, ICSTS
 repository yan9a/DiscreteBacklashOperator).
 """
 
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +11,10 @@ import pytest
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.records import Channel, Record
+from tests.shared_data import DATA, needs
 
-FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "picma-p885"
-pytestmark = pytest.mark.skipif(
-    not FOLDER.is_dir(), reason="the measured files of ../shared/data are absent"
-)
+FOLDER = DATA / "picma-p885"
+pytestmark = needs("picma-p885")
 CHAIN = ChainValues(delay=0.011, creep_per_decade=0.02)
 
 

@@ -1,6 +1,5 @@
 """Measured files of others are read as their descriptions say."""
 
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,11 +7,9 @@ import pytest
 from flexstage.errors import RecordError
 from flexstage.records import read_record
 from flexstage.records.quality import constant_columns, noise_estimate, quantisation_step
+from tests.shared_data import DATA, needs
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
-pytestmark = pytest.mark.skipif(
-    not (DATA / "picma-p885").is_dir(), reason="the measured files of ../shared/data are absent"
-)
+pytestmark = needs("picma-p885")
 
 
 def test_the_stack_without_and_with_its_inverse() -> None:

@@ -6,7 +6,6 @@ inverse are what it would leave if the measured motion were the reference.
 """
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,11 +15,10 @@ from flexstage.hysteresis.identification.identify import Identification, identif
 from flexstage.hysteresis.inversion import feedforward
 from flexstage.hysteresis.loops import loop_width
 from flexstage.records import Record, read_record
+from tests.shared_data import DATA, needs
 
-FILE = Path(__file__).resolve().parents[3] / "shared" / "data" / "picma-p885" / "Test_Vi_Do_Di.dat"
-pytestmark = pytest.mark.skipif(
-    not FILE.is_file(), reason="the measured files of ../shared/data are absent"
-)
+FILE = DATA / "picma-p885" / "Test_Vi_Do_Di.dat"
+pytestmark = needs("picma-p885")
 
 #: Held-out rms that each model may leave, over the stroke [%]: what the choice of a model for this
 #: stack rests on. The noise of the sensor is 0.18 %.

@@ -37,6 +37,8 @@ def fresh_import() -> tuple[float, set[str]]:
     return float(out[0]), set(out[1:])
 
 
+@pytest.mark.slow
+@pytest.mark.alone
 def test_import_takes_under_half_a_second() -> None:
     # The best of five: the others measure what else the machine is doing.
     assert min(fresh_import()[0] for _ in range(5)) < 0.5

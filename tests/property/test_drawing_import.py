@@ -77,11 +77,28 @@ def _comes_back(profile: Profile, turn: float, shift: tuple[float, float]) -> No
 _LONG = VFillet(
     neck_thickness=1.5e-3, half_opening_angle=1.0, fillet_radius=0.3e-3, notch_depth=3.90625e-3
 )
+# a notch that is steep where it ends, so that the edge there turns by 35 degrees only
+_STEEP = Hyperbolic(
+    neck_thickness=0.5960603271350625e-3,
+    half_length=2.058792757890726e-3,
+    notch_depth=2.89143271778517e-3,
+    one_sided=True,
+)
+# a bottom so flat that its middle is drawn as a line, three times as long as the arc beside it
+_FLAT = PowerFunction(
+    neck_thickness=1.5e-3,
+    half_length=3.490625412562445e-3,
+    notch_depth=4e-3,
+    exponent=5.610183600488207,
+    one_sided=True,
+)
 
 
 @settings(max_examples=6, deadline=None)
 @given(notches(), turns, shifts)
 @example(_LONG, 0.0, (0.0, 0.0))
+@example(_STEEP, 2.983444411093359, (0.0, 0.0))
+@example(_FLAT, 2.0242468510868488, (0.0, 0.0))
 def test_some_guides_come_back(profile, turn, shift) -> None:
     _comes_back(profile, turn, shift)
 

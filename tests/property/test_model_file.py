@@ -27,7 +27,7 @@ from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model_file import ModelFile, model_text, read_model_text
 from tests.hysteresis_vectors import of_kind
 
-FEW = settings(max_examples=12, deadline=None, derandomize=True)
+FEW = settings(max_examples=12, deadline=None)
 slopes = st.floats(1e-9, 1e-5)
 rates = st.floats(1e-3, 2e-1)
 

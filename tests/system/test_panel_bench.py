@@ -253,7 +253,7 @@ def test_stop_ends_what_goes_on_and_keeps_what_was_recorded(
     began = time.monotonic()
     made.stop()
     ended(made, "cancelled")
-    assert time.monotonic() - began < 5.0
+    assert time.monotonic() - began < 30.0  # of 60
     assert instrument.stops >= 1
     (file,) = tmp_path.rglob("*.h5")
     assert 2 <= read_record(file).size < 12_000

@@ -214,13 +214,12 @@ def test_the_first_page_says_what_was_reproduced_and_what_was_not(study: Study) 
     assert "motion errors (straightness in plane and straightness out of plane)" in missing
 
 
-def test_motion_across_that_was_computed_stands_beside_what_was_measured() -> None:
+def test_motion_across_of_one_reconstruction_is_no_finding() -> None:
+    """Another geometry that gives the published figures as well has half of it."""
     study = study_of("vgtu-piezo")
     # 0.11 and 0.20 um were measured
     compared = SimpleNamespace(own=SimpleNamespace(axis_errors={"x": 0.121e-6, "y": 0.17e-6}))
-    _, measured, missing = verdict(replace(study, traditional=compared))
-    assert "over the stroke, of stages as made, within 15 % of what was measured" in measured
-    assert "motion errors (straightness out of plane)" in missing
+    assert verdict(replace(study, traditional=compared)) == verdict(study)
 
 
 @pytest.mark.usefixtures("undrawn")

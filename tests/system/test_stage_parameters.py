@@ -368,7 +368,8 @@ def test_what_asks_for_very_much_ends_early(kind: str) -> None:
     text = HEAD + text + "axes: {x: {drive: zebra, probe: b}}\n"
     start = time.process_time()
     assert sentence in refusal(text)
-    assert time.process_time() - start < 2.0
+    # some tenths of a second; what grows with the square or worse takes minutes
+    assert time.process_time() - start < 20.0
 
 
 def test_the_schema_knows_all_of_it() -> None:

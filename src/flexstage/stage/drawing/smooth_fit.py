@@ -17,10 +17,12 @@ from flexstage.hinges import (
     RightCircular,
 )
 from flexstage.stage.drawing.notch import NeckFrame, Sides, quarter
-from flexstage.stage.drawing.strokes import DrawnStroke, rounded
+from flexstage.stage.drawing.strokes import DrawnStroke, Pair, rounded
 
 #: A corner that turns more than this ends a smooth side [rad].
 CORNER = math.radians(40.0)
+# an arc goes over into a line of the same curve at its tangent, give or take this [rad]
+_TANGENT = 0.05
 
 _CHORD = 0.5e-6  # points on arcs are so close that chords are off by less [m]
 _LONG = 2.5  # a line that is so many times as long as what it goes on from is of a body
@@ -72,15 +74,23 @@ def _run(sides: Sides, left: bool, ahead: bool, shorter: int) -> list[DrawnStrok
     run: list[DrawnStroke] = []
     for stroke in sides.walk(left, ahead):
         if run:
-            before = run[-1].curve
-            (ux, uy), (vx, vy) = before.direction(1.0), stroke.curve.direction(0.0)
-            if abs(math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)) > CORNER:
-                break
+            before, onward = run[-1].curve, stroke.curve.direction(0.0)
             straight = not stroke.curve.bulge and not stroke.trace
-            if straight and stroke.curve.length > _LONG * before.length:
+            if _turn(before.direction(1.0), onward) > (
+                _TANGENT if straight and before.bulge else CORNER
+            ):
+                break
+            # but at the bottom, which may be flat
+            leans = _turn(run[0].curve.direction(0.0), onward) > _TANGENT
+            if straight and leans and stroke.curve.length > _LONG * before.length:
                 break
         run.append(stroke)
     return run[: max(1, len(run) - shorter)]
+
+
+def _turn(u: Pair, v: Pair) -> float:
+    """Angle between two directions [rad]."""
+    return abs(math.atan2(u[0] * v[1] - u[1] * v[0], u[0] * v[0] + u[1] * v[1]))
 
 
 def nearest_frame(chains: Chains) -> tuple[NeckFrame, float] | None:
