@@ -46,7 +46,7 @@ def test_study_prints_a_table_and_writes_a_report(
         "Natural frequency [Hz]",
         "Largest stress [MPa]",
         "reconstruction",
-        "+1.6 %",
+        "+1.6",
         "to FEM",
     ):
         assert text in out
