@@ -142,8 +142,8 @@ file is refused before the work.
 units, or `{"error": {"kind": ..., "message": ..., "status": ...}}`, where `kind` is the class of
 the error in Python (`UsageError` for a command line that is wrong).
 
-**Tables.** They fit the width of the terminal, or `COLUMNS` in a file or pipe (else 140). Where there
-is no room, what is alike in all rows is said once above, and lesser columns are left out by name.
+**Tables.** They fit the width of the terminal, or `COLUMNS` in a file or pipe (else 140). Where
+there is no room, what is alike in all rows is said once above, and lesser columns are left out by name.
 A figure that fails its criterion, such as a safety factor below 1, is followed by the word *fails*.
 
 **Exit status.** 0: done. 1: the work failed, or a file could not be read or written. 2: wrong
