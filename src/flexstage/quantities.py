@@ -219,7 +219,5 @@ def beside(value: float, uncertainty: float) -> tuple[str, str]:
     first = math.floor(math.log10(size))
     if not -3 <= first < 6:
         return number(value), number(uncertainty, 2)
-    if first - last > 6:
-        return number(value), within_digits(number(value), uncertainty)
-    decimals = max(-last, 0)
-    return f"{value:.{decimals}f}", f"{uncertainty:.{decimals}f}"
+    text = f"{value:.{max(min(-last, 6 - first), 0)}f}"
+    return text, within_digits(text, uncertainty)

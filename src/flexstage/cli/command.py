@@ -143,8 +143,9 @@ units, or `{"error": {"kind": ..., "message": ..., "status": ...}}`, where `kind
 the error in Python (`UsageError` for a command line that is wrong).
 
 **Tables.** They fit the width of the terminal, or `COLUMNS` in a file or pipe (else 140). Where
-there is no room, what is alike in all rows is said once above, and lesser columns are left out by name.
-A figure that fails its criterion, such as a safety factor below 1, is followed by the word *fails*.
+there is no room, what is alike in all rows is said once above, and lesser columns are left out by
+name. A figure that fails its criterion, such as a safety factor below 1, is followed by the word
+*fails*.
 
 **Exit status.** 0: done. 1: the work failed, or a file could not be read or written. 2: wrong
 input. 130: interrupted. The reason is one sentence on standard error.
