@@ -9,7 +9,14 @@ from typing import Self
 from flexstage.choose import did_you_mean, has_no, nearest, unknown
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.quantities import QUANTITIES, Quantity, beside, display, full_name
+from flexstage.quantities import (
+    QUANTITIES,
+    Quantity,
+    beside,
+    display,
+    full_name,
+    within_digits,
+)
 
 #: Where a value can come from.
 ORIGINS: tuple[str, ...] = (
@@ -79,6 +86,11 @@ class Characteristic:
             )
 
     @property
+    def failing(self) -> str:
+        """What is required, where the value fails the criterion of its quantity; else empty."""
+        return QUANTITIES[self.quantity].failing(self.value)
+
+    @property
     def contribution(self) -> Component | None:
         """What its uncertainty adds to that of whatever is made of it; None where none is known."""
         if self.uncertainty is None:
@@ -134,18 +146,20 @@ class Characteristic:
         return plain
 
     def spread_text(self, shown: Quantity | None = None) -> str:
-        """Write its uncertainty with two digits, in the unit of `text`; empty where none is known.
+        """Write its uncertainty with the digits of `text`; empty where none is known.
 
         Examples
         --------
         >>> Characteristic(quantity="natural_frequency_hz", axis="x", origin="superelement",
         ...     value=353.24, unit="Hz", uncertainty=0.3712).spread_text()
-        '0.37'
+        '0.4'
         """
         if self.uncertainty is None:
             return ""
-        factor = (shown or display(self.quantity)).factor
-        return beside(self.value * factor, self.uncertainty * factor)[1]
+        shown = shown or display(self.quantity)
+        if self.origin == "measured":
+            return beside(self.value * shown.factor, self.uncertainty * shown.factor)[1]
+        return within_digits(self.text(shown), self.uncertainty * shown.factor)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -326,6 +340,20 @@ class Characteristics(tuple[Characteristic, ...]):
         """
         names = [f.name for f in fields(Characteristic)]
         return {name: [getattr(row, name) for row in self] for name in names}
+
+
+def shown_units(rows: Iterable[Characteristic]) -> dict[str, Quantity]:
+    """Return the unit that each quantity of a table is shown in, the same on every axis.
+
+    One in which its values are not tiny; the usual one where some are published, as it is the one
+    that they are printed in.
+    """
+    largest: dict[str, float] = {}
+    for row in rows:
+        size = max(abs(row.value), row.uncertainty or 0.0)
+        size = math.inf if row.origin.startswith("published") else size
+        largest[row.quantity] = max(size, largest.get(row.quantity, 0.0))
+    return {quantity: display(quantity).fitting(size) for quantity, size in largest.items()}
 
 
 def in_order(figures: Iterable[MeasuredCharacteristic]) -> tuple[MeasuredCharacteristic, ...]:

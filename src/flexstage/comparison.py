@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from flexstage.characteristic import ORIGINS, Characteristic
-from flexstage.quantities import QUANTITIES, display
+from flexstage.characteristic import ORIGINS, Characteristic, shown_units
+from flexstage.quantities import QUANTITIES, Quantity, display
 from flexstage.short_repr import short_repr
 from flexstage.table import Table, table
 
@@ -80,6 +80,11 @@ class Comparison:
     def columns(self) -> tuple[str, ...]:
         """All columns, the published ones first."""
         return (*self.published, *self.ours)
+
+    @property
+    def units(self) -> dict[str, Quantity]:
+        """What each quantity is shown in."""
+        return shown_units(cell for row in self.rows for cell in row.cells.values())
 
     @property
     def best(self) -> str:

@@ -23,6 +23,17 @@ class Quantity:
     """What a value in `unit` is multiplied by, to be shown."""
     zero: float = 0.0
     """Magnitude below which a value is rounding and no motion, in `unit`."""
+    at_least: float = -math.inf
+    """What is required of it, in `unit`."""
+    at_most: float = math.inf
+    """What is possible of it, in `unit`."""
+
+    def failing(self, value: float) -> str:
+        """Say what is required where a value in `unit` fails it; empty where none does."""
+        if value < self.at_least:
+            return f"at least {self.at_least * self.factor:g} is required"
+        most = f"at most {self.at_most * self.factor:g} {self.shown_unit} is possible"
+        return most if value > self.at_most else ""
 
     @property
     def heading(self) -> str:
@@ -80,8 +91,8 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("rotation_stroke", "rad", "Stroke in rotation", "µrad", 1e6),
         Quantity("transmission_ratio", "1", "Transmission ratio", "", 1.0),
         Quantity("max_stress", "Pa", "Largest stress", "MPa", 1e-6),
-        Quantity("safety_factor", "1", "Safety factor (yield)", "", 1.0),
-        Quantity("fatigue_safety", "1", "Safety factor (fatigue)", "", 1.0),
+        Quantity("safety_factor", "1", "Safety factor (yield)", "", 1.0, at_least=1.0),
+        Quantity("fatigue_safety", "1", "Safety factor (fatigue)", "", 1.0, at_least=1.0),
         Quantity("resolution", "m", "Resolution", "µm", 1e6),
         Quantity("rotation_resolution", "rad", "Resolution in rotation", "µrad", 1e6),
         Quantity("natural_frequency_hz", "Hz", "Natural frequency", "Hz", 1.0),
@@ -101,9 +112,9 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("thermal_drift", "m/K", "Thermal drift", "nm/K", 1e9, 1e-13),
         Quantity("out_of_plane_frequency_hz", "Hz", "Lowest mode out of plane", "Hz", 1.0),
         Quantity("out_of_plane_stiffness", "N/m", "Stiffness out of plane", "N/µm", 1e-6),
-        Quantity("buckling_factor", "1", "Buckling factor", "", 1.0),
+        Quantity("buckling_factor", "1", "Buckling factor", "", 1.0, at_least=1.0),
         Quantity("drive_force", "N", "Force of the drive", "N", 1.0),
-        Quantity("drive_force_share", "1", "Force over blocking force", "%", 100.0),
+        Quantity("drive_force_share", "1", "Force over blocking force", "%", 100.0, at_most=1.0),
         Quantity("stroke_left", "1", "Stroke left of the free stroke", "%", 100.0),
         Quantity("smallest_neck", "m", "Thinnest neck", "mm", 1e3),
         Quantity("smallest_slot", "m", "Narrowest slot", "mm", 1e3),
@@ -196,6 +207,20 @@ def prefixed(largest: float) -> tuple[float, str]:
     return _PREFIXES[-1] if largest > 0.0 else (1.0, "")
 
 
+def within_digits(value: str, uncertainty: float) -> str:
+    """Write an uncertainty with the decimals of the value beside it: 353.2 ± 0.4, 97.50 ± < 0.01.
+
+    Of a value that is rounding nothing is told.
+    """
+    if value == "≈ 0":
+        return ""
+    if "e" in value or not math.isfinite(uncertainty):
+        return number(uncertainty, 2)
+    decimals = len(value.partition(".")[2])
+    last = 10.0**-decimals
+    return f"{uncertainty:.{decimals}f}" if uncertainty >= 0.5 * last else f"< {last:.{decimals}f}"
+
+
 def beside(value: float, uncertainty: float) -> tuple[str, str]:
     """Write a value and its uncertainty, in one unit, with the same decimals.
 
@@ -211,7 +236,7 @@ def beside(value: float, uncertainty: float) -> tuple[str, str]:
     size = max(abs(value), uncertainty)
     last = math.floor(math.log10(float(f"{uncertainty:.1e}"))) - 1
     first = math.floor(math.log10(size))
-    if not -3 <= first < 6 or first - last > 6:
+    if not -3 <= first < 6:
         return number(value), number(uncertainty, 2)
-    decimals = max(-last, 0)
-    return f"{value:.{decimals}f}", f"{uncertainty:.{decimals}f}"
+    text = f"{value:.{max(min(-last, 6 - first), 0)}f}"
+    return text, within_digits(text, uncertainty)

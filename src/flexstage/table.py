@@ -1,7 +1,7 @@
 """A table as people read it, said once for the terminal, the report, spreadsheets and papers."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from flexstage.errors import ModelError
@@ -19,6 +19,13 @@ class Column:
     """
     group: str = ""
     """Title above the headings of neighbouring columns that share it; empty for none."""
+    spare: bool = False
+    """Whether it may be left out where there is no room."""
+
+    @property
+    def title(self) -> str:
+        """Its whole heading in one line."""
+        return " ".join(f"{self.group} {self.heading}".split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +42,8 @@ class Cell:
     """What stands below it in small print."""
     mark: Literal["", "ours", "variant"] = ""
     """Whether it is set off: as the best that is known here, or as another choice beside it."""
+    failing: str = ""
+    """What is required, where the figure fails it; it is marked by a word and by a colour."""
     names: Mapping[str, str | float] = field(default_factory=dict)
     """What a program that reads the table finds it by: quantity, axis, origin, value in SI."""
 
@@ -96,6 +105,29 @@ class Table:
         before = ["", *subjects[:-1]]
         return tuple(self.divided and s != b for s, b in zip(subjects, before, strict=True))
 
+    def narrower(self) -> Iterator["Table"]:
+        """Yield it whole; with what is alike in all rows said once; without what can be spared."""
+        yield self
+        kept, said = [], []
+        for i, column in enumerate(self.columns):
+            texts = [row[i].text for row in self.rows]
+            # a figure that some rows lack is not said of all
+            told = texts if column.kind == "figures" else [text for text in texts if text]
+            if i and column.title and len(set(told)) == 1 < len(told):
+                said.append(f"{column.title}: {told[0]}")
+            else:
+                kept.append(i)
+        spare = [i for i in kept if self.columns[i].spare]
+        names = dict.fromkeys(self.columns[i].heading for i in spare)
+        not_shown = f"not shown: {', '.join(names)}"
+        for left, more in ((kept, ()), (sorted({*kept} - {*spare}), (not_shown,) * bool(spare))):
+            yield replace(
+                self,
+                caption="; ".join(filter(None, (self.caption.removesuffix("."), *said, *more))),
+                columns=tuple(self.columns[i] for i in left),
+                rows=tuple(tuple(row[i] for i in left) for row in self.rows),
+            )
+
 
 def table(
     caption: str,
@@ -107,8 +139,8 @@ def table(
 ) -> Table:
     """Return a table from headings and cells as they are written.
 
-    A heading is that of a column of words where it is the first or begins with ``<``, which is
-    taken off, and that of figures otherwise.
+    A heading is that of a column of words where it is the first or begins with ``<``, and that of
+    figures otherwise; before that, ``~`` says that the column can be spared. Both are taken off.
 
     Examples
     --------
@@ -127,5 +159,6 @@ def table(
 
 
 def _column(index: int, heading: str) -> Column:
+    spare, heading = heading.startswith("~"), heading.removeprefix("~")
     words = index == 0 or heading.startswith("<")
-    return Column(heading.removeprefix("<"), "words" if words else "figures")
+    return Column(heading.removeprefix("<"), "words" if words else "figures", spare=spare)

@@ -264,6 +264,7 @@ class Page:
             {
                 "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}",
                 "MPLBACKEND": "agg",
+                "COLUMNS": "80",  # as a terminal has it
                 "FLEXSTAGE_CATALOGUE": f"{folder}/.catalogue.sqlite",
                 "FLEXSTAGE_STATE": f"{folder}/.state",
             },

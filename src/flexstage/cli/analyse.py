@@ -35,6 +35,9 @@ if TYPE_CHECKING:
     from flexstage.studies import ModelRun
     from flexstage.system import Analysis
 
+#: Motion under a load that is rounding, in parts of the largest of all loads and probes [1].
+_NOTHING = 1e-5
+
 
 @from_docstring
 def analyse(
@@ -122,9 +125,8 @@ def analyse(
     screen = console()
     for run in runs.values():
         _print(screen, run)
-    for name, why in left_out.items():
-        screen.print(f"note: the {name} model was left out: {why}", markup=False)
-    print_notes(screen, (), files)
+    left = (f"the {name} model was left out: {why}" for name, why in left_out.items())
+    print_notes(screen, left, files)
 
 
 def _printed(
@@ -180,34 +182,27 @@ def _print(screen: "Console", run: "ModelRun") -> None:
 
 
 def _characteristics(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.quantities import display
+    from flexstage.comparison import compare
+    from flexstage.quantities import QUANTITIES
+    from flexstage.report.tables import characteristics_table
 
-    model = analysis.system.model
-    head = ["quantity", "<axis", "value", "<unit", "<condition"]
-    known = any(row.uncertainty is not None for row in analysis.characteristics)
-    if known:
-        head.insert(3, "± mesh")
-    rows = []
-    for row in analysis.characteristics:
-        shown = display(row.quantity)
-        cells = [shown.label, row.axis, shown.text(row.value), shown.shown_unit, row.note]
-        if known:
-            cells.insert(3, row.spread_text(shown))
-        rows.append(cells)
-    if rows:
-        print_table(screen, f"{analysis.stage.name}: {model}", head, rows)
+    title = f"{analysis.stage.name}: {analysis.system.model}"
+    shown = characteristics_table(compare(analysis.characteristics), QUANTITIES, title)
+    if shown is not None:
+        screen.print(on_terminal(shown))
 
 
 def _modes(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.quantities import number
+    from flexstage.quantities import number, within_digits
 
     heads, columns = ["mode"], []
     for name, found in analysis.modes.items():
         heads.append(f"drives {name}")
-        columns.append([number(float(f)) for f in found.frequency_hz[:6]])
+        columns.append(texts := [number(float(f)) for f in found.frequency_hz[:6]])
         if found.uncertainty_hz is not None:
             heads.append("± mesh")
-            columns.append([number(float(u), 2) for u in found.uncertainty_hz[:6]])
+            pairs = zip(texts, found.uncertainty_hz[:6], strict=True)
+            columns.append([within_digits(text, float(u)) for text, u in pairs])
     print_table(
         screen,
         "natural frequencies in Hz",
@@ -252,11 +247,14 @@ def _loads(screen: "Console", analysis: "Analysis") -> None:
     if not found or not any(found.values()):
         return
     probes = list(next(iter(found.values())))
+    # beside gravity and temperature, what is far below them is rounding
+    largest = max(abs(read[p]) for read in found.values() for p in probes)
     turns = any(analysis.system.probe(probe).unit == "rad" for probe in probes)
     rows = []
     for load in analysis.system.loads:
         if (read := found.get(load.name)) is not None:
-            cells = (number(1e6 * read[p], 3) if read[p] else "0" for p in probes)
+            seen = (read[p] if abs(read[p]) >= _NOTHING * largest else 0.0 for p in probes)
+            cells = (number(1e6 * v, 3) if v else "≈ 0" for v in seen)
             rows.append((load.name, load.unit, *cells))
     print_table(
         screen,

@@ -14,9 +14,10 @@ def print_setting(result: dict[str, Any]) -> None:
     whole = result.get("harmonics_with_all")
     _print_harmonics(f"harmonics: {', '.join(result['records'])}", result["harmonics"], whole)
     screen.print(result["convention"], markup=False)
+    unit, _, per = _shown(result["harmonics"])
     screen.print(
         f"{result['samples']} samples over {result['turns']:.2f} turns; left over "
-        f"{result['residual_rms']:.4g} {result['unit']} rms"
+        f"{per * result['residual_rms']:.4g} {unit} rms"
     )
     if "eccentricity" in result:
         _print_centre(result["eccentricity"], result["move"])
@@ -29,36 +30,43 @@ def print_setting(result: dict[str, Any]) -> None:
     if "change" in result:
         _print_change(result["change"])
     if result["outliers"]:
-        screen.print(_outliers(result["outliers"]), style="yellow", markup=False)
+        screen.print(_outliers(result), style="yellow", markup=False)
     print_notes(screen, result["notes"])
 
 
 def _print_harmonics(
     title: str, harmonics: list[dict[str, Any]], whole: list[dict[str, Any]] | None
 ) -> None:
-    radial = any(h["amplitude_um"] is not None for h in harmonics)
-    unit, key = ("µm", "amplitude_um") if radial else ("arcsec", "amplitude_arcsec")
+    unit, key, per = _shown(harmonics)
     heads = ["order", f"amplitude, {unit}", "95 % interval", "phase, deg"]
     rows = []
     for i, h in enumerate(harmonics):
-        per = h[key] / h["amplitude"] if h["amplitude"] else 0.0
         low, high = (per * end for end in h["amplitude_interval"])
         row = [h["order"], f"{h[key]:.5g}", f"{low:.4g} to {high:.4g}", f"{h['phase_deg']:.2f}"]
         rows.append(row if whole is None else [*row, f"{whole[i][key]:.5g}"])
     print_table(console(), title, heads if whole is None else [*heads, "with all samples"], rows)
 
 
-def _outliers(found: list[dict[str, Any]]) -> str:
+def _shown(harmonics: list[dict[str, Any]]) -> tuple[str, str, float]:
+    """Return the unit of harmonics, where they have their amplitude in it, and its size."""
+    radial = any(h["amplitude_um"] is not None for h in harmonics)
+    unit, key = ("µm", "amplitude_um") if radial else ("arcsec", "amplitude_arcsec")
+    return unit, key, next((h[key] / h["amplitude"] for h in harmonics if h["amplitude"]), 0.0)
+
+
+def _outliers(result: dict[str, Any]) -> str:
     """Say how many samples were set aside, where, and which is the largest."""
+    found = result["outliers"]
     places = sorted({round(o["angle_deg"], 2) for o in found})
     most = max(found, key=lambda o: abs(o["residual"]))
     more = len(places) - _PLACES
+    unit, _, per = _shown(result["harmonics"])
     return (
         f"outliers: {len(found)} set aside, at "
         + ", ".join(f"{p:.2f}" for p in places[:_PLACES])
         + (f" deg and {more} places more" if more > 0 else " deg")
         + f"; the largest, sample {most['index']} of '{most['head']}' at {most['angle_deg']:.2f} "
-        f"deg, is {most['residual']:.4g} {most['unit']} off"
+        f"deg, is {per * most['residual']:.4g} {unit} off"
     )
 
 

@@ -31,7 +31,7 @@ def print_trial(result: dict[str, Any]) -> None:
     heads = (
         "order",
         f"change, {unit}",
-        f"left, {unit}",
+        f"~left, {unit}",
         "<follows",
         "<gain",
         "centre x, µm",

@@ -13,18 +13,22 @@ if TYPE_CHECKING:
 
 def print_measurement(screen: "Console", result: "MeasurementComparison", saved: list[str]) -> None:
     """Print figures, tests of positioning, notes, and the files that were written."""
-    from flexstage.quantities import display
+    from flexstage.characteristic import shown_units
+    from flexstage.quantities import beside
     from flexstage.report.tables import column_title
+    from flexstage.table import Column
 
     columns = list(result.references)
-    titles = [f"published\n{column_title(c)}" if c.startswith("published") else c for c in columns]
+    groups = {c: "published" for c in columns if c.startswith("published")}
+    kept = ("published-measured", *columns[-1:])
+    titles = [Column(column_title(c), "figures", groups.get(c, ""), c not in kept) for c in columns]
     rows = []
+    units = shown_units(row.figure for row in result.rows)
     for row in result.rows:
-        shown = display(row.figure.quantity)
+        shown = units[row.figure.quantity]
         estimate = row.figure.estimate
         cells = [
-            shown.text(estimate.value),
-            f"{estimate.expanded * shown.factor:.2g}",
+            *beside(estimate.value * shown.factor, estimate.expanded * shown.factor),
             shown.shown_unit,
         ]
         for name in columns:

@@ -17,6 +17,7 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
     },
     "hinges": {"--angle": "--half-angle", "--kind": "--profile"},
     "equations": {"--format": "--to"},
+    **{name: {"--out": "--folder"} for name in ("optimise", "sensitivity", "sweep", "tolerance")},
     "export": {"--out": "--folder", "--step": "--time-step", "--modes": "--keep-modes"},
     "excite": {
         "--rates": "--loop-rates",
@@ -141,11 +142,16 @@ file is refused before the work.
 units, or `{"error": {"kind": ..., "message": ..., "status": ...}}`, where `kind` is the class of
 the error in Python (`UsageError` for a command line that is wrong).
 
+**Tables.** They fit the width of the terminal, or `COLUMNS` in a file or pipe (else 140). Where
+there is no room, what is alike in all rows is said once above, and lesser columns are left out by
+name. A figure that fails its criterion, such as a safety factor below 1, is followed by the word
+*fails*.
+
 **Exit status.** 0: done. 1: the work failed, or a file could not be read or written. 2: wrong
 input. 130: interrupted. The reason is one sentence on standard error.
 
 **Progress.** A bar on a terminal; else a line where a long part of the work begins and one every
-ten seconds, on standard error. `--quiet` (`-q`) prints none.
+ten seconds, on standard error. `--quiet` (`-q`), which every command takes, prints none.
 """
 
 

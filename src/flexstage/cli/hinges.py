@@ -136,6 +136,9 @@ def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: b
 
 def _print(result: dict[str, Any]) -> None:
     """Print the tables for people."""
+    from flexstage.quantities import number
+    from flexstage.table import Cell
+
     sizes = {
         name.replace("_", " "): f"{1e3 * value:g} mm"
         for name, value in result.items()
@@ -162,14 +165,16 @@ def _print(result: dict[str, Any]) -> None:
             (
                 row["quantity"] if row["quantity"] != last else "",
                 row["method"],
-                "-" if value is None else f"{value * (1e-6 if in_um else 1.0):.5g}",
+                Cell(
+                    "–" if value is None else number(value * (1e-6 if in_um else 1.0), 5),
+                    note=row["validity"],
+                ),
                 "N/um" if in_um else row["unit"],
                 "" if row["method"] == "wedge" else against,
-                row["validity"],
             )
         )
         last = row["quantity"]
-    heads = "quantity", "<method", "stiffness", "<unit", "to wedge", "<valid"
+    heads = "quantity", "<method", "stiffness", "<unit", "to wedge"
     print_table(out, "Stiffness about the neck", heads, rows)
     factors = result["concentration"]
     print_table(

@@ -106,7 +106,7 @@ def _list(
     print_table(
         screen,
         "Built-in designs; 'flexstage new DESIGN' writes a stage file of one",
-        ("<design", "<title", "bodies", "hinges", "drives", "<axes"),
+        ("<design", "<title", "~bodies", "~hinges", "~drives", "<axes"),
         [
             (
                 name,

@@ -34,6 +34,11 @@ def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     each of its fields, which its docstring describes likewise; its `panel` is their section.
     """
     sentence, own = _described(command)
+    # a script may say to every command that no progress is wanted
+    always_quiet = all(parameter.name != "quiet" for parameter in own)
+    if always_quiet:
+        kind = inspect.Parameter.KEYWORD_ONLY
+        own.append(inspect.Parameter("quiet", kind, default=False, annotation=QuietOption))
     groups = {
         parameter.name: parameter.annotation
         for parameter in own
@@ -47,6 +52,8 @@ def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     def run(**given: Any) -> None:
         for name, made in groups.items():
             given[name] = made(**{field.name: given.pop(field.name) for field in fields(made)})
+        if always_quiet:
+            del given["quiet"]
         command(**given)
 
     run.__doc__ = sentence

@@ -1,6 +1,7 @@
 """What commands print and write: tables, JSON and progress; files, refused before the work."""
 
 import json
+import os
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,8 +12,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
     from rich.console import Console
-    from rich.table import Table as RichTable
 
+    from flexstage.cli.tables import Printed
     from flexstage.table import Cell, Column, Table
 import errno
 from pathlib import Path
@@ -27,8 +28,9 @@ def console() -> "Console":
 
     from rich.console import Console
 
-    # a file or a pipe has no width of its own, and a table must not be cut there
-    return Console(highlight=False, width=None if sys.stdout.isatty() else 140)
+    # a file or a pipe has no width of its own, unless COLUMNS says what it is for
+    known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
+    return Console(highlight=False, width=None if known else 140)
 
 
 def print_table(
@@ -43,33 +45,11 @@ def print_table(
     screen.print(on_terminal(table(caption, headings, rows)))
 
 
-def on_terminal(shown: "Table") -> "RichTable":
-    """Return a table as the terminal shows it: its notes below it, groups above the headings."""
-    from rich import box
-    from rich.align import Align
-    from rich.table import Table
-    from rich.text import Text
+def on_terminal(shown: "Table") -> "Printed":
+    """Return a table as the terminal shows it."""
+    from flexstage.cli.tables import Printed
 
-    out = Table(
-        title=Text(shown.caption), box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False
-    )
-    for i, column in enumerate(shown.columns):
-        side = "right" if column.kind == "figures" else "left"
-        head = f"{column.group}\n{column.heading}" if column.group else column.heading
-        out.add_column(
-            # a heading is beside its column, a cell beside the first line of its row
-            Align(Text(head), side, vertical="bottom"),
-            justify=side,
-            # where there is no room a line is broken; no digit is ever left out
-            overflow="fold",
-            no_wrap=i == 0,
-            vertical="top",
-        )
-    for row in shown.rows:
-        out.add_row(*(Text(cell.text) for cell in row))
-    if shown.notes:
-        out.caption, out.caption_justify = Text("; ".join(shown.notes)), "left"
-    return out
+    return Printed(shown)
 
 
 def count(number: int, noun: str) -> str:
@@ -89,12 +69,19 @@ def print_json(value: Any) -> None:
     typer.echo(json.dumps(value, indent=2, allow_nan=False))
 
 
+def print_text(screen: "Console", text: str, style: str = "") -> None:
+    """Print a text, broken where a line may end."""
+    from flexstage.cli.tables import wrapped
+
+    screen.print("\n".join(wrapped(text, screen.width)), style=style or None, markup=False)
+
+
 def print_notes(
     screen: "Console", notes: "Iterable[str]", files: "Iterable[object]" = (), *, style: str = "dim"
 ) -> None:
     """Print notes, and which files were written."""
     for note in notes:
-        screen.print(f"note: {note}", style=style, markup=False)
+        print_text(screen, f"note: {note}", style)
     for file in files:
         screen.print(f"wrote {file}", markup=False, soft_wrap=True)
 

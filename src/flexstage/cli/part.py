@@ -13,6 +13,7 @@ from flexstage.cli.output import (
     console,
     picture,
     print_json,
+    print_notes,
     print_table,
     progress_bar,
     write_file,
@@ -233,12 +234,11 @@ def _found(screen: "Console", found: "PartAnalysis") -> None:
     kinds_said = (
         "; what is built is as a rule between rigid and mean interfaces" if len(kinds) > 1 else ""
     )
-    screen.print(
-        f"note: {found.elements} elements of order {found.order}, {found.unknowns} unknowns; small "
-        f"displacements, isotropic materials{kinds_said}",
-        style="dim",
-        markup=False,
+    said = (
+        f"{found.elements} elements of order {found.order}, {found.unknowns} unknowns; small "
+        f"displacements, isotropic materials{kinds_said}"
     )
+    print_notes(screen, [said])
 
 
 def _ratio(screen: "Console", found: "PartAnalysis") -> None:

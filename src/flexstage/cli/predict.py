@@ -20,6 +20,7 @@ from flexstage.cli.output import (
     picture,
     print_json,
     print_notes,
+    print_text,
     write_file,
 )
 from flexstage.cli.reading import (
@@ -197,6 +198,6 @@ def print_predictions(
 
     screen.print(on_terminal(predictions_table(found, title)))
     for p in found:
-        for line in prediction_in_words(p, model):
-            screen.print(line, markup=False, soft_wrap=True)
+        for said in prediction_in_words(p, model):
+            print_text(screen, said)
         print_notes(screen, p.notes, style="yellow")

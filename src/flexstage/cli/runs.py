@@ -274,7 +274,7 @@ def calibrations(
         rows = [_plain_calibration(entry) for entry in found]
         print_json({"catalogue": where, "calibrations": rows})
         return
-    heads = "what", "value", "standard uncertainty", "<unit", "<stage", "<serial number"
+    heads = "what", "value", "standard uncertainty", "<unit", "<stage", "~<serial number"
     rows = (
         (
             entry.what,
@@ -289,7 +289,7 @@ def calibrations(
         for entry in found
     )
     title = f"{count(len(found), 'calibration')} in {where}"
-    print_table(console(), title, (*heads, "<valid from, UTC", "<run"), rows)
+    print_table(console(), title, (*heads, "<valid from, UTC", "~<run"), rows)
 
 
 def _time(text: str | None) -> datetime | None:

@@ -1,7 +1,8 @@
 """`flexstage study`: every model of a stage beside what was published, with a report."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -23,13 +24,6 @@ from flexstage.cli.output import (
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.files.names import file_name
-
-if TYPE_CHECKING:
-    from flexstage.studies import Comparison
-    from flexstage.table import Table
-
-_LABELS = 38  # characters of a row's quantity and axis
-_COLUMN = 12  # and of a value, with the space beside it
 
 
 @from_docstring
@@ -75,7 +69,9 @@ def study(
     """
     from flexstage.cache import Memory, open_cache
     from flexstage.files.write import require_writable, write_files
+    from flexstage.quantities import QUANTITIES
     from flexstage.report.study import study_files
+    from flexstage.report.tables import characteristics_table, differences_table
     from flexstage.studies import run_study
     from flexstage.studies.results import characteristic_row
 
@@ -116,73 +112,28 @@ def study(
         return
     screen = console()
     title = f"{described.name}: {described.title}" if described.title else described.name
-    for table in comparison_tables(result.comparison, title, width=screen.width):
-        screen.print(on_terminal(table))
+    for shown in (
+        characteristics_table(result.comparison, QUANTITIES, title),
+        differences_table(result.comparison),
+    ):
+        if shown is not None:
+            # the conditions of every figure stand in the report
+            rows = tuple(tuple(replace(cell, note="") for cell in row) for row in shown.rows)
+            screen.print(on_terminal(replace(shown, rows=rows, notes=())))
     if result.traditional is not None:
         from flexstage.report.traditional import claim_table
         from flexstage.studies.traditional_verdict import claim_verdict
 
         screen.print(on_terminal(claim_table(result.traditional)))
         screen.print(claim_verdict(result.traditional), markup=False)
-    if not described.axes:
-        screen.print("note: the stage names no axis, so there are modes only; see the report")
-    for model, why in result.left_out.items():
-        screen.print(f"note: the {model} model was left out: {why}", markup=False)
+    notes = [f"the {model} model was left out: {why}" for model, why in result.left_out.items()]
     for axis, why in result.experiments_left_out.items():
-        screen.print(f"note: the hysteresis of axis {axis} was left out: {why}", markup=False)
+        notes.append(f"the hysteresis of axis {axis} was left out: {why}")
+    if not described.axes:
+        notes.append("the stage names no axis, so there are modes only; see the report")
     if result.read:
-        screen.print(
-            f"note: {', '.join(result.read)}: read from the cache, as computed before of the same "
-            "description; --no-cache computes them again",
-            markup=False,
+        notes.append(
+            f"{', '.join(result.read)}: read from the cache, as computed before of the same "
+            "description; --no-cache computes them again"
         )
-    print_notes(screen, described.notes, files)
-
-
-def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> list["Table"]:
-    """Return a comparison as a table for the terminal, or as two where it is too narrow for one.
-
-    A row for each quantity and axis: the values, and the difference of our best column to each
-    published one. `width` is that of the terminal in characters.
-    """
-    from flexstage.quantities import display
-    from flexstage.report.tables import column_title, percent
-    from flexstage.table import table
-
-    published, first = comparison.published, comparison.best
-    ours = comparison.ours
-    room = width - _LABELS
-    if _COLUMN * (len(published) + len(ours)) > room:
-        ours = comparison.models  # another choice in the same model stands in the report
-    values = [*(f"published\n{column_title(c)}" for c in published)]
-    values += [column.replace(", ", ",\n") for column in ours]
-    differences = [f"{first} to\n{column_title(c)}" for c in published]
-    split = _COLUMN * (2 * len(published) + len(ours)) > room and bool(published)
-    head = ["quantity", "<axis"]
-    beside = differences
-    if split:
-        differences = [f"{m} to\n{column_title(c)}" for c in published for m in comparison.models]
-        if _COLUMN * len(differences) > room:
-            differences = [f"{first} to\n{column_title(c)}" for c in published]
-    remarks: list[str] = []
-    figures: list[tuple[str, ...]] = []
-    apart: list[tuple[str, ...]] = []
-    for row in comparison.rows:
-        shown = display(row.quantity)
-        label = f"{shown.label} ({shown.shown_unit})" if shown.shown_unit else shown.label
-        if row.remark:
-            remarks.append(row.remark)
-            label += f" [{len(remarks)}]"
-        texts = [shown.text(row.value(column)) for column in (*published, *ours)]
-        models = comparison.models if len(differences) > len(published) else (first,)
-        signed = [percent(row.difference_percent(m, c)) for c in published for m in models]
-        figures.append((label, row.axis, *texts, *(() if split else signed)))
-        if any(signed):
-            apart.append((label, row.axis, *signed))
-    notes = (f"[{i}] {remark}" for i, remark in enumerate(remarks, start=1))
-    if not split:
-        return [table(title, (*head, *values, *beside), figures, notes=notes)]
-    return [
-        table(title, (*head, *values), figures, notes=notes),
-        table("differences", (*head, *differences), apart),
-    ]
+    print_notes(screen, (*notes, *described.notes), files)

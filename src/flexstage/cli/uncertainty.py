@@ -166,7 +166,7 @@ def _constants(budget: "Budget") -> list[str]:
 
 def _print(screen: "Console", result: dict[str, Any]) -> None:
     unit = "" if result["unit"] == "1" else f" {result['unit']}"
-    heads = "influence", "value", "std. uncertainty", "<unit", "<distribution", "<kind", "dof"
+    heads = "influence", "value", "std. uncertainty", "<unit", "~<distribution", "~<kind", "~dof"
     shares = "sensitivity", f"contribution,{unit or ' 1'}", "share, %"
     rows = (
         (
@@ -187,7 +187,8 @@ def _print(screen: "Console", result: dict[str, Any]) -> None:
     percent = f"{100.0 * result['confidence']:g} %"
     summary = []
     gum, drawn = result["gum"], result["monte_carlo"]
-    digits = _decimals(gum["standard_uncertainty"] or drawn["standard_uncertainty"])
+    u = gum["standard_uncertainty"] or drawn["standard_uncertainty"]
+    digits = max(0, 2 - math.floor(math.log10(u))) if u > 0.0 else 99
     for name, one, ends in (
         ("GUM, first order", gum, gum["interval"]),
         ("Monte Carlo", drawn, drawn["interval"]),
@@ -203,13 +204,6 @@ def _print(screen: "Console", result: dict[str, Any]) -> None:
         screen.print(f"effective degrees of freedom {freedom:.1f}", markup=False)
     screen.print(_verdict(result), markup=False)
     print_notes(screen, result["notes"], result["files"])
-
-
-def _decimals(uncertainty: float) -> int:
-    """Decimals that show three digits of an uncertainty."""
-    if uncertainty <= 0.0:
-        return 99
-    return max(0, 2 - math.floor(math.log10(uncertainty)))
 
 
 def _verdict(result: dict[str, Any]) -> str:

@@ -135,7 +135,7 @@ NOTES = (
     "and the drives removed, and under no other condition that was tried.",
     "The smallest step of the screws, 0.35 mm/720 or half a degree of a turn, is inferred: it "
     "makes all three published resolutions follow from the published ratios.",
-    "Stress in percent of the yield strength of 505 MPa, as published: analytic 90; finite "
+    "Published stress in percent of the yield strength of 505 MPa: analytic 90; finite "
     "elements 92.57 in x and 76.11 in y.",
     "Published claim: motion errors 44 % below those of a traditional stage, which is not named.",
     "Published differences of the measured workspace: to the analytic one 5.17 % in x and 3.62 % "

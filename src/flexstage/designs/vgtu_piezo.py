@@ -122,7 +122,7 @@ NOTES = (
     "and the drives removed, and under no other condition that was tried.",
     "The stacks are taken to be PI PICMA P-887.91, 36 mm long: the study names only P-887 and a "
     "stroke of 38 um; the type is inferred from that stroke and the length of the pocket.",
-    "Stress in percent of the yield strength, as published: finite elements 41.2 in x and 32.3 in "
+    "Published stress in percent of the yield strength: finite elements 41.2 in x and 32.3 in "
     "y; of 505 MPa, on which those of the mechanical stage rest, they would be 41.8 and 32.7.",
     "Published differences of the measured workspace: to the analytic one 2.89 % in x and 6.3 % in "
     "y, to finite elements 2.13 %, where its figures give 2.29 %, and 2.87 %; of the natural "

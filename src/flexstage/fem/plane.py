@@ -127,5 +127,5 @@ def common_validity(stage: Stage, held: str) -> tuple[str, ...]:
         f"Damping of {ratio:g} % in every mode is an assumption: it sets the height of the "
         "resonances.",
         *(corners if sharp else ()),
-        *stage.notes,
+        *stage.own_notes,
     )

@@ -347,4 +347,4 @@ def _validity(stage: Stage, method: str, planes: list[str], damping: Damping) ->
         notes.append(
             "Damping of 1 % in every mode is an assumption: it sets the height of the resonances."
         )
-    return (*notes, *stage.notes)
+    return (*notes, *stage.own_notes)

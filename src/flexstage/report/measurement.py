@@ -5,8 +5,9 @@ from typing import Any
 
 import flexstage
 from flexstage.cache.memory import Memory
+from flexstage.characteristic import shown_units
 from flexstage.experiments.campaign.results import TestResult
-from flexstage.quantities import beside, display, number
+from flexstage.quantities import Quantity, beside, number
 from flexstage.report.page import page_html
 from flexstage.report.positioning import positioning_tables
 from flexstage.report.tables import column_title
@@ -83,7 +84,9 @@ def _figures(result: MeasurementComparison) -> Iterator[Content]:
     for origin in references:
         group = "published" if origin.startswith("published") else "computed here"
         heads.append(Column(column_title(origin), group=group))
-    rows = (_cells(row, references) for row in result.rows)
+    of = (c for row in result.rows for c in (row.figure, *row.references.values()))
+    units = shown_units(of)
+    rows = (_cells(row, references, units[row.figure.quantity]) for row in result.rows)
     yield table("", (*_LABELS, *heads), rows, divided=True)
     if references:
         yield (
@@ -94,15 +97,13 @@ def _figures(result: MeasurementComparison) -> Iterator[Content]:
         yield "Simulated, not measured: no figure is compared with a model or a publication."
 
 
-def _cells(row: MeasuredRow, origins: tuple[str, ...]) -> list[Cell | str]:
+def _cells(row: MeasuredRow, origins: tuple[str, ...], shown: Quantity) -> list[Cell | str]:
     estimate = row.figure.estimate
-    sizes = [abs(estimate.value), *(abs(other.value) for other in row.references.values())]
-    shown = display(row.figure.quantity).fitting(max(sizes))
     value, spread = beside(shown.factor * estimate.value, shown.factor * estimate.expanded)
     cells: list[Cell | str] = [
         f"{shown.heading}, assumed" if row.assumed else shown.heading,
         row.figure.axis,
-        Cell(value, note=estimate.note, mark="ours"),
+        Cell(value, note=estimate.note, mark="ours", failing=row.figure.failing),
         Cell(spread, mark="ours"),
     ]
     for origin in origins:
@@ -133,9 +134,10 @@ def _budgets(result: MeasurementComparison) -> Table:
         dict.fromkeys(c.name for row in result.rows for c in row.figure.estimate.components)
     )
     rows = []
+    units = shown_units(row.figure for row in result.rows)
     for row in result.rows:
         estimate = row.figure.estimate
-        shown = display(row.figure.quantity).fitting(abs(estimate.value))
+        shown = units[row.figure.quantity]
         own: dict[str, float] = {}
         for c in estimate.components:
             own[c.name] = (own.get(c.name, 0.0) ** 2 + c.uncertainty**2) ** 0.5

@@ -201,10 +201,7 @@ def _variables(found: Optimum) -> Table:
         (
             variable.name,
             variable.unit,
-            _length(variable, variable.low),
-            _length(variable, start),
-            _every_digit(variable, best),
-            _length(variable, variable.high),
+            *(_every_digit(variable, v) for v in (variable.low, start, best, variable.high)),
             at_bound.get(variable.name, ""),
         )
         for variable, start, best in zip(
@@ -221,10 +218,6 @@ def _every_digit(variable: Variable, value: float) -> str:
     rounded = f"{shown:.3f}"
     decimals = variable.unit in ("mm", "deg") and abs(float(rounded) - shown) < 1e-9
     return rounded if decimals else f"{shown:.12g}"
-
-
-def _length(variable: Variable, value: float) -> str:
-    return number(value * variable.factor)
 
 
 def _front(found: Front) -> Table:

@@ -20,12 +20,12 @@ def dry_run_table(found: "DryRun", title: str) -> Table:
     planned: list[tuple[str, ...]] = []
     for step in found.steps:
         lasting = step.duration or step.command_duration
-        time = f"{lasting:.4g}" if lasting else ""
+        time = f"{lasting:.2f}" if lasting else ""
         rows: list[PlannedMotion | None] = [*step.motions] if step.verb == "excite" else []
         for k, motion in enumerate(rows or [None]):
             head = (step.name, step.verb, step.what, time) if k == 0 else ("", "", "", "")
             planned.append((*head, *_motion(motion)))
-    heads = "step", "<verb", "<what", "time, s", "<axis", "from", "to", "slope", "<allowed"
+    heads = "step", "~<verb", "<what", "time, s", "<axis", "from", "to", "slope", "<allowed"
     caption = f"{title}, {found.stage}: {found.duration:.0f} s of motion and records"
     return table(caption, heads, planned)
 
@@ -36,14 +36,19 @@ def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
     scale, unit = (1.0, "V") if motion.unit == "V" else (1e6, "um")
     low, high = (scale * v for v in motion.limits)
     about = "about " if motion.estimated else ""
-    limit = "" if motion.rate_limit is None else f", {scale * motion.rate_limit:.4g} {unit}/s"
+    limit = "" if motion.rate_limit is None else f", {_plain(scale * motion.rate_limit)} {unit}/s"
     return (
         motion.axis,
-        f"{scale * motion.low:.4g} {unit}",
-        f"{scale * motion.high:.4g} {unit}",
-        f"{scale * motion.largest_rate:.4g} {unit}/s",
-        f"{about}{low:.4g} to {high:.4g} {unit}{limit}",
+        f"{_plain(scale * motion.low)} {unit}",
+        f"{_plain(scale * motion.high)} {unit}",
+        f"{_plain(scale * motion.largest_rate)} {unit}/s",
+        f"{about}{_plain(low)} to {_plain(high)} {unit}{limit}",
     )
+
+
+def _plain(value: float) -> str:
+    """Write a number with up to four digits, and a long one without an exponent."""
+    return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
 
 
 def figures_table(result: "PlanResult") -> Table:
@@ -73,7 +78,7 @@ def _figure(result: "PlanResult", figure: "MeasuredCharacteristic") -> tuple[str
 
 def runs_table(found: "Iterable[RunEntry]", caption: str) -> Table:
     """Return runs of a catalogue."""
-    heads = "run", "<start, UTC", "<stage", "<serial", "<kind", "<axis", "samples", "<status"
+    heads = "run", "<start, UTC", "<stage", "~<serial", "<kind", "<axis", "~samples", "~<status"
     rows = (
         (
             entry.identifier[:8],
@@ -89,7 +94,7 @@ def runs_table(found: "Iterable[RunEntry]", caption: str) -> Table:
         )
         for entry in found
     )
-    return table(caption, (*heads, "<origin", "<step"), rows)
+    return table(caption, (*heads, "~<origin", "<step"), rows)
 
 
 def shown_time(time: datetime) -> str:

@@ -84,13 +84,13 @@ def report_html(study: Study, memory: Memory | None = None) -> str:
     chapters: list[_WrittenChapter] = []
     for key, chapter in CHAPTERS.items():
         if sections := tuple(s for k in chapter.sections if (s := study_section(study, k)).content):
-            title = f"{len(chapters) + 1} {chapter.title}"
+            title = f"{len(chapters) + 1}\u00a0{chapter.title}"
             finding = FINDINGS[key](study)
             chapters.append(
                 _WrittenChapter(key=key, title=title, finding=finding, sections=sections)
             )
     free = sum(not body.fixed for body in stage.bodies)
-    drives = f"{len(stage.drives)} drive{'s'[len(stage.drives) == 1 :]}"
+    drives = f"{len(stage.drives)}\u00a0drive{'s'[len(stage.drives) == 1 :]}"
     return page_html(
         template="study.html",
         title=f"{stage.name}: flexstage study",

@@ -270,13 +270,15 @@ def _rows(sweep: Sweep) -> Table:
     shown = sweep.moving[:_COLUMNS]
     quantities = [sweep.shown(k) for k in shown]
     headings = [sweep.figures[k].heading_in(q) for k, q in zip(shown, quantities, strict=True)]
+    places = [_place(sweep, row, 0) for row in chosen]
+    decimals = max(len(place.partition(".")[2]) for place in places)
     rows = []
-    for row in chosen:
+    for row, place in zip(chosen, places, strict=True):
         cells = [
             q.text(float(sweep.values[row, k])) if possible[row] else "–"
             for k, q in zip(shown, quantities, strict=True)
         ]
-        rows.append([_place(sweep, row, 0), *cells])
+        rows.append([f"{float(place):.{decimals}f}", *cells])
     of = f"{len(rows)} of {len(order)} points" if len(rows) < len(order) else ""
     return table(of, [variable.heading, *headings], rows)
 

@@ -35,7 +35,7 @@ _TITLES = {
 MANUFACTURE = frozenset(("straightness", "straightness_out_of_plane", "linearity"))
 _LABELS = (Column("Quantity", "long words"), "<Axis")
 _SPREAD_NOTE = (
-    "± in small print: of a model the estimate of what its mesh leaves out, or, of a stress that "
+    "±: of a model the estimate of what its mesh leaves out, or, of a stress that "
     "has none, by how much the elements about its point differ; of a measurement the standard "
     "uncertainty."
 )
@@ -95,11 +95,12 @@ def characteristics_table(
     for column in comparison.columns:
         if any(column in row.cells for row in rows):
             group = "published" if column in comparison.published else "here, by model"
-            heads.append(Column(column_title(column), group=group))
+            heads.append(Column(column_title(column), group=group, spare=column in others))
             marks[column] = "ours" if column == ours else "variant" if column in others else ""
     lines = []
+    units = comparison.units
     for row in rows:
-        shown = shown_in(row)
+        shown = units[row.quantity]
         values = (_value(row, column, shown, mark) for column, mark in marks.items())
         lines.append((*_label(row, shown), *values))
     spread = any(isinstance(cell, Cell) and cell.small for line in lines for cell in line[2:])
@@ -116,7 +117,11 @@ def differences_table(comparison: Comparison) -> Table | None:
     models = comparison.models
     # the longest name may be broken, or the last column stands outside the page
     heads = [
-        Column(m.replace("superelement", "super\u00adelement"), group=f"to {column_title(c)}")
+        Column(
+            m.replace("superelement", "super\u00adelement"),
+            group=f"to {column_title(c)}",
+            spare=m != comparison.best,
+        )
         for c in comparison.published
         for m in models
     ]
@@ -151,9 +156,10 @@ def published_table(comparison: Comparison) -> Table | None:
         Column("remark", "long words"),
     ]
     lines = []
+    units = comparison.units
     for row in shared_rows(comparison.rows):
         if any(column in row.cells for column in comparison.published):
-            shown = shown_in(row)
+            shown = units[row.quantity]
             cells = [*_label(row, shown), *(_value(row, c, shown) for c in comparison.published)]
             cells += [percent(row.difference_percent(a, b)) for a, b in pairs]
             remarks = (row.cells[c].note for c in comparison.published if c in row.cells)
@@ -220,20 +226,10 @@ def necks_table(drawn: "DrawnStage", caption: str = "") -> Table:
         for hinge, neck in zip(drawn.stage.hinges, drawn.necks, strict=True)
     ]
     headings = (
-        *("neck", "bodies", "at, mm", "profile", "thickness, mm"),
-        *("off, um", "body/neck", "certainty"),
+        *("neck", "~<bodies", "at, mm", "<profile", "thickness, mm"),
+        *("off, um", "body/neck", "<certainty"),
     )
     return table(caption, headings, rows)
-
-
-def shown_in(row: ComparisonRow) -> Quantity:
-    """Return the unit that a row is shown in: one in which its values are not tiny.
-
-    The usual one where some are published, as it is the one that they are printed in.
-    """
-    if any(column.startswith("published") for column in row.cells):
-        return display(row.quantity)
-    return display(row.quantity).fitting(max(abs(cell.value) for cell in row.cells.values()))
 
 
 def _profile_text(profile: Profile) -> str:
@@ -263,6 +259,7 @@ def _value(
         note=cell.note,
         small=f"± {spread}" if (spread := cell.spread_text(shown)) else "",
         mark=mark,
+        failing=cell.failing,
         names={
             "quantity": row.quantity,
             "axis": row.axis,

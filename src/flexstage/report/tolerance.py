@@ -25,7 +25,7 @@ def spread_table(study: ToleranceStudy) -> Table:
     """Return how every figure is spread."""
     return table(
         f"{study.stage.name}: {study.samples} stages as they come from the machine.",
-        ("figure", "as drawn", "mean", "95 % lie from", "to", "standard deviation", "in parts"),
+        ("figure", "as drawn", "mean", "95 % lie from", "to", "standard deviation", "~in parts"),
         [(spread.figure.heading, *_cells(spread)) for spread in study.spreads],
         notes=tuple(_few(study)),
     )

@@ -266,7 +266,7 @@ class Stage:
     published: tuple[Characteristic, ...] = ()
     """Figures that others have given for it."""
     notes: tuple[str, ...] = ()
-    """Remarks that belong to every result of it."""
+    """Remarks that belong to every result of it; those that begin with Published to a study."""
 
     # how a notebook shows a stage; set by the room that draws
     _notebook_html: ClassVar["Callable[[Stage], str] | None"] = None
@@ -301,6 +301,11 @@ class Stage:
             for name in a.moved_by:
                 _known(f"axis '{a.name}'", "drive", name, drives)
             _known(f"axis '{a.name}'", "probe", a.probe, probes)
+
+    @property
+    def own_notes(self) -> tuple[str, ...]:
+        """Its remarks without those on what was published."""
+        return tuple(note for note in self.notes if not note.startswith("Published"))
 
     def body(self, name: str) -> Body:
         """Return a body by name.
