@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.output import print_notes, print_table
+from flexstage.cli.output import on_terminal, print_notes, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 def print_measurement(screen: "Console", result: "MeasurementComparison", saved: list[str]) -> None:
     """Print figures, tests of positioning, notes, and the files that were written."""
     from flexstage.quantities import display
+    from flexstage.report.measurement import stroke_ranges
     from flexstage.report.tables import column_title
 
     columns = list(result.references)
@@ -38,6 +39,8 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
             "Differences of what was measured to each model and publication; * significant at 95 %."
         )
     for measured in result.found.results:
+        if (ranges := stroke_ranges(measured)) is not None:
+            screen.print(on_terminal(ranges))
         if "positioning" in measured.details:
             _print_positioning(screen, measured)
     print_notes(screen, result.notes, saved)
