@@ -184,7 +184,7 @@ def frf(
                     "count": count,
                     "frequency_guess": guesses,
                     "weighting": _weighting(weight),
-                    "delay": delay,
+                    "delay": delay or None,
                     "lag": lag,
                     # a delay turns the phase as complex modes do: only modes in phase tell the two
                     # apart

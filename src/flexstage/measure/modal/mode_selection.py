@@ -35,6 +35,9 @@ _SIDE, _TRIALS = 3.0, 3
 _NOWHERE = 0.3
 # damping below which a pole makes a peak, and correlation of residues that tells no two modes apart
 _PEAKED, _ALIKE = 0.5**0.5, 0.9
+# a pole beside those asked for takes part where what is left falls to half by it, and on the peak
+# of one of those only where it is so many times as wide
+_EARNED, _BROAD = 1.0, 10.0
 # so many poles are refined together before any is taken away; of more, the weakest go first
 _REFINED = 30
 
@@ -206,6 +209,38 @@ def cleaned(
     return basis, theta
 
 
+def asked_for(
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], guess: Sequence[float]
+) -> tuple[ModalBasis, Array]:
+    """Leave the poles that guesses [Hz] mean, and others that explain half of what those leave.
+
+    That a pole is significant is not enough for it: in a response with little noise whatever the
+    model lacks is, and a pole that stands on the peak of another takes a part of its damping.
+    """
+    places = [nearest_pole(basis, theta, frequency) for frequency in guess]
+    own = list(dict.fromkeys(place for place in places if place is not None))
+    order = [*own, *(n for n in range(basis.count) if n not in own)]
+    theta = theta.reshape(-1, 2)[order].ravel()
+    while True:
+        theta = minimise(basis, theta, blocks, rough=True)[0]
+        if basis.count == len(own):
+            return basis, rising(theta)
+        poles = basis.poles(theta)[:, 0]
+        width, place = -poles.real, poles.imag
+        found = [eliminate(basis, theta, block) for block in blocks]
+        total = sum(now.total for now in found)
+        earned = significances(basis, theta, blocks) * noise_level(basis, blocks, found) / total
+        for n in range(len(own), basis.count):
+            wide = np.maximum(width[n], width[: len(own)])
+            shared = np.abs(place[n] - place[: len(own)]) < _SIDE * wide
+            if np.any(shared & (width[n] < _BROAD * width[: len(own)])):
+                earned[n] = 0.0
+        weakest = len(own) + int(np.argmin(earned[len(own) :]))
+        if earned[weakest] > _EARNED:
+            return basis, rising(theta)
+        basis, theta = without(basis, theta, [weakest])
+
+
 def _needless(
     basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], strength: Array
 ) -> NDArray[np.bool_]:
@@ -339,22 +374,22 @@ def _falls(
     basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], candidates: Complex
 ) -> tuple[Array, float]:
     """By how much each pole would lower the sum of squares, and the mean square of noise."""
-    one = replace(basis, count=1, residuals=False)
+    every = replace(basis, count=candidates.size, residuals=False)
     falls = np.zeros(candidates.size)
     total, values = 0.0, 0
     for block in blocks:
         now = eliminate(basis, theta, block)
         total += now.total
         values += 2 * now.residual.size - basis.linear * now.residual.shape[1]
-        weighted = now.square * now.residual
         square = now.square[:, : now.inverse.shape[0]]
-        for n, pole in enumerate(candidates):
-            pair = one.functions(one.start(np.array([pole])), block.s)
-            right = (pair.conj().T @ weighted).real.T[:, :, None]
-            cross = gram_of(now.functions, pair, square)
-            own = gram_of(pair, pair, square)
+        pairs = every.functions(every.start(candidates), block.s)
+        right = (pairs.conj().T @ (now.square * now.residual)).real.T[:, :, None]
+        crossed, owned = gram_of(now.functions, pairs, square), gram_of(pairs, pairs, square)
+        for n in range(candidates.size):
+            pair = slice(basis.per_mode * n, basis.per_mode * (n + 1))
+            cross, own = crossed[:, :, pair], owned[:, pair, pair]
             left = own - cross.transpose(0, 2, 1) @ now.inverse @ cross
             # a candidate like one that is there has nothing of its own
             lifted = left + 1e-9 * own * np.eye(own.shape[1])
-            falls[n] += float(np.sum(right * np.linalg.solve(lifted, right)))
+            falls[n] += float(np.sum(right[:, pair] * np.linalg.solve(lifted, right[:, pair])))
     return falls, max(total / max(values - basis.size, 1), rounding_level(blocks))
