@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from flexstage import progress
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
@@ -304,6 +305,27 @@ def test_a_mode_that_is_only_a_flank():
     assert not _on_flank(mode(435.0, 0.073, 90.0), sharp)
     assert not _on_flank(mode(300.0, 0.073, 30.0), sharp)
     assert not _on_flank(mode(435.0, 0.01, 30.0), sharp)
+
+
+def test_many_modes_are_refined_where_the_model_changes():
+    """More than are refined together: each is found, and whoever waits sees how far it is."""
+    rng = np.random.default_rng(4)
+    f, zeta = 40.0 + 22.3 * np.arange(20) + rng.uniform(-5, 5, 20), rng.uniform(0.004, 0.012, 20)
+    lines = np.arange(20.0, 500.0, 0.4)
+    s, w = 2j * np.pi * lines[:, None], 2.0 * np.pi * f
+    size = rng.uniform(0.4, 1.0, (20, 2)) * rng.choice([-1.0, 1.0], (20, 2))
+    h = (w * w / (s * s + 2.0 * zeta * w * s + w * w)) @ size
+    h = h + 0.02 * (rng.standard_normal(h.shape) + 1j * rng.standard_normal(h.shape))
+    record = MeasuredResponse(
+        frequency_hz=lines, response=h[:, :, None], inputs=("u",), outputs=("a", "b")
+    )
+    shares = []
+    with progress.listen(lambda _, done: shares.append(done)):
+        fit = fit_modes(record)
+    assert [m.frequency_hz.value for m in fit.modes] == pytest.approx(f, rel=1e-3)
+    assert [m.damping_ratio.value for m in fit.modes] == pytest.approx(zeta, rel=0.1)
+    assert shares == sorted(shares)
+    assert len(set(shares)) > 4
 
 
 def test_a_peak_without_a_mode_is_said():

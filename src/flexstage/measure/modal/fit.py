@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
@@ -45,7 +46,7 @@ _NEAR = 0.1
 # share of a response that a fit may leave before it is said
 _UNEXPLAINED = 0.2
 # half-power widths of a broad mode within which a sharper one may be all that it stands for
-_FLANK = 3.0
+_FLANK = 2.0
 # over its median, a response of noise alone has no line as high as this
 _PEAK = 5.0
 
@@ -98,8 +99,8 @@ def fit_modes(
     lag : bool
         Whether a common lag 1 / (1 + i omega T) of the outputs is fitted too.
     weighting : {"variance", "uniform", "relative"}
-        Whether lines count by the variance they come with, all alike until the fit shows their
-        noise, or by the inverse of their magnitude, down to where they scatter.
+        Whether lines count by the variance they come with or else by what the fit shows of their
+        noise, all alike, or by the inverse of their magnitude, down to where they scatter.
     residuals : bool
         Whether there are terms for modes beyond the band.
     real_modes : bool
@@ -185,13 +186,14 @@ def fit_modes(
         "guess": frequency_guess,
     }
     if delay or lag:
-        found = search_with_sensor(parts, template, (real_modes, delay, lag), options)
+        found = search_with_sensor(parts, template, (real_modes, bool(delay), lag), options)
     else:
         found = search(parts, template, **options)
     falls = "" if delay else steady_phase(found.shown, template, parts)
     hints = [f"{falls}: try the option delay"] if falls else []
     if falls and delay is None and not lag and wanted is None:
-        late = search_with_sensor(parts, template, (True, True, False), options)
+        with progress.subtask(0.85, 0.9):
+            late = search_with_sensor(parts, template, (True, True, False), options)
         if likelier(late, found):
             found, hints = late, [f"{falls}: it is fitted too, with modes in phase"]
     basis = found.basis

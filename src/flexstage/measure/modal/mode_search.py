@@ -49,6 +49,8 @@ _LIKELY = 2
 _LAGS = np.array([0.0, 0.15, 0.5, 1.5, 4.0])
 # how often modes are looked for again, with delay and lag taken off
 _AGAIN = 4
+# share of the work that is left after each time
+_PART = 0.7
 # a pole that a window shows ranks with one that half of the orders have where it is this much
 # likelier than none
 _SURE = 100.0
@@ -223,14 +225,14 @@ def search_with_sensor(
     begins = [first.start(poles)]
     if delay:
         begins = likely_delays(first, begins[0], parts)
-    tried = [_searched(first, begin, parts, template, options) for begin in begins]
+    tried = [_searched(first, begin, parts, template, options, n) for n, begin in enumerate(begins)]
     best = min(tried, key=lambda one: one.cost)
     weighed = tuple(map(_weighed_as, parts, best.found.parts))
     best = replace(best, cost=math.inf)
     # as long as the delay was not known, modes needed a phase of their own
     inner = replace(template, real_modes=real_modes)
-    for _ in range(_AGAIN):
-        trial = _searched(best.basis, best.theta, weighed, inner, options)
+    for n in range(_AGAIN):
+        trial = _searched(best.basis, best.theta, weighed, inner, options, len(begins) + n)
         if trial.cost >= best.cost - 1e-6 * abs(best.cost):
             break
         best = trial
@@ -256,11 +258,12 @@ def _searched(
     parts: tuple[Prepared, ...],
     template: ModalBasis,
     options: dict[str, Any],
+    number: int,
 ) -> _Late:
     """Look for modes in responses without the delay and lag that are known; fit all together."""
     undone = tuple(without_sensor(basis, theta, part) for part in parts)
-    # nobody knows how often it is looked for again
-    with progress.subtask(0.9, 0.9):
+    # nobody knows how often it is looked for again: each time is a part of what is left
+    with progress.subtask(1.0 - _PART**number, 1.0 - _PART ** (number + 1)):
         found = search(undone, template, **options)
     more = replace(basis, count=found.basis.count)
     start = np.concatenate([found.theta, theta[2 * basis.count :]])

@@ -38,6 +38,9 @@ _PEAKED, _ALIKE = 0.5**0.5, 0.9
 # a pole beside those asked for takes part where what is left falls to half by it, and on the peak
 # of one of those only where it is so many times as wide
 _EARNED, _BROAD = 1.0, 10.0
+# of more poles than the first, those are refined that a change is near to, so many; and lines that
+# each of their factors is to have
+_MANY, _NEIGHBOURS, _LINES = 16, 8, 6
 # so many poles are refined together before any is taken away; of more, the weakest go first
 _REFINED = 30
 
@@ -135,8 +138,9 @@ def pruned(
 
     As in `selected`; the model is without delay and lag.
     """
+    changed = math.nan
     while basis.count:
-        theta = minimise(basis, theta, blocks, rough=True)[0]
+        theta = refined(basis, theta, blocks, changed)[0]
         strength = significances(basis, theta, blocks)
         zeta = theta[1 : 2 * basis.count : 2]
         strength[(zeta < LEAST_DAMPING) | (zeta > MOST_DAMPING)] = -1.0
@@ -148,19 +152,57 @@ def pruned(
         if strength[weakest] <= threshold(basis, blocks) or (
             count is not None and basis.count > count
         ):
+            changed = theta[2 * weakest]
             basis, theta = without(basis, theta, [weakest])
+            continue
+        if basis.count > _MANY and not math.isnan(changed):
+            # what was not refined with the others looks like noise, which hides what is needed
+            changed = math.nan
             continue
         fewer = _spared(basis, theta, blocks, strength)
         if fewer is None:
             break
-        basis, theta = fewer
+        basis, theta, changed = fewer
     return basis, rising(theta)
+
+
+def refined(
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], changed: float
+) -> tuple[Array, float]:
+    """Refine modes; of many, those about a frequency at which the model has changed.
+
+    The frequency is over the reference, and not a number where all are refined. Returned are the
+    parameters and the sum of squares.
+    """
+    if basis.count <= _MANY or math.isnan(changed):
+        return minimise(basis, theta, blocks, rough=True)
+    pairs = theta.reshape(-1, 2).copy()
+    off = np.abs(pairs[:, 0] - changed)
+    near = np.argsort(off, kind="stable")[:_NEIGHBOURS]
+    # a pole at the end of the lines would be told by a half of its peak
+    reach = np.sort(off)[min(2 * _NEIGHBOURS, off.size - 1)]
+    few = replace(basis, count=near.size)
+    parts = []
+    for block in blocks:
+        now = eliminate(basis, theta, block)
+        factors = now.factors.copy()
+        own = basis.per_mode * near[:, None] + np.arange(basis.per_mode)
+        factors[own.ravel()] = 0.0
+        factors[basis.per_mode * basis.count :] = 0.0
+        away = np.abs(block.s.imag - changed)
+        lines = np.argsort(away, kind="stable")
+        lines = np.sort(lines[: max(int(np.sum(away < reach)), _LINES * few.linear)])
+        values = block.values[lines] - now.functions[lines] @ factors
+        parts.append(ResponseBlock(s=block.s[lines], values=values, weights=block.weights[lines]))
+    pairs[near] = minimise(few, pairs[near].ravel(), parts, rough=True)[0].reshape(-1, 2)
+    theta = pairs.ravel()
+    return theta, sum(eliminate(basis, theta, block).total for block in blocks)
 
 
 def _spared(
     basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], strength: Array
-) -> tuple[ModalBasis, Array] | None:
-    """Return the model without a pole whose part one beside it can take, where one can."""
+) -> tuple[ModalBasis, Array, float] | None:
+    """Return the model without a pole whose part one beside it can take, and where that was."""
     poles = basis.poles(theta)[:, 0]
     width = -poles.real
     apart = np.abs(poles.imag[:, None] - poles.imag[None, :])
@@ -172,9 +214,9 @@ def _spared(
     allowed = total + threshold(basis, blocks) * noise_level(basis, blocks, found)
     for n in close[:_TRIALS]:
         fewer, start = without(basis, theta, [n])
-        trial, value = minimise(fewer, start, blocks, rough=True)
+        trial, value = refined(fewer, start, blocks, theta[2 * n])
         if value <= allowed:
-            return fewer, trial
+            return fewer, trial, theta[2 * n]
     return None
 
 
@@ -331,7 +373,7 @@ def _added(
     more = replace(basis, count=basis.count + 1)
     for pole in poles:
         single = replace(basis, count=1).start(np.array([pole]))
-        trial = minimise(more, np.concatenate([theta, single]), blocks, rough=True)[0]
+        trial = refined(more, np.concatenate([theta, single]), blocks, single[0])[0]
         zeta = trial[1::2]
         if (
             np.all((zeta > LEAST_DAMPING) & (zeta < MOST_DAMPING))
