@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Estimate
@@ -331,6 +332,25 @@ def test_count_and_guess():
         assert a.frequency_hz.value == pytest.approx(b.frequency_hz.value, rel=1e-7)
     with pytest.raises(ModelError, match="only"):
         fit_modes(response, band=(80.0, 92.0), count=9)
+
+
+def test_uniform_weights_are_those_of_plain_least_squares():
+    """Nothing weighs them again, though the model lacks a mode and noise goes with the response."""
+    lines = LINES[(LINES > 195.0) & (LINES < 235.0)]
+    h = response_of(lines, MODES, RESIDUES)[:, :1]
+    h = h * (1.0 + 0.02 * complex_noise(stream(12), *h.shape))
+    s = 2j * np.pi * lines / (2.0 * np.pi * 210.0)
+
+    def left(pole):
+        below = s * s + 2.0 * pole[1] * pole[0] * s + pole[0] ** 2
+        columns = np.stack([1.0 / below, s / below, np.ones_like(s), 1.0 / s**2], axis=1)
+        real, data = np.vstack([columns.real, columns.imag]), np.concatenate([h.real, h.imag])
+        size = np.linalg.norm(real, axis=0)
+        return (data - real @ (np.linalg.lstsq(real / size, data)[0] / size[:, None])).ravel()
+
+    best = least_squares(left, (1.01, 0.015), xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    fit = fit_modes(measured(lines, h), count=1, weighting="uniform")
+    assert_modes(fit, ((210.0 * best[0], best[1]),), 1e-7, 1e-5)
 
 
 def test_weights_matter():

@@ -1,17 +1,20 @@
 """Automatic modes on responses of stages: none that is not there, none missed that stands out."""
 
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
+from flexstage import progress
 from flexstage.designs import design
 from flexstage.errors import ModelError
+from flexstage.estimate import Estimate
 from flexstage.lumped import lumped_system
-from flexstage.measure.modal.fit import fit_modes
+from flexstage.measure.modal.fit import _on_flank, fit_modes
 from flexstage.measure.modal.local_rational import line_scatter, local_poles
-from flexstage.measure.modal.result import ModalFit
+from flexstage.measure.modal.result import ModalFit, Mode
 from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.system import ModalDamping, modes
 from tests.tiers import sizes
@@ -202,8 +205,13 @@ def response(deviation: float = 0.0, *, delay: float = 0.0, lines=LINES, third=4
 
 @pytest.mark.slow
 def test_a_steady_phase_slope_is_named():
-    late = fit_modes(response(1e-3, delay=2.1e-3))
+    late = fit_modes(response(1e-3, delay=2.1e-3), delay=False)
     assert any("try the option delay" in note and "delay of 2.2 ms" in note for note in late.notes)
+    untold = fit_modes(response(1e-3, delay=2.1e-3))
+    assert untold.delay is not None
+    assert untold.delay.value == pytest.approx(2.1e-3, rel=2e-2)
+    assert [m.frequency_hz.value for m in untold.modes] == pytest.approx([86.3, 211.7], rel=1e-3)
+    assert any("it is fitted too" in note for note in untold.notes)
     assert not any("delay" in note for note in fit_modes(response(1e-3)).notes)
     told = fit_modes(response(1e-3, delay=2.1e-3), delay=True, real_modes=True)
     assert told.delay is not None
@@ -231,6 +239,108 @@ def test_guessed_modes_are_those_nearest():
     assert any("does not rise above the noise" in note for note in nothing.notes)
     with pytest.raises(ModelError, match="lie in the band from 20 to"):
         fit_modes(response(1e-3), frequency_guess=[900.0])
+
+
+def scanned(seed: int):
+    """A stage for a scanning microscope: four modes behind an amplifier and a delay."""
+    lines = np.geomspace(30.0, 1200.0, 300)
+    s = 2j * np.pi * lines
+    h = np.full(lines.size, -0.02 + 0.0j)
+    for f, zeta, size in SCANNER:
+        w = 2.0 * np.pi * f
+        h += size * w * w / (s * s + 2.0 * zeta * w * s + w * w)
+    h *= np.exp(-120e-6 * s) / (1.0 + s / (2.0 * np.pi * 900.0))
+    rng = np.random.default_rng(seed)
+    noise = rng.standard_normal((2, lines.size)) + 1j * rng.standard_normal((2, lines.size))
+    h = h * (1.0 + 1.4e-3 * noise[0]) + 7e-5 * noise[1]
+    return MeasuredResponse(
+        frequency_hz=lines, response=h[:, None, None], inputs=("u",), outputs=("y",)
+    )
+
+
+SCANNER = (
+    (213.0, 0.0227, 1.0), (361.0, 0.0121, -0.22), (487.0, 0.0472, 0.55), (801.0, 0.0196, -0.3)
+)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_no_hidden_pole_eats_the_damping_of_a_mode_that_is_asked_for(seed):
+    """An amplifier that the model lacks makes many poles significant: they are punished."""
+    fit = fit_modes(
+        scanned(seed), frequency_guess=[215.0, 364.0, 492.0, 809.0], delay=True, real_modes=True
+    )
+    for mode, (f, zeta, _) in zip(fit.modes, SCANNER, strict=True):
+        assert mode.frequency_hz.value == pytest.approx(f, rel=2e-3)
+        assert mode.damping_ratio.value == pytest.approx(zeta, rel=0.05)
+        for other in fit.background:
+            apart = abs(other.frequency_hz.value - mode.frequency_hz.value)
+            assert apart > 3.0 * zeta * f or other.damping_ratio.value > 5.0 * zeta
+
+
+def test_an_interval_holds_the_fit_with_and_without_a_background():
+    record = scanned(1)
+    guess = [f for f, _, _ in SCANNER]
+    near = fit_modes(record, frequency_guess=guess)
+    alone = fit_modes(record, count=4)
+    assert len(near.background) == 1
+    for mode, other in zip(near.modes, alone.modes, strict=True):
+        assert mode.damping_ratio.covers(other.damping_ratio.value)
+        assert "background" in [c.name for c in mode.damping_ratio.components]
+
+
+def test_a_mode_that_is_only_a_flank():
+    def mode(f, zeta, size):
+        exact = Estimate(value=f, unit="Hz"), Estimate(value=zeta, unit="1")
+        one = np.ones((1, 1))
+        return Mode(
+            frequency_hz=exact[0], damping_ratio=exact[1], shape=one[0], residues=size * one + 0j,
+            shape_uncertainty=np.zeros((1, 2)), residue_uncertainty=np.zeros((1, 1, 2)),
+            significance=1e3,
+        )  # fmt: skip
+
+    sharp = mode(486.0, 0.046, 100.0)
+    assert _on_flank(mode(435.0, 0.073, 30.0), sharp)
+    # its own peak is above the flank; it is far away; it is the sharper one
+    assert not _on_flank(mode(435.0, 0.073, 90.0), sharp)
+    assert not _on_flank(mode(300.0, 0.073, 30.0), sharp)
+    assert not _on_flank(mode(435.0, 0.01, 30.0), sharp)
+
+
+def test_many_modes_are_refined_where_the_model_changes():
+    """More than are refined together: each is found, and whoever waits sees how far it is."""
+    rng = np.random.default_rng(4)
+    f, zeta = 40.0 + 22.3 * np.arange(20) + rng.uniform(-5, 5, 20), rng.uniform(0.004, 0.012, 20)
+    lines = np.arange(20.0, 500.0, 0.4)
+    s, w = 2j * np.pi * lines[:, None], 2.0 * np.pi * f
+    size = rng.uniform(0.4, 1.0, (20, 2)) * rng.choice([-1.0, 1.0], (20, 2))
+    h = (w * w / (s * s + 2.0 * zeta * w * s + w * w)) @ size
+    h = h + 0.02 * (rng.standard_normal(h.shape) + 1j * rng.standard_normal(h.shape))
+    record = MeasuredResponse(
+        frequency_hz=lines, response=h[:, :, None], inputs=("u",), outputs=("a", "b")
+    )
+    shares = []
+    with progress.listen(lambda _, done: shares.append(done)):
+        fit = fit_modes(record)
+    assert [m.frequency_hz.value for m in fit.modes] == pytest.approx(f, rel=1e-3)
+    assert [m.damping_ratio.value for m in fit.modes] == pytest.approx(zeta, rel=0.1)
+    assert shares == sorted(shares)
+    assert len(set(shares)) > 4
+
+
+def test_a_peak_without_a_mode_is_said():
+    """A phase that rises through a peak is that of no decaying mode, as of a swapped sign."""
+    lines = np.arange(1.0, 500.0, 0.3)
+    w, s = 2.0 * np.pi * 192.5, 2j * np.pi * lines
+    h = np.conj(1e3 * w * w / (s * s + 2e-3 * w * s + w * w))
+    rng = np.random.default_rng(3)
+    h = h + 3.0 * (rng.standard_normal(lines.size) + 1j * rng.standard_normal(lines.size))
+    turned = MeasuredResponse(
+        frequency_hz=lines, response=h[:, None, None], inputs=("u",), outputs=("y",)
+    )
+    fit = fit_modes(turned)
+    assert fit.modes == ()
+    assert re.search(r"peaks at 192\.\d+ Hz, \S+ times its median, with \d lines?", fit.notes[0])
 
 
 def test_relative_weights_show_what_is_small():

@@ -13,7 +13,7 @@ from flexstage.measure.motion.approaches import staircase_dwells
 from flexstage.measure.motion.axis_figures import cross_coupling, linearity, squareness, stroke
 from flexstage.measure.motion.curve_extremes import curve_loop_width, curve_range, zone_contacts
 from flexstage.measure.motion.curve_fit import fit_motion_curve
-from flexstage.measure.motion.cycles import motion_cycles, spread_estimate
+from flexstage.measure.motion.cycles import cycles_by_range, motion_cycles, spread_estimate
 from flexstage.measure.motion.motion_curve import CurveBasis, MotionCurve
 from flexstage.measure.motion.workspace import (
     workspace,
@@ -142,6 +142,24 @@ def test_smaller_cycles_are_left_out() -> None:
     inner = np.concatenate((x[:100], x[100:40:-1], x[40:]))
     with pytest.raises(RecordError, match=r"got 1"):
         motion_cycles(inner)
+
+
+def test_cycles_are_grouped_by_both_ends() -> None:
+    """Also where no end of one range is near one of the next, and one is a cycle too short."""
+    t = np.arange(1500) / 500.0
+    rng = np.random.default_rng(7)
+    x = np.concatenate([size * np.sin(2.0 * np.pi * t) for size in (50.0, 47.0, 30.0)])
+    groups = cycles_by_range(x + 5e-3 * rng.standard_normal(x.size), unit="V")
+    assert [(g.count, round(g.high)) for g in groups] == [(2, 50), (2, 47), (2, 30)]
+    assert "2 cycles from -47 to 47 V" in groups[0].notes[0]
+    # ends that wander by less than a hundredth belong together, however many there are
+    same = np.concatenate([size * np.sin(2.0 * np.pi * t) for size in (50.0, 50.4, 50.8)])
+    assert [g.count for g in cycles_by_range(same)] == [8]
+    overshoot = np.concatenate((58.0 * np.sin(2.0 * np.pi * t[:500]), x[:1500]))
+    found = motion_cycles(overshoot)
+    assert (found.count, round(found.high)) == (2, 50)
+    with pytest.raises(RecordError, match="got 1"):
+        motion_cycles(np.concatenate((130.0 * np.sin(2.0 * np.pi * t[:750]), x[:1500])))
 
 
 def test_cycles_refused() -> None:

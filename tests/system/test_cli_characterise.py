@@ -201,6 +201,36 @@ def test_a_file_of_ones_own(capsys, tmp_path):
     assert stroke["differences"] == {}
 
 
+def test_cycles_of_another_size_are_no_part_of_the_stroke(capsys, tmp_path):
+    """A mean of 40 um over 0 to 100 V and 36 um over 5 to 95 V is the stroke of no cycle."""
+    triangle = 1.0 - np.abs(np.arange(400) / 200.0 - 1.0)
+    command = np.concatenate(
+        (np.tile(100.0 * triangle, 3), [0.0], np.tile(5.0 + 90.0 * triangle, 4), [5.0])
+    )
+    noise = 2e-3 * np.random.default_rng(5).standard_normal(command.size)
+    rows = zip(np.arange(command.size) / 200.0, command, 0.4 * command + noise, strict=True)
+    path = tmp_path / "mixed.csv"
+    lines = ["t [s],u [V],y [um]", *(f"{t:.4f},{u:.4f},{y:.5f}" for t, u, y in rows)]
+    path.write_text("\n".join(lines))
+    columns = ("--command", "u", "--along", "y")
+    result = found(capsys, path, *columns)
+    stroke = values(result)["output_displacement", "x"]
+    assert stroke["value"] == pytest.approx(40e-6, abs=3e-9)
+    assert stroke["interval"][0] <= 40e-6 <= stroke["interval"][1]
+    (test,) = result["tests"]
+    assert [(r["command"], r["cycles"]) for r in test["ranges"]] == [
+        (pytest.approx([0.0, 100.0], abs=1e-9), 3),
+        (pytest.approx([5.0, 95.0], abs=1e-9), 3),
+    ]
+    assert test["ranges"][0]["stroke"]["value"] == stroke["value"]
+    assert test["ranges"][1]["stroke"]["value"] == pytest.approx(36e-6, abs=3e-9)
+    said = "3 cycles from 0 to 100 V, 3 cycles from 5 to 95 V: those from 0 to 100 V are evaluated"
+    assert said in test["notes"][0]
+    out = run(capsys, path, *columns, "--out", tmp_path / "out")[1]
+    assert re.search(r"5 to 95 V +3 +3(6\.00|5\.99)", out)
+    assert "stroke by range of the command" in (tmp_path / "out" / "report.html").read_text()
+
+
 def test_table(capsys, tmp_path):
     path = loop(tmp_path / "loop.csv")
     status, out, err = run(capsys, path, *ROLES, "--out", tmp_path / "out")
@@ -303,7 +333,7 @@ BAD_DATA = {
     ),
     "dead": (_put(slice(None), 3, 0.4), "'side' is 4e-07 m at all of its 1001 samples"),
     "still": (_put(slice(None), 1, 12.0), "'drive' is 12 V at all"),
-    "short": (lambda data: data[:590], "3 whole cycles are needed.*got 2"),
+    "short": (lambda data: data[:590], "3 whole cycles .* are needed, got 2"),
     "backwards": (lambda data: data[::-1], "time"),
 }
 

@@ -430,6 +430,20 @@ def test_bad_options(capsys, struck, tmp_path):
         refused(capsys, said, tmp_path, *words)
 
 
+def test_swapped_columns_are_said_first(capsys, shaken):
+    """A fit that leaves all of the response is none, however small its intervals."""
+    words = (shaken, "--input", "a", "--output", "force", "--modes", "1")
+    status, out, _ = run(capsys, *words)
+    assert status == 0
+    assert re.match(r"warning: the residual is \d+ % of a response", out)
+    assert "not swapped" in " ".join(out.split())
+    result = found(capsys, *words)
+    assert len(result["warnings"]) == 1
+    assert not any("the residual is" in n and "of a response" in n for n in result["notes"])
+    right = found(capsys, shaken, "--input", "force", "--output", "a", "--modes", "2")
+    assert right["warnings"] == []
+
+
 def test_a_record_over_frequency_is_no_decay(capsys, universal, tmp_path):
     refused(capsys, "over frequency", tmp_path, universal, "--ring-down", "--output", "0")
 

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.output import print_notes, print_table
+from flexstage.cli.output import on_terminal, print_notes, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -15,6 +15,7 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
     """Print figures, tests of positioning, notes, and the files that were written."""
     from flexstage.characteristic import shown_units
     from flexstage.quantities import beside
+    from flexstage.report.measurement import stroke_ranges
     from flexstage.report.tables import column_title
     from flexstage.table import Column
 
@@ -43,6 +44,8 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
             "Differences of what was measured to each model and publication; * significant at 95 %."
         )
     for measured in result.found.results:
+        if (ranges := stroke_ranges(measured)) is not None:
+            screen.print(on_terminal(ranges))
         if "positioning" in measured.details:
             _print_positioning(screen, measured)
     print_notes(screen, result.notes, saved)

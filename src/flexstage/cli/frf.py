@@ -105,12 +105,13 @@ def frf(
     fit_modes
         NUMBER|auto: Number of modes to fit; 0 for none.
     near
-        FREQUENCIES: Fit modes near these frequencies only, such as "365,660" in Hz.
+        FREQUENCIES: Fit modes near these frequencies alone, such as "365,660" in Hz.
     weight
         NAME: Weight of the frequency lines: noise, by their variance or the residual of the fit;
         relative, by the inverse of their magnitude, for responses over decades; uniform.
     delay
-        --fit-delay: Also fit a delay of the outputs.
+        --fit-delay: Also fit a delay of the outputs; --fit-modes auto tries it where the phase
+        falls as of one.
     lag
         --fit-lag: Also fit a first-order lag of the outputs.
     complex_modes
@@ -193,7 +194,7 @@ def frf(
                     "count": count,
                     "frequency_guess": guesses,
                     "weighting": _weighting(weight),
-                    "delay": delay,
+                    "delay": delay or None,
                     "lag": lag,
                     # a delay turns the phase as complex modes do: only modes in phase tell the two
                     # apart

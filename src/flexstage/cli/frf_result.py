@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from flexstage.records import Record
 
 
+#: Share of a response beyond which what a fit leaves says that its modes are none of it.
+_NO_FIT = 0.5
+
+
 def response_record(response: "MeasuredResponse", read: "list[Record]") -> "Record":
     """Return a response as columns, for other programs.
 
@@ -92,7 +96,10 @@ def response_result(
             estimated = getattr(found, name)
             if estimated is not None:
                 result[name] = _estimate(estimated)
-        notes += found.notes
+        unlike = max(float(one.residual_rms.max()) for one in found.fitted)
+        said = 1 if found.modes and unlike > _NO_FIT else 0
+        result["warnings"] = list(found.notes[:said])
+        notes += found.notes[said:]
     result["notes"] = list(dict.fromkeys(notes))
     return result
 
@@ -122,6 +129,8 @@ def _estimate(estimate: "Estimate") -> dict[str, Any]:
 
 def print_modes(screen: "Console", result: dict[str, Any]) -> None:
     """Print the modes, how the response was estimated, notes and files."""
+    for warning in result.get("warnings", ()):
+        screen.print(f"warning: {warning}", style="bold", markup=False)
     rows = []
     for i, mode in enumerate(result["modes"], start=1):
         f, zeta = mode["frequency_hz"], mode["damping_ratio"]

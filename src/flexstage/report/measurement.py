@@ -14,6 +14,7 @@ from flexstage.report.tables import column_title
 from flexstage.section import Bullets, Content, Definitions, Picture, Pictures, Section
 from flexstage.studies.measurement import MeasuredRow, MeasurementComparison
 from flexstage.table import Cell, Column, Table, table
+from flexstage.units import readable
 
 _MOTIONS = {
     "across": "motion across, in the plane",
@@ -150,10 +151,28 @@ def _budgets(result: MeasurementComparison) -> Table:
     return table("", (*_LABELS, "u", "degrees", *(Column(name) for name in names)), rows)
 
 
+def stroke_ranges(result: TestResult) -> Table | None:
+    """Return the stroke over each range of the command; None where it has one range, or none."""
+    ranges = result.details.get("ranges", ())
+    if len(ranges) < 2:
+        return None
+    shown = display("output_displacement").fitting(ranges[0].stroke.value)
+    rows = []
+    for one in ranges:
+        basis, size = one.curve.basis, one.stroke
+        ends = readable(one.curve.position_unit, basis.low, basis.high)
+        length = beside(shown.factor * size.value, shown.factor * size.expanded)
+        rows.append((ends, one.of_cycles.size, *length))
+    title = f"{result.test.name}, axis {result.test.axis}: stroke by range of the command"
+    return table(title, ("command", "cycles", f"stroke [{shown.shown_unit}]", _SPREAD), rows)
+
+
 def _motion(result: TestResult) -> Iterator[Content]:
     curves = result.details.get("curves")
     if curves is None:
         return
+    if (ranges := stroke_ranges(result)) is not None:
+        yield ranges
     axis = result.test.axis
     band = f", test {result.test.name}, with 95 % band (statistical)"
     # the legend of the first serves all

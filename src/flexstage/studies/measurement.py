@@ -177,8 +177,19 @@ def measurement_results(result: MeasurementComparison) -> dict[str, Any]:
 
 
 def _details(result: "TestResult") -> dict[str, Any]:
-    found = result.details.get("positioning")
-    return {} if found is None else {"positioning": positioning_data(found)}
+    found, ranges = result.details.get("positioning"), result.details.get("ranges", ())
+    data: dict[str, Any] = {} if found is None else {"positioning": positioning_data(found)}
+    if len(ranges) > 1:
+        data["ranges"] = [
+            {
+                "command": [one.curve.basis.low, one.curve.basis.high],
+                "command_unit": one.curve.position_unit,
+                "cycles": one.of_cycles.size,
+                "stroke": picked(one.stroke, "value", "unit", "uncertainty", "interval"),
+            }
+            for one in ranges
+        ]
+    return data
 
 
 def _row(row: MeasuredRow) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from flexstage.experiments.campaign.results import TestResult, figure_of
 from flexstage.measure.motion.axis_figures import linearity, stroke
 from flexstage.measure.motion.curve_extremes import curve_range
 from flexstage.measure.motion.curve_fit import fit_motion_curve
-from flexstage.measure.motion.cycles import MotionCycles, motion_cycles
+from flexstage.measure.motion.cycles import MotionCycles, cycles_by_range
 from flexstage.measure.motion.motion_curve import MotionCurve
 from flexstage.measure.motion.rigid_body import rigid_motion, travel_frame
 from flexstage.measure.motion.workspace import workspace
@@ -90,8 +90,12 @@ def motion_figures(
     The command is in V or m, all motions in m or rad, shape (n,) each; `time` in s, or where not
     `timed`, so that a drift has no rate, numbers of stations.
     """
-    cycles = motion_cycles(command)
-    found = stroke(command, along, time, cycles=cycles, command_unit=command_unit)
+    groups = cycles_by_range(command, least=3, unit=command_unit)
+    strokes = [
+        stroke(command, along, time, cycles=own, command_unit=command_unit, drift=own.count > 2)
+        for own in groups
+    ]
+    found, cycles = strokes[0], groups[0]
     straight = linearity(found.curve)
     sensor, side, angle = (
         campaign.instrument(n) for n in (test.along, test.transverse, test.angle)
@@ -115,13 +119,20 @@ def motion_figures(
     # a sensor that counts the other way reads the same stroke
     way = math.copysign(1.0, found.stroke.value)
     pitching = motions.get("pitch")
-    add(
-        "output_displacement",
-        found.stroke.times(way),
-        sensor,
-        "length",
-        None if pitching is None else _over_stroke(along, pitching, time, cycles).times(way),
-    )
+    pitches = [
+        None if pitching is None else _over_stroke(along, pitching, time, own).times(way)
+        for own in groups
+    ]
+    add("output_displacement", found.stroke.times(way), sensor, "length", pitches[0])
+    ranges = [
+        replace(
+            one,
+            stroke=measured(
+                one.stroke.times(way), sensor, role="length", duration=lasting, pitch=p
+            ),
+        )
+        for one, p in zip(strokes, pitches, strict=True)
+    ]
     add("linearity", straight.range, sensor, "transverse range")
     add("hysteresis_loop_width", found.loop_width, sensor, "transverse range")
     if timed:
@@ -158,7 +169,7 @@ def motion_figures(
     return TestResult(
         test=test,
         figures=tuple(figures),
-        details={"stroke": found, "linearity": straight, "curves": curves},
+        details={"stroke": found, "ranges": ranges, "linearity": straight, "curves": curves},
         notes=(*cycles.notes, *found.curve.notes, *([] if way > 0.0 else [_REVERSED])),
     )
 

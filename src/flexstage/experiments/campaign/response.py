@@ -7,7 +7,7 @@ from flexstage.errors import RecordError
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
 from flexstage.measure.modal.fit import fit_modes
-from flexstage.measure.modal.result import Mode
+from flexstage.measure.modal.result import ModalFit, Mode
 from flexstage.measure.modal.ring_down import DecayMode, RingDown, ring_down
 from flexstage.measure.spectra.estimate import estimate_response
 from flexstage.measure.spectra.response import response_from_record
@@ -48,7 +48,7 @@ def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> 
     )
     return TestResult(
         test=test,
-        figures=_figures(test, campaign, _found(test, fit.modes)),
+        figures=_figures(test, campaign, _found(test, fit)),
         details={"estimate": estimate, "response": responses[0], "fit": fit},
         notes=(*notes, *fit.notes),
     )
@@ -90,12 +90,10 @@ def _strongest(test: Test, fit: RingDown) -> DecayMode:
     return max(fit.modes, key=lambda m: float(np.abs(m.amplitudes).max()))
 
 
-def _found(test: Test, modes: tuple[Mode, ...]) -> Mode:
-    if not modes:
-        raise RecordError(
-            f"test '{test.name}': no mode rises above the noise: widen the band, or average more"
-        )
-    return mode_of_axis(modes)
+def _found(test: Test, fit: ModalFit) -> Mode:
+    if not fit.modes:
+        raise RecordError(f"test '{test.name}': {fit.notes[0]}; widen the band, or average more")
+    return mode_of_axis(fit.modes)
 
 
 def _figures(

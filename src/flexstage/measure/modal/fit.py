@@ -2,16 +2,24 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.estimate import Estimate
+from flexstage.estimate import Component, Estimate
 from flexstage.measure.modal.covariance import Worth, assess, frequencies_of, residues_of
-from flexstage.measure.modal.mode_search import search, search_with_sensor, settled, steady_phase
-from flexstage.measure.modal.mode_selection import significances, threshold
+from flexstage.measure.modal.mode_search import (
+    likelier,
+    search,
+    search_with_sensor,
+    settled,
+    steady_phase,
+)
+from flexstage.measure.modal.mode_selection import significances, threshold, without
 from flexstage.measure.modal.prepare import Prepared, prepared
 from flexstage.measure.modal.result import (
     FittedResponse,
@@ -21,7 +29,12 @@ from flexstage.measure.modal.result import (
     shape_from_residues,
 )
 from flexstage.measure.modal.stabilisation import Stabilisation
-from flexstage.measure.modal.variable_projection import ModalBasis, reference_frequency
+from flexstage.measure.modal.variable_projection import (
+    ModalBasis,
+    ResponseBlock,
+    minimise,
+    reference_frequency,
+)
 from flexstage.measure.spectra.response import MeasuredResponse
 
 # with more damping than this a pole lifts its response by less than 1.75 above that at standstill
@@ -32,6 +45,10 @@ _SEEN = 25.0
 _NEAR = 0.1
 # share of a response that a fit may leave before it is said
 _UNEXPLAINED = 0.2
+# half-power widths of a broad mode within which a sharper one may be all that it stands for
+_FLANK = 2.0
+# over its median, a response of noise alone has no line as high as this
+_PEAK = 5.0
 
 
 def fit_modes(
@@ -40,7 +57,7 @@ def fit_modes(
     band: tuple[float, float] | None = None,
     count: int | Literal["auto"] | None = "auto",
     frequency_guess: Sequence[float] | None = None,
-    delay: bool = False,
+    delay: bool | None = None,
     lag: bool = False,
     weighting: Literal["variance", "uniform", "relative"] = "variance",
     residuals: bool = True,
@@ -73,14 +90,17 @@ def fit_modes(
         Number of modes; "auto" or None takes those without which the residual would grow by more
         than noise explains (Schwarz 1978).
     frequency_guess : sequence of float, optional
-        Frequencies near those of the modes [Hz]; of the fit, the modes nearest to them are given.
-    delay : bool
-        Whether a common delay exp(-i omega tau) of the outputs is fitted too.
+        Frequencies near those of the modes [Hz]: these are fitted, with terms for modes beyond the
+        band, and other poles only where they explain half of what these leave. Of those that are no
+        modes themselves, as an amplifier's, the interval holds the fit with and without.
+    delay : bool, optional
+        Whether a common delay exp(-i omega tau) of the outputs is fitted too; where not given and
+        the number of modes is "auto", it is, with residues in phase, if that explains more.
     lag : bool
         Whether a common lag 1 / (1 + i omega T) of the outputs is fitted too.
     weighting : {"variance", "uniform", "relative"}
-        Whether lines count by the variance they come with, all alike until the fit shows their
-        noise, or by the inverse of their magnitude, down to where they scatter.
+        Whether lines count by the variance they come with or else by what the fit shows of their
+        noise, all alike, or by the inverse of their magnitude, down to where they scatter.
     residuals : bool
         Whether there are terms for modes beyond the band.
     real_modes : bool
@@ -166,10 +186,16 @@ def fit_modes(
         "guess": frequency_guess,
     }
     if delay or lag:
-        found = search_with_sensor(parts, template, (real_modes, delay, lag), options)
+        found = search_with_sensor(parts, template, (real_modes, bool(delay), lag), options)
     else:
         found = search(parts, template, **options)
-    hints = [] if delay else steady_phase(found.shown, template, parts)
+    falls = "" if delay else steady_phase(found.shown, template, parts)
+    hints = [f"{falls}: try the option delay"] if falls else []
+    if falls and delay is None and not lag and wanted is None:
+        with progress.subtask(0.85, 0.9):
+            late = search_with_sensor(parts, template, (True, True, False), options)
+        if likelier(late, found):
+            found, hints = late, [f"{falls}: it is fitted too, with modes in phase"]
     basis = found.basis
     parts, theta = settled(found.parts, basis, found.theta)
     return _assembled(
@@ -255,6 +281,8 @@ def _assembled(
             )
         )
     kept, others = _listed(poles, parts, band, wanted, worth.scale)
+    if wanted is not None and not isinstance(wanted, int) and others:
+        poles = _with_and_without(poles, basis, theta, blocks, (kept, rising), parts, band, worth)
     modes = [poles[n] for n in kept]
     own = [2 * rising[n] + d for n in kept for d in (0, 1)]
     covariance = covariance[np.ix_(own, own)]
@@ -335,11 +363,60 @@ def _listed(
             reason = "not known within its width"
         elif _beside(mode, parts, names, scale) < _SEEN:
             reason = "on a single line"
+        elif any(_on_flank(mode, other) for other in poles):
+            reason = "on the flank of a sharper mode"
         else:
             kept.append(n)
             continue
         others.setdefault(reason, []).append(mode)
     return kept, others
+
+
+def _on_flank(mode: Mode, other: Mode) -> bool:
+    """Whether a mode is within the width of a sharper one, and nowhere above the flank of that."""
+    width, sharper = -mode.pole.real, -other.pole.real
+    apart = abs(mode.pole.imag - other.pole.imag)
+    if not width > sharper > 0.0 or apart > _FLANK * width:
+        return False
+    flank = np.abs(other.residues / (1j * mode.pole.imag - other.pole))
+    return bool(np.all((np.abs(mode.residues) / width < flank)[np.isfinite(flank)]))
+
+
+def _with_and_without(
+    poles: Sequence[Mode],
+    basis: ModalBasis,
+    theta: Array,
+    blocks: Sequence[ResponseBlock],
+    places: tuple[Sequence[int], Sequence[int]],
+    parts: Sequence[Prepared],
+    band: tuple[float, float],
+    worth: Worth,
+) -> list[Mode]:
+    """Widen the intervals of the kept modes to hold what a fit without the background gives.
+
+    `places` are the numbers of the kept modes, and that of each mode in the parameters.
+    """
+    kept, rising = places
+    peaks = {*kept, *_listed(poles, parts, band, None, worth.scale)[0]}
+    gone = [rising[n] for n in range(len(poles)) if n not in peaks]
+    out = list(poles)
+    if not gone:
+        return out
+    fewer, start = without(basis, theta, gone)
+    values = frequencies_of(fewer, minimise(fewer, start, blocks, rough=True)[0], 0.0)[0]
+    left = [r for r in range(basis.count) if r not in gone]
+    for n in kept:
+        other = 2 * left.index(rising[n])
+        mode = out[n]
+        f, zeta = (
+            own.plus(Component(name="background", uncertainty=abs(own.value - v) / 1.95, kind="B"))
+            for own, v in (
+                (mode.frequency_hz, values[other]),
+                (mode.damping_ratio, values[other + 1]),
+            )
+        )
+        out[n] = replace(mode, frequency_hz=f, damping_ratio=zeta)
+    return out
 
 
 def _beside(
@@ -443,16 +520,16 @@ def _notes(
     added_damping_rate: float,
 ) -> list[str]:
     notes = []
-    if not modes:
-        notes.append("no mode rises above the noise in the band")
-    if not any(part.given for part in parts):
-        notes.append("no variance was given: it is estimated from the residuals")
     largest = max(float(one.residual_rms.max()) for one in fitted)
     if largest > _UNEXPLAINED and modes:
         notes.append(
-            f"the residual is {100.0 * largest:.2g} % of a response: fit it in a narrower band, "
-            "with a delay, or with complex modes"
+            f"the residual is {100.0 * largest:.0f} % of a response: fit it in a narrower band, "
+            "with a delay, or with complex modes, and see that input and output are not swapped"
         )
+    if not modes:
+        notes.append(_unfound(parts))
+    if not any(part.given for part in parts):
+        notes.append("no variance was given: it is estimated from the residuals")
     windowed = added_damping_rate > 0.0 or any(part.measured.blur > 0.0 for part in parts)
     for mode in modes:
         f, zeta = mode.frequency_hz.value, mode.damping_ratio.value
@@ -480,6 +557,25 @@ def _notes(
     if any(not np.array_equal(c, np.eye(c.shape[0])) for c in worth.shared):
         notes.append("noise of the responses is correlated: the uncertainties contain that")
     return notes
+
+
+def _unfound(parts: Sequence[Prepared]) -> str:
+    """Say that there is no mode, and where a response has a peak all the same."""
+    found = []
+    for part in parts:
+        size = np.abs(part.measured.response).reshape(part.measured.frequency_hz.size, -1)
+        above = size / np.maximum(np.median(size, axis=0), 1e-300)
+        line, column = np.unravel_index(np.argmax(above), above.shape)
+        half = int(np.count_nonzero(size[:, column] > size[line, column] / math.sqrt(2.0)))
+        found.append((float(above[line, column]), float(part.measured.frequency_hz[line]), half))
+    ratio, frequency, lines = max(found)
+    if ratio < _PEAK:
+        return "no mode rises above the noise in the band"
+    return (
+        f"no decaying mode explains the response, which peaks at {frequency:.5g} Hz, {ratio:.2g} "
+        f"times its median, with {lines} line{'s' * (lines > 1)} above half of its power: take "
+        "longer segments where these are few, or fit that peak in a band about it"
+    )
 
 
 def _spacing(lines: Array, frequency: float) -> float:

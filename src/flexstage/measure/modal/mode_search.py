@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
 from flexstage.measure.modal.local_rational import local_poles
 from flexstage.measure.modal.mode_selection import (
+    asked_for,
     cleaned,
     distinct,
     extended,
@@ -47,6 +49,8 @@ _LIKELY = 2
 _LAGS = np.array([0.0, 0.15, 0.5, 1.5, 4.0])
 # how often modes are looked for again, with delay and lag taken off
 _AGAIN = 4
+# share of the work that is left after each time
+_PART = 0.7
 # a pole that a window shows ranks with one that half of the orders have where it is this much
 # likelier than none
 _SURE = 100.0
@@ -84,25 +88,31 @@ def search(
     As many as are significant, or `count`; near each of the guesses [Hz] there is to be one,
     significant or not.
     """
+    progress.update("poles")
     diagram, start = started(parts, orders, band)
+    progress.update("which are modes", 0.1)
     blocks = [part.block for part in parts]
     basis, theta = selected(template, start, blocks, count, guess or ())
     # noise in proportion to the response looks like modes until it is known, and two modes that are
     # taken for one look like such noise: so by turns
     known = count is not None or all(part.kept for part in parts)
-    for _ in range(1 if known else 2):
+    for turn in range(1 if known else 2):
+        progress.update("modes not yet seen", 0.4 + 0.2 * turn)
         if not known:
             parts = _reweighted(parts, basis, theta)
         blocks = [part.block for part in parts]
         others = _others(diagram, basis.poles(theta)[:, 0])
         basis, theta = extended(basis, theta, blocks, others, count)
+    progress.update("which are needed", 0.8)
     if not known:
         parts = _reweighted(parts, basis, theta)
         basis, theta = pruned(basis, theta, [part.block for part in parts], None, guess or ())
     if count is None and guess is None:
         basis, theta = cleaned(basis, theta, [part.block for part in parts])
-    for frequency in guess or ():
-        basis, theta = _with_guess(basis, theta, parts, frequency)
+    if guess is not None:
+        for frequency in guess:
+            basis, theta = _with_guess(basis, theta, parts, frequency)
+        basis, theta = asked_for(basis, theta, [part.block for part in parts], guess)
     if count is not None and basis.count < count:
         raise ModelError(
             f"{count} modes were asked for but only {basis.count} found from {band[0]:g} to "
@@ -116,6 +126,7 @@ def settled(
 ) -> tuple[tuple[Prepared, ...], Array]:
     """Fit to the end; where no variance was given, weights and fit in turn."""
     turns = 1 if all(part.kept for part in parts) else 3
+    progress.update("fit", 0.9)
     for turn in range(turns):
         if basis.size:
             blocks = [part.block for part in parts]
@@ -214,14 +225,14 @@ def search_with_sensor(
     begins = [first.start(poles)]
     if delay:
         begins = likely_delays(first, begins[0], parts)
-    tried = [_searched(first, begin, parts, template, options) for begin in begins]
+    tried = [_searched(first, begin, parts, template, options, n) for n, begin in enumerate(begins)]
     best = min(tried, key=lambda one: one.cost)
     weighed = tuple(map(_weighed_as, parts, best.found.parts))
     best = replace(best, cost=math.inf)
     # as long as the delay was not known, modes needed a phase of their own
     inner = replace(template, real_modes=real_modes)
-    for _ in range(_AGAIN):
-        trial = _searched(best.basis, best.theta, weighed, inner, options)
+    for n in range(_AGAIN):
+        trial = _searched(best.basis, best.theta, weighed, inner, options, len(begins) + n)
         if trial.cost >= best.cost - 1e-6 * abs(best.cost):
             break
         best = trial
@@ -247,10 +258,13 @@ def _searched(
     parts: tuple[Prepared, ...],
     template: ModalBasis,
     options: dict[str, Any],
+    number: int,
 ) -> _Late:
     """Look for modes in responses without the delay and lag that are known; fit all together."""
     undone = tuple(without_sensor(basis, theta, part) for part in parts)
-    found = search(undone, template, **options)
+    # nobody knows how often it is looked for again: each time is a part of what is left
+    with progress.subtask(1.0 - _PART**number, 1.0 - _PART ** (number + 1)):
+        found = search(undone, template, **options)
     more = replace(basis, count=found.basis.count)
     start = np.concatenate([found.theta, theta[2 * basis.count :]])
     trial, total = joined(more, start, parts)
@@ -329,7 +343,17 @@ def _totals(basis: ModalBasis, trials: Array, blocks: Sequence[ResponseBlock]) -
     return totals
 
 
-def steady_phase(poles: Complex, template: ModalBasis, parts: Sequence[Prepared]) -> list[str]:
+def likelier(late: Found, found: Found) -> bool:
+    """Whether one model is better than another, by the weights of the first."""
+    blocks = [part.block for part in late.parts]
+    costs = []
+    for one in (late, found):
+        total = minimise(one.basis, one.theta, blocks, rough=True)[1]
+        costs.append(_cost(one.basis, total, late.parts))
+    return costs[0] < costs[1]
+
+
+def steady_phase(poles: Complex, template: ModalBasis, parts: Sequence[Prepared]) -> str:
     """Say that the phase falls as of a delay, where poles explain responses far better with one."""
     basis = replace(template, count=poles.size, delay=True)
     theta = basis.start(poles)
@@ -340,11 +364,11 @@ def steady_phase(poles: Complex, template: ModalBasis, parts: Sequence[Prepared]
     lines = [part.measured.frequency_hz for part in parts]
     band = max(float(f[-1]) for f in lines) - min(float(f[0]) for f in lines)
     if delay * band < _LEAST_TURN or with_it > _FAR_BETTER * without:
-        return []
-    return [
+        return ""
+    return (
         f"the phase falls by some {360.0e3 * delay:.2g} deg per kHz, as of a delay of "
-        f"{readable('s', delay, digits=2)}: try the option delay"
-    ]
+        f"{readable('s', delay, digits=2)}"
+    )
 
 
 def _fewer(block: ResponseBlock) -> ResponseBlock:

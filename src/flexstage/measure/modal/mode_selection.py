@@ -35,6 +35,12 @@ _SIDE, _TRIALS = 3.0, 3
 _NOWHERE = 0.3
 # damping below which a pole makes a peak, and correlation of residues that tells no two modes apart
 _PEAKED, _ALIKE = 0.5**0.5, 0.9
+# a pole beside those asked for takes part where what is left falls to half by it, and on the peak
+# of one of those only where it is so many times as wide
+_EARNED, _BROAD = 1.0, 10.0
+# of more poles than the first, those are refined that a change is near to, so many; and lines that
+# each of their factors is to have
+_MANY, _NEIGHBOURS, _LINES = 16, 8, 6
 # so many poles are refined together before any is taken away; of more, the weakest go first
 _REFINED = 30
 
@@ -132,8 +138,9 @@ def pruned(
 
     As in `selected`; the model is without delay and lag.
     """
+    changed = math.nan
     while basis.count:
-        theta = minimise(basis, theta, blocks, rough=True)[0]
+        theta = refined(basis, theta, blocks, changed)[0]
         strength = significances(basis, theta, blocks)
         zeta = theta[1 : 2 * basis.count : 2]
         strength[(zeta < LEAST_DAMPING) | (zeta > MOST_DAMPING)] = -1.0
@@ -145,19 +152,57 @@ def pruned(
         if strength[weakest] <= threshold(basis, blocks) or (
             count is not None and basis.count > count
         ):
+            changed = theta[2 * weakest]
             basis, theta = without(basis, theta, [weakest])
+            continue
+        if basis.count > _MANY and not math.isnan(changed):
+            # what was not refined with the others looks like noise, which hides what is needed
+            changed = math.nan
             continue
         fewer = _spared(basis, theta, blocks, strength)
         if fewer is None:
             break
-        basis, theta = fewer
+        basis, theta, changed = fewer
     return basis, rising(theta)
+
+
+def refined(
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], changed: float
+) -> tuple[Array, float]:
+    """Refine modes; of many, those about a frequency at which the model has changed.
+
+    The frequency is over the reference, and not a number where all are refined. Returned are the
+    parameters and the sum of squares.
+    """
+    if basis.count <= _MANY or math.isnan(changed):
+        return minimise(basis, theta, blocks, rough=True)
+    pairs = theta.reshape(-1, 2).copy()
+    off = np.abs(pairs[:, 0] - changed)
+    near = np.argsort(off, kind="stable")[:_NEIGHBOURS]
+    # a pole at the end of the lines would be told by a half of its peak
+    reach = np.sort(off)[min(2 * _NEIGHBOURS, off.size - 1)]
+    few = replace(basis, count=near.size)
+    parts = []
+    for block in blocks:
+        now = eliminate(basis, theta, block)
+        factors = now.factors.copy()
+        own = basis.per_mode * near[:, None] + np.arange(basis.per_mode)
+        factors[own.ravel()] = 0.0
+        factors[basis.per_mode * basis.count :] = 0.0
+        away = np.abs(block.s.imag - changed)
+        lines = np.argsort(away, kind="stable")
+        lines = np.sort(lines[: max(int(np.sum(away < reach)), _LINES * few.linear)])
+        values = block.values[lines] - now.functions[lines] @ factors
+        parts.append(ResponseBlock(s=block.s[lines], values=values, weights=block.weights[lines]))
+    pairs[near] = minimise(few, pairs[near].ravel(), parts, rough=True)[0].reshape(-1, 2)
+    theta = pairs.ravel()
+    return theta, sum(eliminate(basis, theta, block).total for block in blocks)
 
 
 def _spared(
     basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], strength: Array
-) -> tuple[ModalBasis, Array] | None:
-    """Return the model without a pole whose part one beside it can take, where one can."""
+) -> tuple[ModalBasis, Array, float] | None:
+    """Return the model without a pole whose part one beside it can take, and where that was."""
     poles = basis.poles(theta)[:, 0]
     width = -poles.real
     apart = np.abs(poles.imag[:, None] - poles.imag[None, :])
@@ -169,9 +214,9 @@ def _spared(
     allowed = total + threshold(basis, blocks) * noise_level(basis, blocks, found)
     for n in close[:_TRIALS]:
         fewer, start = without(basis, theta, [n])
-        trial, value = minimise(fewer, start, blocks, rough=True)
+        trial, value = refined(fewer, start, blocks, theta[2 * n])
         if value <= allowed:
-            return fewer, trial
+            return fewer, trial, theta[2 * n]
     return None
 
 
@@ -204,6 +249,38 @@ def cleaned(
         basis, theta = without(basis, theta, [weakest])
         theta = minimise(basis, theta, blocks, rough=True)[0]
     return basis, theta
+
+
+def asked_for(
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], guess: Sequence[float]
+) -> tuple[ModalBasis, Array]:
+    """Leave the poles that guesses [Hz] mean, and others that explain half of what those leave.
+
+    That a pole is significant is not enough for it: in a response with little noise whatever the
+    model lacks is, and a pole that stands on the peak of another takes a part of its damping.
+    """
+    places = [nearest_pole(basis, theta, frequency) for frequency in guess]
+    own = list(dict.fromkeys(place for place in places if place is not None))
+    order = [*own, *(n for n in range(basis.count) if n not in own)]
+    theta = theta.reshape(-1, 2)[order].ravel()
+    while True:
+        theta = minimise(basis, theta, blocks, rough=True)[0]
+        if basis.count == len(own):
+            return basis, rising(theta)
+        poles = basis.poles(theta)[:, 0]
+        width, place = -poles.real, poles.imag
+        found = [eliminate(basis, theta, block) for block in blocks]
+        total = sum(now.total for now in found)
+        earned = significances(basis, theta, blocks) * noise_level(basis, blocks, found) / total
+        for n in range(len(own), basis.count):
+            wide = np.maximum(width[n], width[: len(own)])
+            shared = np.abs(place[n] - place[: len(own)]) < _SIDE * wide
+            if np.any(shared & (width[n] < _BROAD * width[: len(own)])):
+                earned[n] = 0.0
+        weakest = len(own) + int(np.argmin(earned[len(own) :]))
+        if earned[weakest] > _EARNED:
+            return basis, rising(theta)
+        basis, theta = without(basis, theta, [weakest])
 
 
 def _needless(
@@ -296,7 +373,7 @@ def _added(
     more = replace(basis, count=basis.count + 1)
     for pole in poles:
         single = replace(basis, count=1).start(np.array([pole]))
-        trial = minimise(more, np.concatenate([theta, single]), blocks, rough=True)[0]
+        trial = refined(more, np.concatenate([theta, single]), blocks, single[0])[0]
         zeta = trial[1::2]
         if (
             np.all((zeta > LEAST_DAMPING) & (zeta < MOST_DAMPING))
@@ -339,22 +416,22 @@ def _falls(
     basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], candidates: Complex
 ) -> tuple[Array, float]:
     """By how much each pole would lower the sum of squares, and the mean square of noise."""
-    one = replace(basis, count=1, residuals=False)
+    every = replace(basis, count=candidates.size, residuals=False)
     falls = np.zeros(candidates.size)
     total, values = 0.0, 0
     for block in blocks:
         now = eliminate(basis, theta, block)
         total += now.total
         values += 2 * now.residual.size - basis.linear * now.residual.shape[1]
-        weighted = now.square * now.residual
         square = now.square[:, : now.inverse.shape[0]]
-        for n, pole in enumerate(candidates):
-            pair = one.functions(one.start(np.array([pole])), block.s)
-            right = (pair.conj().T @ weighted).real.T[:, :, None]
-            cross = gram_of(now.functions, pair, square)
-            own = gram_of(pair, pair, square)
+        pairs = every.functions(every.start(candidates), block.s)
+        right = (pairs.conj().T @ (now.square * now.residual)).real.T[:, :, None]
+        crossed, owned = gram_of(now.functions, pairs, square), gram_of(pairs, pairs, square)
+        for n in range(candidates.size):
+            pair = slice(basis.per_mode * n, basis.per_mode * (n + 1))
+            cross, own = crossed[:, :, pair], owned[:, pair, pair]
             left = own - cross.transpose(0, 2, 1) @ now.inverse @ cross
             # a candidate like one that is there has nothing of its own
             lifted = left + 1e-9 * own * np.eye(own.shape[1])
-            falls[n] += float(np.sum(right * np.linalg.solve(lifted, right)))
+            falls[n] += float(np.sum(right[:, pair] * np.linalg.solve(lifted, right[:, pair])))
     return falls, max(total / max(values - basis.size, 1), rounding_level(blocks))

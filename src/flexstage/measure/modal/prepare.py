@@ -95,7 +95,7 @@ def prepared(
                 powers=powers,
                 deviation=deviation,
                 given=given,
-                kept=given or weighting == "relative",
+                kept=given or weighting != "variance",
                 scatter=scatter,
                 block=_block(part, powers, deviation, reference),
             )

@@ -10,6 +10,11 @@ from flexstage.arrays import Array, Complex
 from flexstage.errors import ConvergenceError
 
 _ITERATIONS = 60
+# of many poles the last digits cost most: after so many iterations over their parameters a rough
+# fit ends, and another as soon as the sum hardly falls
+_WORK = 600
+# lines that are taken at a time, so that their derivatives stay in the memory nearby
+_PIECE = 1024
 # as many more are given to what is hardly told apart, as long as the sum falls by more than this,
 # over the mean square of noise: 0.01 of a standard uncertainty of one parameter
 _MORE, _WORTH = 240, 1e-4
@@ -81,7 +86,8 @@ class ModalBasis:
             columns += [first] if self.real_modes else [first, s * first]
         if self.residuals:
             columns += [g, g / (s * s)]
-        return np.stack(columns, axis=1)
+        # each function in one piece of memory, as derivatives take them one by one
+        return np.array(columns).T
 
     def derivatives(self, theta: Array, s: Complex, functions: Complex, factors: Array) -> Complex:
         """Return how responses change with the parameters, their linear factors held.
@@ -246,20 +252,23 @@ def eliminate(basis: ModalBasis, theta: Array, block: ResponseBlock) -> Eliminat
     square = block.weights**2
     shared = bool(np.all(square == square[:, :1]))
     functions = basis.functions(theta, block.s)
-    scale = np.linalg.norm(functions * block.weights.mean(axis=1)[:, None], axis=0)
+    mean = np.mean(block.weights, axis=1) ** 2
+    scale = np.sqrt(mean @ (functions.real**2 + functions.imag**2))
     scale[scale == 0.0] = 1.0
-    functions = functions / scale
+    functions /= scale
     gram = gram_of(functions, functions, square[:, :1] if shared else square)
     # equal functions leave it singular: let them share
     size = np.einsum("mqq->m", gram)[:, None, None]
     inverse = np.linalg.inv(gram + 1e-15 * size * np.eye(functions.shape[1]))
     factors = np.zeros((functions.shape[1], block.values.shape[1]))
     residual = block.values
+    parts = _stacked(functions)
     for _ in range(2):
-        right = (functions.conj().T @ (square * residual)).real
+        right = parts.T @ _stacked(square * residual)
         step = inverse[0] @ right if shared else np.einsum("mqr,rm->qm", inverse, right)
         factors = factors + step
-        residual = block.values - functions @ factors
+        model = parts @ factors
+        residual = block.values - (model[: len(square)] + 1j * model[len(square) :])
     return Eliminated(
         functions=functions,
         scale=scale,
@@ -275,19 +284,17 @@ def gram_of(left: Complex, right: Complex, square: Array) -> Array:
 
     Of functions of shapes (k, a) and (k, b), with squares of the weights (k, m): shape (m, a, b).
     """
-    if square.shape[1] == 1:
-        return (left.conj().T @ (square * right)).real[None]
-    k, a, b = *left.shape, right.shape[1]
-    if left is right:
-        first, second = np.triu_indices(a)
-        upper = left.real[:, first] * left.real[:, second]
-        upper += left.imag[:, first] * left.imag[:, second]
-        out = np.empty((square.shape[1], a, a))
-        out[:, first, second] = out[:, second, first] = square.T @ upper
-        return out
-    products = left.real[:, :, None] * right.real[:, None, :]
-    products += left.imag[:, :, None] * right.imag[:, None, :]
-    return (square.T @ products.reshape(k, a * b)).reshape(-1, a, b)
+    first, second = _stacked(left), _stacked(right)
+    # one response after the other, as all products at once take more memory than a cache holds
+    roots, memory = np.sqrt(np.concatenate([square, square])).T[:, :, None], np.empty_like(second)
+    out = np.empty((square.shape[1], first.shape[1], second.shape[1]))
+    for own, root in zip(out, roots, strict=True):
+        if left is right:
+            # the product of a matrix with itself takes half of the time
+            own[:] = np.multiply(root, first, out=memory).T @ memory
+        else:
+            own[:] = first.T @ np.multiply(root**2, second, out=memory)
+    return out
 
 
 def _normal(
@@ -298,12 +305,18 @@ def _normal(
     square = np.zeros((basis.size, basis.size))
     for block, now in zip(blocks, found, strict=True):
         factors = now.factors / now.scale[:, None]
-        plain = basis.derivatives(theta, block.s, now.functions * now.scale, factors)
-        weighted = plain * now.square
-        flat = weighted.reshape(basis.size, -1)
-        square += (plain.reshape(basis.size, -1).conj() @ flat.T).real
-        gradient += (flat.conj() @ now.residual.ravel()).real
-        inside = (now.functions.conj().T @ weighted).real.transpose(2, 1, 0)
+        inside = np.zeros((block.values.shape[1], basis.linear, basis.size))
+        for first in range(0, block.s.size, _PIECE):
+            some = slice(first, first + _PIECE)
+            functions = now.functions[some]
+            plain = basis.derivatives(theta, block.s[some], functions * now.scale, factors)
+            parts, residual = _stacked(functions), _stacked(now.residual[some])
+            for column in range(len(inside)):
+                weight = np.tile(block.weights[some, column], 2)[:, None]
+                slopes = _stacked(plain[:, :, column].T) * weight
+                inside[column] += (parts * weight).T @ slopes
+                square += slopes.T @ slopes
+                gradient += (residual[:, column] * weight[:, 0]) @ slopes
         square -= np.einsum("mqp,mqr->pr", inside, now.inverse @ inside)
     return gradient, square
 
@@ -333,17 +346,17 @@ def remaining(basis: ModalBasis, theta: Array, block: ResponseBlock, now: Elimin
     shared = now.inverse.shape[0] == 1
     which = np.zeros(block.values.shape[1], dtype=np.intp) if shared else slice(None)
     inverse = now.inverse[which]
-    half = np.einsum("kq,mqr->mkr", now.functions, inverse)
+    half = now.functions @ inverse
     taken = np.einsum("mkr,kr->km", half, gradient).real
     if basis.size:
         factors = now.factors / now.scale[:, None]
         plain = basis.derivatives(theta, block.s, now.functions * now.scale, factors)
         inside = (gradient.T @ (plain * now.square)).real.transpose(2, 1, 0)
-        along = np.einsum("mkr,mrp->pkm", half, inside)
-        free = plain - along
+        free = plain - (half @ inside).transpose(2, 1, 0)
         flat = (free * block.weights).reshape(basis.size, -1)
         solved = np.linalg.pinv((flat.conj() @ flat.T).real, hermitian=True)
-        taken += np.einsum("pkm,pr,rkm->km", free.conj(), solved, free).real
+        along = (solved @ free.reshape(basis.size, -1)).reshape(free.shape)
+        taken += np.einsum("pkm,pkm->km", free.conj(), along).real
     return 1.0 - 0.5 * np.clip(taken * now.square, 0.0, 1.9)
 
 
@@ -362,7 +375,8 @@ def minimise(
     gradient, square = _normal(basis, theta, blocks, now)
     damping = 1e-6
     values = sum(2 * block.values.size for block in blocks)
-    for iteration in range(_ITERATIONS if rough else _ITERATIONS + _MORE):
+    enough = min(_ITERATIONS, max(8, _WORK // basis.size))
+    for iteration in range(enough if rough else _ITERATIONS + _MORE):
         diagonal = np.diagonal(square).copy()
         diagonal[diagonal <= 0.0] = 1.0
         scale = np.sqrt(diagonal)
@@ -386,7 +400,7 @@ def minimise(
         fall = total - value
         small = fall <= _FALL * total and np.abs(step).max() <= 1e-6
         small = small or (rough and fall <= _ROUGH * total)
-        small = small or (iteration >= _ITERATIONS and fall * values <= _WORTH * total)
+        small = small or (iteration >= enough and fall * values <= _WORTH * total)
         theta, total = trial, value
         if small:
             return theta, total

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,12 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
+from flexstage.hysteresis.identification.cycles import turning_points
 from flexstage.records.quality import difference_noise
+from flexstage.units import readable
 
-#: A run leads from below this share of the range to above one less it.
+#: A run leads from below this share of its range to above one less it; smaller ones are none.
 _END_ZONE = 0.1
-#: A run counts as whole when it begins and ends within this share of the ends of the range.
-_AT_END = 0.05
+#: Cycles are over one and the same range where their ends go on by steps of this share of the whole
+#: range at most, and differ by no more than the second share in all.
+_SAME_END, _AT_END = 0.01, 0.05
+#: Ranges smaller than this share of the whole are not what a record is about.
+_LEAST_RANGE = 0.5
+#: So many ranges are looked at: a command of many amplitudes has no cycles.
+_RANGES = 100
 #: A run may go back by this share of the range; noise aside, more is a loop inside of it.
 _SETBACK = 0.1
 #: What lies within so many times the noise of a turning point rests there.
@@ -61,18 +69,19 @@ class MotionCycles:
 
 
 def motion_cycles(command: ArrayLike, *, least: int = 2, skip: int = 0) -> MotionCycles:
-    """Find the whole cycles of a triangle, a sine or a staircase.
+    """Find the whole cycles over the largest range of a triangle, a sine or a staircase.
 
     A turning point is the highest (lowest) place between two visits of the other end of the range,
     and where the motion rests there, the middle of the rest: noise makes no turning points. A run
-    is whole when it begins and ends within 5 % of the ends of the range and does not turn back by
+    is whole when it begins and ends where other runs over this range do and does not turn back by
     more than 10 % of it on the way. A cycle is a forward and a backward run next to each other; it
     begins with the forward run unless one more cycle can be had the other way round. `least` whole
     cycles are needed; `skip` are left out at the beginning, as long as the stage still settles in.
 
     Validity
     --------
-    Cycles over one and the same stroke: smaller ones are left out, and said. A command whose
+    Cycles whose ends differ by more than 1 % of the range are another group, left out and said; so
+    is a range that fewer cycles have than are needed, down to half of the largest. A command whose
     noise exceeds a hundredth of the range gives runs that begin and end some samples off.
 
     Examples
@@ -81,6 +90,24 @@ def motion_cycles(command: ArrayLike, *, least: int = 2, skip: int = 0) -> Motio
     >>> found = motion_cycles(30.0 - 30.0 * np.cos(2.0 * np.pi * t))
     >>> found.count, found.runs[1].tolist(), found.left_out
     (3, [[1000, 1500], [1500, 2000]], 301)
+    """
+    return cycles_by_range(command, least=least, skip=skip)[0]
+
+
+def cycles_by_range(
+    command: ArrayLike, *, least: int = 2, skip: int = 0, unit: str = ""
+) -> tuple[MotionCycles, ...]:
+    """Find whole cycles as `motion_cycles` does, and those over other ranges that have two or more.
+
+    The largest range with `least` cycles comes first, and its notes name all ranges; `unit` is that
+    of the command.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 6.0, 6001)
+    >>> size = np.where(t < 3.0, 30.0, 24.0)
+    >>> [(g.count, g.high) for g in cycles_by_range(size - size * np.cos(2.0 * np.pi * t))]
+    [(3, 60.0), (3, 48.0)]
     """
     x = np.asarray(command, dtype=np.float64)
     if x.ndim != 1 or x.size < 8 or not np.isfinite(x).all():
@@ -93,39 +120,93 @@ def motion_cycles(command: ArrayLike, *, least: int = 2, skip: int = 0) -> Motio
         raise RecordError(f"the command does not move: it is {low:g} throughout")
     # a clean curve has second differences too: no more than a hundredth of the range is noise
     band = _NOISE_BAND * min(difference_noise(x, 2), 0.01 * (high - low)) + 1e-9 * (high - low)
-    turns = _turning_points(x, low, high, band)
-    ways = [(a[1], b[0]) for a, b in itertools.pairwise(turns)]
-    runs = [way if _whole(x, *way, high - low, band) else None for way in ways]
-    rising = [bool(x[b] > x[a]) for a, b in ways]
-    pairs = max((_pairs(runs, rising, first) for first in (True, False)), key=len)[skip:]
-    if len(pairs) < least:
+    each = [(ends, _cycles_over(x, ends, band)[skip:]) for ends in _ranges(x, band)]
+    size, pairs = next((one for one in each if len(one[1]) >= least), (np.zeros((2, 2)), []))
+    if size[1, 1] - size[0, 0] < _LEAST_RANGE * (high - low):
         raise RecordError(
             f"{least} whole cycles over the range from {low:g} to {high:g} are needed, got "
-            f"{len(pairs)}"
+            f"{len(each[0][1]) if each else 0}"
             + (f" after the first {skip}" if skip else "")
             + ": record more cycles, or choose the column that commands the motion"
         )
-    return _found(x, np.array(pairs, dtype=np.intp), skip)
-
-
-def _found(x: Array, runs: NDArray[np.intp], skip: int) -> MotionCycles:
-    # the turning point at which a run ends is the first sample of the next
-    parts = [x[a : b + 1] for cycle in runs for a, b in cycle]
-    inside = int((runs[..., 1] - runs[..., 0]).sum())
-    outside = x.size - inside
+    said = [
+        f"{len(own)} cycle{'s' * (len(own) > 1)} from {readable(unit, e[0, 0], e[1, 1])}"
+        for e, own in each
+        if own
+    ]
     notes = []
+    if len(said) > 1:
+        notes.append(
+            f"the command has {', '.join(said)}: those from "
+            f"{readable(unit, size[0, 0], size[1, 1])} are evaluated"
+        )
+    outside = x.size - sum(b - a for pair in pairs for a, b in pair)
     # the last sample of a record ends its last cycle, and belongs to no run
     if outside > 1:
         notes.append(
-            f"{outside} of {x.size} samples are in no whole cycle and are left out"
+            f"{outside} of {x.size} samples are in no whole cycle"
+            + (" of those" if notes else "")
+            + " and are left out"
             + (f", with {skip} cycles at the beginning as asked" if skip else "")
         )
+    others = [own for _, own in each if own is not pairs and len(own) > 1]
+    return (_found(x, pairs, notes), *(_found(x, own, ()) for own in others))
+
+
+def _ranges(x: Array, band: float) -> list[Array]:
+    """Return the ranges that are moved over there and back, the largest first.
+
+    Of each the least and the greatest lower end, then those of the upper one, shape (2, 2).
+    """
+    extent = float(np.ptp(x))
+    turns = turning_points(x, max(_END_ZONE * extent, band))
+    places = np.concatenate(([0], turns, [x.size - 1]))
+    # the ends of a record rest at their level, as turning points do
+    level = np.sort(np.stack([x[places[:-1]], x[places[1:]]]), axis=0)
+    size = level[1] - level[0]
+    step, most = _SAME_END * extent + band, _AT_END * extent + band
+    free = size > _END_ZONE * extent
+    found: list[Array] = []
+    for _ in range(_RANGES):
+        if not free.any():
+            break
+        largest = int(np.argmax(np.where(free, size, 0.0)))
+        own = np.zeros_like(free)
+        own[largest] = True
+        near = free & (np.abs(level - level[:, largest : largest + 1]).max(axis=0) <= most)
+        while True:
+            ends = np.stack([level[:, own].min(axis=1), level[:, own].max(axis=1)], axis=1)
+            more = near & np.all(
+                (level >= ends[:, :1] - step) & (level <= ends[:, 1:] + step), axis=0
+            )
+            if np.array_equal(more, own):
+                break
+            own = more
+        free &= ~own
+        if own.sum() > 1:
+            found.append(ends)
+    return found
+
+
+def _cycles_over(x: Array, ends: Array, band: float) -> list[list[tuple[int, int]]]:
+    """Return the cycles over a range whose ends have limits, as `_ranges` gives them."""
+    low, high = float(ends[0, 0]), float(ends[1, 1])
+    ways = [(a[1], b[0]) for a, b in itertools.pairwise(_turning_points(x, low, high, band))]
+    runs = [way if _whole(x, *way, ends, band) else None for way in ways]
+    rising = [bool(x[b] > x[a]) for a, b in ways]
+    return max((_pairs(runs, rising, first) for first in (True, False)), key=len)
+
+
+def _found(x: Array, pairs: list[list[tuple[int, int]]], notes: Sequence[str]) -> MotionCycles:
+    runs = np.array(pairs, dtype=np.intp)
+    # the turning point at which a run ends is the first sample of the next
+    parts = [x[a : b + 1] for cycle in runs for a, b in cycle]
     return MotionCycles(
         runs=runs,
         size=x.size,
         low=float(max(p.min() for p in parts)),
         high=float(min(p.max() for p in parts)),
-        left_out=outside,
+        left_out=x.size - int((runs[..., 1] - runs[..., 0]).sum()),
         notes=tuple(notes),
     )
 
@@ -160,11 +241,14 @@ def _turning_points(x: Array, low: float, high: float, band: float) -> list[tupl
     return turns
 
 
-def _whole(x: Array, first: int, last: int, extent: float, band: float) -> bool:
+def _whole(x: Array, first: int, last: int, ends: Array, band: float) -> bool:
     run = x[first : last + 1] if x[last] > x[first] else -x[first : last + 1]
     back = float(np.max(np.maximum.accumulate(run) - run))
-    ends = np.abs(x[[first, last]][:, None] - np.array([x.min(), x.max()])).min(axis=1)
-    return back <= _SETBACK * extent + band and bool(np.all(ends <= _AT_END * extent + band))
+    extent = float(ends[1, 1] - ends[0, 0])
+    step = _SAME_END * extent + band
+    level = np.sort(x[[first, last]])
+    inside = np.all((level >= ends[:, 0] - step) & (level <= ends[:, 1] + step))
+    return back <= _SETBACK * extent + band and bool(inside)
 
 
 def _pairs(
