@@ -126,6 +126,7 @@ class FormulaDevice:
             for name, v in zip(self.axes, speeds, strict=True)
         }
         self.part = 0.0
+        self.zeros = set()
         self.waves = {}
         self.wave_divider = self.divider = 1
         self.signals = {}
@@ -178,6 +179,8 @@ class FormulaDevice:
             return np.full(t.shape, self.channel(int(signal.source)))
         if signal.kind == "position":
             return self.position_at(signal.source, t)
+        if signal.kind == "error":
+            return axis.target - self.position_at(signal.source, t)
         if signal.kind == "target":
             return np.full(t.shape, axis.target)
         if signal.kind == "voltage":
@@ -257,6 +260,24 @@ class FormulaDevice:
             refuse(Refusal.SPEED_OUT_OF_LIMITS)
         self.begin(axis, self.state[axis].end)
         self.state[axis].speed = speed
+
+    def set_zero(self, voltages):
+        for name, value in voltages.items():
+            low, high = self.axes[name].limits.voltage
+            if self.state[name].wave is not None:
+                refuse(Refusal.WAVE_RUNNING)
+            if value is not None and not low <= value <= high:
+                refuse(Refusal.OUT_OF_LIMITS)
+        for name, value in voltages.items():
+            if self.state[name].servo:
+                self.set_servo(name, False)
+            self.begin(name, max(self.axes[name].limits.voltage[0], 0.0) if value is None else value)
+
+            self.zeros.add(name)
+
+    def zeroing(self, axis):
+        self.zeros -= {name for name in self.zeros if not self.moving(name)}
+        return axis in self.zeros
 
     def position(self, axis):
         return float(self.position_at(axis, np.array([self.now]))[0])

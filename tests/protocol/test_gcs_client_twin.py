@@ -90,7 +90,7 @@ def test_connecting_moves_and_switches_nothing(twin):
     for axis in device.axes:
         assert not device.servo_on(axis)
         assert not device.moving(axis)
-        assert device.command(axis) == 0.0
+        assert device.command(axis) == 6.0  # where it has set its zero
     assert not device.drives_removed()
 
 
@@ -114,6 +114,7 @@ def test_a_record_is_what_the_device_recorded(twin):
     )
     rate = controller.recorder.configure(signals, 2500.0, 1700)
     assert rate == 2500.0
+    controller.axes["x"].set_voltage(0.0)
     controller.waves.load(
         Waveform(values={"x": sine(0.0, 90.0)}, sample_rate_hz=2000.0, quantity="voltage")
     )
@@ -229,6 +230,7 @@ def test_a_blow_is_recorded_with_the_drives_out_which_are_back_for_the_next_moti
 
 def test_a_wave_that_is_endless_is_stopped_from_another_thread(twin):
     controller, device = twin
+    controller.axes["x"].set_voltage(0.0)
     controller.waves.load(
         Waveform(values={"x": sine(0.0, 30.0)}, sample_rate_hz=2e3, quantity="voltage")
     )
@@ -264,6 +266,7 @@ def test_a_stop_at_rest_ends_no_later_motion_and_one_on_the_way_does(twin):
 def test_a_stop_just_before_a_waveform_begins_ends_it(twin, monkeypatch):
     controller, _ = twin
     waves = controller.waves
+    controller.axes["x"].set_voltage(0.0)
     waves.load(
         Waveform(values={"x": np.linspace(0.0, 5.0, 50)}, sample_rate_hz=1000.0, quantity="voltage")
     )

@@ -16,41 +16,29 @@ from flexstage.instruments.pi.simulated.command import (
     unsigned,
 )
 from flexstage.instruments.pi.simulated.commands_motion import of_axes
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
 from flexstage.instruments.pi.simulated.errors_gcs import GcsError
 from flexstage.instruments.pi.simulated.gcs_state import MICRO, ControllerState
 
 
 def _set_zero(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    """Go to the low voltage with control off; the zero of the simulation is there already."""
+    """Go through the range with control off, and count from where a low voltage leads to."""
     words = words or [word for axis in state.axes for word in (axis, "NAN")]
     given = pairs(words, state.axes, code.UNKNOWN_AXIS)
     if any(state.axes[axis].kind != "piezo" for axis, _ in given):
         raise GcsError(code.NOT_POSSIBLE)
-    lowest = {
-        axis: min(max(0.0, state.voltage_range(axis)[0]), state.voltage_range(axis)[1])
-        if word.upper() == "NAN"
-        else number(word)
-        for axis, word in given
-    }
-    state.require_ready(lowest, voltages=True)
-    for axis, voltage in lowest.items():
-        low, high = state.voltage_range(axis)
-        if not low <= voltage <= high:
-            raise GcsError(code.VOLTAGE_OUT_OF_LIMITS)
-        if state.device.wave_running(axis):
-            raise GcsError(code.WAVE_RUNNING)
-    for axis in lowest:
-        state.device.set_servo(axis, False)
-    state.device.set_commands(lowest)
-    state.zeroing |= lowest.keys()
+    lowest = {axis: None if word.upper() == "NAN" else number(word) for axis, word in given}
+    state.require_ready(
+        {axis: state.voltage_range(axis)[0] if v is None else v for axis, v in lowest.items()},
+        voltages=True,
+    )
+    try:
+        state.device.set_zero(lowest)
+    except RefusedError as error:
+        if error.reason is Refusal.OUT_OF_LIMITS:
+            raise GcsError(code.VOLTAGE_OUT_OF_LIMITS) from error
+        raise
     return None
-
-
-def _zeroed(state: ControllerState, axis: str) -> str:
-    """Say whether the zero of an axis is set, as it is when delivered, or it still goes there."""
-    if axis in state.zeroing and not state.device.moving(axis):
-        state.zeroing.discard(axis)
-    return str(int(axis not in state.zeroing))
 
 
 def _soft_limit(of_voltage: bool, high: bool) -> Run:
@@ -156,7 +144,7 @@ _SWITCHED = "{<AxisID> <State>}"
 #: Commands of the set-up.
 SETUP = (
     _change("ATZ", "[{<AxisID> <LowValue>}]", "Set Automatic Zero Point", _set_zero, moves=True),
-    GcsCommand("ATZ?", "[{<AxisID>}]", "Get Automatic Zero Point State", of_axes(_zeroed),
+    GcsCommand("ATZ?", "[{<AxisID>}]", "Get Automatic Zero Point State", _flag(lambda s, a: not s.device.zeroing(a)),
                poll=True),
     _change("DCO", _SWITCHED, "Set Drift Compensation Mode", _set_drift_compensation),
     _question("DCO?", "Get Drift Compensation Mode", _flag(lambda s, a: s.drift_compensation[a])),

@@ -242,11 +242,10 @@ class ControllerState:
         #: Narrower limits that clients have set, by axis [m], [V].
         self.soft_positions: dict[str, Range] = {}
         self.soft_voltages: dict[str, Range] = {}
-        #: Outputs that take commands; axes that are switched off; axes on their way to zero; speeds
-        #: of axes without control of speed [m/s]; axes with compensation of drift.
+        #: Outputs that take commands; axes that are switched off; speeds of axes without control of
+        #: speed [m/s]; axes with compensation of drift.
         self.online = dict.fromkeys(self.outputs, True)
         self.disabled: set[str] = set()
-        self.zeroing: set[str] = set()
         self.free_speeds: dict[str, float] = {}
         self.drift_compensation = dict.fromkeys(self.axes, False)
         #: Start mode of each wave generator; settings of the digital outputs, by line and number.

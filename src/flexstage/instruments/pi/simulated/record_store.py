@@ -33,6 +33,7 @@ class RecordOption:
 RECORD_OPTIONS = {
     1: RecordOption("target", "Target Position of axis", "axis", "m"),
     2: RecordOption("position", "Current Position of axis", "axis", "m"),
+    3: RecordOption("error", "Position Error of axis", "axis", "m"),
     7: RecordOption("voltage", "Control Voltage of output chan", "output", "V"),
     20: RecordOption("channel", "Sensor mech.linear of input chan", "channel", ""),
     200: RecordOption("force", "Hammer Force [N] at axis", "axis", "N"),
