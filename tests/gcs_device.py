@@ -114,6 +114,7 @@ class FormulaDevice:
         self.identity = Identity(
             vendor="flexstage", model="formula", serial_number="7", firmware="1.2", simulated=True
         )
+        self.gain = dict(zip(self.axes, GAIN, strict=True))
         self.recorder = FormulaRecorder(self)
         self.samples = 0
         self.calls = []
@@ -171,7 +172,7 @@ class FormulaDevice:
 
     def position_at(self, name, t):
         axis = self.state[name]
-        return self.line(axis, t) * (1.0 if axis.servo else GAIN[int(name) - 1])
+        return self.line(axis, t) * (1.0 if axis.servo else self.gain[name])
 
     def values(self, signal, t):
         axis = self.state.get(signal.source)
@@ -184,7 +185,7 @@ class FormulaDevice:
         if signal.kind == "target":
             return np.full(t.shape, axis.target)
         if signal.kind == "voltage":
-            return self.position_at(signal.source, t) / GAIN[int(signal.source) - 1]
+            return self.position_at(signal.source, t) / self.gain[signal.source]
         return np.sin(np.arange(t.size) + 1.0) * self.blow
 
     def begin(self, name, end):
@@ -193,6 +194,14 @@ class FormulaDevice:
 
     def line_now(self, axis):
         return float(self.line(axis, np.array([self.now]))[0])
+
+    def rename(self, names):
+        self.state = {names.get(name, name): axis for name, axis in self.state.items()}
+        self.gain = {names.get(name, name): gain for name, gain in self.gain.items()}
+        self.axes = {
+            names.get(name, name): dataclasses.replace(axis, name=names.get(name, name))
+            for name, axis in self.axes.items()
+        }
 
     def reboot(self):
         self.calls.append("reboot")
@@ -210,7 +219,7 @@ class FormulaDevice:
             refuse(Refusal.WAVE_RUNNING)
         position = self.position(axis)
         state.servo = on
-        value = position if on else position / GAIN[int(axis) - 1]
+        value = position if on else position / self.gain[axis]
         state.start = state.end = value
         if on:
             state.target = position
@@ -271,7 +280,9 @@ class FormulaDevice:
         for name, value in voltages.items():
             if self.state[name].servo:
                 self.set_servo(name, False)
-            self.begin(name, max(self.axes[name].limits.voltage[0], 0.0) if value is None else value)
+            self.begin(
+                name, max(self.axes[name].limits.voltage[0], 0.0) if value is None else value
+            )
 
             self.zeros.add(name)
 
@@ -283,7 +294,7 @@ class FormulaDevice:
         return float(self.position_at(axis, np.array([self.now]))[0])
 
     def voltage(self, axis):
-        return self.position(axis) / GAIN[int(axis) - 1]
+        return self.position(axis) / self.gain[axis]
 
     def on_target(self, axis):
         return not self.moving(axis)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,7 +12,12 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.instruments.pi.simulated.axis_state import AxisState
 from flexstage.instruments.pi.simulated.data_recorder import DataRecorder, Trigger, resampled
-from flexstage.instruments.pi.simulated.device import AxisDescription, Refusal, RefusedError
+from flexstage.instruments.pi.simulated.device import (
+    AxisDescription,
+    Refusal,
+    RefusedError,
+    renamed,
+)
 from flexstage.instruments.pi.simulated.wave_tables import WaveRun, WaveTables
 from flexstage.instruments.protocol import Capability, Identity, Signal
 from flexstage.stage import Stage
@@ -99,6 +105,18 @@ class ControllerCore:
             name: s.description for name, s in self._states.items()
         }
 
+    def rename(self, names: Mapping[str, str]) -> None:
+        """Call axes by other identifiers; what was recorded is forgotten."""
+        for state in self._states.values():
+            name = state.description.name
+            state.description = replace(state.description, name=names.get(name, name))
+        self._states, self._delivered, self._choice, self._cycles = (
+            renamed(self._states, names), renamed(self._delivered, names),
+            renamed(self._choice, names), renamed(self._cycles, names),
+        )  # fmt: skip
+        self.axes = {name: s.description for name, s in self._states.items()}
+        self.recorder.clear()
+
     @property
     def now(self) -> float:
         """Simulated time of the latest sample since it was switched on [s]; the first is at 0."""
@@ -134,7 +152,7 @@ class ControllerCore:
         self._sample = -1
         self._owed = 0.0
         self._readings = np.zeros(len(self.stage.channels))
-        #: Where each sensor's own zero is, as the stage counts [m, or rad]; axes on their way to it.
+        #: Where the zero of each sensor is, as the stage counts [m, or rad]; axes that set theirs.
         self._zero = np.zeros(len(self.stage.channels))
         self._zeroing: dict[AxisState, WaveRun] = {}
         # the sample at time 0, so that there is a reading from the beginning
@@ -157,7 +175,7 @@ class ControllerCore:
             size = max(_WAY, 2.0 * (high - low) / state.largest_slew) * self.sample_rate_hz
             rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, math.ceil(size) + 1) / math.ceil(size))
             places = (state.present(self._sample), high, low, end)
-            ways = [a + (b - a) * rise for a, b in zip(places, places[1:], strict=False)]
+            ways = [a + (b - a) * rise for a, b in pairwise(places)]
             rest = np.full(math.ceil(_REST * self.sample_rate_hz), end)
             run = WaveRun(
                 first=self._sample + 1, table=np.concatenate((*ways, rest)), divider=1, cycles=1
