@@ -167,8 +167,9 @@ class FormulaDevice:
             steps = np.floor((t - axis.since) * RATE / self.wave_divider + 1e-6).astype(int)
             return axis.wave[np.clip(steps, 0, None) % axis.wave.size]
         rate = axis.speed if axis.servo else 4e4
-        gone = np.clip((t - axis.since) * rate, 0.0, abs(axis.end - axis.start))
-        return axis.start + np.sign(axis.end - axis.start) * gone
+        way = abs(axis.end - axis.start)
+        gone = np.clip((t - axis.since) * rate, 0.0, way)
+        return np.where(gone >= way, axis.end, axis.start + np.sign(axis.end - axis.start) * gone)
 
     def position_at(self, name, t):
         axis = self.state[name]

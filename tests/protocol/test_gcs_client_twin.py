@@ -328,6 +328,42 @@ def test_every_model_of_controller_is_driven(name):
         assert (Capability.WAVE_GENERATOR in controller.capabilities) != MODELS[name].motor
 
 
+@pytest.mark.parametrize("name", ["E-727", "E-725", "E-753"])
+def test_a_stage_that_is_switched_on_stands_within_its_range(name):
+    session = Loopback(interpreter(5, model=MODELS[name]))
+
+    def ask(text):
+        session.send(text.encode() + b"\n")
+        lines = session.receive().decode("latin-1").split(" \n")
+        return [float(line.partition("=")[2]) for line in lines]
+
+    for low, here, high in zip(ask("TMN?"), ask("POS?"), ask("TMX?"), strict=True):
+        assert -1.5 < low < here < 0.1  # um; zero is a little above the low end
+        assert high - low > 55.0
+    session.send(b"SVO 1 1\nMOV 1 0\n")
+    for _ in range(3):
+        ask("ONT? 1")
+    assert ask("ONT? 1") == [1.0]
+    assert abs(ask("POS? 1")[0]) < 0.05
+
+
+def test_axes_of_motors_are_referenced_before_they_move():
+    design_of_screws = design("vgtu-mechanical")
+    device = VirtualController(virtual_stage(design_of_screws, model="lumped", seed=3))
+    made = Interpreter(device, FastTime(device), model=MODELS["C-884"])
+    with closing(PiController.open(InProcess(Loopback(made)), design_of_screws)) as controller:
+        axis = controller.axes["x"]
+        assert axis.limits.position == pytest.approx(device.axes["1"].limits.position, rel=1e-9)
+        assert axis.limits.speed == pytest.approx(device.axes["1"].limits.speed, rel=1e-9)
+        with pytest.raises(ControllerError, match="not referenced"):
+            axis.move_to(0.1e-3)
+        axis.reference()
+        axis.move_to(0.1e-3)
+        assert device.position("1") == pytest.approx(0.1e-3, abs=1e-6)
+        axis.reference()  # is nothing, the second time
+        assert device.position("1") == pytest.approx(0.1e-3, abs=1e-6)
+
+
 def test_a_restart_is_noticed():
     made = interpreter(5)
     with closing(PiController.open(InProcess(Loopback(made)), STAGE, transfer=LONG)) as controller:
