@@ -404,6 +404,8 @@ def test_a_zero_is_set_wherever_the_axis_was_and_in_whatever_portions_time_passe
     device.set_targets({"1": 30e-6})
     device.advance(0.1)
     before = stage.position[0] - device.position("1")
+    device.set_record_signal(1, Signal(kind="position", source="1", name="p"))
+    device.arm_recorder("now")
     device.set_zero({"1": 20.0})
     assert not device.servo_on("1")
     assert (device.zeroing("1"), device.wave_running("1")) == (True, False)
@@ -412,6 +414,9 @@ def test_a_zero_is_set_wherever_the_axis_was_and_in_whatever_portions_time_passe
     for _ in range(6000 // portion):
         device.advance(portion * T)
     assert not device.zeroing("1")
+    # three ways of 0.1 s and a rest of 0.2 s, and from the next sample on it counts from there
+    recorded = device.recorder.read(1, 0, device.recorder.recorded)
+    assert_array_equal(np.abs(recorded) > 1e-12, np.arange(recorded.size) < 5000)
     assert_allclose(stage.position[0] - device.position("1"), 20.0 * GAIN[0], rtol=1e-12)
     assert not np.isclose(before, 20.0 * GAIN[0])
     assert device.position("2") == 0.0
