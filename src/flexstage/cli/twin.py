@@ -75,7 +75,8 @@ def twin(
     """
     _check("--model", model, _MODELS)
     _check("--amplifier", amplifier, _AMPLIFIERS)
-    _check("--identity", identity, ("", *_IDENTITIES))
+    if identity:
+        _check("--identity", identity, _IDENTITIES)
     if not 0 <= port <= _PORTS:
         raise typer.BadParameter(f"--port must be 0 to {_PORTS}, got {port}")
     if not (serial_number.isascii() and serial_number.isprintable()):
