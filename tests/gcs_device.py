@@ -278,14 +278,12 @@ class FormulaDevice:
                 refuse(Refusal.WAVE_RUNNING)
             if value is not None and not low <= value <= high:
                 refuse(Refusal.OUT_OF_LIMITS)
-        for name, value in voltages.items():
+        for name in voltages:
             if self.state[name].servo:
                 self.set_servo(name, False)
-            self.begin(
-                name, max(self.axes[name].limits.voltage[0], 0.0) if value is None else value
-            )
-
-            self.zeros.add(name)
+        lowest = {name: max(self.axes[name].limits.voltage[0], 0.0) for name in voltages}
+        self.set_commands({n: lowest[n] if v is None else v for n, v in voltages.items()})
+        self.zeros |= set(voltages)
 
     def zeroing(self, axis):
         self.zeros -= {name for name in self.zeros if not self.moving(name)}
