@@ -114,6 +114,7 @@ class FormulaDevice:
         self.identity = Identity(
             vendor="flexstage", model="formula", serial_number="7", firmware="1.2", simulated=True
         )
+        self.gain = dict(zip(self.axes, GAIN, strict=True))
         self.recorder = FormulaRecorder(self)
         self.samples = 0
         self.calls = []
@@ -126,6 +127,7 @@ class FormulaDevice:
             for name, v in zip(self.axes, speeds, strict=True)
         }
         self.part = 0.0
+        self.zeros = set()
         self.waves = {}
         self.wave_divider = self.divider = 1
         self.signals = {}
@@ -165,12 +167,13 @@ class FormulaDevice:
             steps = np.floor((t - axis.since) * RATE / self.wave_divider + 1e-6).astype(int)
             return axis.wave[np.clip(steps, 0, None) % axis.wave.size]
         rate = axis.speed if axis.servo else 4e4
-        gone = np.clip((t - axis.since) * rate, 0.0, abs(axis.end - axis.start))
-        return axis.start + np.sign(axis.end - axis.start) * gone
+        way = abs(axis.end - axis.start)
+        gone = np.clip((t - axis.since) * rate, 0.0, way)
+        return np.where(gone >= way, axis.end, axis.start + np.sign(axis.end - axis.start) * gone)
 
     def position_at(self, name, t):
         axis = self.state[name]
-        return self.line(axis, t) * (1.0 if axis.servo else GAIN[int(name) - 1])
+        return self.line(axis, t) * (1.0 if axis.servo else self.gain[name])
 
     def values(self, signal, t):
         axis = self.state.get(signal.source)
@@ -178,10 +181,12 @@ class FormulaDevice:
             return np.full(t.shape, self.channel(int(signal.source)))
         if signal.kind == "position":
             return self.position_at(signal.source, t)
+        if signal.kind == "error":
+            return axis.target - self.position_at(signal.source, t)
         if signal.kind == "target":
             return np.full(t.shape, axis.target)
         if signal.kind == "voltage":
-            return self.position_at(signal.source, t) / GAIN[int(signal.source) - 1]
+            return self.position_at(signal.source, t) / self.gain[signal.source]
         return np.sin(np.arange(t.size) + 1.0) * self.blow
 
     def begin(self, name, end):
@@ -190,6 +195,14 @@ class FormulaDevice:
 
     def line_now(self, axis):
         return float(self.line(axis, np.array([self.now]))[0])
+
+    def rename(self, names):
+        self.state = {names.get(name, name): axis for name, axis in self.state.items()}
+        self.gain = {names.get(name, name): gain for name, gain in self.gain.items()}
+        self.axes = {
+            names.get(name, name): dataclasses.replace(axis, name=names.get(name, name))
+            for name, axis in self.axes.items()
+        }
 
     def reboot(self):
         self.calls.append("reboot")
@@ -207,7 +220,7 @@ class FormulaDevice:
             refuse(Refusal.WAVE_RUNNING)
         position = self.position(axis)
         state.servo = on
-        value = position if on else position / GAIN[int(axis) - 1]
+        value = position if on else position / self.gain[axis]
         state.start = state.end = value
         if on:
             state.target = position
@@ -258,11 +271,29 @@ class FormulaDevice:
         self.begin(axis, self.state[axis].end)
         self.state[axis].speed = speed
 
+    def set_zero(self, voltages):
+        for name, value in voltages.items():
+            low, high = self.axes[name].limits.voltage
+            if self.state[name].wave is not None:
+                refuse(Refusal.WAVE_RUNNING)
+            if value is not None and not low <= value <= high:
+                refuse(Refusal.OUT_OF_LIMITS)
+        for name in voltages:
+            if self.state[name].servo:
+                self.set_servo(name, False)
+        lowest = {name: max(self.axes[name].limits.voltage[0], 0.0) for name in voltages}
+        self.set_commands({n: lowest[n] if v is None else v for n, v in voltages.items()})
+        self.zeros |= set(voltages)
+
+    def zeroing(self, axis):
+        self.zeros -= {name for name in self.zeros if not self.moving(name)}
+        return axis in self.zeros
+
     def position(self, axis):
         return float(self.position_at(axis, np.array([self.now]))[0])
 
     def voltage(self, axis):
-        return self.position(axis) / GAIN[int(axis) - 1]
+        return self.position(axis) / self.gain[axis]
 
     def on_target(self, axis):
         return not self.moving(axis)

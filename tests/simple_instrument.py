@@ -82,6 +82,9 @@ class SimpleAxis:
         self._owner.ask()
         return self.told[-1].closed
 
+    def reference(self):
+        pass
+
     def set_closed_loop(self, on: bool) -> None:
         self._owner.order(f"servo {self.name} {'on' if on else 'off'}")
         if self.kind == "screw":

@@ -11,7 +11,7 @@ from flexstage.errors import ModelError
 from flexstage.instruments.pi.simulated.axis_state import Ramp
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
-from flexstage.instruments.protocol import Capability
+from flexstage.instruments.protocol import Capability, Signal
 from flexstage.system.servo import Notch, ServoSettings
 from tests.simple_stage import ACROSS, GAIN, PIEZO, RANGE, SCREW, STEP, SimpleStage
 
@@ -25,7 +25,7 @@ def stage() -> SimpleStage:
 
 @pytest.fixture
 def device(stage: SimpleStage) -> VirtualController:
-    return VirtualController(stage)
+    return VirtualController(stage, zero_at_start=False)
 
 
 @pytest.fixture
@@ -92,7 +92,8 @@ def test_a_move_under_control_is_a_ramp_at_the_speed_of_the_axis(
     assert device.moving("1")
     device.advance(0.2)
     sent = stage.commands[0, 101:]  # the sample at time 0, then 100
-    expected = np.minimum(np.arange(1, sent.size + 1) * 0.3e-3 * T, 17e-6)
+    # it stood below its range at 0, and control has led it to the low end
+    expected = np.minimum(0.4e-6 + np.arange(1, sent.size + 1) * 0.3e-3 * T, 17e-6)
     assert_allclose(sent, expected, rtol=1e-13)
     assert sent[-1] == 17e-6
     assert not device.moving("1")
@@ -330,7 +331,8 @@ def test_refusals_have_their_reason_and_change_nothing(
         assert error.reason is reason, (call, args)
         assert str(error).count("\n") == 0
     device.advance(0.05)
-    assert_array_equal(stage.commands, 0.0)
+    assert_array_equal(stage.commands[0], 0.0)
+    assert device.target("2") == stage.commands[1, -1] == 0.4e-6  # the low end of its range
 
 
 def test_a_value_rounded_past_the_end_is_the_end(
@@ -352,6 +354,94 @@ def test_the_largest_speed_follows_from_the_slew_where_none_is_named(
     assert refusal(device.set_speed, "1", 1.01 * largest).reason is Refusal.SPEED_OUT_OF_LIMITS
 
 
+# zero -------------------------------------------------------------------------------------------
+
+
+def test_switched_on_it_stands_within_its_range_and_counts_from_there() -> None:
+    stage = SimpleStage()
+    device = VirtualController(stage)
+    low = RANGE[0] + 0.05 * (RANGE[1] - RANGE[0])
+    for axis, gain in zip(device.axes, GAIN, strict=True):
+        bounds = device.axes[axis].limits.position
+        assert bounds is not None
+        assert_allclose(bounds, np.array([0.4e-6, 41e-6]) - gain * low, rtol=1e-9)
+        assert (device.position(axis), device.command(axis)) == (0.0, low)
+        assert not device.moving(axis)
+    # the whole range was gone through, and nothing jumped
+    assert (stage.commands.min(), stage.commands.max()) == RANGE
+    assert np.abs(np.diff(stage.commands)).max() <= 3e4 * T
+    assert device.now == 0.0
+
+
+def test_under_control_positions_count_from_zero() -> None:
+    stage = SimpleStage()
+    device = VirtualController(stage)
+    zero = 0.4e-6 - (device.axes["1"].limits.position or (0.0,))[0]
+    device.set_record_signal(1, Signal(kind="position", source="1", name="p"))
+    device.set_record_signal(2, Signal(kind="channel", source="1", name="c"))
+    device.set_record_signal(3, Signal(kind="target", source="1", name="t"))
+    device.set_record_signal(4, Signal(kind="error", source="1", name="e"))
+    device.arm_recorder("move")
+    device.set_servo("1", True)
+    device.set_targets({"1": 17e-6})
+    device.advance(0.2)
+    p, c, t, e = (device.recorder.read(table, 0, device.recorder.recorded) for table in range(1, 5))
+    assert_array_equal(p, c)
+    assert_array_equal(e, t - p)
+    assert t[-1] == 17e-6
+    assert_allclose(device.position("1"), 17e-6, atol=1e-11)
+    assert_allclose(stage.position[0], 17e-6 + zero, atol=1e-11)
+    assert refusal(device.set_targets, {"1": 41e-6}).reason is Refusal.OUT_OF_LIMITS
+
+
+@pytest.mark.parametrize("portion", [1, 7, 1000])
+def test_a_zero_is_set_wherever_the_axis_was_and_in_whatever_portions_time_passes(
+    portion: int,
+) -> None:
+    stage = SimpleStage()
+    device = VirtualController(stage)
+    device.set_servo("1", True)
+    device.set_targets({"1": 30e-6})
+    device.advance(0.1)
+    before = stage.position[0] - device.position("1")
+    device.set_record_signal(1, Signal(kind="position", source="1", name="p"))
+    device.arm_recorder("now")
+    device.set_zero({"1": 20.0})
+    assert not device.servo_on("1")
+    assert (device.zeroing("1"), device.wave_running("1")) == (True, False)
+    assert refusal(device.set_zero, {"1": None}).reason is Refusal.WAVE_RUNNING
+    assert refusal(device.set_zero, {"2": 113.1}).reason is Refusal.OUT_OF_LIMITS
+    for _ in range(6000 // portion):
+        device.advance(portion * T)
+    assert not device.zeroing("1")
+    # three ways of 0.1 s and a rest of 0.2 s, and from the next sample on it counts from there
+    recorded = device.recorder.read(1, 0, device.recorder.recorded)
+    assert_array_equal(np.abs(recorded) > 1e-12, np.arange(recorded.size) < 5000)
+    assert_allclose(stage.position[0] - device.position("1"), 20.0 * GAIN[0], rtol=1e-12)
+    assert not np.isclose(before, 20.0 * GAIN[0])
+    assert device.position("2") == 0.0
+    # one that is stopped on its way counts as before
+    device.set_zero({"1": None})
+    device.advance(0.05)
+    device.stop()
+    assert not device.zeroing("1")
+    device.advance(1.0)
+    assert_allclose(stage.position[0] - device.position("1"), 20.0 * GAIN[0], rtol=1e-12)
+
+
+def test_control_that_begins_outside_the_range_leads_to_its_end() -> None:
+    stage = SimpleStage()
+    device = VirtualController(stage)
+    device.set_commands({"1": RANGE[0]})
+    device.advance(0.1)
+    low = (device.axes["1"].limits.position or (0.0,))[0]
+    assert device.position("1") < low
+    device.set_servo("1", True)
+    assert device.target("1") == low
+    device.advance(0.1)
+    assert_allclose(device.position("1"), low, atol=1e-11)
+
+
 # switching off and on ---------------------------------------------------------------------------
 
 
@@ -370,7 +460,7 @@ def test_a_reboot_returns_to_what_was_delivered(
     device.arm_recorder("move")
     device.advance(0.3)
     device.reboot()
-    fresh = VirtualController(SimpleStage())
+    fresh = VirtualController(SimpleStage(), zero_at_start=False)
     assert device.servo("1") == delivered
     assert device.now == 0.0
     assert stage.samples == 1
@@ -407,7 +497,7 @@ def end_a_waveform(device: VirtualController) -> None:
 def test_the_arrival_is_the_same_sample_in_whatever_portions(
     begin: Callable[[VirtualController], None],
 ) -> None:
-    slow = VirtualController(SimpleStage())
+    slow = VirtualController(SimpleStage(), zero_at_start=False)
     begin(slow)
     count = 0
     while not slow.on_target("1"):
@@ -416,7 +506,7 @@ def test_the_arrival_is_the_same_sample_in_whatever_portions(
         assert count < 2000
     assert count > 20
     for samples in (count - 1, count):
-        fast = VirtualController(SimpleStage())
+        fast = VirtualController(SimpleStage(), zero_at_start=False)
         begin(fast)
         fast.advance(samples * T)
         assert fast.on_target("1") == (samples == count)

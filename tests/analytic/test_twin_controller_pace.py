@@ -18,7 +18,7 @@ from tests.simple_stage import SimpleStage
 
 @pytest.fixture
 def device() -> VirtualController:
-    return VirtualController(SimpleStage())
+    return VirtualController(SimpleStage(), zero_at_start=False)
 
 
 class StepClock(Clock):
@@ -152,7 +152,9 @@ def test_a_simulation_that_broke_down_is_told_to_the_next_command() -> None:
                 raise FloatingPointError("a mode overflowed")
             return super().run(*args, **kwargs)  # type: ignore[arg-type]
 
-    pace = Pacemaker(VirtualController(Broken()), clock=Told(0.011, 0.011, 0.011))
+    pace = Pacemaker(
+        VirtualController(Broken(), zero_at_start=False), clock=Told(0.011, 0.011, 0.011)
+    )
     pace.start()
     thread = pace._thread
     assert thread is not None
@@ -182,7 +184,9 @@ def test_the_lock_comes_to_others_while_it_is_behind() -> None:
             time.sleep(0.025)
             return super().run(*args, **kwargs)  # type: ignore[arg-type]
 
-    pace = Pacemaker(VirtualController(Slow(sample_rate_hz=1e3)), tick=1e-4, catch_up=1.0)
+    pace = Pacemaker(
+        VirtualController(Slow(sample_rate_hz=1e3), zero_at_start=False), tick=1e-4, catch_up=1.0
+    )
     pace.start()
     worst = 0.0
     for _ in range(10):

@@ -25,7 +25,7 @@ def stage() -> SimpleStage:
 
 @pytest.fixture
 def device(stage: SimpleStage) -> VirtualController:
-    device = VirtualController(stage)
+    device = VirtualController(stage, zero_at_start=False)
     device.set_wave(1, TABLE)
     device.choose_wave("1", 1)
     device.set_record_signal(1, signal("voltage", "1"))
@@ -191,7 +191,7 @@ def test_a_change_of_settings_waits_for_the_next_recording(device: VirtualContro
 
 
 def test_nothing_chosen_records_nothing(stage: SimpleStage) -> None:
-    device = VirtualController(stage)
+    device = VirtualController(stage, zero_at_start=False)
     device.arm_recorder("now")
     device.advance(0.01)
     assert not device.recorder.recording
@@ -265,6 +265,7 @@ def test_drives_are_handled_at_rest_only(device: VirtualController, stage: Simpl
     assert refusal(device.remove_drives, True) is Refusal.NOT_ABLE
     device.advance(0.1)
     device.set_servo("2", True)
+    device.advance(0.1)
     assert refusal(device.remove_drives, True) is Refusal.SERVO_ON
     device.set_servo("2", False)
     device.remove_drives(True)

@@ -19,7 +19,7 @@ def stage() -> SimpleStage:
 
 @pytest.fixture
 def device(stage: SimpleStage) -> VirtualController:
-    device = VirtualController(stage)
+    device = VirtualController(stage, zero_at_start=False)
     device.set_commands({"1": 3.0, "2": 3.0})
     device.advance(0.01)
     return device
@@ -162,7 +162,7 @@ def test_feedforward_runs_beside_the_control_and_ends_with_the_waveform(
 
 def test_screws_run_waveforms_of_their_advance() -> None:
     stage = SimpleStage("screw")
-    device = VirtualController(stage)
+    device = VirtualController(stage, zero_at_start=False)
     load(device, "1", 1, [0.0, 2e-6, 4e-6, 1e-6])
     device.set_wave_rate_divider(30)
     device.start_waves(["1"])

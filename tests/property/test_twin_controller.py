@@ -96,7 +96,7 @@ def state(device: VirtualController) -> list[Any]:
 
 def new_device(kind: Any) -> tuple[SimpleStage, VirtualController]:
     stage = SimpleStage(kind)
-    device = VirtualController(stage)
+    device = VirtualController(stage, zero_at_start=False)
     for table, what, source in ((1, "position", "1"), (2, "target", "2"), (5, "channel", "3")):
         device.set_record_signal(table, Signal(kind=what, source=source, name=what))
     return stage, device

@@ -90,7 +90,7 @@ def test_connecting_moves_and_switches_nothing(twin):
     for axis in device.axes:
         assert not device.servo_on(axis)
         assert not device.moving(axis)
-        assert device.command(axis) == 0.0
+        assert device.command(axis) == 6.0  # where it has set its zero
     assert not device.drives_removed()
 
 
@@ -114,6 +114,7 @@ def test_a_record_is_what_the_device_recorded(twin):
     )
     rate = controller.recorder.configure(signals, 2500.0, 1700)
     assert rate == 2500.0
+    controller.axes["x"].set_voltage(0.0)
     controller.waves.load(
         Waveform(values={"x": sine(0.0, 90.0)}, sample_rate_hz=2000.0, quantity="voltage")
     )
@@ -229,6 +230,7 @@ def test_a_blow_is_recorded_with_the_drives_out_which_are_back_for_the_next_moti
 
 def test_a_wave_that_is_endless_is_stopped_from_another_thread(twin):
     controller, device = twin
+    controller.axes["x"].set_voltage(0.0)
     controller.waves.load(
         Waveform(values={"x": sine(0.0, 30.0)}, sample_rate_hz=2e3, quantity="voltage")
     )
@@ -264,6 +266,7 @@ def test_a_stop_at_rest_ends_no_later_motion_and_one_on_the_way_does(twin):
 def test_a_stop_just_before_a_waveform_begins_ends_it(twin, monkeypatch):
     controller, _ = twin
     waves = controller.waves
+    controller.axes["x"].set_voltage(0.0)
     waves.load(
         Waveform(values={"x": np.linspace(0.0, 5.0, 50)}, sample_rate_hz=1000.0, quantity="voltage")
     )
@@ -307,7 +310,8 @@ def test_every_model_of_controller_is_driven(name):
     """The client goes by what a controller lists, and writes its unit as that does."""
     made = interpreter(5, model=MODELS[name])
     link = InProcess(Loopback(made))
-    with closing(PiController.open(link, STAGE, transfer=LONG)) as controller:
+    axes = {"x": "1"} if MODELS[name].axes == 1 else None
+    with closing(PiController.open(link, STAGE, transfer=LONG, axes=axes)) as controller:
         assert (controller.identity.model, controller.identity.simulated) == (name, True)
         axis = controller.axes["x"]
         axis.set_closed_loop(True)
@@ -321,7 +325,43 @@ def test_every_model_of_controller_is_driven(name):
         assert controller.recorder.read(0, 50).channel("p").values == pytest.approx(
             np.full(50, 30e-6), abs=0.2e-6
         )
-        assert Capability.WAVE_GENERATOR in controller.capabilities
+        assert (Capability.WAVE_GENERATOR in controller.capabilities) != MODELS[name].motor
+
+
+@pytest.mark.parametrize("name", ["E-727", "E-725", "E-753"])
+def test_a_stage_that_is_switched_on_stands_within_its_range(name):
+    session = Loopback(interpreter(5, model=MODELS[name]))
+
+    def ask(text):
+        session.send(text.encode() + b"\n")
+        lines = session.receive().decode("latin-1").split(" \n")
+        return [float(line.partition("=")[2]) for line in lines]
+
+    for low, here, high in zip(ask("TMN?"), ask("POS?"), ask("TMX?"), strict=True):
+        assert -1.5 < low < here < 0.1  # um; zero is a little above the low end
+        assert high - low > 55.0
+    session.send(b"SVO 1 1\nMOV 1 0\n")
+    for _ in range(3):
+        ask("ONT? 1")
+    assert ask("ONT? 1") == [1.0]
+    assert abs(ask("POS? 1")[0]) < 0.05
+
+
+def test_axes_of_motors_are_referenced_before_they_move():
+    design_of_screws = design("vgtu-mechanical")
+    device = VirtualController(virtual_stage(design_of_screws, model="lumped", seed=3))
+    made = Interpreter(device, FastTime(device), model=MODELS["C-884"])
+    with closing(PiController.open(InProcess(Loopback(made)), design_of_screws)) as controller:
+        axis = controller.axes["x"]
+        assert axis.limits.position == pytest.approx(device.axes["1"].limits.position, rel=1e-9)
+        assert axis.limits.speed == pytest.approx(device.axes["1"].limits.speed, rel=1e-9)
+        with pytest.raises(ControllerError, match="not referenced"):
+            axis.move_to(0.1e-3)
+        axis.reference()
+        axis.move_to(0.1e-3)
+        assert device.position("1") == pytest.approx(0.1e-3, abs=1e-6)
+        axis.reference()  # is nothing, the second time
+        assert device.position("1") == pytest.approx(0.1e-3, abs=1e-6)
 
 
 def test_a_restart_is_noticed():

@@ -1,7 +1,8 @@
 """What drivers that others wrote send, byte for byte, and what of the answers they rely on.
 
 The lines are facts of Odemis' pigcs.py, EPICS motorPIGCS2, ESRF Bliss' pi_*.py, PIPython, pylablib,
-Micro-Manager's PI_GCS_2 and an adaptor for the E-753; none of their code is here.
+Micro-Manager's PI_GCS_2, an adaptor for the E-753, QCoDeS' Mercury, navigate and PyMoDAQ (both by
+PIPython); none of their code is here.
 `docs/explanation/twin.md` says which versions were run themselves.
 """
 
@@ -108,6 +109,7 @@ CONVERSATIONS = {
         (b"SPA? 1 0X07000900\n", rb"1 0X07000900=" + NUMBER + rb"\n"),
         (b"SEP? 1 0xffff0007\n", rb"1 0xffff0007=flexstage\n"),
         (b"IFC?  IPADR MACADR IPSTART\n", rb"IPADR=\S+ \nMACADR=\S+ \nIPSTART=0\n"),
+        (b"SAI?\n", rb"1\n"),  # one axis, whatever stage it drives
         (b"TSP?\n", rb"1=" + NUMBER + rb" \n2=" + NUMBER + rb"\n"),
         (b"TAD?\n", rb"1=-?\d+ \n2=-?\d+\n"),
         (b"SPA 1 0x16000300 2\n", rb""),
@@ -158,12 +160,52 @@ CONVERSATIONS = {
         (b"MOV 1 30.000000000\nERR?\n", rb"0\n"),
         (b"\x05", rb"[01]\n"),
     ],
-}
+    ("QCoDeS Mercury", "C-863"): [
+        (b"*IDN?\n", rb"[^\n]*C-863[^\n]*\n"),
+        (b"SAI?\n", rb"1\n"),
+        (b"SVO?\n", rb"1=1\n"),
+        (b"FRF?\n", rb"1=0\n"),  # its axis has seen no switch yet, and takes no position
+        (b"MOV 1 0.3\nERR?\n", rb"5\n"),
+        (b"LIM? 1\nTRS? 1\n", rb"1=1\n1=1\n"),
+        (b"FPL 1\n", rb""),
+        (b"ONT?\n" * 99, rb"(1=[01]\n)*1=1\n"),
+        (b"FRF?\nPOS?\nERR?\n", rb"1=1\n1=1\.0+e\+00\n0\n"),
+        (b"FNL 1\n" + b"ONT?\n" * 99, rb"(1=[01]\n)*1=1\n"),
+        (b"POS?\n", rb"1=0\.0+e\+00\n"),
+        (b"TCV? 1\nVEL? 1\n", rb"1=1\.0+e-01\n1=1\.0+e-01\n"),
+        (b"VEL 1 0.05\nVEL? 1\nVEL 1 0.2\nERR?\n", rb"1=5\.0+e-02\n8\n"),
+        (b"MOV 1 0.3\nMOV?\n", rb"1=3\.0+e-01\n"),
+        (b"STP\nERR?\n", rb"10\n"),
+        (b"#4\nERR?\n", rb"2\n"),  # the characters, where one character is meant
+    ],
+    ("navigate", "C-884"): [
+        (b"CST?\n", rb"1=x \n2=y\n"),
+        (b"SVO 1 1 2 1\nRON 1 1 2 1\nFRF\nERR?\n", rb"0\n"),
+        (b"\x07", rb"\xb1\n"),
+        (b"ONT?\n" * 99, rb"(1=[01] \n2=[01]\n)*1=1 \n2=1\n"),
+        (b"FRF?\nPOS? 1 2\n", rb"1=1 \n2=1\n1=5\.0+e-01 \n2=5\.0+e-01\n"),
+        (b"MOV 1 0.15 2 0.08\nERR?\n", rb"0\n"),
+        (b"ONT? 1 2\n" * 99, rb"(1=[01] \n2=[01]\n)*1=1 \n2=1\n"),
+        (b"POS? 1 2\n", rb"1=1\.50+e-01 \n2=8\.0+e-02\n"),
+    ],
+    ("PyMoDAQ", "C-884"): [
+        (b"SPA? 1 0x7000601\n", rb"1 0x7000601=mm\n"),
+        (b"TMN? 1\nTMX? 1\n", rb"1=0\.0+e\+00\n1=1\.0+e\+00\n"),
+        (b"RON 1 1\nFRF 1\n", rb""),
+        (b"\x18ERR?\nFRF? 1\n", rb"10\n1=0\n"),  # one that was stopped is no reference
+        (b"FRF 1\n" + b"ONT? 1\n" * 99, rb"(1=[01]\n)*1=1\n"),
+        (b"DFH 1\nMOV 1 0.1\nMVR 1 -0.025\nMOV? 1\nGOH 1\nMOV? 1\n",
+         rb"1=7\.50+e-02\n1=5\.0+e-01\n"),
+        (b"ACC 1 2.5\nACC? 1\nDEC? 1\n", rb"1=2\.50+e\+00\n1=1\.0+e\+00\n"),
+        (b"RON 2 0\nFRF? 2\nMOV 2 0.2\nERR?\n", rb"2=1\n0\n"),  # one that needs none
+        (b"WAV? 1\nERR?\nSVA? 1\nERR?\n", rb"2\n2\n"),
+    ],
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("client", "model"), CONVERSATIONS)
 def test_a_conversation_of_another_client(client, model):
-    session = opened(model=MODELS[model])
+    session = opened("screw" if MODELS[model].motor else "piezo", model=MODELS[model])
     for sent, wanted in CONVERSATIONS[client, model]:
         answer = session.feed(sent)
         assert re.fullmatch(wanted, answer) is not None, (sent, answer)
@@ -250,6 +292,22 @@ def test_parameters_have_a_tab_behind_the_number():
     assert {line.split()[3] for line in lines} == {"INT", "FLOAT", "CHAR"}
 
 
+def test_axes_have_the_names_that_are_given_them():
+    session = opened(model=MODELS["E-709"])
+    assert session.feed(b"SAI?\nTPC?\nPOS? 2\nERR?\n") == b"1\n1\n15\n"
+    assert session.feed(b"SAI 1 Z\nSAI?\nSVO Z 1\nMOV Z 5\nONT? Z\nPOS? Z\n") == (
+        b"Z\nZ=1\nZ=5.000000000e+00\n"
+    )
+    assert session.feed(b"POS? 1\nERR?\nSEP? Z 0x07000600\nSPA? Z 0x07000600\n") == (
+        b"15\nZ 0x07000600=1\nZ 0x07000600=Z\n"
+    )
+    session.feed(b"DRC 1 Z 3\nDRT 0 1 0\nMOV Z 9\nONT? Z\n")
+    assert session.feed(b"DRC? 1\nERR?\n") == b"1=Z 3\n0\n"
+    rows = session.feed(b"DRR? 1 3 1\n").decode().split("\n")[-4:-1]
+    # of 4 um 3.8, 3.6, 3.4 are still to go: 2 mm/s in samples of 0.1 ms
+    np.testing.assert_allclose([float(row) for row in rows], [3.8, 3.6, 3.4], rtol=1e-9)
+
+
 class Socket:
     """A client in the network, as simple as most are."""
 
@@ -277,6 +335,33 @@ class Socket:
         assert all("=" in line for line in heading[:-1])
         assert heading[-1] == "# END_HEADER"
         return np.array([float(line) for line in lines[len(heading) :]])
+
+
+def test_who_sends_a_heap_of_lines_is_answered_in_turns_with_others():
+    """A question is not kept waiting by the thousand of another client."""
+    interpreter = controller()
+    server = GcsServer(interpreter)
+    carried_out = []
+    run = interpreter.line
+
+    def line(client, text, **how):
+        carried_out.append(text)
+        return run(client, text, **how)
+
+    interpreter.line = line
+    server.start()
+    many, one = Socket(server.address), Socket(server.address)
+    with interpreter.pace.lock:  # nothing is carried out until all is there
+        many.link.sendall(b"POS?\n" * 2000)
+        one.link.sendall(b"VEL? 1\n")
+    assert one.link.recv(100) == b"1=2.000000000e+03\n"
+    got = b""
+    while got.count(b"\n") < 4000:
+        got += many.link.recv(65536)
+    assert carried_out.index("VEL? 1") < 50  # a few turns of 8 lines
+    for link in (many.link, one.link):
+        link.close()
+    server.close()
 
 
 @pytest.fixture

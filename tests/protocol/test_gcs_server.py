@@ -134,11 +134,12 @@ def test_data_recorder(session):
 
 def test_recorder_lists_what_it_can_record(session):
     lines = session.feed(b"HDR?\n").decode().split(" \n")
-    assert lines[:6] == [
+    assert lines[:7] == [
         "#RecordOptions",
         "0=Nothing is recorded",
         "1=Target Position of axis",
         "2=Current Position of axis",
+        "3=Position Error of axis",
         "7=Control Voltage of output chan",
         "20=Sensor mech.linear of input chan",
     ]

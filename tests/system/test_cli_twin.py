@@ -128,7 +128,8 @@ def test_a_conversation_with_a_process(start):
 @pytest.mark.slow
 @POSIX
 def test_control_is_held_and_an_interrupt_ends_it_well_in_real_time(start):
-    twin = start("vgtu-mechanical", "--port", "0", "--host", "0.0.0.0", "--hold-control")
+    twin = start("vgtu-mechanical", "--port", "0", "--host", "0.0.0.0", "--hold-control",
+                 "--axes", "X,Y")  # fmt: skip
     assert twin.line.startswith("twin of vgtu-mechanical at gcs://0.0.0.0:")
     assert "simulated" in twin.line
     assert twin.line.endswith("Ctrl-C ends it\n")
@@ -137,13 +138,15 @@ def test_control_is_held_and_an_interrupt_ends_it_well_in_real_time(start):
     with socket.create_connection(where, timeout=TIMEOUT) as link:
         # as what it answers where nothing else is said
         assert re.fullmatch(
-            r"Simulated Physik Instrumente \(flexstage\), E-727, twin-0, .*\n",
+            r"Simulated Physik Instrumente \(flexstage\), C-884, twin-0, .*\n",
             ask(link, b"*IDN?\n"),
         )
         assert "SVA" not in ask(link, b"HLP?\n")
-        assert ask(link, b"MOV 1 100\nERR?\n") == "0\n"
+        assert ask(link, b"SAI?\n") == "X \nY\n"
+        assert ask(link, b"MOV X 0.1\nERR?\n") == "5\n"  # it has been at no switch yet
+        assert ask(link, b"FRF\nERR?\n") == "0\n"
         with socket.create_connection(where, timeout=TIMEOUT) as second:
-            assert ask(second, b"MOV 1 0\nERR?\n") == "1005\n"
+            assert ask(second, b"MOV X 0\nERR?\n") == "1005\n"
         first = float(ask(link, b"SPA? 1 0x7F000001\n").split("=")[1])
         while float(ask(link, b"SPA? 1 0x7F000001\n").split("=")[1]) <= first + 0.05:
             pass
@@ -170,7 +173,11 @@ def test_a_port_that_is_taken(capsys):
         (["vgtu-pieso"], "did you mean 'vgtu-piezo'?"),
         (["vgtu-piezo", "--model", "solid"], "lumped or superelement, got 'solid'"),
         (["vgtu-piezo", "--amplifier", "x"], "voltage or charge, got 'x'"),
-        (["vgtu-piezo", "--identity", "C-863"], "E-516, E-517 or flexstage, got 'C-863'"),
+        (["vgtu-piezo", "--identity", "C-999"], "C-863, C-884 or flexstage, got 'C-999'"),
+        (["vgtu-piezo", "--axes", "X,Y,Z"], "2 or fewer different names of 1 to 8 letters"),
+        (["vgtu-piezo", "--axes", "2"], "such as X,Y, got '2'"),  # the second is called so already
+        (["vgtu-piezo", "--axes", "X,"], "got 'X,'"),
+        (["vgtu-piezo", "--axes", "a-b"], "got 'a-b'"),
         (["vgtu-piezo", "--port", "70000"], "--port must be 0 to 65535, got 70000"),
         (["vgtu-piezo", "--rate", "1 um"], "'um' is not a unit of frequency"),
         (["vgtu-piezo", "--rate", "1 Hz"], "1 kHz to 50 kHz, got '1 Hz'"),

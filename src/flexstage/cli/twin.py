@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 
 _MODELS = ("lumped", "superelement")
 _AMPLIFIERS = ("voltage", "charge")
-_IDENTITIES = ("E-727", "E-709", "E-712", "E-725", "E-753", "E-754", "E-516", "E-517", "flexstage")
+_IDENTITIES = ("E-727", "E-709", "E-712", "E-725", "E-753", "E-754", "E-516", "E-517", "C-863",
+               "C-884", "flexstage")  # fmt: skip
 _PORTS = 65535
 
 
@@ -54,7 +55,8 @@ def twin(
     servo_rate: str = "10 kHz",
     amplifier: Annotated[str, one_of(_AMPLIFIERS)] = "voltage",
     fast: bool = False,
-    identity: Annotated[str, one_of(_IDENTITIES)] = _IDENTITIES[0],
+    identity: Annotated[str, one_of(_IDENTITIES)] = "",
+    axes: str = "",
     serial_number: str = "",
     hold_control: bool = False,
     play: Path | None = None,
@@ -83,8 +85,10 @@ def twin(
     fast
         Advance simulated time by commands instead of real time.
     identity
-        Controller type that it reports, by which programs choose their driver; flexstage: own name
-        and all commands.
+        Controller type that it reports, by which programs choose their driver (default: E-727, or
+        C-884 for screws); flexstage: own name and all commands.
+    axes
+        NAMES: Identifiers of its axes, such as "Z" or "X,Y" (default: 1,2,...).
     serial_number
         TEXT: Serial number that it reports (default: twin-SEED).
     play
@@ -97,7 +101,8 @@ def twin(
     """
     _check("--model", model, _MODELS)
     _check("--amplifier", amplifier, _AMPLIFIERS)
-    _check("--identity", identity, _IDENTITIES)
+    if identity:
+        _check("--identity", identity, _IDENTITIES)
     if not 0 <= port <= _PORTS:
         raise typer.BadParameter(f"--port must be 0 to {_PORTS}, got {port}")
     if not (serial_number.isascii() and serial_number.isprintable()):
@@ -113,6 +118,15 @@ def twin(
         said = {"stage": described.name, "record": str(play), "files": [str(out)]}
         print_json(said) if as_json else print_notes(console(), (), [out])
         return
+    names = axes.split(",") if axes else []
+    named = [*names, *(str(i) for i in range(len(names) + 1, len(described.axes) + 1))]
+    if len(set(named)) != len(described.axes) or not all(
+        n.isascii() and n.isalnum() and len(n) <= 8 for n in named
+    ):
+        raise typer.BadParameter(
+            f"--axes must be {len(described.axes)} or fewer different names of 1 to 8 letters or "
+            f"digits, such as X,Y, got '{axes[:40]}'"
+        )
 
     with _ended_by_signals() as ended, _reserved(host, port) as listener:
         from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker
@@ -129,7 +143,8 @@ def twin(
             sample_rate_hz=loop_rate,
             amplifier=cast(Literal["voltage", "charge"], amplifier),
         )
-        device = VirtualController(made, serial_number=serial_number or f"twin-{seed}")
+        identity = identity or ("C-884" if made.kind == "screw" else _IDENTITIES[0])
+        device = VirtualController(made, serial_number=serial_number or f"twin-{seed}", names=names)
         real = Pacemaker(device)
         interpreter = Interpreter(
             device,

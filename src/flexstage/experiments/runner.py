@@ -128,6 +128,8 @@ def run_plan(
     try:
         locked = instrument_lock(instrument, serial or own.name, held=held)
         with locked, guarded(instrument):
+            for axis in instrument.axes.values():
+                axis.reference()
             state = _run_steps(context, state, plan.chosen(only))
             to_safe(instrument)
     finally:

@@ -17,15 +17,19 @@ if TYPE_CHECKING:
     from flexstage.instruments.recording.metadata import RunMetadata
     from flexstage.instruments.recording.recovery import recover
     from flexstage.instruments.recording.writer import RunWriter
+    from flexstage.instruments.scan_devices import FlyScan, MotionStatus, ScanAxis
     from flexstage.instruments.waveform import Waveform
 
 __all__ = [
     "CalibrationEntry",
     "Catalogue",
     "DriveOutput",
+    "FlyScan",
+    "MotionStatus",
     "NiSetup",
     "RunMetadata",
     "RunWriter",
+    "ScanAxis",
     "SensorInput",
     "Signal",
     "StageEntry",

@@ -125,6 +125,9 @@ class MotionAxis(Protocol):
         """Move to a position [m]; the limits are checked before any command leaves."""
         raise not_able(self, Capability.CLOSED_LOOP)
 
+    def reference(self) -> None:
+        """Move to a switch where its positions do not count yet; nothing where they do."""
+
     def set_voltage(self, voltage: float) -> None:
         """Set the voltage [V] in open loop, by a ramp where a step would pass the slew limit."""
         raise not_able(self, Capability.OPEN_LOOP)

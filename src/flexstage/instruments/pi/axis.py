@@ -141,6 +141,20 @@ class PiAxis(MotionAxis):
             if not self._volts_seen:
                 self._see_volts(begin, here, ended=here == voltage)
 
+    def reference(self) -> None:
+        profile, axis = self._connection.profile, self.facts.identifier
+        if not profile.knows("FRF", "FRF?") or self._client.ask_values("FRF?", [axis])[0]:
+            return
+        switch = not profile.knows("TRS?") or self._client.ask_values("TRS?", [axis])[0]
+        self._stops, self._target = self._client.stops, None
+        self._connection.tell(f"{'FRF' if switch else 'FNL'} {axis}")
+        self.wait(timeout=120.0)
+        if not self._client.ask_values("FRF?", [axis])[0]:
+            raise ControllerError(
+                f"axis '{self.name}' has no reference after its move to the switch: look whether "
+                "it is free to move, and at the controller's own messages"
+            )
+
     def moving(self) -> bool:
         if self._connection.profile.knows("#5"):
             return bool(self._client.ask_whole("\x05", base=16) >> self.facts.index & 1)

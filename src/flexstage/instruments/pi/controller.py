@@ -25,7 +25,7 @@ class PiController(Instrument):
     taken out for it, and put back before the next motion.
 
     Validity: written by the published command set and tested against simulated controllers only,
-    never against hardware. Axes that need a reference move are not referenced from here.
+    never against hardware. Axes are referenced by `MotionAxis.reference` only.
     """
 
     def __init__(

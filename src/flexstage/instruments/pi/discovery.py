@@ -122,12 +122,12 @@ def _axis(
     position = _range(connection, "TMN?", "TMX?", identifier, unit.factor)
     voltage = None if output is None else _range(connection, "VMI?", "VMA?", output, 1.0)
     slew = connection.number_parameter(identifier, r"largest slew-rate.*\[V/s\]") or None
-    speed = connection.number_parameter(identifier, r"largest speed.*\[um/s\]")
+    speed = connection.number_parameter(identifier, r"largest speed.*m/s\]")
     own = AxisLimits(
         position=position,
         voltage=voltage,
         slew=slew if output is not None else None,
-        speed=speed * 1e-6 if speed else None,
+        speed=speed * unit.factor if speed else None,
     )
     limits = stage_limits(stage, name).within(own)
     can: set[Capability] = set()

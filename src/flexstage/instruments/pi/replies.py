@@ -181,7 +181,7 @@ SENTENCES = MappingProxyType(
         2: "it does not know the command: its firmware may be older than this one needs",
         3: "the command is too long for it: give a shorter line limit",
         4: "it failed while reading its sensors",
-        5: "the axis is not referenced, or its position control is off: switch it on first",
+        5: "the axis is not referenced, or its position control is off: see to that first",
         6: "the gain that was asked for is not one of its gains",
         7: "the position is outside the limits of the axis",
         8: "the speed is outside the limits of the axis",

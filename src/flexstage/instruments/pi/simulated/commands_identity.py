@@ -12,6 +12,7 @@ from flexstage.instruments.pi.simulated.command import (
     fact,
     nothing,
     number,
+    pairs,
     printed,
     unsigned,
     unsigned_or_hex,
@@ -192,6 +193,21 @@ def _axis_names(state: ControllerState, _: Client, words: Sequence[str]) -> Repl
     return ["".join(state.axes)] if state.model.one_line else list(state.axes)
 
 
+def _name_axes(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    given = dict(pairs(words, state.axes, code.UNKNOWN_AXIS))
+    if not all(name.isalnum() and len(name) <= 8 for name in given.values()):
+        raise GcsError(code.BAD_AXIS_NAME)
+    after = [given.get(name, name) for name in state.device.axes]
+    if len(set(after)) < len(after):
+        raise GcsError(code.AXIS_TWICE)
+    state.name_axes(given)
+    state.delivered = {
+        (given.get(item, item) if PARAMETERS[key].item not in ("system", "channel") else item, key):
+        text for (item, key), text in state.delivered.items()
+    }  # fmt: skip
+    return None
+
+
 def _stage_names(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     axes = chosen(words, state.axes, code.UNKNOWN_AXIS)
     return [f"{name}={axis.stage_axis}" for name, axis in axes]
@@ -208,6 +224,8 @@ IDENTITY = (
     GcsCommand("HPA?", "", "Get List Of Available Parameters", _parameters),
     GcsCommand("IDN?", "", "Get Device Identification", fact(identity_line)),
     GcsCommand("RBT", "", "Reboot System", _reboot, changes=True, moves=True),
+    GcsCommand("SAI", "{<AxisID> <NewIdentifier>}", "Set Axis Identifiers", _name_axes,
+               changes=True),
     GcsCommand("SAI?", "[ALL]", "Get Axis Identifiers", _axis_names),
     GcsCommand("SEP?", "[{<ItemID> <PamID>}]", "Get Parameters As Delivered", _read_delivered),
     GcsCommand("SPA", "{<ItemID> <PamID> <PamValue>}", "Set Volatile Memory Parameters",
@@ -289,12 +307,13 @@ def _interfaces(state: ControllerState, _: Client, words: Sequence[str]) -> Repl
     return [f"{name}={value}" for name, value in chosen(words, facts, code.UNKNOWN_PARAMETER)]
 
 
-#: Commands of the controller's state; inputs for the target, and switches of the stage, are none.
+_SWITCHES = of_axes(lambda state, axis: str(int(state.has_switch(axis))))
+#: Commands of the controller's state; inputs for the target are none.
 STATUS = (
     GcsCommand("AOS?", "[{<AxisID>}]", "Get Analog Input Offset",
                of_axes(lambda _, __: printed(0.0))),
     GcsCommand("IFC?", "[{<InterfacePam>}]", "Get Interface Parameters", _interfaces),
-    GcsCommand("LIM?", "[{<AxisID>}]", "Indicate Limit Switches", of_axes(lambda _, __: "0")),
+    GcsCommand("LIM?", "[{<AxisID>}]", "Indicate Limit Switches", _SWITCHES),
     GcsCommand("OVF?", "[{<AxisID>}]", "Get Overflow State", of_axes(_overflow)),
     GcsCommand("SRG?", "[{<AxisID> <RegisterID>}]", "Query Status Register Value", _registers,
                poll=True),
@@ -303,5 +322,5 @@ STATUS = (
     GcsCommand("TAD?", "[{<InputID>}]", "Get ADC Value Of Input Signal", of_inputs(_digits)),
     GcsCommand("TNS?", "[{<InputID>}]", "Get Normalized Input Signal Value",
                of_inputs(lambda s, n: printed(_normalized(s, n)))),
-    GcsCommand("TRS?", "[{<AxisID>}]", "Indicate Reference Switch", of_axes(lambda _, __: "0")),
+    GcsCommand("TRS?", "[{<AxisID>}]", "Indicate Reference Switch", _SWITCHES),
 )  # fmt: skip

@@ -49,7 +49,7 @@ def _halt(state: ControllerState, client: Client, words: Sequence[str]) -> Reply
 def _move(relative: bool) -> Run:
     def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
         given = pairs(words, state.axes, code.UNKNOWN_AXIS)
-        targets = {axis: number(word) * MICRO for axis, word in given}
+        targets = {axis: number(word) * state.model.scale for axis, word in given}
         if relative:
             targets = {axis: state.device.target(axis) + v for axis, v in targets.items()}
         state.require_ready(targets)
@@ -89,16 +89,17 @@ def _switch_servo(state: ControllerState, _: Client, words: Sequence[str]) -> Re
 
 
 def _set_speed(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    given = [(axis, number(w)) for axis, w in pairs(words, state.axes, code.UNKNOWN_AXIS)]
+    scale = state.model.scale
+    given = [(axis, number(w) * scale) for axis, w in pairs(words, state.axes, code.UNKNOWN_AXIS)]
     for axis, speed in given:
         largest = state.axes[axis].limits.speed
-        if not speed > 0.0 or (largest is not None and speed * MICRO > largest * (1.0 + 1e-9)):
+        if not speed > 0.0 or (largest is not None and speed > largest * (1.0 + 1e-9)):
             raise GcsError(code.SPEED_OUT_OF_LIMITS)
     for axis, speed in given:
         if axis in state.free_speeds:
-            state.free_speeds[axis] = speed * MICRO
+            state.free_speeds[axis] = speed
         else:
-            state.device.set_speed(axis, speed * MICRO)
+            state.device.set_speed(axis, speed)
     return None
 
 
@@ -143,8 +144,10 @@ def _input(state: ControllerState, number_of_input: int) -> str:
     return printed(state.device.channel(number_of_input) / MICRO)
 
 
-def _micro(value: Callable[[ControllerState, str], float]) -> Callable[[ControllerState, str], str]:
-    return lambda state, axis: printed(value(state, axis) / MICRO)
+def _length(
+    value: Callable[[ControllerState, str], float],
+) -> Callable[[ControllerState, str], str]:
+    return lambda state, axis: printed(value(state, axis) / state.model.scale)
 
 
 def _flag(value: Callable[[ControllerState, str], bool]) -> Callable[[ControllerState, str], str]:
@@ -185,17 +188,18 @@ def _change(name: str, arguments: str, text: str, run: Run) -> GcsCommand:
 
 #: Commands of motion.
 MOTION = (
-    _question("FRF?", "Get Referencing Result", of_axes(lambda _, __: "1")),
+    _question("FRF?", "Get Referencing Result", of_axes(_flag(lambda s, a: s.referenced(a)))),
     GcsCommand("HLT", "[{<AxisID>}]", "Halt Motion Smoothly", _halt),
     _change("IMP", "<AxisID>", "Strike The Stage With A Hammer, Drives Taken Out", _strike),
     _change("MOV", "{<AxisID> <Position>}", "Set Target Position", _move(relative=False)),
-    _question("MOV?", "Get Target Position", of_axes(_micro(lambda s, a: s.device.target(a)))),
+    _question("MOV?", "Get Target Position", of_axes(_length(lambda s, a: s.device.target(a)))),
     _change("MVR", "{<AxisID> <Distance>}", "Set Target Relative", _move(relative=True)),
-    _question("NLM?", "Get Low Position Soft Limit", of_axes(_micro(lambda s, a: _soft(s, a, 0)))),
+    _question("NLM?", "Get Low Position Soft Limit", of_axes(_length(lambda s, a: _soft(s, a, 0)))),
     _question("ONT?", "Get On-Target State", of_axes(_flag(lambda s, a: s.device.on_target(a))),
               poll=True),
-    _question("PLM?", "Get High Position Soft Limit", of_axes(_micro(lambda s, a: _soft(s, a, 1)))),
-    _question("POS?", "Get Real Position", of_axes(_micro(lambda s, a: s.device.position(a)))),
+    _question("PLM?", "Get High Position Soft Limit",
+              of_axes(_length(lambda s, a: _soft(s, a, 1)))),
+    _question("POS?", "Get Real Position", of_axes(_length(lambda s, a: s.device.position(a)))),
     _question("PUN?", "Get Axis Unit", of_axes(lambda s, _: s.model.unit)),
     GcsCommand("STP", "", "Stop All Axes", _stop),
     _change("SVA", "{<AxisID> <Amplitude>}", "Set Open-Loop Voltage", _set_voltage(relative=False)),
@@ -203,11 +207,11 @@ MOTION = (
     _change("SVO", "{<AxisID> <ServoState>}", "Set Servo Mode", _switch_servo),
     _question("SVO?", "Get Servo Mode", of_axes(_flag(lambda s, a: s.device.servo_on(a)))),
     _change("SVR", "{<AxisID> <Difference>}", "Set Relative Open-Loop Voltage", _set_voltage(True)),
-    _question("TMN?", "Get Minimum Commandable Position", of_axes(_micro(_low))),
-    _question("TMX?", "Get Maximum Commandable Position", of_axes(_micro(_high))),
+    _question("TMN?", "Get Minimum Commandable Position", of_axes(_length(_low))),
+    _question("TMX?", "Get Maximum Commandable Position", of_axes(_length(_high))),
     GcsCommand("TSP?", "[{<InputID>}]", "Get Input Signal Position", of_inputs(_input)),
     _change("VEL", "{<AxisID> <Velocity>}", "Set Velocity", _set_speed),
-    _question("VEL?", "Get Velocity", of_axes(_micro(_speed))),
+    _question("VEL?", "Get Velocity", of_axes(_length(_speed))),
     GcsCommand("VMA?", "[{<OutputID>}]", "Get Maximum Output Voltage",
                _of_outputs(lambda s, a: _soft_voltage(s, a, 1))),
     GcsCommand("VMI?", "[{<OutputID>}]", "Get Minimum Output Voltage",

@@ -55,7 +55,7 @@ def _options(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
         "#Additional information",
         f"{state.recorder.tables} record tables (TNR?)",
         f"{state.device.recorder.capacity} points in each record table",
-        "Values are in um and urad, voltages in V, blows in N and m/s^2",
+        f"Positions are in {state.model.unit}, sensors in um and urad, blows in N and m/s^2",
         "#Sources for Record Options",
         *(f"{number}={' '.join(sources[number])}" for number in offered),
         "end of help",

@@ -12,45 +12,34 @@ from flexstage.instruments.pi.simulated.command import (
     nothing,
     number,
     pairs,
+    printed,
     switch,
     unsigned,
 )
 from flexstage.instruments.pi.simulated.commands_motion import of_axes
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
 from flexstage.instruments.pi.simulated.errors_gcs import GcsError
-from flexstage.instruments.pi.simulated.gcs_state import MICRO, ControllerState
+from flexstage.instruments.pi.simulated.gcs_state import ControllerState
 
 
 def _set_zero(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    """Go to the low voltage with control off; the zero of the simulation is there already."""
+    """Go through the range with control off, and count from where a low voltage leads to."""
     words = words or [word for axis in state.axes for word in (axis, "NAN")]
     given = pairs(words, state.axes, code.UNKNOWN_AXIS)
     if any(state.axes[axis].kind != "piezo" for axis, _ in given):
         raise GcsError(code.NOT_POSSIBLE)
-    lowest = {
-        axis: min(max(0.0, state.voltage_range(axis)[0]), state.voltage_range(axis)[1])
-        if word.upper() == "NAN"
-        else number(word)
-        for axis, word in given
-    }
-    state.require_ready(lowest, voltages=True)
-    for axis, voltage in lowest.items():
-        low, high = state.voltage_range(axis)
-        if not low <= voltage <= high:
-            raise GcsError(code.VOLTAGE_OUT_OF_LIMITS)
-        if state.device.wave_running(axis):
-            raise GcsError(code.WAVE_RUNNING)
-    for axis in lowest:
-        state.device.set_servo(axis, False)
-    state.device.set_commands(lowest)
-    state.zeroing |= lowest.keys()
+    lowest = {axis: None if word.upper() == "NAN" else number(word) for axis, word in given}
+    state.require_ready(
+        {axis: state.voltage_range(axis)[0] if v is None else v for axis, v in lowest.items()},
+        voltages=True,
+    )
+    try:
+        state.device.set_zero(lowest)
+    except RefusedError as error:
+        if error.reason is Refusal.OUT_OF_LIMITS:
+            raise GcsError(code.VOLTAGE_OUT_OF_LIMITS) from error
+        raise
     return None
-
-
-def _zeroed(state: ControllerState, axis: str) -> str:
-    """Say whether the zero of an axis is set, as it is when delivered, or it still goes there."""
-    if axis in state.zeroing and not state.device.moving(axis):
-        state.zeroing.discard(axis)
-    return str(int(axis not in state.zeroing))
 
 
 def _soft_limit(of_voltage: bool, high: bool) -> Run:
@@ -62,7 +51,7 @@ def _soft_limit(of_voltage: bool, high: bool) -> Run:
         for name, word in pairs(words, known, unknown):
             axis = state.outputs[name] if of_voltage else name
             widest = state.voltage_range(axis) if of_voltage else state.position_range(axis)
-            value = number(word) * (1.0 if of_voltage else MICRO)
+            value = number(word) * (1.0 if of_voltage else state.model.scale)
             now = changed.get(axis, widest)
             soft = (now[0], value) if high else (value, now[1])
             slack = 1e-6 * (widest[1] - widest[0])
@@ -122,21 +111,56 @@ def _enable(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     return None
 
 
-def _refused(error: int) -> Run:
-    """Refuse a motion to a switch that the stage does not have."""
+def _reference(share: float, missing: int) -> Run:
+    """Go to a switch at a part of the travel; piezo axes have none, and refuse."""
 
     def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-        chosen(words, state.axes, code.UNKNOWN_AXIS)
-        raise GcsError(error)
+        axes = chosen(words, state.axes, code.UNKNOWN_AXIS)
+        if not all(state.has_switch(name) for name, _ in axes):
+            raise GcsError(missing)
+        ends = {name: state.position_range(name) for name, _ in axes}
+        goals = {name: low + share * (high - low) for name, (low, high) in ends.items()}
+        state.device.set_targets(goals)
+        state.referencing.update(goals)
+        return None
 
     return run
 
 
 def _reference_mode(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    """Keep to absolute sensors, which is all there is."""
-    given = [switch(w) for _, w in pairs(words, state.axes, code.UNKNOWN_AXIS)]
-    if any(given):
+    """Let axes with switches move without a reference move, or only after one."""
+    given = {axis: switch(w) for axis, w in pairs(words, state.axes, code.UNKNOWN_AXIS)}
+    if any(on and not state.has_switch(axis) for axis, on in given.items()):
         raise GcsError(code.NO_REFERENCE_SENSOR)
+    state.reference_mode.update(given)
+    return None
+
+
+def _set_acceleration(name: str) -> Run:
+    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+        given = {axis: number(w) for axis, w in pairs(words, state.axes, code.UNKNOWN_AXIS)}
+        if not all(value > 0.0 for value in given.values()):
+            raise GcsError(code.OUT_OF_RANGE)
+        state.accelerations[name].update(given)
+        return None
+
+    return run
+
+
+def _acceleration(name: str) -> Run:
+    return of_axes(lambda state, axis: printed(state.accelerations[name][axis]))
+
+
+def _define_home(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    axes = chosen(words, state.axes, code.UNKNOWN_AXIS)
+    state.homes.update({axis: state.device.position(axis) for axis, _ in axes})
+    return None
+
+
+def _go_home(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    targets = {axis: state.homes[axis] for axis, _ in chosen(words, state.axes, code.UNKNOWN_AXIS)}
+    state.require_ready(targets)
+    state.device.set_targets(targets)
     return None
 
 
@@ -153,18 +177,30 @@ def _question(name: str, text: str, run: Run) -> GcsCommand:
 
 
 _SWITCHED = "{<AxisID> <State>}"
+_RATES = {"ACC": "Acceleration", "DEC": "Deceleration"}
 #: Commands of the set-up.
 SETUP = (
     _change("ATZ", "[{<AxisID> <LowValue>}]", "Set Automatic Zero Point", _set_zero, moves=True),
-    GcsCommand("ATZ?", "[{<AxisID>}]", "Get Automatic Zero Point State", of_axes(_zeroed),
-               poll=True),
+    GcsCommand("ATZ?", "[{<AxisID>}]", "Get Automatic Zero Point State",
+               _flag(lambda s, a: not s.device.zeroing(a)), poll=True),
     _change("DCO", _SWITCHED, "Set Drift Compensation Mode", _set_drift_compensation),
     _question("DCO?", "Get Drift Compensation Mode", _flag(lambda s, a: s.drift_compensation[a])),
     _change("EAX", _SWITCHED, "Enable Axis", _enable),
     _question("EAX?", "Get Axis Enable State", _flag(lambda s, a: a not in s.disabled)),
-    _change("FNL", "[{<AxisID>}]", "Move To Negative Limit", _refused(code.NO_LIMIT_SWITCH)),
-    _change("FPL", "[{<AxisID>}]", "Move To Positive Limit", _refused(code.NO_LIMIT_SWITCH)),
-    _change("FRF", "[{<AxisID>}]", "Move To Reference Switch", _refused(code.NO_REFERENCE_SENSOR)),
+    *(_change(name, _SWITCHED, f"Set Closed-Loop {text}", _set_acceleration(name))
+      for name, text in _RATES.items()),
+    *(_question(f"{name}?", f"Get Closed-Loop {text}", _acceleration(name))
+      for name, text in _RATES.items()),
+    _change("DFH", "[{<AxisID>}]", "Define Home Position", _define_home),
+    _question("DFH?", "Get Home Position",
+              of_axes(lambda s, a: printed(s.homes[a] / s.model.scale))),
+    _change("FNL", "[{<AxisID>}]", "Move To Negative Limit",
+            _reference(0.0, code.NO_LIMIT_SWITCH), moves=True),
+    _change("FPL", "[{<AxisID>}]", "Move To Positive Limit",
+            _reference(1.0, code.NO_LIMIT_SWITCH), moves=True),
+    _change("FRF", "[{<AxisID>}]", "Move To Reference Switch",
+            _reference(0.5, code.NO_REFERENCE_SENSOR), moves=True),
+    _change("GOH", "[{<AxisID>}]", "Go To Home Position", _go_home, moves=True),
     _change("NLM", "{<AxisID> <LowLimit>}", "Set Low Position Soft Limit",
             _soft_limit(of_voltage=False, high=False)),
     _change("ONL", "[<OutputID>] <State>", "Set Control Mode", _set_online),
@@ -172,7 +208,9 @@ SETUP = (
     _change("PLM", "{<AxisID> <HighLimit>}", "Set High Position Soft Limit",
             _soft_limit(of_voltage=False, high=True)),
     _change("RON", _SWITCHED, "Set Reference Mode", _reference_mode),
-    _question("RON?", "Get Reference Mode", _flag(lambda _, __: False)),
+    _question("RON?", "Get Reference Mode", _flag(lambda s, a: s.reference_mode[a])),
+    _question("TCV?", "Get Commanded Velocity",
+              of_axes(lambda s, a: printed(s.device.speed(a) / s.model.scale))),
     _change("VCO", _SWITCHED, "Set Velocity Control Mode", _set_speed_control),
     _question("VCO?", "Get Velocity Control Mode", _flag(lambda s, a: a not in s.free_speeds)),
     _change("VMA", "{<OutputID> <MaxVoltage>}", "Set Maximum Output Voltage",

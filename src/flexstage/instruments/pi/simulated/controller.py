@@ -35,6 +35,9 @@ class VirtualController(ControllerCore):
     axis under control, and voltages for one in open loop; when its waveform has ended an axis holds
     the last sample.
 
+    A piezo axis whose range is known has set its zero when it is switched on (`set_zero`): it has
+    gone through its range, stands near the low end, and counts from there.
+
     A piezo axis has arrived within 20 nm of its target for 5 ms; of a screw the window is its
     smallest step. A recording goes on until its tables are full, as long as nobody
     stops the motion that started it; at a slower rate nothing is averaged.
@@ -65,7 +68,8 @@ class VirtualController(ControllerCore):
     def set_servo(self, axis: str, on: bool) -> None:
         """Switch position control, without a jump.
 
-        Switched on, the target is what the sensor reads; switched off, the voltage stays.
+        Switched on, the target is what the sensor reads, or the end of the range where this is
+        outside; switched off, the voltage stays.
         """
         state = self._axis(axis)
         if state.servo == on:
@@ -77,6 +81,30 @@ class VirtualController(ControllerCore):
         self._need_drives()
         self._need_no_wave(state)
         state.switch(on)
+        low, high = state.description.limits.position or (-np.inf, np.inf)
+        if on and not low <= state.target <= high:
+            state.go(min(max(state.target, low), high), self._sample, state.speed)
+
+    def set_zero(self, voltages: Mapping[str, float | None]) -> None:
+        """Count the positions of axes from where they come to stand at a voltage [V], all or none.
+
+        Control goes off, and each axis goes through its whole range before; without a voltage it is
+        one little above the lowest. The ends of the range stay what they are, from the new zero.
+        """
+        self._need_drives()
+        found = {self._piezo(axis): value for axis, value in voltages.items()}
+        for state, value in found.items():
+            self._need_no_wave(state)
+            if value is not None:
+                found[state] = _allowed(state, value, state.description.limits.voltage, "V")
+        for state in found:
+            if state.servo:
+                state.switch(False)
+        self._begin_zero(found)
+
+    def zeroing(self, axis: str) -> bool:
+        """Say whether an axis is on its way to its zero."""
+        return self._axis(axis) in self._zeroing
 
     def target(self, axis: str) -> float:
         """Return where a move goes, or where a waveform is; in open loop the last target [m]."""
@@ -182,6 +210,7 @@ class VirtualController(ControllerCore):
         for state in states:
             if self._drives_out or not (state.moving(self._sample) or state.servo):
                 continue
+            self._zeroing.pop(state, None)
             state.stop(self._sample)
         if not any(state.wave for state in self._states.values()):
             self.recorder.end(by="wave")
@@ -297,12 +326,13 @@ class VirtualController(ControllerCore):
     def stop_waves(self, axes: Sequence[str]) -> None:
         """Stop waveforms; the axes hold where they are, and those that run none go on."""
         for _, state in self._named(axes):
-            if state.wave is not None:
+            if state.wave is not None and state not in self._zeroing:
                 state.stop(self._sample)
 
     def wave_running(self, axis: str) -> bool:
         """Say whether a waveform runs on an axis."""
-        return self._axis(axis).wave is not None
+        state = self._axis(axis)
+        return state.wave is not None and state not in self._zeroing
 
     def _named(self, axes: Sequence[str]) -> list[tuple[str, AxisState]]:
         return [(axis, self._axis(axis)) for axis in dict.fromkeys(axes)]

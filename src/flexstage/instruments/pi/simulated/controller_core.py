@@ -1,7 +1,9 @@
 """The clockwork of a simulated controller: commands in, samples of stage and recorder out."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,13 +12,18 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.instruments.pi.simulated.axis_state import AxisState
 from flexstage.instruments.pi.simulated.data_recorder import DataRecorder, Trigger, resampled
-from flexstage.instruments.pi.simulated.device import AxisDescription, Refusal, RefusedError
-from flexstage.instruments.pi.simulated.wave_tables import WaveTables
+from flexstage.instruments.pi.simulated.device import (
+    AxisDescription,
+    Refusal,
+    RefusedError,
+    renamed,
+)
+from flexstage.instruments.pi.simulated.wave_tables import WaveRun, WaveTables
 from flexstage.instruments.protocol import Capability, Identity, Signal
 from flexstage.stage import Stage
 from flexstage.virtual.stage import StageSamples, VirtualStage
 
-_KINDS = ("position", "target", "voltage", "channel", "force", "response")
+_KINDS = ("position", "target", "error", "voltage", "channel", "force", "response")
 #: Samples of the loop that are computed at once.
 _BLOCK = 1000
 #: Part of a sample by which a time may miss it because seconds are rounded.
@@ -25,6 +32,11 @@ _ROUNDING = 1e-6
 _TABLES, _SAMPLES = 8, 2**18
 #: When a piezo axis has come to its target: within this [m], for this long [s].
 _WINDOW, _SETTLE = 20e-9, 5e-3
+#: An axis counts from where it stands at this part of its voltage above the lowest, so that control
+#: has some voltage left at the low end.
+_ZERO_SHARE = 0.05
+#: Each way of an axis that sets its zero, and its rest behind them [s].
+_WAY, _REST = 0.1, 0.2
 _PIEZO = frozenset(
     {
         Capability.CLOSED_LOOP,
@@ -39,15 +51,23 @@ _SCREW = frozenset({Capability.CLOSED_LOOP})
 class ControllerCore:
     """Axes, tables, recorder and test bench of a simulated controller, and the time that passes."""
 
-    def __init__(self, stage: VirtualStage, *, serial_number: str = "") -> None:
+    def __init__(
+        self,
+        stage: VirtualStage,
+        *,
+        serial_number: str = "",
+        names: Sequence[str] = (),
+        zero_at_start: bool = True,
+    ) -> None:
         #: The stage in time; its sensors in the order of their numbers; rate of the loop [Hz].
         self.stage, self.channels = stage, stage.channels
         self.sample_rate_hz = float(stage.sample_rate_hz)
         self._states: dict[str, AxisState] = {}
+        self._zero_at_start = zero_at_start
         for index, name in enumerate(stage.axes):
             near = _WINDOW if stage.kind == "piezo" else _smallest_step(stage.stage, name)
             description = AxisDescription(
-                name=str(index + 1),
+                name=names[index] if index < len(names) else str(index + 1),
                 stage_axis=name,
                 kind=stage.kind,
                 limits=stage.limits[name],
@@ -57,10 +77,6 @@ class ControllerCore:
             )
             state = AxisState(description, index, self.sample_rate_hz)
             self._states[description.name] = state
-        #: Its axes by identifier.
-        self.axes: Mapping[str, AxisDescription] = {
-            name: s.description for name, s in self._states.items()
-        }
         self._delivered = {
             name: stage.servo_settings(s.description.stage_axis)
             for name, s in self._states.items()
@@ -78,6 +94,28 @@ class ControllerCore:
         #: Its tables of records.
         self.recorder = DataRecorder(_TABLES, _SAMPLES)
         self._switch_on()
+        for state in self._states.values():
+            low, high = state.description.limits.position or (0.0, 0.0)
+            zero = self._zero[state.index]
+            if zero:
+                limits = replace(state.description.limits, position=(low - zero, high - zero))
+                state.description = replace(state.description, limits=limits)
+        #: Its axes by identifier.
+        self.axes: Mapping[str, AxisDescription] = {
+            name: s.description for name, s in self._states.items()
+        }
+
+    def rename(self, names: Mapping[str, str]) -> None:
+        """Call axes by other identifiers; what was recorded is forgotten."""
+        for state in self._states.values():
+            name = state.description.name
+            state.description = replace(state.description, name=names.get(name, name))
+        self._states, self._delivered, self._choice, self._cycles = (
+            renamed(self._states, names), renamed(self._delivered, names),
+            renamed(self._choice, names), renamed(self._cycles, names),
+        )  # fmt: skip
+        self.axes = {name: s.description for name, s in self._states.items()}
+        self.recorder.clear()
 
     @property
     def now(self) -> float:
@@ -90,12 +128,13 @@ class ControllerCore:
         due = math.floor(self._owed + _ROUNDING)
         self._owed -= due
         while due > 0:
-            count = min(due, _BLOCK)
+            ends = [run.first - 1 + run.table.size for run in self._zeroing.values()]
+            count = min(due, _BLOCK, *(end - self._sample for end in ends))
             self._step(count)
             due -= count
 
     def reboot(self) -> None:
-        """Switch off and on: control off, tables and settings as delivered, the stage relaxed."""
+        """Switch off and on: control off, tables, settings and zero as delivered."""
         self.stage.reset()
         for name, settings in self._delivered.items():
             self.stage.set_servo_settings(self._states[name].description.stage_axis, settings)
@@ -113,8 +152,36 @@ class ControllerCore:
         self._sample = -1
         self._owed = 0.0
         self._readings = np.zeros(len(self.stage.channels))
+        #: Where the zero of each sensor is, as the stage counts [m, or rad]; axes that set theirs.
+        self._zero = np.zeros(len(self.stage.channels))
+        self._zeroing: dict[AxisState, WaveRun] = {}
         # the sample at time 0, so that there is a reading from the beginning
         self._step(1)
+        known = [s for s in self._states.values() if not s.screw and s.description.limits.position]
+        if self._zero_at_start and known:
+            self._begin_zero(dict.fromkeys(known))
+            while self._zeroing:
+                self.advance(_REST)
+            self._sample, self._owed = 0, 0.0
+
+    def _begin_zero(self, voltages: Mapping[AxisState, float | None]) -> None:
+        """Go through the whole range in open loop, and then to a voltage [V], where zero will be.
+
+        The way is the same whatever was before, so that so is the zero, but for creep.
+        """
+        for state, wanted in voltages.items():
+            low, high = state.description.limits.voltage or (0.0, 0.0)
+            end = low + _ZERO_SHARE * (high - low) if wanted is None else wanted
+            size = max(_WAY, 2.0 * (high - low) / state.largest_slew) * self.sample_rate_hz
+            rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, math.ceil(size) + 1) / math.ceil(size))
+            places = (state.present(self._sample), high, low, end)
+            ways = [a + (b - a) * rise for a, b in pairwise(places)]
+            rest = np.full(math.ceil(_REST * self.sample_rate_hz), end)
+            run = WaveRun(
+                first=self._sample + 1, table=np.concatenate((*ways, rest)), divider=1, cycles=1
+            )
+            state.run(run, self._sample)
+            self._zeroing[state] = run
 
     def set_record_signal(self, table: int, signal: Signal | None) -> None:
         """Choose what a table records, from the next recording on; None for nothing.
@@ -191,9 +258,11 @@ class ControllerCore:
         for state in self._states.values():
             state.fill(first, command[state.index], feedforward[state.index])
         control = [s.servo and not s.screw for s in self._states.values()]
+        wanted = command + np.where(control, self._zero[:size], 0.0)[:, None]
         block = self.stage.run(
-            command, control, None if np.isnan(feedforward).all() else feedforward
+            wanted, control, None if np.isnan(feedforward).all() else feedforward
         )
+        block.reading[:] -= self._zero[:, None]
         self._sample += count
         for state in self._states.values():
             row = state.index
@@ -202,6 +271,10 @@ class ControllerCore:
             state.volts, state.asked = float(block.voltage[row, -1]), float(block.command[row, -1])
         self._readings = block.reading[:, -1]
         self.recorder.take(first, count, lambda signal: self._values(signal, command, block))
+        for state, run in list(self._zeroing.items()):
+            if state.wave is not run:
+                self._zero[state.index] += self._readings[state.index]
+                del self._zeroing[state]
 
     def _values(self, signal: Signal, command: Array, block: StageSamples) -> Array:
         """Return the samples of a block that a signal stands for."""
@@ -212,9 +285,10 @@ class ControllerCore:
             return (block.command if state.screw else block.reading)[state.index]
         if signal.kind == "voltage":
             return block.voltage[state.index]
-        if state.servo:
-            return command[state.index]
-        return np.full(command.shape[1], state.target)
+        target = command[state.index] if state.servo else np.full(command.shape[1], state.target)
+        if signal.kind == "error":
+            return target - (block.command if state.screw else block.reading)[state.index]
+        return target
 
     def _require_signal(self, signal: Signal) -> None:
         if signal.kind not in _KINDS:

@@ -3,13 +3,16 @@
 A server of commands turns the reason of a refusal into a number of its protocol.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Literal
+from typing import Literal, TypeVar
 
 from flexstage.errors import FlexstageError
 from flexstage.instruments.protocol import Capability
 from flexstage.stage.limits import AxisLimits
+
+T = TypeVar("T")
 
 
 class Refusal(Enum):
@@ -56,3 +59,8 @@ class AxisDescription:
     """Largest distance from a target at which it counts as reached [m]."""
     settle: float = 0.0
     """How long it must be within it [s]."""
+
+
+def renamed(held: Mapping[str, T], names: Mapping[str, str]) -> dict[str, T]:
+    """Return what is held of axes under their new names; those that get none keep theirs."""
+    return {names.get(name, name): value for name, value in held.items()}

@@ -4,6 +4,7 @@ import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -14,14 +15,22 @@ from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.device import AxisDescription
 from flexstage.instruments.pi.simulated.errors_gcs import GcsError
 from flexstage.instruments.pi.simulated.record_store import RecordStore
+from flexstage.instruments.pi.units import METRES
 from flexstage.system.servo import Notch, ServoSettings
 
 #: Commands of controllers with reference or limit switches; of stepping drives.
 _REFERENCE = frozenset({"FNL", "FPL", "FRF", "LIM?", "RON", "RON?"})
+#: Commands of controllers of motors only.
+_MOTOR = frozenset({"ACC", "ACC?", "DEC", "DEC?", "DFH", "DFH?", "GOH", "TCV?"})
 _ENABLE = frozenset({"EAX", "EAX?"})
 _STATUS = frozenset({"SRG?", "TRS?"})
 #: Commands of analogue amplifiers with a digital interface.
 _ANALOGUE = frozenset({"DCO", "DCO?", "NLM", "ONL", "ONL?", "PLM", "VCO", "VCO?", "VMA", "VMI"})
+#: Commands of wave generators.
+_WAVES = frozenset(
+    {"GWD?", "TWC", "TWS", "TWS?", "WAV", "WAV?", "WCL", "WGC", "WGC?", "WGO", "WGO?", "WGR",
+     "WMS?", "WOS", "WOS?", "WSL", "WSL?", "WTR", "WTR?"}
+)  # fmt: skip
 #: Commands of digital controllers only.
 _DIGITAL = frozenset(
     {"AOS?", "ATZ", "ATZ?", "CTO", "CTO?", "IDN?", "IFC?", "OVF?", "SSN?", "TAD?", "TNS?", "TWC",
@@ -43,6 +52,15 @@ class ControllerModel:
     """Unit of positions, as it is written."""
     inputs: int | None = None
     """How many inputs it lists where none is named; all of them where not given."""
+    axes: int | None = None
+    """How many axes it has; as many as the stage where not given."""
+    motor: bool = False
+    """Whether it drives motors, whose axes count only once they have been at a switch."""
+
+    @property
+    def scale(self) -> float:
+        """SI value of its unit."""
+        return METRES[self.unit.lower()]
 
     @property
     def one_line(self) -> bool:
@@ -53,23 +71,27 @@ class ControllerModel:
 #: Answers as itself, and knows all commands.
 OWN = ControllerModel(name="")
 
-_DIGITAL_PIEZO = _REFERENCE | _ENABLE | _ANALOGUE
-_AMPLIFIER = _REFERENCE | _ENABLE | _STATUS | _DIGITAL
+_DIGITAL_PIEZO = _REFERENCE | _MOTOR | _ENABLE | _ANALOGUE
+_AMPLIFIER = _REFERENCE | _MOTOR | _ENABLE | _STATUS | _DIGITAL
+_OF_MOTORS = _ANALOGUE | _WAVES | {"AOS?", "OVF?", "NLM?", "PLM?", "IMP"}
 
-#: The models by name, the usual one first.
+#: The models by name, the usual one first; of screws it is the last.
 MODELS = {
     model.name: model
     for model in (
         ControllerModel(name="E-727", lacks=_DIGITAL_PIEZO | _STATUS | {"FRF?"}),
-        ControllerModel(name="E-709", lacks=_DIGITAL_PIEZO),
-        ControllerModel(name="E-712", lacks=_ANALOGUE),
+        ControllerModel(name="E-709", lacks=_DIGITAL_PIEZO, axes=1),
+        ControllerModel(name="E-712", lacks=_ANALOGUE | _MOTOR),
         ControllerModel(name="E-725", lacks=_DIGITAL_PIEZO),
-        ControllerModel(name="E-753", lacks=_DIGITAL_PIEZO | {"HLT"}, unit="\xb5M", inputs=2),
-        ControllerModel(name="E-754", lacks=_DIGITAL_PIEZO, inputs=3),
+        ControllerModel(name="E-753", lacks=_DIGITAL_PIEZO | {"HLT"}, unit="\xb5M", inputs=2,
+                        axes=1),
+        ControllerModel(name="E-754", lacks=_DIGITAL_PIEZO, inputs=3, axes=1),
         ControllerModel(name="E-516", lacks=_AMPLIFIER, syntax="1.0"),
         ControllerModel(name="E-517", lacks=_AMPLIFIER),
+        ControllerModel(name="C-863", lacks=_OF_MOTORS, unit="mm", axes=1, motor=True),
+        ControllerModel(name="C-884", lacks=_OF_MOTORS, unit="mm", motor=True),
     )
-}
+}  # fmt: skip
 
 
 #: Micrometres, and microradians, of the wire in SI.
@@ -223,36 +245,51 @@ class ControllerState:
         self.host, self.port = "127.0.0.1", 0
         #: How often motion was stopped.
         self.stops = 0
-        self.axes: dict[str, AxisDescription] = dict(device.axes)
-        piezo = [name for name, axis in self.axes.items() if axis.kind == "piezo"]
-        #: Axis by output channel, by wave generator; description by input channel.
-        self.outputs = {str(i): name for i, name in enumerate(piezo, 1)}
-        self.generators = {str(i): name for i, name in enumerate(self.axes, 1)}
+        #: Description by input channel.
         self.channels = {str(channel.number): channel for channel in device.channels}
         #: Texts of the parameters as delivered, by item and number.
         self.delivered: dict[tuple[str, int], str] = {}
-        self.forget()
+        self.name_axes({})
 
     def forget(self) -> None:
         """Be as when it was switched on."""
         self.waves = WaveStore(self.device)
-        self.recorder = RecordStore(self.device, self.outputs)
+        self.recorder = RecordStore(self.device, self.axes, self.outputs, self.model.scale)
         #: Drafts with the settings that they gave.
         self._drafts: dict[str, tuple[ServoDraft, ServoSettings]] = {}
         #: Narrower limits that clients have set, by axis [m], [V].
         self.soft_positions: dict[str, Range] = {}
         self.soft_voltages: dict[str, Range] = {}
-        #: Outputs that take commands; axes that are switched off; axes on their way to zero; speeds
-        #: of axes without control of speed [m/s]; axes with compensation of drift.
+        #: Outputs that take commands; axes that are switched off; speeds of axes without control of
+        #: speed [m/s]; axes with compensation of drift.
         self.online = dict.fromkeys(self.outputs, True)
         self.disabled: set[str] = set()
-        self.zeroing: set[str] = set()
         self.free_speeds: dict[str, float] = {}
         self.drift_compensation = dict.fromkeys(self.axes, False)
+        #: Axes that move only once they have been at a switch, and those that have; where those go
+        #: that are on their way to one [m]; homes [m]; rates of speed, which no motion here has.
+        self.reference_mode = {name: self.has_switch(name) for name in self.axes}
+        self.been = set[str]() if self.model.motor else set(self.axes)
+        self.referencing: dict[str, float] = {}
+        self.homes = dict.fromkeys(self.axes, 0.0)
+        self.accelerations = {name: dict.fromkeys(self.axes, 1.0) for name in ("ACC", "DEC")}
         #: Start mode of each wave generator; settings of the digital outputs, by line and number.
         self.start_modes = dict.fromkeys(self.generators, 0)
         self.trigger_points: dict[tuple[int, int], bool] = {}
         self.trigger_settings: dict[tuple[int, int], str] = {}
+
+    def name_axes(self, names: Mapping[str, str]) -> None:
+        """Call axes by other names, and forget what was set of them here."""
+        if names:
+            self.device.rename(names)
+        self.axes: dict[str, AxisDescription] = dict(
+            islice(self.device.axes.items(), self.model.axes)
+        )
+        piezo = [name for name, axis in self.axes.items() if axis.kind == "piezo"]
+        #: Axis by output channel, by wave generator.
+        self.outputs = {str(i): name for i, name in enumerate(piezo, 1)}
+        self.generators = {str(i): name for i, name in enumerate(self.axes, 1)}
+        self.forget()
 
     # positions ------------------------------------------------------------------------------
 
@@ -264,11 +301,25 @@ class ControllerState:
         """Return the voltages of an axis [V]; both 0 where it has none."""
         return self.axes[axis].limits.voltage or (0.0, 0.0)
 
+    def has_switch(self, axis: str) -> bool:
+        """Say whether an axis has a reference switch and limit switches."""
+        return self.axes[axis].kind == "screw"
+
+    def referenced(self, axis: str) -> bool:
+        """Say whether an axis may move: it has come to a switch, or needs none."""
+        ended = axis in self.referencing and not self.device.moving(axis)
+        # one that was stopped on its way has not been there
+        if ended and self.device.target(axis) == self.referencing.pop(axis):
+            self.been.add(axis)
+        return axis in self.been or not self.reference_mode[axis]
+
     def require_ready(self, targets: Mapping[str, float], *, voltages: bool = False) -> None:
         """Refuse a motion of axes that take none, or beyond limits that clients have set."""
         limits = self.soft_voltages if voltages else self.soft_positions
         offline = {self.outputs[name] for name, on in self.online.items() if not on}
         for axis, value in targets.items():
+            if not self.referenced(axis):
+                raise GcsError(code.SERVO_IS_OFF)  # the number of axes without a reference, too
             if axis in self.disabled:
                 raise GcsError(code.SWITCHED_OFF)
             if axis in offline:

@@ -4,6 +4,7 @@ Numbers below 0x70000000 are those of PI's piezo controllers; the simulated cont
 ``Twin`` in their group. Units are part of the names, so that a client can tell them.
 """
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 
@@ -11,7 +12,7 @@ from flexstage import __version__
 from flexstage.instruments.pi.simulated import errors_gcs as code
 from flexstage.instruments.pi.simulated.command import number, printed, switch, unsigned
 from flexstage.instruments.pi.simulated.errors_gcs import GcsError
-from flexstage.instruments.pi.simulated.gcs_state import MICRO, NOTCHES, ControllerState, ServoDraft
+from flexstage.instruments.pi.simulated.gcs_state import NOTCHES, ControllerState, ServoDraft
 from flexstage.instruments.protocol import Capability
 
 _KINDS = {int: "INT", str: "CHAR"}
@@ -73,13 +74,16 @@ def listing(state: ControllerState) -> list[str]:
             value = parameter.get(state, items[0])
             kind = "FLOAT" if isinstance(value, float) else _KINDS[type(value)]
             writable = parameter.set is not None or parameter.edit is not None
-            words = (0 if writable else 9, len(items), kind, parameter.group, parameter.name)
+            name = parameter.name
+            if parameter.item == "axis":
+                name = re.sub(r"\[um\b", "[mm" if state.model.unit == "mm" else "[um", name)
+            words = (0 if writable else 9, len(items), kind, parameter.group, name)
             lines.append("\t".join((f"0x{identifier:08X}=", *(str(word) for word in words))))
     return [*lines, "end of help"]
 
 
 def _speed(state: ControllerState, axis: str, word: str) -> None:
-    state.device.set_speed(axis, number(word) * MICRO)
+    state.device.set_speed(axis, number(word) * state.model.scale)
 
 
 def _wave_rate(state: ControllerState, _: str, word: str) -> None:
@@ -157,7 +161,7 @@ def _facts() -> dict[int, Parameter]:
     add(0x05000001, "channel", "Sensor", "Digital Filter Bandwidth [Hz]", lambda _, __: 0.0)
     add(0x05000002, "channel", "Sensor", "Digital Filter Order", lambda _, __: 0)
     window = "On Target Tolerance [um]"
-    add(0x07000900, "axis", "Servo", window, lambda s, axis: s.axes[axis].window / MICRO)
+    add(0x07000900, "axis", "Servo", window, lambda s, axis: s.axes[axis].window / s.model.scale)
     add(0x07000901, "axis", "Servo", "Settling Time [s]", lambda s, axis: s.axes[axis].settle)
     add(0x07000A00, "piezo", "Axis", "Low Voltage [V]", lambda s, axis: s.voltage_range(axis)[0])
     add(0x07000A01, "piezo", "Axis", "High Voltage [V]", lambda s, axis: s.voltage_range(axis)[1])
@@ -193,11 +197,11 @@ def _servo_parameters() -> dict[int, Parameter]:
 
 _PLAIN = {
     0x07000000: Parameter("axis", "Servo", "Range Limit min [um]",
-                          lambda s, axis: s.position_range(axis)[0] / MICRO),
+                          lambda s, axis: s.position_range(axis)[0] / s.model.scale),
     0x07000001: Parameter("axis", "Servo", "Range Limit max [um]",
-                          lambda s, axis: s.position_range(axis)[1] / MICRO),
+                          lambda s, axis: s.position_range(axis)[1] / s.model.scale),
     0x07000200: Parameter("axis", "Servo", "Servo Loop Slew-Rate [um/s]",
-                          lambda s, axis: s.device.speed(axis) / MICRO, set=_speed),
+                          lambda s, axis: s.device.speed(axis) / s.model.scale, set=_speed),
     0x07000600: Parameter("axis", "Axis", "Axis Identifier", lambda _, axis: axis),
     0x07000601: Parameter("axis", "Axis", "Axis Unit", lambda s, _: s.model.unit),
     0x0E000200: Parameter("system", "System", "Servo Update Time [s]",
@@ -235,7 +239,7 @@ _PLAIN = {
                           "Largest Slew-Rate Of The Voltage [V/s], 0 for none",
                           lambda s, axis: float(s.axes[axis].limits.slew or 0.0)),
     0x7F000014: Parameter("axis", "Twin", "Largest Speed [um/s], 0 for none",
-                          lambda s, axis: float(s.axes[axis].limits.speed or 0.0) / MICRO),
+                          lambda s, axis: float(s.axes[axis].limits.speed or 0.0) / s.model.scale),
     0x7F000020: Parameter("channel", "Twin", "Channel Name",
                           lambda s, channel: s.channels[channel].name),
     0x7F000021: Parameter("channel", "Twin", "Channel Unit",

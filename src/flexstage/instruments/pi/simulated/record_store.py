@@ -33,6 +33,7 @@ class RecordOption:
 RECORD_OPTIONS = {
     1: RecordOption("target", "Target Position of axis", "axis", "m"),
     2: RecordOption("position", "Current Position of axis", "axis", "m"),
+    3: RecordOption("error", "Position Error of axis", "axis", "m"),
     7: RecordOption("voltage", "Control Voltage of output chan", "output", "V"),
     20: RecordOption("channel", "Sensor mech.linear of input chan", "channel", ""),
     200: RecordOption("force", "Hammer Force [N] at axis", "axis", "N"),
@@ -42,10 +43,19 @@ _OPTION_OF = {option.kind: number for number, option in RECORD_OPTIONS.items()}
 
 
 class RecordStore:
-    """Tables of the recorder in the terms of the wire; `outputs` is the axis by output channel."""
+    """Tables of the recorder in the terms of the wire.
 
-    def __init__(self, device: VirtualController, outputs: Mapping[str, str]) -> None:
-        self._device, self._outputs = device, outputs
+    `outputs` is the axis by output channel, `scale` the SI value of the unit of positions.
+    """
+
+    def __init__(
+        self,
+        device: VirtualController,
+        axes: Iterable[str],
+        outputs: Mapping[str, str],
+        scale: float,
+    ) -> None:
+        self._device, self._axes, self._outputs, self._scale = device, axes, outputs, scale
         self._units = {str(channel.number): channel.unit for channel in device.channels}
         #: The trigger option, and how many tables are in use.
         self.trigger = 0
@@ -57,7 +67,7 @@ class RecordStore:
 
     def sources(self, option: RecordOption) -> Iterable[str]:
         """Return what an option can be recorded of."""
-        known = {"axis": self._device.axes, "output": self._outputs, "channel": self._units}
+        known = {"axis": self._axes, "output": self._outputs, "channel": self._units}
         return tuple(known[option.source])
 
     def choice(self, table: int) -> tuple[str, int]:
@@ -109,11 +119,11 @@ class RecordStore:
     def column(self, table: int, first: int, count: int) -> Array:
         """Return samples of a table in `kept`, counted from 0, in the unit of the wire.
 
-        These are um, urad, V, N, or what a blow is answered in.
+        These are its unit of positions, um and urad of sensors, V, N, or what answers a blow.
         """
         values = np.array(self._device.recorder.read(table, first, count), dtype=np.float64)
         if self.kept[table].unit in ("m", "rad"):
-            values /= _MICRO
+            values /= _MICRO if self.kept[table].kind == "channel" else self._scale
         return values
 
     def move(self, command: Callable[[], None]) -> None:

@@ -16,6 +16,8 @@ from flexstage.instruments.pi.simulated.session import ServerSession
 _log = logging.getLogger(__name__)
 
 _READ: Final = 1 << 16
+#: Commands of a client that are carried out before it is the turn of the next.
+_TURN: Final = 8
 #: Clients that may wait to be taken on.
 _WAITING: Final = 128
 #: Answers that are made before a client has read the last ones, and orders that are taken [bytes].
@@ -197,7 +199,7 @@ class GcsServer:
             return
         try:
             if len(connection.answers) < _ANSWERS:
-                connection.answers += connection.session.pull(commands=100)
+                connection.answers += connection.session.pull(commands=_TURN)
             self._send(connection)
         except BlockingIOError:
             pass
