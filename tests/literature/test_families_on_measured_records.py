@@ -4,7 +4,6 @@ The records are of a PICMA P-885.91 stack at 200 Hz (Y. N. Aye, W. T. Ang, ICSTS
 repository yan9a/DiscreteBacklashOperator).
 """
 
-
 import numpy as np
 import pytest
 

@@ -1,6 +1,5 @@
 """Measured files of others are read as their descriptions say."""
 
-
 import numpy as np
 import pytest
 

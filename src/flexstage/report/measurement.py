@@ -7,7 +7,7 @@ import flexstage
 from flexstage.cache.memory import Memory
 from flexstage.characteristic import shown_units
 from flexstage.experiments.campaign.results import TestResult
-from flexstage.quantities import Quantity, beside, number
+from flexstage.quantities import Quantity, beside, display, number
 from flexstage.report.page import page_html
 from flexstage.report.positioning import positioning_tables
 from flexstage.report.tables import column_title
