@@ -1,7 +1,11 @@
 """The front panel without a browser: its shell, jobs, uploads and what it keeps."""
 
+import asyncio
+import gc
 import os
 import time
+import weakref
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -191,3 +195,60 @@ def test_a_stage_that_is_gone_is_not_stopped() -> None:
     stops.stop()
     assert not stops.active
     assert not stopped
+
+
+async def opened(user: Any, path: str) -> Any:
+    """Open a page in a task of its own, whose end lets go of what the test itself would hold."""
+
+    async def open_() -> None:
+        await user.open(path)
+
+    await asyncio.create_task(open_())
+    return user.client
+
+
+def of_views() -> Iterator[str]:
+    """Name the views that there are."""
+    known = {f"flexstage.web.views.{view.module}" for view in VIEWS}
+    for each in gc.get_objects():
+        kind = type(each)
+        if str(kind.__module__) in known and kind.__name__.endswith("View"):
+            yield kind.__name__
+
+
+async def collected(gone: Callable[[], bool]) -> None:
+    """Wait until something is gone: what a page last sent ends within a second."""
+    end = time.monotonic() + 10.0
+    while not gone():
+        assert time.monotonic() < end, "it stays"
+        await asyncio.sleep(0.2)
+        gc.collect()
+
+
+@pytest.mark.parametrize("view", [view.path for view in VIEWS])
+def test_nothing_of_a_view_stays_when_its_browser_is_gone(tmp_path: Path, view: str) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        gone = []
+        for seconds in (0.0, 0.3):  # also while it still reads and draws
+            client = await opened(user, view)
+            await asyncio.sleep(seconds)
+            gone.append(weakref.ref(client))
+            client.delete()
+            user.client = client = None
+        await collected(lambda: [each() for each in gone] == [None, None])
+        assert [*of_views()] == []
+        await user.open("/report")  # the library ends in a page
+
+    simulated(tmp_path, look)
+
+
+def test_nothing_of_a_view_stays_when_another_is_opened_in_the_same_page(tmp_path: Path) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        client = await opened(user, "/report")
+        for view in (*VIEWS, VIEWS[-1]):
+            with client:
+                await client.sub_pages_router._handle_navigate(view.path)
+            await asyncio.sleep(0.2)
+        await collected(lambda: [*of_views()] == ["ReportView"])
+
+    simulated(tmp_path, look)

@@ -2,13 +2,14 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from asyncio import Task
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from nicegui import ui
+from nicegui import Client, background_tasks, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from flexstage.errors import FlexstageError
@@ -61,6 +62,23 @@ class Page:
     """The panel."""
     session: Session
     """Who looks at it, with what stays open through a reload."""
+    client: Client = field(default_factory=lambda: ui.context.client)
+    """Its end in the library: whatever is shown ends with it."""
+    _tasks: set[Task[None]] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.client.on_delete(self.leave)
+
+    def begin(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do something beside the view that is open; it ends with it."""
+        task = background_tasks.create(work, name=work.__qualname__, context=self.client)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def leave(self) -> None:
+        """End what is done beside the view that is open: it is left, or the browser is gone."""
+        for task in self._tasks:
+            task.cancel()
 
     @property
     def preferences(self) -> Preferences:

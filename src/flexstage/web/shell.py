@@ -46,6 +46,7 @@ def build_page(panel: Panel) -> None:
 
 
 def _show(page: Page, view: PanelView) -> None:
+    page.leave()
     ui.page_title(f"{view.name} · flexstage")
     PanelHeading(view.name, 1).classes("hidden-title")
     view.build(page)

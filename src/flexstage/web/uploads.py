@@ -1,12 +1,13 @@
 """Files that are given to the front panel: of known kinds, of limited size, under a plain name."""
 
 import re
+import weakref
 from collections.abc import Awaitable, Callable, Iterable
 from html import escape
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from nicegui import events, ui
+from nicegui import app, events, ui
 
 from flexstage.errors import ModelError
 from flexstage.files.write import write_whole
@@ -98,6 +99,19 @@ def upload(
         .classes("upload")
         .on_upload(handle)
     )
+    _let_go(place)
     place.add_slot("header", _HEADER.format(label=escape(label, quote=True)))
     place.on("rejected", rejected)
     return place
+
+
+def _let_go(place: ui.upload) -> None:
+    """Let the route of an element hold it weakly.
+
+    FastAPI remembers the function of every route that there was (4096 of them), and this one holds
+    the element: without this all that its page ever showed would stay for good.
+    """
+    (route,) = (r for r in app.routes if getattr(r, "path", "") == place.props["url"])
+    for cell in getattr(route, "endpoint").__closure__:
+        if cell.cell_contents is place:
+            cell.cell_contents = weakref.proxy(place)

@@ -4,7 +4,7 @@ import asyncio
 import time
 from typing import Any
 
-from nicegui import background_tasks, ui
+from nicegui import ui
 
 from flexstage.designs import StageTemplate
 from flexstage.errors import FlexstageError
@@ -54,7 +54,6 @@ class DesignView:
 
     def build(self) -> None:
         """Make the view."""
-        self._client = ui.context.client
         with ui.element("section").classes("panel toolbar"):
             self._tools()
         with ui.element("div").classes("columns design"):
@@ -102,7 +101,7 @@ class DesignView:
         self._dirty = True
         if not self._follows:
             self._follows = True
-            background_tasks.create(self._follow(), name="design", context=self._client)
+            self._page.begin(self._follow())
 
     def _opened(self) -> None:
         self._sliders.build()
@@ -204,7 +203,7 @@ class DesignView:
     async def _look(self) -> None:
         """Do what is due after a change has ended: history, drawing, slopes, the finer model."""
         state = self._state
-        if not self._client.has_socket_connection:
+        if not self._page.client.has_socket_connection:
             return  # the page was left, or is on its way back
         self._undo.set_enabled(state.history.can_undo)
         self._redo.set_enabled(state.history.can_redo)

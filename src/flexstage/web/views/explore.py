@@ -3,7 +3,7 @@
 import asyncio
 import hashlib
 
-from nicegui import background_tasks, ui
+from nicegui import ui
 
 from flexstage.errors import FlexstageError
 from flexstage.files.names import file_name
@@ -50,7 +50,6 @@ class ExploreView:
 
     def build(self) -> None:
         """Make the view."""
-        self._client = ui.context.client
         with ui.element("section").classes("panel toolbar"):
             StageChoice(self._page, self._opened)
             self._changed_label = ui.label().classes("muted")
@@ -81,7 +80,7 @@ class ExploreView:
         self._form.clear()
         with self._form:
             ui.label("Reading the stage …").classes("muted").props('role="status"')
-        background_tasks.create(self._read(variant), name="explore", context=self._client)
+        self._page.begin(self._read(variant))
 
     async def _read(self, variant: Variant) -> None:
         try:
@@ -173,7 +172,7 @@ class ExploreView:
                 "filled with what is usual for this stage."
             ).classes("muted")
             drawing = ui.html("", sanitize=False).classes("picture")
-        background_tasks.create(self._draw(drawing), name="drawing", context=self._client)
+        self._page.begin(self._draw(drawing))
 
     async def _draw(self, drawing: ui.html) -> None:
         """Draw the stage at hand where nothing was found yet."""
