@@ -202,6 +202,8 @@ def looked_at(folder: Path, *options: str) -> Iterator[Look]:
         look = Look(page)
         page.goto(address)
         page.wait_for_selector("main.view h1")
+        page.get_by_role("navigation").get_by_role("link", name="Design").click()
+        page.wait_for_selector(".sliders")
         yield look
 
 

@@ -14,6 +14,7 @@ from nicegui.elements.mixins.text_element import TextElement
 
 from flexstage.errors import FlexstageError
 from flexstage.report.page import typeset
+from flexstage.web.gate import SESSION
 from flexstage.web.jobs import BackgroundJob, Jobs
 from flexstage.web.options import PanelOptions
 from flexstage.web.preferences import Preferences
@@ -113,6 +114,15 @@ class Page:
 
         timer = ui.timer(every, look)
         return timer
+
+
+def pages_of(session: Session) -> list[Client]:
+    """Return the pages that a browser has open now."""
+    return [
+        client
+        for client in Client.instances.values()
+        if client.has_socket_connection and client.request.scope.get(SESSION) is session
+    ]
 
 
 def in_page_words(sentence: str) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from nicegui import app, events, ui
+from starlette.routing import Route
 
 from flexstage.errors import ModelError
 from flexstage.files.write import write_whole
@@ -111,7 +112,8 @@ def _let_go(place: ui.upload) -> None:
     FastAPI remembers the function of every route that there was (4096 of them), and this one holds
     the element: without this all that its page ever showed would stay for good.
     """
-    (route,) = (r for r in app.routes if getattr(r, "path", "") == place.props["url"])
-    for cell in getattr(route, "endpoint").__closure__:
+    address = place.props["url"]
+    (route,) = (r for r in app.routes if isinstance(r, Route) and r.path == address)
+    for cell in route.endpoint.__closure__ or ():
         if cell.cell_contents is place:
             cell.cell_contents = weakref.proxy(place)
