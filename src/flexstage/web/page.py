@@ -4,7 +4,7 @@ import os
 import re
 from asyncio import Task
 from collections.abc import Callable, Coroutine, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -87,12 +87,15 @@ class Page:
         return self.session.preferences
 
     @contextmanager
-    def sentences(self) -> Iterator[None]:
-        """Show an error of the library as its sentence, and go on."""
+    def sentences(self, card: ui.element | None = None) -> Iterator[None]:
+        """Show an error of the library as its sentence, and go on; else forget the one before."""
+        card = card or _card()
         try:
             yield
         except (FlexstageError, OSError) as error:
-            complain(self.words(str(error)))
+            complain(self.words(str(error)), card)
+        else:
+            _forget(card)
 
     def words(self, sentence: str) -> str:
         """Return what the library says as the page says it, without where the panel's files lie."""
@@ -145,8 +148,22 @@ def in_page_words(sentence: str) -> str:
     return typeset(_MICRO.sub("µ", said.replace("+-", "±")))
 
 
-def complain(sentence: str) -> None:
-    """Show what is wrong, in a sentence that stays until it is read."""
+def complain(sentence: str, card: ui.element | None = None) -> None:
+    """Show what is wrong inside the card that refused, until it accepts something.
+
+    It is that of whoever is answered; where there is none the sentence stands above the page until
+    it is read.
+    """
+    card = card or _card()
+    if card is not None and not card.is_deleted:
+        _forget(card)
+        with card:
+            said = ui.label(in_page_words(sentence)).classes("issue error refused")
+        said.props("role=alert")
+        card.client.run_javascript(
+            f"getHtmlElement({said.id})?.scrollIntoView({{block: 'nearest'}})"
+        )
+        return
     ui.notify(
         in_page_words(sentence),
         type="negative",
@@ -155,6 +172,22 @@ def complain(sentence: str) -> None:
         timeout=0,
         position="top",
     )
+
+
+def _card() -> ui.element | None:
+    """Return the card or dialog in which something is being answered."""
+    with suppress(RuntimeError):  # where it has gone meanwhile
+        inner = ui.context.slot.parent
+        around = (inner, *inner.ancestors())
+        return next((e for e in around if {"panel", "dialog"} & {*e.classes}), None)
+    return None
+
+
+def _forget(card: ui.element | None) -> None:
+    """Take away what a card has refused."""
+    for each in [] if card is None or card.is_deleted else [*card]:
+        if "refused" in each.classes:
+            each.delete()
 
 
 class PanelHeading(TextElement):

@@ -20,7 +20,7 @@ _WAYS = {
 def build(page: Page) -> None:
     """Make the view."""
     views = {view.module: view for view in VIEWS}
-    with ui.element("div").classes("ways"):
+    with ui.element("div").classes("purposes"):
         for name, modules in _WAYS.items():
             with ui.element("section").classes("panel"):
                 PanelHeading(name)
