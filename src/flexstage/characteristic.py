@@ -79,6 +79,11 @@ class Characteristic:
             )
 
     @property
+    def failing(self) -> str:
+        """What is required, where the value fails the criterion of its quantity; else empty."""
+        return QUANTITIES[self.quantity].failing(self.value)
+
+    @property
     def contribution(self) -> Component | None:
         """What its uncertainty adds to that of whatever is made of it; None where none is known."""
         if self.uncertainty is None:

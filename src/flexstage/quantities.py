@@ -23,6 +23,24 @@ class Quantity:
     """What a value in `unit` is multiplied by, to be shown."""
     zero: float = 0.0
     """Magnitude below which a value is rounding and no motion, in `unit`."""
+    at_least: float = -math.inf
+    """What a stage that holds has at least, in `unit`."""
+    at_most: float = math.inf
+    """What a drive that reaches the stroke needs at most, in `unit`."""
+
+    def failing(self, value: float) -> str:
+        """Say what is required where a value in `unit` fails it; empty where none does.
+
+        Examples
+        --------
+        >>> display("fatigue_safety").failing(0.51), display("fatigue_safety").failing(1.2)
+        ('at least 1 is required', '')
+        """
+        if value < self.at_least:
+            return f"at least {self.at_least * self.factor:g} is required"
+        unit = f" {self.shown_unit}" if self.shown_unit else ""
+        over = f"at most {self.at_most * self.factor:g}{unit} is possible"
+        return over if value > self.at_most else ""
 
     @property
     def heading(self) -> str:
@@ -80,8 +98,8 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("rotation_stroke", "rad", "Stroke in rotation", "µrad", 1e6),
         Quantity("transmission_ratio", "1", "Transmission ratio", "", 1.0),
         Quantity("max_stress", "Pa", "Largest stress", "MPa", 1e-6),
-        Quantity("safety_factor", "1", "Safety factor (yield)", "", 1.0),
-        Quantity("fatigue_safety", "1", "Safety factor (fatigue)", "", 1.0),
+        Quantity("safety_factor", "1", "Safety factor (yield)", "", 1.0, at_least=1.0),
+        Quantity("fatigue_safety", "1", "Safety factor (fatigue)", "", 1.0, at_least=1.0),
         Quantity("resolution", "m", "Resolution", "µm", 1e6),
         Quantity("rotation_resolution", "rad", "Resolution in rotation", "µrad", 1e6),
         Quantity("natural_frequency_hz", "Hz", "Natural frequency", "Hz", 1.0),
@@ -98,9 +116,9 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("thermal_drift", "m/K", "Thermal drift", "nm/K", 1e9, 1e-13),
         Quantity("out_of_plane_frequency_hz", "Hz", "Lowest mode out of plane", "Hz", 1.0),
         Quantity("out_of_plane_stiffness", "N/m", "Stiffness out of plane", "N/µm", 1e-6),
-        Quantity("buckling_factor", "1", "Buckling factor", "", 1.0),
+        Quantity("buckling_factor", "1", "Buckling factor", "", 1.0, at_least=1.0),
         Quantity("drive_force", "N", "Force of the drive", "N", 1.0),
-        Quantity("drive_force_share", "1", "Force over blocking force", "%", 100.0),
+        Quantity("drive_force_share", "1", "Force over blocking force", "%", 100.0, at_most=1.0),
         Quantity("stroke_left", "1", "Stroke left of the free stroke", "%", 100.0),
         Quantity("smallest_neck", "m", "Thinnest neck", "mm", 1e3),
         Quantity("smallest_slot", "m", "Narrowest slot", "mm", 1e3),

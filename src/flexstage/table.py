@@ -35,6 +35,8 @@ class Cell:
     """What stands below it in small print."""
     mark: Literal["", "ours", "variant"] = ""
     """Whether it is set off: as the best that is known here, or as another choice beside it."""
+    failing: str = ""
+    """What is required, where the figure fails it; it is marked by a word and by a colour."""
     names: Mapping[str, str | float] = field(default_factory=dict)
     """What a program that reads the table finds it by: quantity, axis, origin, value in SI."""
 

@@ -8,8 +8,13 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from flexstage.characteristic import Characteristic
 from flexstage.cli import main
 from flexstage.cli.output import on_terminal
+from flexstage.comparison import compare
+from flexstage.report.page import table_html
+from flexstage.report.tables import characteristics_table
+from flexstage.studies.results import characteristic_row
 from flexstage.table import table
 
 EXAMPLE = Path(__file__).parents[1] / "spelled_out_parallelogram.yaml"
@@ -60,3 +65,18 @@ def test_what_is_wrong_in_two_ways_is_told_twice(
     lines, _ = checked(capsys, path)
     assert sum(line.startswith("error: hinge") for line in lines) == 1
     assert sum(line.startswith("error: probe") for line in lines) == 1
+
+
+def test_a_figure_that_fails_its_criterion_is_marked_by_a_word_and_a_colour() -> None:
+    rows = [
+        Characteristic(quantity="fatigue_safety", axis=a, origin="lumped", value=v, unit="1")
+        for a, v in (("x", 0.5132), ("y", 1.31))
+    ]
+    assert [row.failing for row in rows] == ["at least 1 is required", ""]
+    assert characteristic_row(rows[0])["failing"] == "at least 1 is required"
+    made = characteristics_table(compare(rows), ("fatigue_safety",), "safety")
+    assert made is not None
+    low, high = re.findall(r"<td[^>]*data-value.*?</td>", table_html(made), flags=re.DOTALL)
+    assert 'class="ours fails"' in low
+    assert "<small>fails: at least 1 is required</small>" in low
+    assert "fails" not in high

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from flexstage.quantities import display, number
-from flexstage.report.front_page import best_model, listed, model_name
+from flexstage.report.front_page import best_model, fails, listed, model_name
 from flexstage.report.tables import percent
 from flexstage.studies.measurement import MeasurementComparison
 
@@ -134,7 +134,7 @@ def _of(study: "Study", quantity: str) -> str:
     shown = display(quantity)
     unit = f" {shown.shown_unit}" if shown.shown_unit else ""
     rows: Iterable = study.analyses[best_model(study)].characteristics.select(quantity)
-    return listed(f"{r.text(shown)}{unit} in {r.axis}" for r in rows)
+    return listed(f"{r.text(shown)}{unit} in {r.axis}{fails(r)}" for r in rows)
 
 
 def _model_against(value: float | None) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from flexstage.characteristic import measured_value
+from flexstage.characteristic import Characteristic, measured_value
 from flexstage.comparison import ComparisonRow
 from flexstage.quantities import display, number
 from flexstage.report.figures.drawing import draw_stage
@@ -148,7 +148,7 @@ def _table(study: "Study") -> Table | None:
         for c in published:
             slip = " †" if _slip(study, c, row.axis) and row.quantity == _RATIO else ""
             printed.append(f"{row.cells[c].text(shown)}{slip}" if c in row.cells else "–")
-        ours = Cell(cell.text(shown), mark="ours")
+        ours = Cell(cell.text(shown), mark="ours", failing=cell.failing)
         differences = (percent(row.difference_percent(model, c)) or "–" for c in published)
         rows.append((shown.heading, row.axis, *printed, ours, *differences))
     rows += _loops(study, len(published))
@@ -327,7 +327,7 @@ def _known(study: "Study") -> Iterator[str]:
     def said(quantity: str, unit: str = "") -> str:
         shown = display(quantity)
         values = [
-            f"{row.text(shown)}{unit or f' {shown.shown_unit}'} in {axis}"
+            f"{row.text(shown)}{unit or f' {shown.shown_unit}'} in {axis}{fails(row)}"
             for (q, axis), row in rows.items()
             if q == quantity
         ]
@@ -346,6 +346,11 @@ def _known(study: "Study") -> Iterator[str]:
         against = f"; safety against yield {safety.replace('  ', ' ')}" if safety else ""
         yield f"Stress: at most {stress}{against}."
     yield "Nothing was published or measured of this stage, so that no difference is shown."
+
+
+def fails(row: Characteristic) -> str:
+    """Say in brackets which criterion a figure fails; empty where it fails none."""
+    return f" (fails: {row.failing})" if row.failing else ""
 
 
 def listed(words: Iterable[str]) -> str:

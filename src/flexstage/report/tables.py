@@ -263,6 +263,7 @@ def _value(
         note=cell.note,
         small=f"± {spread}" if (spread := cell.spread_text(shown)) else "",
         mark=mark,
+        failing=cell.failing,
         names={
             "quantity": row.quantity,
             "axis": row.axis,

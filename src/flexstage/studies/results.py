@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 
 def characteristic_row(row: Characteristic) -> dict[str, Any]:
-    """Return a characteristic as a row of the tidy table."""
-    return picked(row, "quantity", "axis", "origin", "value", "unit", "uncertainty", "note")
+    """Return a characteristic as a row of the tidy table, with the criterion that it fails."""
+    named = ("quantity", "axis", "origin", "value", "unit", "uncertainty", "note", "failing")
+    return picked(row, *named)
 
 
 def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str, Any]:
