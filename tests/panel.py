@@ -195,7 +195,7 @@ def browser() -> Iterator[Any]:
 
 @contextlib.contextmanager
 def looked_at(folder: Path, *options: str) -> Iterator[Look]:
-    """Serve the panel and give a browser's page of it, as one that was just opened."""
+    """Serve the panel and give a browser's page of it, which has opened Design and a piezo stage."""
     with browser() as running, served(folder, *options) as (address, _):
         page = running.new_page()
         page.set_default_timeout(_PATIENCE * 1e3)
@@ -203,7 +203,9 @@ def looked_at(folder: Path, *options: str) -> Iterator[Look]:
         page.goto(address)
         page.wait_for_selector("main.view h1")
         page.get_by_role("navigation").get_by_role("link", name="Design").click()
-        page.wait_for_selector(".sliders")
+        page.get_by_role("combobox", name="Design").fill("vgtu-piezo")
+        page.get_by_role("option", name="vgtu-piezo", exact=True).click()
+        page.get_by_role("heading", name="vgtu-piezo", exact=True).wait_for()
         yield look
 
 

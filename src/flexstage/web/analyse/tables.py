@@ -57,7 +57,7 @@ def _cell(row: Characteristic | None, shown: Quantity) -> Cell:
         # what is below the last digit is in no one's way
         if spread > _SEEN * abs(row.value):
             text = f"{text} ± {number(spread * shown.factor, 1)}"
-    return Cell(text, row.value, note)
+    return Cell(text, row.value, note, failing=row.failing)
 
 
 def modes_table(found: Sequence[Analysed], drives: DriveCondition) -> Table:

@@ -32,7 +32,7 @@ _LISTED = 20  # runs of the catalogue
 def show_outcome(page: Page, outcome: RunOutcome) -> None:
     """Show what a run gave: the loop or the record, figures of a plan, and its files."""
     with ui.row().classes("items-center heading"):
-        PanelHeading(_called(outcome.folder))
+        PanelHeading(run_name(outcome.folder))
         ui.space()
         file, what = outcome.file, "report" if outcome.plan is not None else "record"
         quiet_button(
@@ -199,10 +199,10 @@ class RunList(RunForm):
 
 
 def _name(entry: "RunEntry") -> str:
-    return f"{shown_time(entry.started)}, {_called(Path(entry.folder))} {entry.step}".rstrip()
+    return f"{shown_time(entry.started)}, {run_name(Path(entry.folder))} {entry.step}".rstrip()
 
 
-def _called(folder: Path) -> str:
+def run_name(folder: Path) -> str:
     """Return what a run is called: its folder without the time before it."""
     return re.sub(r"^\d{8}T\d{6}Z-", "", folder.name)
 

@@ -8,7 +8,7 @@ from flexstage.web.bench.state import BenchForms
 from flexstage.web.design.state import DesignState
 from flexstage.web.page import Page, PanelHeading, complain, pages_of, quiet_button
 from flexstage.web.sessions import Session
-from flexstage.web.views import VIEWS
+from flexstage.web.views import START, VIEWS
 
 _WAYS = {
     "Design a stage": ("design", "analyse", "explore", "report"),
@@ -20,6 +20,7 @@ _WAYS = {
 def build(page: Page) -> None:
     """Make the view."""
     views = {view.module: view for view in VIEWS}
+    PanelHeading(START.purpose)
     with ui.element("div").classes("purposes"):
         for name, modules in _WAYS.items():
             with ui.element("section").classes("panel"):
