@@ -195,7 +195,7 @@ def browser() -> Iterator[Any]:
 
 @contextlib.contextmanager
 def looked_at(folder: Path, *options: str) -> Iterator[Look]:
-    """Serve the panel and give a browser's page of it, which has opened Design and a piezo stage."""
+    """Serve the panel and give a browser's page of it, with a piezo stage opened in Design."""
     with browser() as running, served(folder, *options) as (address, _):
         page = running.new_page()
         page.set_default_timeout(_PATIENCE * 1e3)

@@ -224,6 +224,7 @@ def show_job(
 
     Who waits for it is told why it failed.
     """
+    _forget(_card())
     with ui.row().classes("job items-center no-wrap") as row:
         ui.label(job.name)
         bar = ui.linear_progress(0.0, show_value=False)

@@ -42,7 +42,8 @@ def figures_tables(preferences: Preferences, found: Sequence[Analysed]) -> tuple
         cells += [_cell(row.cells.get(model), shown) for model in models]
         if len(models) == 2:
             cells.append(percent(row.difference_percent(models[1], models[0])) or "–")
-        (first if row.quantity in _FIRST else others).append(cells)
+        fails = any(cell.failing for cell in row.cells.values())
+        (first if fails or row.quantity in _FIRST else others).append(cells)
     return table("", heads, first), table("", heads, others)
 
 

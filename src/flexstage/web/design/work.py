@@ -99,7 +99,7 @@ def figures_table(
     headings += ["kept", "to kept"] if kept is not None else []
     rows = []
     for row in compare(lumped).rows:
-        if row.quantity not in SHOWN:
+        if row.quantity not in SHOWN and not any(c.failing for c in row.cells.values()):
             continue
         key = (row.quantity, row.axis)
         shown = preferences.shown(row.quantity)

@@ -5,7 +5,7 @@ import hashlib
 
 from nicegui import ui
 
-from flexstage.errors import FlexstageError
+from flexstage.errors import FlexstageError, ModelError
 from flexstage.files.names import file_name
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState, Variant
@@ -18,7 +18,7 @@ from flexstage.web.explore.results import Results
 from flexstage.web.explore.state import KINDS, ExploreState, Run
 from flexstage.web.explore.words import in_form_words
 from flexstage.web.explore.work import explored, question_of
-from flexstage.web.page import Page, PanelHeading, complain
+from flexstage.web.page import Page, PanelHeading
 
 _PURPOSES = {
     "sweep": "Vary parameters, and see what the figures do.",
@@ -136,10 +136,11 @@ class ExploreView:
     # runs
 
     async def _start(self) -> None:
-        try:
-            await self._started()
-        except (FlexstageError, OSError) as error:
-            complain(in_form_words(str(error)))
+        with self._page.sentences():
+            try:
+                await self._started()
+            except (FlexstageError, OSError) as error:
+                raise ModelError(in_form_words(str(error))) from error
 
     async def _started(self) -> None:
         state, facts, variant = self._state, self._facts, self._design.now
