@@ -10,6 +10,7 @@ from flexstage.web.page import Page, PanelHeading, complain, pages_of, quiet_but
 from flexstage.web.sessions import Session
 from flexstage.web.views import START, VIEWS
 
+_GONE = 5.0  # a browser that has not been seen for so long is not just on its way back [s]
 _WAYS = {
     "Design a stage": ("design", "analyse", "explore", "report"),
     "Measure one": ("hysteresis", "centring"),
@@ -33,7 +34,7 @@ def build(page: Page) -> None:
     left = [
         (session, ago)
         for session, ago in page.panel.access.sessions()
-        if session is not page.session and session.opened(DesignState) and not pages_of(session)
+        if ago > _GONE and session.opened(DesignState) and not pages_of(session)
     ]
     if left:
         with ui.element("section").classes("panel"):
