@@ -20,15 +20,16 @@ _PATIENCE = 120e3  # of one step [ms]
 
 def _own_stage(page: Any, done: Callable[[str], None]) -> None:
     _design(page, "parallelogram")
+    page.get_by_text("other dimensions").click()
     thickness = page.get_by_label("Value of thickness [mm]")
     thickness.fill("9")
     thickness.press("Enter")
     page.get_by_role("heading", name="parallelogram (changed)").wait_for()
     done("figures of the changed stage by the lumped model")
     page.get_by_role("link", name="Analyse").click()
-    page.get_by_role("checkbox", name="FEM 2D", exact=True).click()
+    page.get_by_role("checkbox", name="finite elements of the whole", exact=True).click()
     page.get_by_role("button", name="Analyse", exact=True).click()
-    page.locator(".model", has_text="finite elements in the plane").get_by_text(
+    page.locator(".model", has_text="finite elements of the whole").get_by_text(
         "done in"
     ).wait_for()
     done("the same by finite elements")

@@ -195,13 +195,17 @@ def browser() -> Iterator[Any]:
 
 @contextlib.contextmanager
 def looked_at(folder: Path, *options: str) -> Iterator[Look]:
-    """Serve the panel and give a browser's page of it, as one that was just opened."""
+    """Serve the panel and give a browser's page of it, with a piezo stage opened in Design."""
     with browser() as running, served(folder, *options) as (address, _):
         page = running.new_page()
         page.set_default_timeout(_PATIENCE * 1e3)
         look = Look(page)
         page.goto(address)
         page.wait_for_selector("main.view h1")
+        page.get_by_role("navigation").get_by_role("link", name="Design").click()
+        page.get_by_role("combobox", name="Design").fill("vgtu-piezo")
+        page.get_by_role("option", name="vgtu-piezo", exact=True).click()
+        page.get_by_role("heading", name="vgtu-piezo", exact=True).wait_for()
         yield look
 
 

@@ -8,25 +8,21 @@ from flexstage.quantities import QUANTITIES, Quantity, display
 from flexstage.short_repr import short_repr
 from flexstage.table import Table, table
 
+#: What each model is called, wherever people read it.
+MODEL_WORDS: Mapping[str, str] = {
+    "lumped": "rigid bodies",
+    "superelement": "finite elements, condensed",
+    "plane": "finite elements of the whole",
+    "superelement-3d": "finite elements in 3D, condensed",
+    "solid": "finite elements in 3D of the whole",
+}
 # what columns are called in a document of its own
 _TITLES = {
     "published-analytic": "published, analytic",
     "published-fem": "published, FEM",
     "published-measured": "published, measured",
-    "superelement": "FEM 2D, condensed",
-    "plane": "FEM 2D",
-    "superelement-3d": "FEM 3D, condensed",
-    "solid": "FEM 3D",
     "virtual": "virtual measurement",
-}
-
-#: What each model is, in words.
-MODEL_WORDS: Mapping[str, str] = {
-    "lumped": "rigid bodies",
-    "superelement": "bodies condensed to their hinges",
-    "plane": "finite elements in the plane",
-    "superelement-3d": "condensed bodies in three dimensions",
-    "solid": "finite elements in three dimensions",
+    **MODEL_WORDS,
 }
 
 

@@ -32,7 +32,8 @@ class Quantity:
         """Say what is required where a value in `unit` fails it; empty where none does."""
         if value < self.at_least:
             return f"at least {self.at_least * self.factor:g} is required"
-        most = f"at most {self.at_most * self.factor:g} {self.shown_unit} is possible"
+        unit = f" {self.shown_unit}" if self.shown_unit else ""
+        most = f"at most {self.at_most * self.factor:g}{unit} is possible"
         return most if value > self.at_most else ""
 
     @property

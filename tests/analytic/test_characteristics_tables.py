@@ -112,7 +112,7 @@ def test_columns_and_rows_are_those_of_the_report() -> None:
     book = openpyxl.load_workbook(io.BytesIO(files["vgtu-piezo-tables.xlsx"]))
     sheet = book["Figures"]
     head = [c.value for c in sheet[3]]
-    column = head.index("lumped against published, FEM [%]")
+    column = head.index("rigid bodies against published, FEM [%]")
     for cells, expected in zip(sheet.iter_rows(min_row=4), theirs.rows, strict=True):
         difference = expected.difference_percent("lumped", "published-fem")
         assert cells[0].value == display(expected.quantity).label
@@ -156,7 +156,7 @@ def test_excel_shows_figures_as_people_read_them(files: dict[str, bytes]) -> Non
     assert measured.value == pytest.approx(63.1234567, rel=1e-14)
     assert measured.number_format == "0.00"  # four digits
     assert (spread.value, spread.number_format) == (pytest.approx(0.0671), "0.000")
-    assert first[head["lumped"]].comment.text == NASTY
+    assert first[head["rigid bodies"]].comment.text == NASTY
     more = first[head["measured against published, FEM [%]"]]
     assert more.value == pytest.approx(100.0 * (63.1234567 / 64.6 - 1.0), rel=1e-12)
     told = openpyxl.load_workbook(io.BytesIO(files["my-stage-tables.xlsx"]))["Provenance"]

@@ -1,18 +1,26 @@
 """The front panel without a browser: its shell, jobs, uploads and what it keeps."""
 
+import asyncio
+import gc
 import os
 import time
+import weakref
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from nicegui import ui
 
+from flexstage.designs import StageTemplate
 from flexstage.errors import ModelError
+from flexstage.web.bench.state import BenchForms
+from flexstage.web.design.state import DesignState
 from flexstage.web.figures import chart_figure
 from flexstage.web.jobs import Jobs
+from flexstage.web.page import pages_of
 from flexstage.web.preferences import Preferences
-from flexstage.web.sessions import History
+from flexstage.web.sessions import Access, History
 from flexstage.web.stops import Stops
 from flexstage.web.uploads import plain_name, require_ending
 from flexstage.web.views import VIEWS
@@ -191,3 +199,114 @@ def test_a_stage_that_is_gone_is_not_stopped() -> None:
     stops.stop()
     assert not stops.active
     assert not stopped
+
+
+def test_a_session_ends_a_day_after_it_was_last_used_and_by_logging_out(tmp_path: Path) -> None:
+    now = [1000.0]
+    access = Access(clock=lambda: now[0])
+    first, second = access.open_session(), access.open_session()
+    kept = access.session(first)
+    assert kept is not None
+    now[0] += 80000.0
+    assert access.session(first) is kept
+    now[0] += 80000.0
+    # the first was used less than a day ago, the second was not
+    assert access.session(second) is None
+    assert access.sessions() == [(kept, 80000.0)]
+    access.end(kept)
+    assert access.session(first) is None
+
+    async def look(user: Any, panel: Any) -> None:
+        await user.open("/bench")
+        gone = user.client
+        user.find("Log out").click()
+        assert (await user.http_client.get("/bench")).status_code == 401
+        await collected(lambda: gone.is_deleted)
+        with pytest.raises(AssertionError, match="401"):
+            await user.open("/")
+
+    simulated(tmp_path, look)
+
+
+def test_what_a_browser_left_is_opened_again_in_another(tmp_path: Path) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        await user.open("/design")
+        (left,) = panel.access._sessions.values()
+        left.state(BenchForms).operator = "Ann"
+        left.state(DesignState).open(StageTemplate.of("cartwheel"))
+        user.http_client.cookies.clear()
+        await user.http_client.get("/", params={"token": panel.access.new_token()})
+        await user.open("/")
+        await user.should_see("Drive one")
+        # as long as it is open there, nobody else takes it
+        await user.should_not_see("Open it again")
+        for client in pages_of(left):
+            client.tab_id = None
+        await user.open("/")
+        await user.should_not_see("Open it again")
+        left.seen -= 60.0
+        await user.open("/")
+        await user.should_see("Ann: cartwheel; last seen 2 min ago")
+        user.find("Open it again").click()
+        await user.open("/design")
+        await user.should_see("cartwheel", retries=20)
+        assert {*panel.access._sessions.values()} == {left}
+
+    simulated(tmp_path, look)
+
+
+async def opened(user: Any, path: str) -> Any:
+    """Open a page in a task of its own, whose end lets go of what the test itself would hold."""
+
+    async def open_() -> None:
+        await user.open(path)
+
+    await asyncio.create_task(open_())
+    return user.client
+
+
+def of_views() -> Iterator[str]:
+    """Name the views that there are."""
+    known = {f"flexstage.web.views.{view.module}" for view in VIEWS}
+    for each in gc.get_objects():
+        kind = type(each)
+        if str(kind.__module__) in known and kind.__name__.endswith("View"):
+            yield kind.__name__
+
+
+async def collected(gone: Callable[[], bool]) -> None:
+    """Wait until something is gone: what a page last sent ends within a second."""
+    end = time.monotonic() + 10.0
+    while not gone():
+        assert time.monotonic() < end, "it stays"
+        await asyncio.sleep(0.2)
+        gc.collect()
+
+
+@pytest.mark.parametrize("view", [view.path for view in VIEWS])
+def test_nothing_of_a_view_stays_when_its_browser_is_gone(tmp_path: Path, view: str) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        gone = []
+        for seconds in (0.0, 0.3):  # also while it still reads and draws
+            client = await opened(user, view)
+            await asyncio.sleep(seconds)
+            gone.append(weakref.ref(client))
+            client.delete()
+            user.client = client = None
+        await collected(lambda: [each() for each in gone] == [None, None])
+        assert [*of_views()] == []
+        await user.open("/report")  # the library ends in a page
+
+    simulated(tmp_path, look)
+
+
+def test_nothing_of_a_view_stays_when_another_is_opened_in_the_same_page(tmp_path: Path) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        client = await opened(user, "/report")
+        for view in (*VIEWS, VIEWS[-1]):
+            with client:
+                await client.sub_pages_router._handle_navigate(view.path)
+            await asyncio.sleep(0.2)
+        await collected(lambda: [*of_views()] == ["ReportView"])
+
+    simulated(tmp_path, look)

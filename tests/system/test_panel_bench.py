@@ -29,6 +29,7 @@ from flexstage.web.bench import link
 from flexstage.web.bench.control import GONE, Control
 from flexstage.web.bench.link import BenchLink
 from flexstage.web.bench.loops import loop_figures
+from flexstage.web.bench.outcome import run_name
 from flexstage.web.bench.runs import (
     AboutRun,
     WaveformOrder,
@@ -440,6 +441,62 @@ def test_the_page_connects_and_a_reload_finds_the_stage(
     simulated(tmp_path, look)
 
 
+def test_what_an_axis_refuses_stands_in_its_card_until_it_accepts_something(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link, "connect", lambda address, stage: SimpleInstrument())
+
+    async def look(user: Any, panel: Any) -> None:
+        from nicegui import ui
+
+        await user.open("/bench")
+        user.find(kind=ui.button, content="Connect").click()
+        await user.should_see("limits, position control", retries=40)
+        await user.should_see("limits, voltage")
+        bench = panel.state(BenchLink)
+        await asyncio.to_thread(until, lambda: "x" in bench.readings)
+
+        def told() -> list[str]:
+            cards = [e for e in user.client.elements.values() if "axis" in e.classes]
+            return [
+                e.text for card in cards[:1] for e in card.descendants() if "refused" in e.classes
+            ]
+
+        try:
+            await user.should_see("Go to, V", retries=40)
+            target = min(
+                (n for n in user.find(ui.number).elements if n.props["label"] == "Go to, V"),
+                key=lambda n: n.id,
+            )
+            go = min(user.find(kind=ui.button, content="Go").elements, key=lambda b: b.id)
+            for value, refused in ((500.0, True), (501.0, True), (5.0, False)):
+                target.value = value
+                with go:
+                    for listener in go._event_listeners.values():
+                        go._handle_event({"listener_id": listener.id, "args": {}})
+                await come(lambda refused=refused: bool(told()) is refused)
+                assert len(told()) == refused
+                assert all("cannot be sent to" in said for said in told())
+        finally:
+            bench.close()
+
+    simulated(tmp_path, look)
+
+
+async def come(condition: Callable[[], Any], seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it never came"
+        await asyncio.sleep(0.02)
+
+
+def test_a_run_has_the_name_that_a_person_gave(tmp_path: Path) -> None:
+    named = replace(about(tmp_path), name="first loop").folder("waveform-x")
+    assert run_name(named) == "first-loop-waveform-x"
+    assert run_name(about(tmp_path).folder("record")) == "vgtu-piezo-record"
+    assert run_name(tmp_path / "mine") == "mine"
+
+
 def connected(page: Any, address: str = "") -> None:
     """Open the bench and connect, to the twin where no address is given."""
     page.get_by_role("link", name="Bench").click()
@@ -468,7 +525,13 @@ def test_the_bench_is_sound_and_does_its_task(tmp_path: Path) -> None:
         page.get_by_label("Go to, V").first.fill("130")
         page.get_by_role("button", name="Go", exact=True).first.click()
         page.get_by_text("axis 'x' cannot be sent to 130 V: its limits are 0 to 120 V").wait_for()
-        page.get_by_role("button", name="OK", exact=True).click()
+        # it stands in the card of the axis, and goes with what that accepts
+        refused = page.get_by_role("region", name="Axis x").get_by_role("alert")
+        assert "cannot be sent" in refused.inner_text()
+        page.get_by_role("button", name="Step axis x up").click()
+        refused.wait_for(state="hidden")
+        page.get_by_role("button", name="Step axis x down").click()
+        page.get_by_text("5.00", exact=True).first.wait_for()
         page.get_by_label("Frequency, Hz").fill("2")
         page.get_by_text("1.501 s, 12.00 to 108.00 V").wait_for()
         page.get_by_role("button", name="Run the waveform").click()

@@ -14,6 +14,7 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.export import dxf_files
+from flexstage.web.views import VIEWS
 from tests.panel import Look, browser, looked_at, served
 
 pytestmark = pytest.mark.slow
@@ -23,6 +24,8 @@ def test_the_shell_is_sound_and_works_by_keyboard(tmp_path: Path) -> None:
     with looked_at(tmp_path) as look:
         look.require_sound("shell")
         page = look.page
+        page.reload()
+        page.wait_for_selector("main.view h1")
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.textContent") == "To the content"
         page.get_by_role("button", name="Units and look").click()
@@ -259,3 +262,58 @@ def test_figures_follow_a_slider_at_once(tmp_path: Path) -> None:
         assert len(took) > 40
         assert statistics.median(took) < 100, sorted(took)
         assert max(took) < 300, sorted(took)
+
+
+#: What stands out of the window to the right, where nothing around it is scrolled.
+_OUTSIDE = """() => [...document.querySelectorAll("main *")].filter(element => {
+  if (!element.offsetParent) return false;
+  if (element.getBoundingClientRect().right <= innerWidth + 1) return false;
+  for (let around = element.parentElement; around; around = around.parentElement)
+    if (getComputedStyle(around).overflowX !== "visible") return false;
+  return true;
+}).map(element => `${element.tagName} ${element.className}`)"""
+#: Luminance of the writing and of the ground of a button in a message.
+_MESSAGE = """kind => {
+  const message = document.createElement("div");
+  message.className = `q-notification bg-${kind} text-white`;
+  message.innerHTML = '<button class="q-btn text-primary">OK</button>';
+  document.body.append(message);
+  const luminance = colour => colour.match(/[\\d.]+/g).slice(0, 3).map(v => v / 255)
+    .map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, k) => sum + [0.2126, 0.7152, 0.0722][k] * v, 0);
+  return [message.firstChild, message].map((each, k) =>
+    luminance(getComputedStyle(each)[k ? "backgroundColor" : "color"]));
+}"""
+
+
+def test_it_fits_a_phone_and_design_is_seen_without_scrolling(tmp_path: Path) -> None:
+    with browser() as running, served(tmp_path) as (address, _):
+        page = running.new_page(viewport={"width": 390, "height": 844})
+        page.set_default_timeout(60e3)
+        page.goto(address)
+        page.get_by_text("What have you come to do?").wait_for()
+        base = address.partition("?")[0]
+        for view in VIEWS:
+            page.goto(base + view.module)
+            page.locator("section.panel").first.wait_for()
+            page.wait_for_timeout(500)
+            assert page.evaluate(_OUTSIDE) == [], view.name
+        page.goto(f"{base}design")
+        page.locator(".drawings svg").wait_for()
+        for size in ((1440, 900), (1024, 768)):
+            page.set_viewport_size({"width": size[0], "height": size[1]})
+            page.wait_for_timeout(300)
+            fourth = page.locator(".live tbody tr").nth(3).bounding_box()
+            drawing = page.locator(".drawings svg").first.bounding_box()
+            assert max(fourth["y"] + fourth["height"], drawing["y"] + drawing["height"]) < size[1]
+        for look in ("light", "dark"):
+            page.emulate_media(color_scheme=look)
+            for kind in ("negative", "warning"):
+                dark, bright = sorted(page.evaluate(_MESSAGE, kind))
+                assert (bright + 0.05) / (dark + 0.05) >= 4.5
+        page.goto(f"{base}bench")
+        page.get_by_role("button", name="Connect").click()
+        page.locator(".drive button").first.wait_for()
+        for button in page.locator(".drive button").all():
+            box = button.bounding_box()
+            assert min(box["width"], box["height"]) >= 44

@@ -13,7 +13,7 @@ import pytest
 
 from flexstage.cli import main
 from flexstage.errors import FlexstageError, ModelError, RecordError
-from flexstage.web.centring.findings import figures, rows_of
+from flexstage.web.centring.findings import figures, place, rows_of
 from flexstage.web.centring.stage_moves import move_to, place_of
 from flexstage.web.centring.state import CentringState
 from flexstage.web.centring.work import (
@@ -70,6 +70,22 @@ def test_four_steps_centre_the_scale_as_the_command_says(
     name, value, remark = figures(own, state.radius, Preferences())[0]
     assert (name, value.split()[-1], remark[:4]) == ("Eccentricity", "µm", "95 %")
     assert len(rows_of(state, Preferences(length="mm")).rows) == 4
+
+
+def test_a_move_below_the_noise_of_the_sensor_is_not_asked_for(tmp_path: Path) -> None:
+    state = CentringState()
+    state.begin("example", (10e-6, -1.8e-9))
+    for _ in range(3):
+        measured(state, tmp_path)
+        state.at = state.target() or state.at
+    measured(state, tmp_path)
+    x, y = state.target() or (0.0, 0.0)
+    at = state.measured[-1].at
+    assert 0.0 < abs(x - at[0]) < 1e-6
+    state.noise = (1.01 * abs(x - at[0]), 0.99 * abs(y - at[1]))
+    assert state.target() == (at[0], y)
+    # no digit of it is noise either
+    assert place((15e-6, -1.8e-9), Preferences()) == "x 15.000, y −0.002 µm"
 
 
 def test_the_last_turn_is_taken_back_and_another_source_begins_anew(tmp_path: Path) -> None:

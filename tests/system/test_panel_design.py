@@ -10,13 +10,15 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from flexstage.designs import StageTemplate, find_stage
 from flexstage.errors import StageError
+from flexstage.report.page import table_html
 from flexstage.stage import check
 from flexstage.studies.models import analyse_model
-from flexstage.web.design.state import DesignState, Variant
+from flexstage.web.design.state import FIRST, FIRST_OPEN, DesignState, Variant
 from flexstage.web.design.work import (
     checked,
     corrected_rows,
@@ -33,6 +35,7 @@ from flexstage.web.preferences import Preferences
 from tests.panel import simulated
 
 GUIDE = StageTemplate.of("parallelogram")
+BOTH = ["Safety factor (yield)", "Safety factor (fatigue)"]
 
 
 def thinner(share: float = 0.9) -> Variant:
@@ -90,7 +93,8 @@ def test_figures_of_both_models_stand_under_their_names() -> None:
     variant = thinner()
     rows, finer = lumped_rows(variant), corrected_rows(variant)
     shown = figures_table(Preferences(length="mm"), rows, finer, None)
-    assert [c.heading for c in shown.columns] == ["figure", "axis", "lumped", "FEM 2D, condensed"]
+    names = ["rigid bodies", "finite elements, condensed"]
+    assert [c.heading for c in shown.columns] == ["figure", "axis", *names]
     by_name = {row[0].text: row for row in shown.rows}
     stroke = by_name["Output displacement [mm]"]
     own = {r.quantity: r.value for r in finer if r.axis == "x"}
@@ -99,6 +103,39 @@ def test_figures_of_both_models_stand_under_their_names() -> None:
     waiting = figures_table(Preferences(), rows, None, rows)
     assert {row[3].text for row in waiting.rows} == {"…"}
     assert {row[5].text for row in waiting.rows} <= {"0.0 %", "–"}
+
+
+def test_a_figure_that_fails_its_criterion_is_marked() -> None:
+    neck = next(p for p in GUIDE.parameters if p.name == "actuator.travel")
+    far = Variant(GUIDE).changed(neck.name, 6.0 * neck.value, neck.value)
+    for variant, failing in ((Variant(GUIDE), []), (far, BOTH)):
+        shown = figures_table(Preferences(), lumped_rows(variant), None, None)
+        marked = [row[0].text for row in shown.rows if any(cell.failing for cell in row)]
+        assert marked == failing
+        assert ("fails: at least 1 is required" in table_html(shown)) is bool(failing)
+
+
+def test_a_new_page_opens_on_a_guide_whose_six_dimensions_move_its_figures(tmp_path: Path) -> None:
+    variant = Variant(StageTemplate.of(FIRST))
+    found = slopes_of(variant, lumped_rows(variant))
+    moving = np.abs(found.elasticities).max(axis=0) > 1e-3
+    names = [v.name for v, moves in zip(found.variables, moving, strict=True) if moves]
+    # the travel is that of a screw that is bought
+    assert {*names} == {*FIRST_OPEN, "actuator.travel"}
+    assert len(FIRST_OPEN) == 6
+
+    async def look(user: Any, panel: Any) -> None:
+        from nicegui import ui
+
+        await user.open("/design")
+        folded = {e.text: e.value for e in user.find(ui.expansion).elements}
+        assert folded == {
+            "what moves the figures": True,
+            "other dimensions": False,
+            "actuator": False,
+        }
+
+    simulated(tmp_path, look)
 
 
 def test_slopes_are_those_of_the_variant_that_is_shown() -> None:

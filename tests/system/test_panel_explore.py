@@ -209,7 +209,7 @@ def test_a_point_is_picked_and_opened_in_design(tmp_path: Path) -> None:
         design.open(GUIDE.template)
         await user.open("/explore")
         await come(lambda: state.facts.get(GUIDE))
-        await user.should_see("Run sweep")
+        await user.should_see(kind=ui.button, content="Run sweep", retries=50)
         state.forms.sweep.over[0].count = 5
         user.find(kind=ui.button, content="Run sweep").click()
         await come(lambda: "sweep" in state.runs)

@@ -77,7 +77,7 @@ def twin(
     seed
         NUMBER: Random seed of the simulated stage.
     model
-        Model of the mechanics: rigid bodies, or bodies condensed to their hinges.
+        Model of the mechanics: rigid bodies, or finite elements, condensed.
     servo_rate
         FREQUENCY: Rate of the servo loop, such as "10 kHz".
     amplifier

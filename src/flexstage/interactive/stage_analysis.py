@@ -118,9 +118,8 @@ def analyse(
     stage : Stage or str or os.PathLike
         The stage, or what `read` takes.
     model : str
-        ``lumped``: rigid bodies; ``superelement``: bodies condensed to their hinges; ``plane``:
-        finite elements in the plane; ``superelement-3d``: condensed bodies in three dimensions;
-        ``solid``: finite elements in three dimensions.
+        ``lumped``: rigid bodies; ``superelement``: finite elements, condensed; ``plane``: finite
+        elements of the whole; ``superelement-3d`` and ``solid``: the same two in three dimensions.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
     accuracy : float, optional

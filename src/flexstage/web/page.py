@@ -2,17 +2,19 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from asyncio import Task
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from nicegui import ui
+from nicegui import Client, background_tasks, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from flexstage.errors import FlexstageError
 from flexstage.report.page import typeset
+from flexstage.web.gate import SESSION
 from flexstage.web.jobs import BackgroundJob, Jobs
 from flexstage.web.options import PanelOptions
 from flexstage.web.preferences import Preferences
@@ -61,6 +63,23 @@ class Page:
     """The panel."""
     session: Session
     """Who looks at it, with what stays open through a reload."""
+    client: Client = field(default_factory=lambda: ui.context.client)
+    """Its end in the library: whatever is shown ends with it."""
+    _tasks: set[Task[None]] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.client.on_delete(self.leave)
+
+    def begin(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do something beside the view that is open; it ends with it."""
+        task = background_tasks.create(work, name=work.__qualname__, context=self.client)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def leave(self) -> None:
+        """End what is done beside the view that is open: it is left, or the browser is gone."""
+        for task in self._tasks:
+            task.cancel()
 
     @property
     def preferences(self) -> Preferences:
@@ -68,12 +87,15 @@ class Page:
         return self.session.preferences
 
     @contextmanager
-    def sentences(self) -> Iterator[None]:
-        """Show an error of the library as its sentence, and go on."""
+    def sentences(self, card: ui.element | None = None) -> Iterator[None]:
+        """Show an error of the library as its sentence, and go on; else forget the one before."""
+        card = card or _card()
         try:
             yield
         except (FlexstageError, OSError) as error:
-            complain(self.words(str(error)))
+            complain(self.words(str(error)), card)
+        else:
+            _forget(card)
 
     def words(self, sentence: str) -> str:
         """Return what the library says as the page says it, without where the panel's files lie."""
@@ -97,6 +119,15 @@ class Page:
         return timer
 
 
+def pages_of(session: Session) -> list[Client]:
+    """Return the pages that a browser has open now."""
+    return [
+        client
+        for client in Client.instances.values()
+        if client.has_socket_connection and client.request.scope.get(SESSION) is session
+    ]
+
+
 def in_page_words(sentence: str) -> str:
     """Return what the library says as the page says it.
 
@@ -117,8 +148,22 @@ def in_page_words(sentence: str) -> str:
     return typeset(_MICRO.sub("µ", said.replace("+-", "±")))
 
 
-def complain(sentence: str) -> None:
-    """Show what is wrong, in a sentence that stays until it is read."""
+def complain(sentence: str, card: ui.element | None = None) -> None:
+    """Show what is wrong inside the card that refused, until it accepts something.
+
+    It is that of whoever is answered; where there is none the sentence stands above the page until
+    it is read.
+    """
+    card = card or _card()
+    if card is not None and not card.is_deleted:
+        _forget(card)
+        with card:
+            said = ui.label(in_page_words(sentence)).classes("issue error refused")
+        said.props("role=alert")
+        card.client.run_javascript(
+            f"getHtmlElement({said.id})?.scrollIntoView({{block: 'nearest'}})"
+        )
+        return
     ui.notify(
         in_page_words(sentence),
         type="negative",
@@ -127,6 +172,22 @@ def complain(sentence: str) -> None:
         timeout=0,
         position="top",
     )
+
+
+def _card() -> ui.element | None:
+    """Return the card or dialog in which something is being answered."""
+    with suppress(RuntimeError):  # where it has gone meanwhile
+        inner = ui.context.slot.parent
+        around = (inner, *inner.ancestors())
+        return next((e for e in around if {"panel", "dialog"} & {*e.classes}), None)
+    return None
+
+
+def _forget(card: ui.element | None) -> None:
+    """Take away what a card has refused."""
+    for each in [] if card is None or card.is_deleted else [*card]:
+        if "refused" in each.classes:
+            each.delete()
 
 
 class PanelHeading(TextElement):
@@ -163,6 +224,7 @@ def show_job(
 
     Who waits for it is told why it failed.
     """
+    _forget(_card())
     with ui.row().classes("job items-center no-wrap") as row:
         ui.label(job.name)
         bar = ui.linear_progress(0.0, show_value=False)

@@ -16,6 +16,7 @@ S = TypeVar("S")
 
 _KEPT = 200  # states that can be undone
 _TRIES, _WHILE = 5, 60.0  # wrong passwords of one address, in so many seconds
+_LONGEST = 86400.0  # a session that nobody has used for so long ends [s]
 
 
 class History(Generic[S]):
@@ -71,6 +72,8 @@ class Session:
     """Its name in the log and in the list of jobs: no secret."""
     preferences: Preferences = field(default_factory=Preferences)
     """Units and look."""
+    seen: float = 0.0
+    """When its browser was last seen, by the clock of the access [s]."""
     _states: dict[type, Any] = field(default_factory=dict)
 
     def state(self, kind: type[S], make: Callable[[], S] | None = None) -> S:
@@ -78,6 +81,10 @@ class Session:
         if kind not in self._states:
             self._states[kind] = (make or kind)()
         return self._states[kind]
+
+    def opened(self, kind: type[S]) -> S | None:
+        """Return what a view keeps for this browser, where it was ever opened."""
+        return self._states.get(kind)
 
 
 class Access:
@@ -133,13 +140,39 @@ class Access:
         """Start a session, and return the secret that its cookie holds."""
         secret = secrets.token_urlsafe(32)
         with self._lock:
-            self._sessions[_hashed(secret)] = Session()
+            self._sessions[_hashed(secret)] = Session(seen=self._clock())
         return secret
 
     def session(self, secret: str) -> Session | None:
-        """Return the session of a secret."""
+        """Return the session of a secret, which lasts a day from when it was last used."""
+        now = self._clock()
         with self._lock:
-            return self._sessions.get(_hashed(secret))
+            lasting = self._sessions.items()
+            self._sessions = {k: s for k, s in lasting if now - s.seen < _LONGEST}
+            if (found := self._sessions.get(_hashed(secret))) is not None:
+                found.seen = now
+            return found
+
+    def saw(self, session: Session) -> None:
+        """Take note that the browser of a session is still there."""
+        session.seen = self._clock()
+
+    def end(self, session: Session) -> None:
+        """End a session: its cookie opens nothing any more."""
+        with self._lock:
+            self._sessions = {k: s for k, s in self._sessions.items() if s is not session}
+
+    def sessions(self) -> list[tuple[Session, float]]:
+        """Return the sessions and how long ago each was seen [s], the latest first."""
+        now = self._clock()
+        with self._lock:
+            return sorted(((s, now - s.seen) for s in self._sessions.values()), key=lambda p: p[1])
+
+    def go_on(self, mine: Session, left: Session) -> None:
+        """Let the browser of one session have another instead, which its own browser has left."""
+        with self._lock:
+            others = ((k, s) for k, s in self._sessions.items() if s is not left)
+            self._sessions = {k: left if s is mine else s for k, s in others}
 
     def _digest(self, password: str) -> bytes:
         return hashlib.scrypt(password.encode(), salt=self._salt, n=2**12, r=8, p=1)

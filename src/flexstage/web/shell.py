@@ -1,19 +1,20 @@
 """What surrounds every view: name, navigation, units, look, and STOP while a stage is connected."""
 
+import asyncio
 import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from nicegui import app, ui
+from nicegui import Client, app, background_tasks, ui
 
 from flexstage.report.figures.style import css_variables
 from flexstage.web.gate import SESSION
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Page, Panel, PanelHeading, quiet_button, show_job
+from flexstage.web.page import Page, Panel, PanelHeading, pages_of, quiet_button, show_job
 from flexstage.web.preferences import ANGLES, AUTOMATIC, LENGTHS, LOOKS
-from flexstage.web.views import VIEWS, PanelView
+from flexstage.web.views import START, VIEWS, PanelView
 
 _LOOK = 0.5  # time between looks at what is being done [s]
 _LONG = 2.0  # work that takes longer is shown in the bar [s]
@@ -34,7 +35,7 @@ def build_page(panel: Panel) -> None:
     main = ui.element("main").classes("view")
     with main:
         routes = {view.path: partial(_show, page, view) for view in VIEWS}
-        views = ui.sub_pages({"/": routes[VIEWS[0].path], **routes})
+        views = ui.sub_pages({"/": partial(_show, page, START), **routes})
     with ui.header().classes("bar"):
         ui.link("flexstage", "/").classes("product")
         _navigation()
@@ -46,6 +47,7 @@ def build_page(panel: Panel) -> None:
 
 
 def _show(page: Page, view: PanelView) -> None:
+    page.leave()
     ui.page_title(f"{view.name} · flexstage")
     PanelHeading(view.name, 1).classes("hidden-title")
     view.build(page)
@@ -64,8 +66,7 @@ def _navigation() -> None:
     def mark(path: str) -> None:
         at = path.partition("?")[0]
         for own, link in links.items():
-            here = at == own or (at == "/" and own == VIEWS[0].path)
-            link.props(add="aria-current=page") if here else link.props(remove="aria-current")
+            link.props(add="aria-current=page") if at == own else link.props(remove="aria-current")
 
     router = ui.context.client.sub_pages_router
     router.on_path_changed(mark)
@@ -115,6 +116,8 @@ def _jobs(page: Page) -> None:
                 show_job(page, job)
 
     def look() -> None:
+        if page.client.has_socket_connection:
+            page.panel.access.saw(page.session)
         count = len(running())
         badge.text = str(count)
         button.visible = count > 0
@@ -148,6 +151,22 @@ def _settings(page: Page, views: Any) -> None:
         for name, label, values in choices:
             select = ui.select(list(values), value=getattr(preferences, name), label=label)
             select.on_value_change(partial(choose, name)).props("dense options-dense outlined")
+        quiet_button("Log out", icon="logout", on_click=partial(_log_out, page))
+
+
+def _log_out(page: Page) -> None:
+    """End the session, with all of its pages: they are told where to go, and then are gone."""
+    page.panel.access.end(page.session)
+
+    async def end(clients: list[Client]) -> None:
+        for client in clients:
+            client.run_javascript("location.href = '/'")
+        await asyncio.sleep(1.0)
+        for client in clients:
+            if not client.is_deleted:
+                client.delete()
+
+    background_tasks.create(end(pages_of(page.session)))
 
 
 # a chart that has just left the page is fitted to it once more, which its library refuses

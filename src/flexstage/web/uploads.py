@@ -1,12 +1,14 @@
 """Files that are given to the front panel: of known kinds, of limited size, under a plain name."""
 
 import re
+import weakref
 from collections.abc import Awaitable, Callable, Iterable
 from html import escape
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from nicegui import events, ui
+from nicegui import app, events, ui
+from starlette.routing import Route
 
 from flexstage.errors import ModelError
 from flexstage.files.write import write_whole
@@ -98,6 +100,20 @@ def upload(
         .classes("upload")
         .on_upload(handle)
     )
+    _let_go(place)
     place.add_slot("header", _HEADER.format(label=escape(label, quote=True)))
     place.on("rejected", rejected)
     return place
+
+
+def _let_go(place: ui.upload) -> None:
+    """Let the route of an element hold it weakly.
+
+    FastAPI remembers the function of every route that there was (4096 of them), and this one holds
+    the element: without this all that its page ever showed would stay for good.
+    """
+    address = place.props["url"]
+    (route,) = (r for r in app.routes if isinstance(r, Route) and r.path == address)
+    for cell in route.endpoint.__closure__ or ():
+        if cell.cell_contents is place:
+            cell.cell_contents = weakref.proxy(place)

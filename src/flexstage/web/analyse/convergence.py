@@ -48,10 +48,10 @@ class Convergence:
                 ui.label(
                     "Refine the mesh of a model of finite elements to see how its figures settle."
                 ).classes("muted")
-                ui.button("Refine FEM 2D", on_click=self._refine).classes("own-width")
+                ui.button(f"Refine {title_of('plane')}", on_click=self._refine).classes("own-width")
             if not estimated:
                 ui.label(
-                    "Superelements estimate their errors by bodies of a lower order and more modes."
+                    "Condensed bodies estimate their errors by a lower order and more modes."
                 ).classes("muted")
                 quiet_button("Estimate errors", on_click=self._estimate).props("outline").classes(
                     "own-width"

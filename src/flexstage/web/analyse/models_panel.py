@@ -47,11 +47,9 @@ class ModelsPanel:
     def _row(self, model: str) -> None:
         with ui.element("div").classes("model"):
             box = ui.checkbox(title_of(model), value=model in self._state.chosen).props("dense")
-            words = ui.label(MODEL_WORDS[model]).classes("muted small")
             status = ui.label().classes("small number")
             working = ui.element("div").classes("working")
             wrong = ui.label().classes("issue error")
-        words.props["aria-hidden"] = "true"
         box.on_value_change(lambda event: self._choose(model, bool(event.value)))
         self._rows[model] = (status, working, wrong)
 
@@ -67,9 +65,9 @@ class ModelsPanel:
             field(ui.select(_SUPPORTS, label="Supports"), "supports", "all but rigid bodies")
         for label, name, hint in (
             ("Estimate the error of each figure", "estimate", "condensed bodies; twice the time"),
-            ("Follow the stroke with large displacements", "stroke", "FEM 2D"),
-            ("Write fields for ParaView (VTU)", "fields", "FEM 2D and 3D"),
-            ("Refine the mesh until it has settled", "refine", "FEM 2D and 3D"),
+            ("Follow the stroke with large displacements", "stroke", MODEL_WORDS["plane"]),
+            ("Write fields for ParaView (VTU)", "fields", "models of the whole"),
+            ("Refine the mesh until it has settled", "refine", "models of the whole"),
         ):
             box = ui.checkbox(f"{label} ({hint})").props("dense")
             box.bind_value(asked, name)

@@ -42,7 +42,8 @@ def figures_tables(preferences: Preferences, found: Sequence[Analysed]) -> tuple
         cells += [_cell(row.cells.get(model), shown) for model in models]
         if len(models) == 2:
             cells.append(percent(row.difference_percent(models[1], models[0])) or "–")
-        (first if row.quantity in _FIRST else others).append(cells)
+        fails = any(cell.failing for cell in row.cells.values())
+        (first if fails or row.quantity in _FIRST else others).append(cells)
     return table("", heads, first), table("", heads, others)
 
 
@@ -57,7 +58,7 @@ def _cell(row: Characteristic | None, shown: Quantity) -> Cell:
         # what is below the last digit is in no one's way
         if spread > _SEEN * abs(row.value):
             text = f"{text} ± {number(spread * shown.factor, 1)}"
-    return Cell(text, row.value, note)
+    return Cell(text, row.value, note, failing=row.failing)
 
 
 def modes_table(found: Sequence[Analysed], drives: DriveCondition) -> Table:

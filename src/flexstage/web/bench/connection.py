@@ -88,12 +88,12 @@ class ConnectionBar:
                 leads_to_safe=forms.leads_to_safe,
             )
 
-        try:
-            with page.sentences():
+        with page.sentences(self._area):
+            try:
                 await asyncio.to_thread(work)
-        finally:
-            self._connecting = False
-            self.build()
+            finally:
+                self._connecting = False
+                self.build()
 
     # connected
 
@@ -142,11 +142,15 @@ class ConnectionBar:
             )
 
     def _do(self, function: Callable[..., object], *arguments: object) -> None:
-        with self._page.sentences():
-            function(*arguments)
-        self.build()
+        with self._page.sentences(self._area):
+            try:
+                function(*arguments)
+            finally:
+                self.build()
 
     async def _disconnect(self) -> None:
-        with self._page.sentences():
-            await asyncio.to_thread(self._bench.disconnect, self._page.session.id)
-        self.build()
+        with self._page.sentences(self._area):
+            try:
+                await asyncio.to_thread(self._bench.disconnect, self._page.session.id)
+            finally:
+                self.build()

@@ -1,6 +1,7 @@
 """What a run at the bench gave, and what earlier ones have left."""
 
 import asyncio
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +32,7 @@ _LISTED = 20  # runs of the catalogue
 def show_outcome(page: Page, outcome: RunOutcome) -> None:
     """Show what a run gave: the loop or the record, figures of a plan, and its files."""
     with ui.row().classes("items-center heading"):
-        PanelHeading(outcome.folder.name)
+        PanelHeading(run_name(outcome.folder))
         ui.space()
         file, what = outcome.file, "report" if outcome.plan is not None else "record"
         quiet_button(
@@ -198,8 +199,12 @@ class RunList(RunForm):
 
 
 def _name(entry: "RunEntry") -> str:
-    words = (entry.stage.name, entry.kind, entry.axis, entry.step)
-    return f"{shown_time(entry.started)}, {' '.join(word for word in words if word)}"
+    return f"{shown_time(entry.started)}, {run_name(Path(entry.folder))} {entry.step}".rstrip()
+
+
+def run_name(folder: Path) -> str:
+    """Return what a run is called: its folder without the time before it."""
+    return re.sub(r"^\d{8}T\d{6}Z-", "", folder.name)
 
 
 def _listed() -> "tuple[list[RunEntry], str]":

@@ -66,6 +66,7 @@ class AxisCard:
     def _build(self) -> None:
         can = self._axis.capabilities
         with ui.element("section").classes("panel axis").props("tabindex=0") as card:
+            self._card = card
             card.props["aria-label"] = (
                 f"Axis {self._name}: the arrow keys step it while this has the focus"
             )
@@ -82,10 +83,10 @@ class AxisCard:
             self._shown = ui.element("div").classes("readouts")
             with self._shown:
                 shown = self._page.preferences.shown
-                self._position = _Readout(shown(POSITION), limits.position)
+                self._position = _Readout(shown(POSITION), limits.position, "position control")
                 self._voltage = None
                 if Capability.OPEN_LOOP in can:
-                    self._voltage = _Readout(shown(VOLTAGE), limits.voltage)
+                    self._voltage = _Readout(shown(VOLTAGE), limits.voltage, "voltage")
             self._controls = ui.element("div").classes("drive")
         for key, sign in (("left", -1), ("right", 1), ("down", -1), ("up", 1)):
             card.on(f"keydown.{key}.self.prevent", self._stepper(sign))
@@ -170,7 +171,7 @@ class AxisCard:
                 self._closed = None
 
     async def _told(self, command: Callable[[str], "Future[Any]"]) -> None:
-        with self._page.sentences():
+        with self._page.sentences(self._card):
             try:
                 await asyncio.wrap_future(command(self._page.session.id))
             except (CancelledError, asyncio.CancelledError):
@@ -178,9 +179,9 @@ class AxisCard:
 
 
 class _Readout:
-    """A large number with its unit, and where it is between its limits."""
+    """A large number with its unit, and where it is between its limits, those `of` something."""
 
-    def __init__(self, quantity: Quantity, limits: Range | None) -> None:
+    def __init__(self, quantity: Quantity, limits: Range | None, of: str) -> None:
         self._quantity, self._limits = quantity, limits
         with ui.element("div").classes("readout"):
             ui.label(quantity.label).classes("muted small")
@@ -196,7 +197,7 @@ class _Readout:
             with ui.element("div").classes("ends muted small"):
                 low, high = (shown_number(quantity, end) for end in limits)
                 ui.label(low)
-                ui.label("limits")
+                ui.label(f"limits, {of}")
                 ui.label(high)
 
     def show(self, value: float) -> None:

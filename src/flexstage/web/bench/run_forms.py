@@ -81,9 +81,15 @@ class RunForm:
         return AboutRun(
             parent=self._page.panel.folder("bench"),
             stage=self._stage,
+            name=forms.name.strip(),
             operator=forms.operator.strip(),
             note=forms.note.strip(),
         )
+
+    def _words(self) -> None:
+        """Ask for what a person says of the run."""
+        kept(ui.input("Name of the run"), self._forms, "name").props(_FIELD)
+        kept(ui.input("Note"), self._forms, "note").props(_FIELD)
 
     def _run(self, name: str, function: Callable[..., Any], *given: Any, moves: bool) -> None:
         self._bench.run(self._page.session.id, name, function, *given, moves=moves)
@@ -102,6 +108,7 @@ class WaveformForm(RunForm):
             kept(ui.select(axes, label="Axis"), forms, "axis", self._anew).props(_CHOICE)
             kept(ui.select(_SHAPES, label="Shape"), forms, "shape", self._anew).props(_CHOICE)
             self._ends = ui.element("div").classes("fields inner")
+            self._words()
         self._said = ui.label().classes("small").props('role="status"')
         self._start = ui.button("Run the waveform", icon="play_arrow", on_click=self._go)
         self._closed: bool | None = None
@@ -216,7 +223,7 @@ class RecordForm(RunForm):
         with ui.element("div").classes("fields"):
             kept(ui.number("Duration, s"), forms, "duration").props(_FIELD)
             kept(ui.number("Record at, Hz"), forms, "sample_rate_hz").props(_FIELD)
-            kept(ui.input("Note"), forms, "note").props(_FIELD)
+            self._words()
         ui.label(
             "Position and voltage of every axis, at the rate of the controller. The stage may be "
             "moved by hand meanwhile; what was recorded until a stop is kept."
@@ -255,7 +262,7 @@ class PlanForm(RunForm):
                 choice.set_options(ready | {str(path): path.name}, value=str(path))
 
             upload(self._page, "Plan file", (".yaml", ".yml"), given, view="bench").classes("slim")
-            kept(ui.input("Note"), forms, "note").props(_FIELD)
+            self._words()
         self._said = ui.label().classes("small").props('role="status"')
         self._start = ui.button("Carry out the plan", icon="play_arrow", on_click=self._go)
         self._shown = ui.element("div").classes("full-width")

@@ -50,10 +50,16 @@ class AboutRun:
     """Folder in which it gets a folder of its own."""
     stage: Stage
     """The stage."""
+    name: str = ""
+    """What they call it; the stage where they give it no name."""
     operator: str = ""
     """Who works."""
     note: str = ""
     """What they say about it."""
+
+    def folder(self, kind: str) -> Path:
+        """Return a folder for it that is not there yet."""
+        return new_run_folder(self.parent, self.name or self.stage.name, kind)
 
     def metadata(self, device: Instrument, kind: str, axis: str) -> RunMetadata:
         """Return what is written at the head of its record."""
@@ -193,7 +199,7 @@ def take_record(device: Instrument, about: AboutRun, duration: float, rate_hz: f
     """Record what the stage does, for some time [s]."""
     if not 0.0 < duration < math.inf:
         raise ModelError(f"a record takes a positive time, got {duration:g} s")
-    folder = new_run_folder(about.parent, about.stage.name, "record")
+    folder = about.folder("record")
     stream = _stream(folder, "record")
     signals = signals_of(device)
     rate = device.recorder.configure(signals, rate_hz, 2)
@@ -215,7 +221,7 @@ def run_command(
 ) -> RunOutcome:
     """Run a waveform and record what follows; other axes stay where they are."""
     (axis,) = command.axes
-    folder = new_run_folder(about.parent, about.stage.name, f"waveform-{axis}")
+    folder = about.folder(f"waveform-{axis}")
     stream = _stream(folder, "waveform")
     metadata = about.metadata(device, "waveform", axis)
     try:
@@ -238,7 +244,7 @@ def carry_out(
 
     path = find_plan(source)
     plan = read_plan(path)
-    where = folder or new_run_folder(about.parent, about.stage.name, path.stem)
+    where = folder or about.folder(path.stem)
     if folder is None:
         where.mkdir(parents=True)
         # by which it is found again

@@ -23,6 +23,8 @@ class BenchForms:
     """Whether drives are led to their safe voltages when the link is ended."""
     operator: str = ""
     """Who works; others see it, and records hold it."""
+    name: str = ""
+    """What the next run is called."""
     note: str = ""
     """What records say beside it."""
     steps: dict[str, float] = field(default_factory=dict)

@@ -5,7 +5,9 @@ from typing import Any
 from flexstage.centring import ARCSEC
 from flexstage.quantities import beside, number
 from flexstage.table import Table, table
+from flexstage.web.bench.readouts import shown_number
 from flexstage.web.centring.state import CentringState
+from flexstage.web.live.history import POSITION
 from flexstage.web.page import in_page_words
 from flexstage.web.preferences import Preferences
 
@@ -19,11 +21,9 @@ def pair(value: float, uncertainty: float, factor: float) -> str:
 
 def place(at: tuple[float, float], preferences: Preferences) -> str:
     """Write a place of the stage."""
-    unit, factor = preferences.length_unit()
-    return (
-        in_page_words(", ".join(f"{n} {number(factor * v)}" for n, v in zip("xy", at, strict=True)))
-        + f" {unit}"
-    )
+    shown = preferences.shown(POSITION)
+    both = (f"{n} {shown_number(shown, v)}" for n, v in zip("xy", at, strict=True))
+    return f"{', '.join(both)} {shown.shown_unit}"
 
 
 def figures(
@@ -82,7 +82,7 @@ def rows_of(state: CentringState, preferences: Preferences) -> Table:
     found = state.found.settings if state.found is not None and state.up_to_date else []
     rows = []
     for i, each in enumerate(state.measured):
-        at = [in_page_words(number(factor * v)) for v in each.at]
+        at = [shown_number(preferences.shown(POSITION), v) for v in each.at]
         cells = ["…"] * 4
         if i < len(found):
             e, first = found[i].get("eccentricity"), first_order(found[i], state.radius)

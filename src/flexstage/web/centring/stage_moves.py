@@ -2,12 +2,15 @@
 
 import time
 
+import numpy as np
+
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.limits import check_position
 from flexstage.web.bench.link import BenchLink
 
 _PATIENCE = 30.0  # s
 _LOOK = 0.05  # s
+_WHILE = 0.5  # readings that tell the noise [s]
 
 
 def axes_of(bench: BenchLink) -> tuple[str, str] | None:
@@ -34,6 +37,18 @@ def limits_of(bench: BenchLink) -> tuple[tuple[float, float], tuple[float, float
     return None if x is None or y is None else (x, y)
 
 
+def noise_of(bench: BenchLink) -> tuple[float, float]:
+    """Return what the sensors of a connected stage do not tell from rest [m]: three deviations."""
+    axes, history = axes_of(bench), bench.history
+    span = history.span if history is not None else None
+    if axes is None or history is None or span is None:
+        return 0.0, 0.0
+    last = history.samples(span[1] - _WHILE, span[1])
+    names = [channel.name for channel in history.channels]
+    x, y = (3.0 * float(np.std(last.low[:, names.index(f"{axis} position")])) for axis in axes)
+    return x, y
+
+
 def move_to(bench: BenchLink, session: str, target: tuple[float, float]) -> tuple[float, float]:
     """Lead both axes to a place [m] and wait until they rest; return where they stand then.
 
@@ -57,8 +72,9 @@ def move_to(bench: BenchLink, session: str, target: tuple[float, float]) -> tupl
         # both are refused before either moves
         for name, value in zip(axes, target, strict=True):
             check_position(device.axes[name].limits, value, name)
-    for name, value in zip(axes, target, strict=True):
-        bench.go(session, name, value).result()
+    for name, value, noise in zip(axes, target, noise_of(bench), strict=True):
+        if abs(value - bench.readings[name].position) > noise:
+            bench.go(session, name, value).result()
     end = time.monotonic() + _PATIENCE
     while any(bench.readings[name].moving for name in axes):
         if time.monotonic() > end:

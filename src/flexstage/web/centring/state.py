@@ -45,6 +45,8 @@ class CentringState:
     """Where the stage stands for the next measurement, x and y [m]."""
     limits: tuple[tuple[float, float], tuple[float, float]] = ((-_FAR, _FAR), (-_FAR, _FAR))
     """How far the axes of the stage go [m]."""
+    noise: tuple[float, float] = (0.0, 0.0)
+    """What the sensors of the stage do not tell from rest [m]."""
     found: CentreFound | None = None
     """What the measurements say."""
     columns: tuple[str, ...] = ()
@@ -150,7 +152,14 @@ class CentringState:
             return None
         if self.step == 3:
             centre = self.found.result["trial"].get("centre")
-            return None if centre is None else (centre["x"], centre["y"])
+            if centre is None:
+                return None
+            # a step that no sensor would see is not asked for
+            x, y = (
+                at if abs(centre[name] - at) <= noise else centre[name]
+                for name, at, noise in zip("xy", self.measured[-1].at, self.noise, strict=True)
+            )
+            return x, y
         axis, to = len(self.measured) - 1, list(self.measured[-1].at)
         to[axis] = trial_position(to[axis], self.limits[axis], self._trial_length())
         return to[0], to[1]

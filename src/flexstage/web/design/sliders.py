@@ -8,7 +8,7 @@ from nicegui import events, ui
 
 from flexstage.explore.sensitivity import Sensitivities
 from flexstage.explore.variables import Variable, is_data_sheet
-from flexstage.web.design.state import DesignState
+from flexstage.web.design.state import FIRST, FIRST_OPEN, DesignState
 from flexstage.web.design.work import BESIDE
 from flexstage.web.page import PanelHeading
 
@@ -16,6 +16,7 @@ _STEPS = 240  # of a slider from end to end
 _STRONG = 0.3  # elasticity that is set off [1]
 _DIGITS = 5
 _OF_ALL = "whole stage"
+_FIRST, _OTHERS = "what moves the figures", "other dimensions"
 _ORDERS = {"": "as described"} | {name: f"by {name}" for name in dict.fromkeys(BESIDE.values())}
 
 
@@ -78,18 +79,24 @@ class Sliders:
                 self._row(variable, variable.name)
             return
         groups: dict[str, list[Variable]] = {}
+        is_first = self._state.now.template.source == FIRST
         for variable in variables:
-            groups.setdefault(variable.name.rpartition(".")[0], []).append(variable)
+            group = variable.name.rpartition(".")[0]
+            if is_first and not is_data_sheet(group):
+                group = _FIRST if variable.name in FIRST_OPEN else _OTHERS
+            groups.setdefault(group, []).append(variable)
+        groups = {name: groups[name] for name in sorted(groups, key=lambda n: n != _FIRST)}
         for place, (group, members) in enumerate(groups.items()):
             if len(groups) == 1:
                 for variable in members:
                     self._row(variable, variable.name)
                 continue
             # what is bought is seldom changed
-            is_open = place < 3 and not is_data_sheet(group)
+            is_open = place < 3 and group != _OTHERS and not is_data_sheet(group)
             with ui.expansion(group or _OF_ALL, value=is_open).classes("group"):
                 for variable in members:
-                    self._row(variable, variable.name.rpartition(".")[2])
+                    name = variable.name.removeprefix(f"{group}.")
+                    self._row(variable, name.replace(".", " "))
 
     def _row(self, variable: Variable, label: str) -> None:
         factor = variable.factor

@@ -17,8 +17,12 @@ T = TypeVar("T")
 
 #: How far a slider goes to either side of the value of the description [1].
 SHARE = 0.3
-#: The design that a new page opens.
-FIRST = "vgtu-piezo"
+#: The design that a new page opens, and its parameters that move its figures: all else is folded.
+FIRST = "parallelogram"
+FIRST_OPEN = (
+    "leg.notch.neck_thickness", "leg.notch.radius", "leg.bar_length", "leg_spacing",
+    "platform_height", "platform_overhang",
+)  # fmt: skip
 _REMEMBERED = 100
 
 

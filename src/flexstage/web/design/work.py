@@ -98,18 +98,18 @@ def figures_table(
     """Set the figures by both models side by side, beside those of the variant that was kept."""
     sets = {"lumped": lumped, "superelement": corrected or (), "kept": kept or ()}
     known = {name: {(r.quantity, r.axis): r for r in rows} for name, rows in sets.items()}
-    headings = ["figure", "<axis", "lumped", title_of("superelement")]
+    headings = ["figure", "<axis", title_of("lumped"), title_of("superelement")]
     headings += ["kept", "to kept"] if kept is not None else []
     rows = []
     for row in compare(lumped).rows:
-        if row.quantity not in SHOWN:
+        if row.quantity not in SHOWN and not any(c.failing for c in row.cells.values()):
             continue
         key = (row.quantity, row.axis)
         shown = preferences.shown(row.quantity)
         texts = [
             Cell("…" if name == "superelement" and corrected is None else "–")
             if (found := known[name].get(key)) is None
-            else Cell(found.text(shown), found.value, found.note)
+            else Cell(found.text(shown), found.value, found.note, failing=found.failing)
             for name in known
         ]
         cells = [shown.heading, "" if row.axis == WHOLE_STAGE else row.axis, *texts[:2]]

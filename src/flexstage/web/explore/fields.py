@@ -5,6 +5,7 @@ from typing import Any
 
 from nicegui import ui
 
+from flexstage.comparison import MODEL_WORDS
 from flexstage.explore.variables import Variable
 from flexstage.web.explore.facts import StageFacts
 from flexstage.web.explore.state import LimitWords, RangeWords
@@ -60,8 +61,9 @@ class Fields:
         show()
 
     def model(self, form: Any, finer: str) -> None:
-        """Show by which model: the lumped one, or superelements, which cost more."""
-        options = {"lumped": "lumped: quick, some per cent off", "superelement": finer}
+        """Show by which model: rigid bodies, or condensed ones, which cost more."""
+        remarks = {"lumped": "quick, some per cent off", "superelement": finer}
+        options = {name: f"{MODEL_WORDS[name]}: {remark}" for name, remark in remarks.items()}
         self.choice("Model", form, "model", options)
 
     def choice(self, label: str, form: Any, name: str, options: dict[str, str]) -> None:

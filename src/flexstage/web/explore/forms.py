@@ -119,7 +119,7 @@ def _sweep(form: SweepForm, fields: Fields) -> None:
 
     show()
     fields.figures(form, facts.figures)
-    fields.model(form, f"superelement: closer, about {usual_cost('superelement'):g} s a point")
+    fields.model(form, f"closer, about {usual_cost('superelement'):g} s a point")
 
 
 def _optimise(form: OptimiseForm, fields: Fields) -> None:
@@ -137,7 +137,7 @@ def _optimise(form: OptimiseForm, fields: Fields) -> None:
     with fold:
         names = ui.element("div").classes("rows")
     _count(form, facts, fold)
-    fields.model(form, "superelement: corrects the lumped one, takes some minutes")
+    fields.model(form, "corrects the rigid ones, takes some minutes")
     starts = {"described": "the stage as it is", "middle": "the middle of all bounds"}
     fields.choice("Start", form, "start", starts)
     fields.number(
@@ -202,7 +202,7 @@ def _tolerance(form: ToleranceForm, fields: Fields) -> None:
                 lambda event, name=kind.name: _scatter(form, name, event.value, fields)
             )
     fields.figures(form, of_lots)
-    fields.model(form, "superelement: corrects the lumped one, one analysis more")
+    fields.model(form, "corrects the rigid ones, one analysis more")
 
 
 def _scatter(form: ToleranceForm, name: str, text: str | None, fields: Fields) -> None:
@@ -229,4 +229,4 @@ def _sensitivity(form: SensitivityForm, fields: Fields) -> None:
         placeholder="1 % of each; 10 µm of hinges",
     ).props("stack-label").classes("full-width")  # fmt: skip
     fields.figures(form, facts.figures)
-    fields.model(form, "superelement: closer, two analyses of each parameter")
+    fields.model(form, "closer, two analyses of each parameter")

@@ -279,7 +279,7 @@ def way_columns(
     missed = 100.0 * np.array([step.violation for step in trace])
     at = np.array([float(step.evaluations) for step in trace])
     return (
-        _plain("evaluations", "Evaluations of the lumped model", at),
+        _plain("evaluations", "Evaluations by rigid bodies", at),
         goal,
         _plain("missed", "Requirements missed by [%]", missed),
     )

@@ -1,5 +1,6 @@
 """Sentences of the library in the words of the forms of the view Explore."""
 
+from flexstage.comparison import MODEL_WORDS
 from flexstage.web.page import in_page_words
 
 # what a sentence says of options, and what the form calls it
@@ -7,7 +8,7 @@ _FIELDS = {
     "--over NAME=RANGE varies one": "a tick under “Parameters and bounds” varies one",
     "--without NAME leaves one out": "without its tick it is left out",
     "--start middle": "“Start” at the middle of all bounds",
-    "--model superelement": "the model superelement",
+    "--model superelement": f"the model of {MODEL_WORDS['superelement']}",
     "--maximise or --minimise a figure, or --match values": "“maximise”, “minimise” or “reach”",
     "--keep": "“What is required”",
     "--match": "“reach”",

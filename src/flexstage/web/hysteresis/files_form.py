@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from nicegui import background_tasks, events, ui
+from nicegui import events, ui
 
 from flexstage.errors import FlexstageError
 from flexstage.records import FORMATS
@@ -256,8 +256,7 @@ class FilesForm:
             return
         if light:
             self._task.stop()
-            client = ui.context.client
-            background_tasks.create(self._look(reading, key), name="look", context=client)
+            self._page.begin(self._look(reading, key))
         else:
             self._task.start(f"reading {', '.join(reading.names)}", looked_at, reading, key)
 

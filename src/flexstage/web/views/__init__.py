@@ -33,6 +33,9 @@ class PanelView:
         return import_module(f"{__name__}.{self.module}").build
 
 
+#: What the address alone opens.
+START = PanelView("Start", "home", "start", "What have you come to do?")
+
 #: In the order of the navigation.
 VIEWS: tuple[PanelView, ...] = (
     PanelView("Design", "architecture", "design", "Choose a stage, change it, see what that does"),

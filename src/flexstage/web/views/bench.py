@@ -47,7 +47,6 @@ class BenchView:
 
     def build(self) -> None:
         """Make the view."""
-        self._client = ui.context.client
         with ui.element("div").classes("stack") as self._whole:
             self._bar = ConnectionBar(self._page)
             self._trouble = ui.label().classes("issue error").props('role="alert"')
@@ -58,7 +57,7 @@ class BenchView:
     def _look(self) -> None:
         """Follow the bench: its link, its control, its readings, its runs."""
         bench, me = self._bench, self._page.session.id
-        if self._client.has_socket_connection:
+        if self._page.client.has_socket_connection:
             bench.control.seen(me)
         control = bench.control
         present = (bench.history, control.name, control.asker, control.holds(me), control.free)

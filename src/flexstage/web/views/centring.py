@@ -14,7 +14,7 @@ from flexstage.records import FORMATS
 from flexstage.web.bench.state import bench_of
 from flexstage.web.centring.findings import figures, pair, place, rows_of
 from flexstage.web.centring.scale_form import SOURCES, ScaleForm
-from flexstage.web.centring.stage_moves import axes_of, limits_of, move_to, place_of
+from flexstage.web.centring.stage_moves import axes_of, limits_of, move_to, noise_of, place_of
 from flexstage.web.centring.state import CentringState, Source
 from flexstage.web.centring.work import (
     CentreFound,
@@ -69,7 +69,7 @@ class CentringView:
             source: Source = "example" if first else self._state.source
             self._state.begin(source, place_of(self._bench))
         if (limits := limits_of(self._bench)) is not None:
-            self._state.limits = limits
+            self._state.limits, self._state.noise = limits, noise_of(self._bench)
         self._folder = page.panel.folder(f"centring/{page.session.id}")
 
     def build(self) -> None:
@@ -211,8 +211,8 @@ class CentringView:
         by = factor * (target["xy".index(axis)] - before)
         there = place(target, self._page.preferences)
         ui.label(
-            f"Move the stage by {by:+.4g} {unit} in {axis}, to {there}, turn the table again, and "
-            "give the record. It tells how the axis moves the scale."
+            f"Move the stage by {by:+.4g} {unit} in {axis} alone, to {there}, turn the table "
+            "again, and give the record. It tells how the axis moves the scale."
         )
         self._go_button(target)
         self._place_fields()
@@ -253,7 +253,9 @@ class CentringView:
             unsure = centre[f"uncertainty_{axis}"]
             step = beside(factor * by, factor * unsure)[0]
             value = f"{pair(centre[axis], unsure, factor)} {unit}"
-            figure(f"Stage to {axis}", value, f"by {step} {unit}")
+            stays = abs(by) <= state.noise["xy".index(axis)]
+            told = "stays: less than the noise of its sensor" if stays else f"by {step} {unit}"
+            figure(f"Stage to {axis}", value, told)
         show_lines(state.found.result["trial"]["notes"] if state.found else (), "muted small")
         self._go_button(target)
 

@@ -4,8 +4,9 @@ import asyncio
 import time
 from typing import Any
 
-from nicegui import background_tasks, ui
+from nicegui import ui
 
+from flexstage.comparison import MODEL_WORDS
 from flexstage.designs import StageTemplate
 from flexstage.errors import FlexstageError
 from flexstage.report.page import table_html
@@ -54,7 +55,6 @@ class DesignView:
 
     def build(self) -> None:
         """Make the view."""
-        self._client = ui.context.client
         with ui.element("section").classes("panel toolbar"):
             self._tools()
         with ui.element("div").classes("columns design"):
@@ -83,14 +83,14 @@ class DesignView:
             self._doing = ui.label().classes("muted small").props('role="status"')
         self._wrong = ui.label().classes("issue error").props('role="alert"')
         self._wrong.visible = False
+        with ui.element("div").classes("drawings"):
+            self._picture = ui.html("", sanitize=False).classes("picture")
+            self._kept_picture = ui.html("", sanitize=False).classes("picture")
         self._figures = ui.html("", sanitize=False).classes("tables live")
         with ui.row().classes("items-center heading") as self._kept_row:
             self._kept_name = ui.label().classes("small")
             quiet_button("Open the kept one", on_click=self._swap).props("dense")
             quiet_button("Keep none", on_click=self._keep_none).props("dense")
-        with ui.element("div").classes("drawings"):
-            self._picture = ui.html("", sanitize=False).classes("picture")
-            self._kept_picture = ui.html("", sanitize=False).classes("picture")
         self._issues = ui.element("div").classes("issues").props('aria-live="polite"')
         self._show_kept()
 
@@ -102,7 +102,7 @@ class DesignView:
         self._dirty = True
         if not self._follows:
             self._follows = True
-            background_tasks.create(self._follow(), name="design", context=self._client)
+            self._page.begin(self._follow())
 
     def _opened(self) -> None:
         self._sliders.build()
@@ -204,7 +204,7 @@ class DesignView:
     async def _look(self) -> None:
         """Do what is due after a change has ended: history, drawing, slopes, the finer model."""
         state = self._state
-        if not self._client.has_socket_connection:
+        if not self._page.client.has_socket_connection:
             return  # the page was left, or is on its way back
         self._undo.set_enabled(state.history.can_undo)
         self._redo.set_enabled(state.history.can_redo)
@@ -253,7 +253,7 @@ class DesignView:
             job = jobs.start("sensitivities", slopes_of, variant, rows, owner=owner)
             self._job = ("slopes", variant, job)
         elif state.corrected.get(variant) is None and rows:
-            job = jobs.start("superelements", corrected_rows, variant, owner=owner)
+            job = jobs.start(MODEL_WORDS["superelement"], corrected_rows, variant, owner=owner)
             self._job = ("corrected", variant, job)
         self._doing.text = f"{self._job[2].name} …" if self._job else ""
 
@@ -268,7 +268,7 @@ class DesignView:
         elif kind == "corrected":
             # it is not asked for again: the figures of this model stay out
             self._state.corrected.put(variant, ())
-            complain(f"superelements: {job.error}")
+            complain(f"{job.name}: {job.error}")
         if variant == self._state.now:
             self._sliders.show_slopes()
             self._show_figures(variant)

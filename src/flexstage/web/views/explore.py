@@ -3,9 +3,9 @@
 import asyncio
 import hashlib
 
-from nicegui import background_tasks, ui
+from nicegui import ui
 
-from flexstage.errors import FlexstageError
+from flexstage.errors import FlexstageError, ModelError
 from flexstage.files.names import file_name
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState, Variant
@@ -18,7 +18,7 @@ from flexstage.web.explore.results import Results
 from flexstage.web.explore.state import KINDS, ExploreState, Run
 from flexstage.web.explore.words import in_form_words
 from flexstage.web.explore.work import explored, question_of
-from flexstage.web.page import Page, PanelHeading, complain
+from flexstage.web.page import Page, PanelHeading
 
 _PURPOSES = {
     "sweep": "Vary parameters, and see what the figures do.",
@@ -50,7 +50,6 @@ class ExploreView:
 
     def build(self) -> None:
         """Make the view."""
-        self._client = ui.context.client
         with ui.element("section").classes("panel toolbar"):
             StageChoice(self._page, self._opened)
             self._changed_label = ui.label().classes("muted")
@@ -81,7 +80,7 @@ class ExploreView:
         self._form.clear()
         with self._form:
             ui.label("Reading the stage …").classes("muted").props('role="status"')
-        background_tasks.create(self._read(variant), name="explore", context=self._client)
+        self._page.begin(self._read(variant))
 
     async def _read(self, variant: Variant) -> None:
         try:
@@ -137,10 +136,11 @@ class ExploreView:
     # runs
 
     async def _start(self) -> None:
-        try:
-            await self._started()
-        except (FlexstageError, OSError) as error:
-            complain(in_form_words(str(error)))
+        with self._page.sentences():
+            try:
+                await self._started()
+            except (FlexstageError, OSError) as error:
+                raise ModelError(in_form_words(str(error))) from error
 
     async def _started(self) -> None:
         state, facts, variant = self._state, self._facts, self._design.now
@@ -173,7 +173,7 @@ class ExploreView:
                 "filled with what is usual for this stage."
             ).classes("muted")
             drawing = ui.html("", sanitize=False).classes("picture")
-        background_tasks.create(self._draw(drawing), name="drawing", context=self._client)
+        self._page.begin(self._draw(drawing))
 
     async def _draw(self, drawing: ui.html) -> None:
         """Draw the stage at hand where nothing was found yet."""

@@ -20,14 +20,12 @@ _PARTS = {
     "hysteresis": "hysteresis",
     "traditional": "traditional stages",
 }
-_NAMES = {
-    name: title if (title := title_of(name)) != name else f"{name}, rigid bodies" for name in MODELS
-}
+_NAMES = {name: title_of(name) for name in MODELS}
 _EMPTY = (
     "Write one of the stage above: its models beside what was published of it, the result on one "
     "page, and these chapters folded below it. It is one file, which opens and prints without "
-    "flexstage. It takes some seconds; with finite elements in the plane (FEM 2D) a minute, in "
-    "space (FEM 3D) several. What was computed before of the same stage is read."
+    "flexstage. It takes some seconds; with finite elements of the whole a minute, in 3D "
+    "several. What was computed before of the same stage is read."
 )
 _PRINT = "document.querySelector('iframe.report').contentWindow.print()"
 # a report follows the computer, and the page perhaps not; on paper it is light in any case
