@@ -4,6 +4,8 @@ import json
 import math
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 
 from flexstage.errors import ControllerError, FlexstageError, NotConnectedError, PlanError
-from flexstage.experiments import Plan, run_plan
+from flexstage.experiments import Plan, run_plan, runner
 from flexstage.experiments.file import plan_from_text
 from flexstage.experiments.reference import Reference
 from flexstage.experiments.state import clear_leftovers, read_state
@@ -151,6 +153,45 @@ def test_a_folder_with_a_run_is_not_written_over(tmp_path):
     with pytest.raises(PlanError, match="--resume"):
         run_plan(made(), again, tmp_path)
     assert again.log == []
+
+
+def test_a_run_is_not_taken_up_while_it_lives(tmp_path, monkeypatch):
+    run_steps, refused = runner._run_steps, []
+
+    def beside(*given):
+        with pytest.raises(NotConnectedError, match=r"in use by .*\(process \d+ on") as caught:
+            run_plan(made(), again, tmp_path, resume=True)
+        refused.append(str(caught.value))
+        return run_steps(*given)
+
+    again = bench()
+    monkeypatch.setattr(runner, "_run_steps", beside)
+    found = run_plan(made(), bench(), tmp_path)
+    (said,) = refused
+    assert said.startswith(f"the run in '{tmp_path}' is in use by")
+    assert not waves(again)
+    assert len(found.steps) == len(made().steps)
+    # it ended, and so did the lock
+    monkeypatch.undo()
+    run_plan(made(), bench(), tmp_path, resume=True)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no kill -9")
+def test_a_run_that_was_killed_can_be_taken_up(tmp_path):
+    run_plan(made(), bench(), tmp_path)
+    hold = (
+        "from flexstage.instruments.lock import folder_lock; from pathlib import Path; import sys"
+    )
+    hold += "\nwith folder_lock(Path(sys.argv[1])): print('held', flush=True); sys.stdin.read()"
+    with subprocess.Popen(
+        [sys.executable, "-c", hold, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout.readline() == b"held\n"
+        with pytest.raises(NotConnectedError, match=rf"\(process {other.pid} on .*choose another"):
+            run_plan(made(), bench(), tmp_path, resume=True)
+        other.kill()
+    assert (tmp_path / ".lock.json").exists()  # its word is left, and holds nobody off
+    run_plan(made(), bench(), tmp_path, resume=True)
 
 
 def test_a_run_that_is_whole_is_read_and_nothing_moves(tmp_path):

@@ -1,14 +1,18 @@
 """The gate of the front panel: nobody comes in unasked, and nothing from another page."""
 
 import asyncio
+import stat
+import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
+from urllib.parse import unquote, urlsplit
+from urllib.request import url2pathname
 
 import httpx
 import pytest
 
+from flexstage import web
 from flexstage.cli import main
 from flexstage.errors import ModelError
 from flexstage.web.gate import LOG, SESSION, Gate
@@ -271,6 +275,47 @@ def test_answers_say_what_a_browser_may_do_with_them() -> None:
         assert headers["cache-control"] == "no-store"
 
     Door().inside(visit)
+
+
+def test_the_pages_of_the_gate_run_no_script() -> None:
+    async def visit(client: httpx.AsyncClient) -> None:
+        client.cookies.clear()
+        refused = await client.get("/")
+        assert refused.status_code == 401
+        (policy,) = refused.headers.get_list("content-security-policy")
+        assert "default-src 'none'" in policy
+        assert "script-src" not in policy
+        assert "unsafe-eval" not in policy
+
+    Door().inside(visit)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no modes of files")
+def test_the_address_that_lets_in_stands_in_no_argument_of_the_browser(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[tuple[str, int, str]] = []
+
+    def browse(address: str) -> None:
+        file = Path(url2pathname(urlsplit(address).path))
+        opened.append((address, stat.S_IMODE(file.stat().st_mode), file.read_text()))
+
+    def serve_panel(options: PanelOptions, announce: Callable[[str], object]) -> None:
+        announce("http://127.0.0.1:8321/?token=once")
+        announce("http://127.0.0.1:8321/?token=another")  # the first was used
+        assert not list(options.folder.glob("*.html"))
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("webbrowser.open", browse)
+    monkeypatch.setattr(web, "serve", serve_panel)
+    with pytest.raises(SystemExit) as end:
+        main(["serve", "--folder", str(tmp_path / "panel")])
+    assert not end.value.code
+    ((address, mode, text),) = opened
+    assert address.startswith("file:")
+    assert "token" not in address
+    assert mode == 0o600
+    assert 'url=http://127.0.0.1:8321/?token=once"' in text
 
 
 def test_a_password_opens_it_and_guessing_ends(caplog: pytest.LogCaptureFixture) -> None:

@@ -1,7 +1,7 @@
 """Fixtures of the tests of whole commands."""
 
 import pickle
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -26,11 +26,10 @@ def undrawn() -> Iterator[None]:
 @pytest.fixture
 def meshed_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mesher runs in this process: for parts that it bears, where what it makes matters."""
-    from flexstage.fem import mesher, part_mesh
+    from flexstage.fem import part_mesh
 
-    def generate(task: dict[str, Any], *_: object) -> dict[str, Any]:
+    def called(work: Callable[..., Any], *given: Any, **_: object) -> Any:
         # copied on both ways, as between two processes
-        given = pickle.loads(pickle.dumps(task))
-        return {"mesh": pickle.loads(pickle.dumps(mesher.generate(mesher.MeshTask(**given))))}
+        return pickle.loads(pickle.dumps(work(*pickle.loads(pickle.dumps(given)))))
 
-    monkeypatch.setattr(part_mesh, "_in_another_process", generate)
+    monkeypatch.setattr(part_mesh, "in_own_process", called)

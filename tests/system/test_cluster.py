@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import shlex
 import signal
 import socket
@@ -12,6 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import dask.config
 import psutil
 import pytest
 
@@ -43,9 +45,14 @@ class Loopback:
             probe.bind(("127.0.0.1", 0))
             port = probe.getsockname()[1]
         self.folder = folder
-        scheduler, worker, self.command = (
+        certificate, scheduler, worker, self.command = (
             shlex.split(line.replace("8786", str(port))) for line in PRINTED
         )
+        subprocess.run(certificate, cwd=folder, check=True, capture_output=True)
+        (configuration,) = (b.code for b in blocks(PAGE.read_text("utf-8")) if b.language == "yaml")
+        # the tests and the workers run in folders of their own
+        configuration = re.sub(r"(cluster\S*\.pem)", rf"{folder}/\1", configuration)
+        (folder / "cluster.yaml").write_text(configuration)
         self.address = worker[2]
         scripts = str(Path(sys.executable).parent)
         self.environment = {
@@ -53,6 +60,7 @@ class Loopback:
             "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}",
             # workers import the work of these tests by its name
             "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(ROOT)]),
+            "DASK_CONFIG": str(folder / "cluster.yaml"),
         }
         self.scheduler = self.start(scheduler)
         self.workers = self.start(worker)
@@ -99,7 +107,8 @@ def cluster(tmp_path: Path) -> Iterator[Loopback]:
     folder = tmp_path / "cluster"
     folder.mkdir()
     started = Loopback(folder)
-    yield started
+    with dask.config.set(dask.config.collect(paths=[started.environment["DASK_CONFIG"]], env={})):
+        yield started
     started.end()
 
 
@@ -110,7 +119,7 @@ def job(lasts: float = 0.02, count: int = 211) -> Job:
 
 def test_the_manual_prints_a_scheduler_workers_and_a_command():
     assert [line.split()[:2] for line in PRINTED] == [
-        ["dask", "scheduler"], ["dask", "worker"], ["flexstage", "tolerance"],
+        ["openssl", "req"], ["dask", "scheduler"], ["dask", "worker"], ["flexstage", "tolerance"],
     ]  # fmt: skip
 
 
@@ -195,7 +204,7 @@ def test_a_worker_of_another_version_that_joins_later_is_refused(cluster):
     (cluster.folder / "older.py").write_text("import flexstage\nflexstage.__version__ = '0.0.9'\n")
     cluster.workers = cluster.start([*cluster.end_workers(), "--preload", "older.py"])
     with (
-        pytest.raises(WorkerError, match=r"worker tcp\S+ has flexstage 0\.0\.9 and this computer"),
+        pytest.raises(WorkerError, match=r"worker tls\S+ has flexstage 0\.0\.9 and this computer"),
         open_workers(scheduler=cluster.address) as workers,
     ):
         workers.run(job())
@@ -213,7 +222,30 @@ def test_a_worker_of_another_version_that_joins_later_is_refused(cluster):
 def test_an_address_without_a_scheduler_is_a_sentence(address, said, monkeypatch):
     monkeypatch.setattr(cluster_module, "_ANSWER", 0.5)
     with (
+        dask.config.set({"distributed.comm.require-encryption": False}),
         pytest.raises(WorkerError, match=f"no Dask scheduler answers at {address}: .*({said})"),
+        open_workers(scheduler=address) as workers,
+    ):
+        workers.run(job())
+
+
+@pytest.mark.parametrize("demanded", [None, True])
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:8786", "ws://127.0.0.1:8786"])
+def test_an_address_that_is_not_encrypted_is_refused(address, demanded):
+    with (
+        pytest.raises(WorkerError, match=f"^{address} is not encrypted, .* give its tls://"),
+        dask.config.set({"distributed.comm.require-encryption": demanded}),
+        open_workers(scheduler=address) as workers,
+    ):
+        workers.run(job())
+
+
+def test_who_has_no_certificate_is_not_let_in(cluster):
+    address = cluster.address.replace("tls://", "tcp://")
+    # the scheduler listens by TLS alone: another client gets no word of it
+    with (
+        pytest.raises(WorkerError, match=f"no Dask scheduler answers at {address}"),
+        dask.config.set({"distributed.comm.require-encryption": False}),
         open_workers(scheduler=address) as workers,
     ):
         workers.run(job())
@@ -225,7 +257,7 @@ def test_what_is_no_scheduler_is_a_sentence(cluster, monkeypatch):
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
-        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        address = f"tls://127.0.0.1:{silent.getsockname()[1]}"
         with (
             pytest.raises(WorkerError, match="nothing of Dask came"),
             open_workers(scheduler=address) as workers,

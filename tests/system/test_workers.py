@@ -38,7 +38,7 @@ def same_as_at_once(found):
 
 def processes(workers):
     """The processes of the workers, by their numbers."""
-    return [nanny.pid for nanny in workers._cluster._local.workers.values()]
+    return [worker.process.pid for worker in workers._others._workers]
 
 
 def test_two_workers_give_the_bits_of_one_and_a_kill_changes_nothing():

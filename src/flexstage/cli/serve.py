@@ -4,6 +4,8 @@ import logging
 import os
 import sys
 import webbrowser
+from contextlib import suppress
+from html import escape
 from json import dumps
 from pathlib import Path
 
@@ -61,17 +63,36 @@ def serve(
     )
     logging.basicConfig(format="flexstage: %(message)s", stream=sys.stderr)
     opens = not no_open and not json and _has_screen()
+    way = options.folder / "open-the-panel.html"
 
     def announce(address: str) -> None:
         nonlocal opens
+        way.unlink(missing_ok=True)  # what it leads to was used
         said = f"the front panel is at {address} (opens it once); Ctrl-C ends it"
         typer.echo(dumps({"address": address}) if json else said)
         typer.get_text_stream("stdout").flush()
         if opens:
             opens = False
-            webbrowser.open(address)
+            _open(address, way)
 
-    serve_panel(options, announce)
+    try:
+        serve_panel(options, announce)
+    finally:
+        way.unlink(missing_ok=True)
+
+
+def _open(address: str, way: Path) -> None:
+    """Have the browser open an address by a file that leads to it.
+
+    What programs are started with can be read by other users of the computer, and the address lets
+    in whoever is first.
+    """
+    text = f'<!DOCTYPE html><meta http-equiv="refresh" content="0; url={escape(address)}">'
+    with suppress(OSError):  # the address was printed
+        way.parent.mkdir(parents=True, exist_ok=True)
+        with os.fdopen(os.open(way, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            file.write(text)
+        webbrowser.open(way.as_uri())
 
 
 def _first_line(path: Path) -> str:

@@ -19,7 +19,7 @@ class WorkerOptions:
         this process alone. The numbers are the same whatever it is.
     scheduler
         --scheduler ADDRESS: Have a Dask cluster do the work, by the address of its scheduler, such
-        as tcp://HOST:8786.
+        as tls://HOST:8786.
     """
 
     panel: ClassVar[str] = "Workers"

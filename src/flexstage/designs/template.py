@@ -65,7 +65,11 @@ class StageTemplate:
                 f"parameters of it first (flexstage import '{shown}')"
             )
         find_stage(text, settings or {})
-        given = tuple(in_si(text, settings).items())
+        # as words of a file, in which true and false are small
+        given = tuple(
+            (name, str(v).lower() if isinstance(v, bool) else str(v))
+            for name, v in in_si(text, settings).items()
+        )
         if text.casefold() in DESIGNS:
             return cls(source=text.casefold(), settings=given)
         file = read_text(Path(text), STAGE_FILE.noun, StageError)

@@ -7,8 +7,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-import ngsolve as ng
-
 from flexstage.errors import ModelError
 
 _WATCHED = 0.1  # shortest time over which the use of the cores is counted [s]
@@ -48,6 +46,11 @@ def _read(path: str) -> str:
         return Path(path).read_text("ascii")
     except (OSError, UnicodeError):
         return ""
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    return max(1, math.ceil(min(len(_cores()), _quota())))
 
 
 class _Watch:
@@ -106,6 +109,8 @@ def parallel(most: int | None = None) -> Iterator[None]:
     if _watch.active:  # the threads are those of the block around this one
         yield
         return
+    import ngsolve as ng
+
     given = os.environ.get("NGS_NUM_THREADS", "")
     limit = most if most is not None else int(given) if given.isdigit() else None
     _watch.active = True

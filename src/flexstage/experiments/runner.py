@@ -38,7 +38,7 @@ from flexstage.instruments.catalogue.catalogue import Catalogue
 from flexstage.instruments.catalogue.entries import StageEntry
 from flexstage.instruments.catalogue.folder import enter_folder
 from flexstage.instruments.guard import guarded
-from flexstage.instruments.lock import instrument_lock
+from flexstage.instruments.lock import folder_lock, instrument_lock
 from flexstage.instruments.protocol import Instrument
 from flexstage.instruments.ramp import to_safe
 from flexstage.provenance import content_hash
@@ -103,7 +103,7 @@ def run_plan(
     Validity
     --------
     The lock holds off programs of the same user on the same computer. A simulated instrument is not
-    locked.
+    locked; the folder always is.
     """
     own = stage if stage is not None else plan_stage(plan)
     where = Path(folder)
@@ -122,15 +122,28 @@ def run_plan(
         base_rate_hz=base_rate_of(instrument),
         frequency=natural_frequency(plan, own),
     )
+    with folder_lock(where):
+        return _carry_out(context, plan.chosen(only), catalogue, resume=resume, held=held)
+
+
+def _carry_out(
+    context: RunContext,
+    steps: tuple[Step, ...],
+    catalogue: str | None,
+    *,
+    resume: bool,
+    held: str,
+) -> PlanResult:
+    instrument, where, plan = context.instrument, context.folder, context.plan
     state = _begun(context, resume=resume)
     began = time.monotonic()
     told: tuple[str, ...] = ()
     try:
-        locked = instrument_lock(instrument, serial or own.name, held=held)
+        locked = instrument_lock(instrument, context.serial_number or context.stage.name, held=held)
         with locked, guarded(instrument):
             for axis in instrument.axes.values():
                 axis.reference()
-            state = _run_steps(context, state, plan.chosen(only))
+            state = _run_steps(context, state, steps)
             to_safe(instrument)
     finally:
         # what was recorded until then is entered too
@@ -139,12 +152,12 @@ def run_plan(
     write_state(where, replace(state, finished=finished))
     result = PlanResult(
         plan=plan,
-        stage=own,
+        stage=context.stage,
         instrument=instrument.identity,
         settings=context.settings,
-        serial_number=serial,
-        operator=operator,
-        note=note,
+        serial_number=context.serial_number,
+        operator=context.operator,
+        note=context.note,
         started=state.started,
         finished=finished,
         duration=time.monotonic() - began,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.errors import ModelError
+from flexstage.errors import ModelError, WorkerError
 
 #: A batch that lasts this long hides what it costs to send it, and little is lost with it [s].
 _LASTS = 1.0
@@ -111,3 +111,13 @@ def batch_size(count: int, each: float) -> int:
     (3125, 4, 1)
     """
     return max(1, min(round(_LASTS / each), -(-count // _FEWEST)))
+
+
+def deadly(job: Job, number: int, times: int) -> WorkerError:
+    """Return what is said of a batch that ends the process of its worker each time."""
+    start, stop = job.span(number)
+    return WorkerError(
+        f"batch {number} of {job.name} (samples {start} to {stop - 1}) ended the process of its "
+        f"worker {times} times: it needs more memory than there is, or a library fails on a "
+        "sample; compute it with one worker to see"
+    )

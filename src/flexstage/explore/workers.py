@@ -4,7 +4,6 @@ import multiprocessing
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +17,7 @@ from flexstage.progress import hand_over, update
 
 if TYPE_CHECKING:
     from flexstage.explore.cluster import Cluster
+    from flexstage.explore.pool import Pool
 
 #: Work that takes this process longer than that, with what it has taken already, is shared [s]:
 #: workers take some two seconds to start.
@@ -52,11 +52,12 @@ class Workers:
                 'a program that shares work does so under `if __name__ == "__main__":`, as each '
                 "worker process imports it"
             )
-        if scheduler is not None or (count or 1) > 1:
-            require_extra("explore", "distributed", "work on several processes", WorkerError)
+        if scheduler is not None:
+            require_extra("explore", "distributed", "work on a cluster", WorkerError)
         self._count, self._scheduler = count, scheduler
-        self._alone = count == 1 or (scheduler is None and find_spec("distributed") is None)
-        self._cluster: Cluster | None = None
+        # a process that another program shares work with may start none
+        self._alone = count == 1 or multiprocessing.current_process().daemon
+        self._others: Cluster | Pool | None = None
         self._worked = 0.0  # what this process has computed itself [s]
 
     def run(self, job: Job, keep: Path | None = None) -> dict[str, np.ndarray]:
@@ -95,9 +96,9 @@ class Workers:
 
     def close(self, *, at_once: bool = False) -> None:
         """End the workers that were started, or leave the cluster; `at_once` amid their work."""
-        if self._cluster is not None:
-            self._cluster.close(at_once=at_once)
-            self._cluster = None
+        if self._others is not None:
+            self._others.close(at_once=at_once)
+            self._others = None
 
     def _computed(
         self, job: Job, done: dict[int, dict[str, np.ndarray]], progress: "_Progress"
@@ -113,24 +114,27 @@ class Workers:
             each, self._worked = min(each, took), self._worked + took
             yield left.pop(0), found
         if left:
-            if self._cluster is None:
+            if self._others is None:
                 joins = self._scheduler is not None
                 progress.wait("joining the cluster" if joins else "starting workers")
             yield from self._shared(len(left)).finished(job, left, progress.wait)
 
     def _worth_sharing(self, each: float, left: int) -> bool:
-        if self._alone or self._scheduler is not None or self._cluster is not None:
+        if self._alone or self._scheduler is not None or self._others is not None:
             return not self._alone
         return self._worked > _TRIED and left > 1 and self._worked + left * each > _WORTH_SHARING
 
-    def _shared(self, batches: int) -> "Cluster":
-        from flexstage.explore.cluster import Cluster
+    def _shared(self, batches: int) -> "Cluster | Pool":
+        if self._scheduler is not None:
+            from flexstage.explore.cluster import Cluster
 
-        if self._cluster is None:
-            self._cluster = Cluster(self._scheduler)
-        if self._scheduler is None:
-            self._cluster.start(self._count, batches)
-        return self._cluster
+            self._others = self._others or Cluster(self._scheduler)
+        else:
+            from flexstage.explore.pool import Pool
+
+            self._others = pool = self._others if isinstance(self._others, Pool) else Pool()
+            pool.start(self._count, batches)
+        return self._others
 
 
 def _hand_over(job: Job, number: int, found: dict[str, np.ndarray]) -> None:

@@ -1,12 +1,6 @@
-"""The mesher, which may end its process: run as one of its own, it reads a task and writes a mesh.
+"""The mesher, which may end its process: it is called in one of its own."""
 
-`python -P mesher.py TASK RESULT`. It imports nothing of the package, so that it starts quickly.
-"""
-
-import pickle
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import ngsolve as ng
 import numpy as np
@@ -82,6 +76,12 @@ def generate(task: MeshTask) -> object | None:
         if unfold(mesh, task.order):
             return made
     return None
+
+
+def generate_alone(task: MeshTask) -> object | None:
+    """Return what `generate` makes in a process that does nothing else."""
+    with ng.TaskManager():
+        return generate(task)
 
 
 def _run(task: MeshTask, curvature: float, points: tuple[Array, Array], end: object) -> object:
@@ -212,25 +212,3 @@ def _hits(origins: Array, ray: Array, a: Array, ab: Array, ac: Array) -> Array:
     edge = 1e-9
     inside = (u >= -edge) & (v >= -edge) & (u + v <= 1.0 + edge) & (distance > 0.0)
     return np.where(inside, distance, np.inf).min(axis=1)
-
-
-def _main(given: str, answer: str) -> None:
-    with Path(given).open("rb") as file:
-        task, seconds = pickle.load(file)
-    if seconds is not None and sys.platform != "win32":
-        import resource
-
-        # the system ends this process after so much computing
-        _, hard = resource.getrlimit(resource.RLIMIT_CPU)
-        resource.setrlimit(resource.RLIMIT_CPU, (max(1, int(seconds)), hard))
-    try:
-        with ng.TaskManager():
-            result: object = {"mesh": generate(MeshTask(**task))}
-    except MesherError as error:
-        result = {"error": str(error)}
-    with Path(answer).open("wb") as file:
-        pickle.dump(result, file)
-
-
-if __name__ == "__main__":
-    _main(*sys.argv[1:3])

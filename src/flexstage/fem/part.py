@@ -1,17 +1,18 @@
 """Any STEP file as an elastic part: its solids, its faces by name, its mesh."""
 
 import math
+import pickle
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import ngsolve as ng
-from netgen.occ import Glue, TopoDS_Shape, Vertex, gp_Pnt
+from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vertex, gp_Pnt
 
 from flexstage.elasticity.shapes import METRE
-from flexstage.elasticity.step_file import load_step
+from flexstage.elasticity.step_file import of_step
 from flexstage.errors import ModelError, StageError
 from flexstage.fem.part_mesh import PartMesh, mesh_shape
 from flexstage.material import Material
@@ -282,7 +283,31 @@ def read_step(path: str | Path, *, solid: int | str | Sequence[int | str] | None
     no solid, one without volume, several of which none is chosen, and several that overlap.
     """
     path = Path(path)
-    shape = load_step(path)
+    packed, bodies, faces = of_step(path, _packed_part, path, solid)
+    return Part(source=f"'{path}'", shape=pickle.loads(packed).shape, bodies=bodies, faces=faces)
+
+
+def _packed_part(
+    shape: TopoDS_Shape, path: Path, solid: int | str | Sequence[int | str] | None
+) -> tuple[bytes, tuple[str, ...], tuple[PartFace, ...]]:
+    """Return the shape of a part for another process, what it is called, and its faces."""
+    from flexstage.fem.part_estimate import part_surface
+
+    part = _part_of(shape, path, solid)
+    packed = pickle.dumps(OCCGeometry(part.shape))
+    # all that is done with it there, but its mesh, is done here first: the kernel may break down
+    there = replace(part, shape=pickle.loads(packed).shape)
+    part_surface(there)
+    for f in there.shape.faces:
+        f.Distance(Vertex(gp_Pnt(*there.bounding_box[0])))
+        sum(e.mass for e in f.edges)
+    sum(s.mass for s in there.shape.solids)
+    return packed, part.bodies, part.faces
+
+
+def _part_of(
+    shape: TopoDS_Shape, path: Path, solid: int | str | Sequence[int | str] | None
+) -> Part:
     solids = list(shape.solids)
     count = len(solids)
     if count > 1 and solid is None:

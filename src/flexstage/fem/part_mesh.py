@@ -1,20 +1,13 @@
 """Tetrahedra for a solid of any shape, fine where it is thin."""
 
 import math
-import os
-import pickle
-import signal
-import subprocess
-import sys
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
 import ngsolve as ng
 from netgen.occ import OCCGeometry, TopoDS_Shape
 
+from flexstage.elasticity.own_process import BrokenDownError, in_own_process
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import mesher
@@ -85,30 +78,32 @@ def mesh_shape(
         for f in shape.faces:
             if f.name in settings.sizes:
                 f.maxh = min(f.maxh, settings.sizes[f.name] * METRE)
-        task = {
-            "geometry": OCCGeometry(shape),
-            "diagonal": diagonal(shape),
-            "order": settings.order,
-            "largest": settings.largest(diagonal(shape) / METRE) * METRE,
-            "thin": settings.thin,
-            "grading": settings.grading,
-            "curvature": settings.curvature,
-        }
-        found = _in_another_process(task, shape, source, limit)
+        task = mesher.MeshTask(
+            geometry=OCCGeometry(shape),
+            diagonal=diagonal(shape),
+            order=settings.order,
+            largest=settings.largest(diagonal(shape) / METRE) * METRE,
+            thin=settings.thin,
+            grading=settings.grading,
+            curvature=settings.curvature,
+        )
+        made = in_own_process(mesher.generate_alone, task, seconds=limit)
+    except BrokenDownError as error:
+        raise ModelError(f"the mesher {error} on {source}: {_mend(shape)}") from None
+    except mesher.MesherError as error:
+        raise ModelError(
+            f"the mesher could not mesh {source} ({str(error) or 'no reason given'}): "
+            f"{_mend(shape)}"
+        ) from error
     finally:
         for f, before in kept:
             f.maxh = before
-    if "error" in found:
-        raise ModelError(
-            f"the mesher could not mesh {source} ({found['error'] or 'no reason given'}): "
-            f"{_mend(shape)}"
-        )
-    if found["mesh"] is None:
+    if made is None:
         raise ModelError(
             f"curving to order {settings.order} folds many elements of {source}: give smaller "
             "sizes, more elements to a radius (curvature), or a lower order"
         )
-    mesh = ng.Mesh(found["mesh"])
+    mesh = ng.Mesh(made)
     mesh.Curve(settings.order)
     mesher.unfold(mesh, settings.order)
     whole = sum(s.mass for s in shape.solids)
@@ -119,43 +114,6 @@ def mesh_shape(
             "lost a face; change the mesh size or repair the part"
         )
     return mesh
-
-
-def _in_another_process(
-    task: dict[str, Any], shape: TopoDS_Shape, source: str, limit: float | None
-) -> dict[str, Any]:
-    """Return what the mesher answers; its words, and what it does to its process, stay there."""
-    with tempfile.TemporaryDirectory() as folder:
-        given, answer = Path(folder) / "task", Path(folder) / "result"
-        given.write_bytes(pickle.dumps((task, limit)))
-        ended = subprocess.run(
-            [sys.executable, "-P", mesher.__file__, str(given), str(answer)],
-            env={**os.environ, "NGS_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(sys.path)},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            check=False,
-        )
-        if ended.returncode == 0:
-            return pickle.loads(answer.read_bytes())
-    if ended.returncode == -getattr(signal, "SIGKILL", 9):
-        raise ModelError(
-            f"the mesher was killed on {source}, as the system does where memory ends: give a "
-            "larger mesh size"
-        )
-    if limit is not None and ended.returncode == -getattr(signal, "SIGXCPU", 24):
-        raise ModelError(
-            f"the mesher came to no end on {source} in {limit:.0f} s of computing: {_mend(shape)}"
-        )
-    raise ModelError(
-        f"the mesher broke down ({_ending(ended.returncode)}) on {source}: {_mend(shape)}"
-    )
-
-
-def _ending(code: int) -> str:
-    try:
-        return f"signal {-code}, {signal.Signals(-code).name}"
-    except ValueError:
-        return f"status {code}"
 
 
 def _mend(shape: TopoDS_Shape) -> str:

@@ -49,24 +49,46 @@ def stage_lock(
     Validity: programs of one user on one computer, or of all that share ``$FLEXSTAGE_STATE``, on a
     disk that knows locks; another program that talks to the controller directly is not held off.
     """
+    lock_file, note = _files(serial_number, directory)
+    mend = "set FLEXSTAGE_STATE to a directory on a local disk that can be written"
+    other = "give the stage its own serial number if it is another one"
+    with _held(lock_file, note, f"stage '{serial_number}'", mend, other, timeout=timeout):
+        yield lock_file
+
+
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Hold the folder of a run for this program alone, as `stage_lock` holds a stage.
+
+    The lock is a hidden file in the folder.
+    """
+    lock_file = folder / ".lock"
+    mend = "choose a folder on a local disk that can be written"
+    what = f"the run in '{folder}'"
+    with _held(lock_file, folder / ".lock.json", what, mend, "choose another folder"):
+        yield
+
+
+@contextmanager
+def _held(
+    lock_file: Path, note: Path, what: str, mend: str, other: str, *, timeout: float = 0.0
+) -> Iterator[None]:
     from filelock import FileLock, Timeout
 
-    lock_file, note = _files(serial_number, directory)
     try:
         lock_file.parent.mkdir(parents=True, exist_ok=True)
         # A lock belongs to the program and not to the thread that took it.
         lock = FileLock(lock_file, thread_local=False)
         lock.acquire(timeout=timeout, poll_interval=0.02)
     except Timeout:
-        raise NotConnectedError(_taken(serial_number, note)) from None
+        raise NotConnectedError(_taken(what, note, other)) from None
     except (OSError, NotImplementedError) as error:
         raise ModelError(
-            f"the lock of stage '{serial_number}' cannot be made in {lock_file.parent}: {error}; "
-            "set FLEXSTAGE_STATE to a directory on a local disk that can be written"
+            f"the lock of {what} cannot be made in {lock_file.parent}: {error}; {mend}"
         ) from error
     try:
         _write(note)
-        yield lock_file
+        yield
     finally:
         with suppress(OSError):
             note.unlink()
@@ -121,14 +143,11 @@ def _read(note: Path) -> Holder | None:
     return None
 
 
-def _taken(serial_number: str, note: Path) -> str:
+def _taken(what: str, note: Path, other: str) -> str:
     who = _read(note)
     by = (
         "another program, which has not said its name"
         if who is None
         else f"'{who.program}' (process {who.pid} on {who.host}, since {who.since})"
     )
-    return (
-        f"stage '{serial_number}' is in use by {by}: end that program first, or give the stage its "
-        "own serial number if it is another one"
-    )
+    return f"{what} is in use by {by}: end that program first, or {other}"

@@ -24,16 +24,21 @@ _PASSWORD_PAGE = "/enter"
 _LONGEST_FORM = 4096
 _METHODS = frozenset({"GET", "HEAD", "POST"})
 
-# NiceGUI builds its pages of inline scripts and compiles templates in the browser; nothing comes
-# from elsewhere, and no other page may frame this one.
+# NiceGUI builds its pages of inline scripts, and its `nicegui.js` evaluates what the server sends:
+# properties, handlers and calls (`eval`, `new Function`); there is no build of it without. Nothing
+# comes from elsewhere, and no other page may frame this one.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
     "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
     "media-src 'self' blob:; worker-src 'self' blob:; frame-src 'self' blob:; object-src 'none'; "
     "base-uri 'none'; form-action 'self'; frame-ancestors 'self'"
 )
+# the pages of the gate have no script
+_PLAIN_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+    "form-action 'self'; frame-ancestors 'none'"
+)
 _HEADERS = (
-    (b"content-security-policy", _POLICY.encode()),
     (b"x-content-type-options", b"nosniff"),
     (b"x-frame-options", b"SAMEORIGIN"),
     (b"referrer-policy", b"no-referrer"),
@@ -201,7 +206,8 @@ class Gate:
                 return
             answered = True
             if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", ()), *_HEADERS]
+                policy = (b"content-security-policy", _POLICY.encode())
+                message["headers"] = [*message.get("headers", ()), policy, *_HEADERS]
                 if not any(n.lower() == b"cache-control" for n, _ in message["headers"]):
                     message["headers"].append((b"cache-control", b"no-store"))
             await send(message)
@@ -276,6 +282,7 @@ def _told(scope: Scope) -> str:
 
 async def _page(send: Send, status: int, html: str, *more: tuple[bytes, bytes]) -> None:
     headers = [(b"content-type", b"text/html; charset=utf-8"), (b"cache-control", b"no-store")]
+    headers.append((b"content-security-policy", _PLAIN_POLICY.encode()))
     await send(
         {"type": "http.response.start", "status": status, "headers": [*headers, *_HEADERS, *more]}
     )

@@ -30,10 +30,14 @@ def read_step_plate(path: str | os.PathLike[str]) -> Sheet:
     A plate that lies across an axis of the file keeps its coordinates: x and y where it lies
     across z, y and z across x, z and x across y.
     """
-    from flexstage.elasticity.shapes import METRE
-    from flexstage.elasticity.step_file import load_step
+    from flexstage.elasticity.step_file import of_step
 
-    shape = load_step(Path(path))
+    return of_step(Path(path), _sheet, path)
+
+
+def _sheet(shape: "TopoDS_Shape", path: str | os.PathLike[str]) -> Sheet:
+    from flexstage.elasticity.shapes import METRE
+
     solids = list(shape.solids)
     if len(solids) != 1:
         raise StageError(

@@ -1,8 +1,12 @@
 """Reports that were written: where they lie, and the address of each file in the panel."""
 
+import base64
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -78,5 +82,22 @@ def serve_reports(application: Any, folder: Path) -> None:
     def _serve(name: str, file: str) -> FileResponse:
         for report in written_reports(folder):
             if report.name == name and file in report.files:
-                return FileResponse(report.folder / file)
+                headers = {"content-security-policy": _policy()}
+                return FileResponse(report.folder / file, headers=headers)
         raise HTTPException(404, "there is no such report")
+
+
+@cache
+def _policy() -> str:
+    """Return what a report may do: run the script of its template, and no other that is in it.
+
+    It holds beside the policy of the panel. Names and texts of a report are those of stage files
+    and plans, which others may have written.
+    """
+    page = (files("flexstage.report") / "templates" / "page.html").read_text("utf-8")
+    script = page.split("<script>")[1].split("</script>")[0]
+    known = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return (
+        f"default-src 'none'; script-src 'sha256-{known}'; style-src 'unsafe-inline'; "
+        "img-src data: blob:; font-src data:; base-uri 'none'; form-action 'none'"
+    )

@@ -27,6 +27,7 @@ _EMPTY = (
     "flexstage. It takes some seconds; with finite elements of the whole a minute, in 3D "
     "several. What was computed before of the same stage is read."
 )
+_MAY = "allow-same-origin allow-scripts allow-modals allow-popups allow-downloads"
 _PRINT = "document.querySelector('iframe.report').contentWindow.print()"
 # a report follows the computer, and the page perhaps not; on paper it is light in any case
 _FOLLOW_LOOK = """(event) => {
@@ -154,6 +155,8 @@ class ReportView:
                 self._ways(report)
             frame = ui.element("iframe").classes("report")
             frame.on("load", js_handler=_FOLLOW_LOOK)
+            # its own script runs, by the policy it is served with; it cannot leave the frame
+            frame.props["sandbox"] = _MAY
             frame.props["src"], frame.props["title"] = report.address(), f"Report: {report.title}"
 
     def _open(self, name: str) -> None:
