@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Writes the two requirement locks: exact versions and hashes, one version of each package for
-# Python 3.11 to 3.13 on every platform. Which index serves them is the machine's own setting.
+# Python 3.11 to 3.14 on every platform. Which index serves them is the machine's own setting.
 # Usage: scripts/lock.sh [--upgrade] [--upgrade-package NAME]
 set -euo pipefail
 cd "$(dirname "$0")/.."

@@ -5,6 +5,12 @@ user who does not know this module. The message is one sentence: what is wrong, 
 is allowed, how to mend it.
 """
 
+#: What is said where finite elements are asked for and their library is not there.
+NO_FINITE_ELEMENTS = (
+    "finite elements need the package ngsolve, which is not installed (there is no wheel of it "
+    "for Linux or Windows on ARM): take the model of rigid bodies (lumped), or another computer"
+)
+
 
 class FlexstageError(Exception):
     """Base of every error that flexstage raises on purpose."""

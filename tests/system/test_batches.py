@@ -182,15 +182,17 @@ def test_workers_are_a_number_or_a_cluster():
         pass
 
 
-def test_without_the_extra_one_process_does_all(monkeypatch):
+def test_a_cluster_alone_needs_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    monkeypatch.setattr(workers_module, "find_spec", lambda name: None)
+    with (
+        pytest.raises(WorkerError, match=r'a cluster needs .* pip install "flexstage\[explore\]"'),
+        open_workers(scheduler="tls://127.0.0.1:1"),
+    ):
+        pass
     monkeypatch.setattr(workers_module, "_TRIED", 0.0)
     monkeypatch.setattr(workers_module, "_WORTH_SHARING", 0.0)
-    with open_workers() as workers:
+    with open_workers(2) as workers:
         assert same(workers.run(JOB()), spread_work.solutions({"seed": 11}, 0, 47))
-    with pytest.raises(WorkerError, match=r'pip install "flexstage\[explore\]"'), open_workers(2):
-        pass
 
 
 def test_progress_says_how_many_batches_and_how_long():

@@ -107,7 +107,8 @@ def cluster(tmp_path: Path) -> Iterator[Loopback]:
     folder = tmp_path / "cluster"
     folder.mkdir()
     started = Loopback(folder)
-    with dask.config.set(dask.config.collect(paths=[started.environment["DASK_CONFIG"]], env={})):
+    own = dask.config.collect(paths=[started.environment["DASK_CONFIG"]], env={})
+    with dask.config.set(dask.config.merge(dask.config.config, own)):
         yield started
     started.end()
 

@@ -55,6 +55,24 @@ def test_two_workers_give_the_bits_of_one_and_a_kill_changes_nothing():
         assert killed[0] not in processes(workers)
 
 
+def test_no_process_listens_at_a_port():
+    """Whoever reached one could have it run what they like."""
+    listening = []
+
+    def look(what, done):
+        for process in (psutil.Process(), *psutil.Process().children(recursive=True)):
+            found = process.net_connections("inet")
+            listening.extend(c for c in found if c.status == psutil.CONN_LISTEN)
+
+    with open_workers(2) as workers:
+        look("before", 0.0)
+        before = len(listening)
+        with listen(look):
+            assert same_as_at_once(workers.run(solutions(0.0)))
+        assert len(processes(workers)) == 2
+    assert before == len(listening) == 0, listening
+
+
 @pytest.mark.slow
 def test_one_two_and_four_workers_give_the_same_bits():
     for count in (1, 2, 4):

@@ -41,7 +41,7 @@ from flexstage.cli.sweep import sweep
 from flexstage.cli.tolerance import tolerance
 from flexstage.cli.twin import twin
 from flexstage.cli.uncertainty import uncertainty
-from flexstage.errors import FlexstageError
+from flexstage.errors import NO_FINITE_ELEMENTS, FlexstageError
 
 __all__ = ["app", "main"]
 
@@ -120,6 +120,10 @@ def _run(arguments: list[str] | None) -> int:
     except FlexstageError as error:
         status = 2 if isinstance(error, ValueError) else 1
         return _fail(type(error).__name__, str(error), status, as_json)
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] not in ("ngsolve", "netgen"):
+            raise
+        return _fail("ModelError", NO_FINITE_ELEMENTS, 2, as_json)
     except OSError as error:
         # nobody reads on where the pipe is broken
         read_on = as_json and not isinstance(error, BrokenPipeError)

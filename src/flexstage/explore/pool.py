@@ -137,7 +137,7 @@ class Pool:
                 worker.connection.send(worker.number)
 
     def _started(self, count: int) -> list[_Worker]:
-        with _unheard(), _one_thread():
+        with _for_workers():
             made = [_Worker() for _ in range(count)]
         deadline = time.monotonic() + _STARTS
         try:
@@ -156,31 +156,20 @@ class Pool:
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
-    """Have the libraries of processes that are started in this block use one thread each."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(ONE_THREAD)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-@contextmanager
-def _unheard() -> Iterator[None]:
-    """Have the processes that are started in this block ignore Ctrl-C.
+def _for_workers() -> Iterator[None]:
+    """Have processes that are started in this block use one thread each, and ignore Ctrl-C.
 
     A terminal sends it to all processes, and only this one knows what is to be kept.
     """
-    if sys.platform == "win32":
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = dict(os.environ)
+    os.environ.update(ONE_THREAD)
+    masks = sys.platform != "win32"
+    heard = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else set()
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, heard)
+        for name in ONE_THREAD:
+            del os.environ[name]
+        os.environ.update({k: v for k, v in before.items() if k in ONE_THREAD})

@@ -1,7 +1,9 @@
 """Finite elements of a whole stage: the same description, as the continuum it is cut from."""
 
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
+from flexstage.errors import NO_FINITE_ELEMENTS, ModelError
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
@@ -27,4 +29,6 @@ __all__ = [
     "superelement_model",
 ]
 
+if find_spec("ngsolve") is None:
+    raise ModelError(NO_FINITE_ELEMENTS)
 import_on_use(__name__)
