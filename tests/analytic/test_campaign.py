@@ -597,7 +597,7 @@ def test_a_record_sampled_unevenly() -> None:
 def test_too_few_cycles() -> None:
     test = Test(name="t", kind="motion", axis="x", records=("a",), columns=SIX)
     near(run(test, motion(count=3)).figure("straightness", "x").estimate, BOW, 2e-8)
-    with pytest.raises(RecordError, match=r"test 't': 3 whole cycles are needed.*got 2"):
+    with pytest.raises(RecordError, match=r"test 't': 3 whole cycles over .* are needed.*got 2"):
         run(test, motion(count=2))
 
 

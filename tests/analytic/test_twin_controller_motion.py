@@ -391,7 +391,10 @@ def test_under_control_positions_count_from_zero() -> None:
     assert t[-1] == 17e-6
     assert_allclose(device.position("1"), 17e-6, atol=1e-11)
     assert_allclose(stage.position[0], 17e-6 + zero, atol=1e-11)
-    assert refusal(device.set_targets, {"1": 41e-6}).reason is Refusal.OUT_OF_LIMITS
+    # the end of the range is counted from there too
+    device.set_targets({"1": 41e-6 - zero - 1e-9})
+    beyond = {"1": 41e-6 - zero + 1e-9}
+    assert refusal(device.set_targets, beyond).reason is Refusal.OUT_OF_LIMITS
 
 
 @pytest.mark.parametrize("portion", [1, 7, 1000])
