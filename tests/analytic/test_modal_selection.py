@@ -206,7 +206,7 @@ def response(deviation: float = 0.0, *, delay: float = 0.0, lines=LINES, third=4
 @pytest.mark.slow
 def test_a_steady_phase_slope_is_named():
     late = fit_modes(response(1e-3, delay=2.1e-3), delay=False)
-    assert any("try the option delay" in note and "delay of 2.2 ms" in note for note in late.notes)
+    assert any("fit a delay as well" in note and "delay of 2.2 ms" in note for note in late.notes)
     untold = fit_modes(response(1e-3, delay=2.1e-3))
     assert untold.delay is not None
     assert untold.delay.value == pytest.approx(2.1e-3, rel=2e-2)

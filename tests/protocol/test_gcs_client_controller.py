@@ -98,6 +98,12 @@ def test_commands_that_are_not_listed_are_neither_used_nor_promised():
     assert script.log == []
 
 
+def test_half_an_answer_is_told_from_what_a_controller_lacks():
+    half = "*IDN? CSV? ERR? HLP? MOV POS?"
+    with pytest.raises(ControllerError, match=r"6 commands, none .* begins with T .* came in part"):
+        opened(ScriptedController(commands=half))
+
+
 @pytest.mark.parametrize("missing", ["DRC", "DRR?", "DRL?", "RTR", "DRT"])
 def test_a_recorder_needs_all_its_commands(missing):
     commands = " ".join(c for c in COMMANDS.split() if c != missing)

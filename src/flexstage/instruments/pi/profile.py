@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from flexstage.errors import ControllerError
 from flexstage.instruments.pi.client import GcsClient
 from flexstage.instruments.pi.replies import excerpt
 from flexstage.instruments.protocol import Identity
@@ -68,6 +69,12 @@ def read_profile(client: GcsClient) -> ControllerProfile:
     By ``HLP?`` always, ``HPA?`` and ``HDR?`` where it knows them.
     """
     commands = _commands(client.ask("HLP?"))
+    # the list is in order of the alphabet, and every controller has commands that begin with T or V
+    if max(commands, default="") < "T":
+        raise ControllerError(
+            f"'HLP?' was answered with {len(commands)} commands, none of which begins with T or a "
+            "later letter: the answer came in part; connect again, or check the link"
+        )
     parameters = _parameters(client.ask("HPA?")) if "HPA?" in commands else {}
     options: tuple[dict[int, str], dict[int, str]] = ({}, {})
     if "HDR?" in commands:

@@ -190,7 +190,7 @@ def fit_modes(
     else:
         found = search(parts, template, **options)
     falls = "" if delay else steady_phase(found.shown, template, parts)
-    hints = [f"{falls}: try the option delay"] if falls else []
+    hints = [f"{falls}: fit a delay as well"] if falls else []
     if falls and delay is None and not lag and wanted is None:
         with progress.subtask(0.85, 0.9):
             late = search_with_sensor(parts, template, (True, True, False), options)

@@ -410,8 +410,8 @@ def minimise(
         return theta, total
     poles = f"{basis.count} pole{'s' * (basis.count != 1)}"
     raise ConvergenceError(
-        f"the fit of {poles} did not settle in {_ITERATIONS + _MORE} iterations: say about where "
-        "the modes are by the option near, or fit them in a narrower band"
+        f"the fit of {poles} did not settle in {_ITERATIONS + _MORE} iterations: give frequencies "
+        "near the modes, or fit them in a narrower band"
     )
 
 
