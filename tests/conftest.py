@@ -35,6 +35,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# The processes of a parallel run inherit the width of a screen, a single one does not: what a
+# command prints must not depend on how many processes run the tests.
+os.environ.pop("COLUMNS", None)
+
 # Runs and locks of tests stay out of the user's own store, and so does what they condense: one
 # folder for all processes of a run, which take it over from the process that starts them.
 _OWN = tempfile.mkdtemp(prefix="flexstage-tests-")

@@ -16,10 +16,11 @@ from rich.console import Console
 
 from flexstage.characteristic import Characteristic, shown_units
 from flexstage.cli import app, main, tables
-from flexstage.cli.output import on_terminal
+from flexstage.cli.output import console, print_shown, print_text
 from flexstage.comparison import compare
 from flexstage.quantities import beside, display
 from flexstage.report.page import table_html
+from flexstage.report.run_tables import runs_table
 from flexstage.report.tables import characteristics_table
 from flexstage.studies.results import characteristic_row
 from flexstage.table import Cell, Column, Table, table
@@ -31,7 +32,7 @@ def test_a_name_is_beside_the_first_line_of_its_text() -> None:
     row = ("Thermal drift", "2.75", "drives in place, and a text that has to be broken")
     shown = table("drift", ("quantity", "published\nFEM", "<condition"), [row])
     written = io.StringIO()
-    Console(width=48, file=written).print(on_terminal(shown))
+    print_shown(Console(width=48, file=written), shown)
     lines = written.getvalue().splitlines()
     first = next(line for line in lines if "Thermal drift" in line)
     assert "2.75" in first
@@ -91,7 +92,7 @@ def test_a_figure_that_fails_its_criterion_is_marked_by_a_word_and_a_colour() ->
 
 def printed(shown: Table, width: int) -> list[str]:
     written = io.StringIO()
-    Console(width=width, file=written).print(on_terminal(shown))
+    print_shown(Console(width=width, file=written), shown)
     return [line.rstrip() for line in written.getvalue().splitlines()]
 
 
@@ -254,6 +255,28 @@ def test_every_command_prints_whole_numbers_at_80_columns(
         assert all(text.startswith("wrote ") for text in wide), f"{line}: {wide}"
         folded = [text for text in said.splitlines() if re.fullmatch(r" *[\d.]+|[a-z]", text)]
         assert not folded, f"{line}: {folded}"
+
+
+def test_a_path_stays_whole_and_what_tells_runs_apart_is_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    where = f"sqlite:///{tmp_path}/{'deep' * 20}/catalogue.sqlite"
+    words = (
+        "b2b2b2b2|2021-03-04 05:06:07|vgtu-mechanical|B-2|hysteresis|x|17|failed|virtual|noise",
+        "b3b3b3b3|2021-03-05 05:06:07|parallelogram|C-1|hold|y|1800|complete|measured|loop of x",
+    )
+    both = [line.split("|") for line in words]
+    columns = runs_table([], "").columns
+    screen = console()
+    print_shown(screen, table(f"2 runs in {where}", columns, both, notes=(where,)))
+    print_text(screen, f"kept {where}")
+    said = capsys.readouterr().out
+    assert said.count(where) == 3
+    assert "not shown: serial, samples, step" in " ".join(said.split())
+    [failed, complete] = [line for line in said.splitlines() if line.startswith("b")]
+    assert {"failed", "virtual"} <= {*failed.split()}
+    assert {"complete", "measured"} <= {*complete.split()}
 
 
 def test_a_dry_run_is_read_on_three_screens(

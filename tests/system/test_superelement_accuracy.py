@@ -1,6 +1,7 @@
 """The errors that are printed beside figures of superelements: what they are made of, and hold."""
 
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
@@ -93,7 +94,11 @@ def test_the_screen_shows_it_beside_frequencies(capsys: pytest.CaptureFixture[st
     with pytest.raises(SystemExit):
         main(["analyse", "parallelogram", "--estimate", "--quiet"])
     lines = capsys.readouterr().out.splitlines()
-    assert sum("± mesh" in line for line in lines) == 2
+    # of every frequency of each condition, and of the characteristics that the mesh changes
+    [heading] = [line for line in lines if "± mesh" in line]
+    assert heading.count("± mesh") == 3
+    [frequency] = [line for line in lines if line.startswith("Natural frequency [Hz]")]
+    assert re.search(r" x +\d+\.\d ± \d+\.\d ", frequency)
 
 
 @pytest.mark.parametrize(("model", "instead"), [("plane", "take --accuracy"), ("lumped", "leave")])

@@ -385,7 +385,7 @@ def test_many_variables_are_a_matrix(with_indices):
 
 def test_tables_say_what_moves_what(over_neck, with_indices):
     rows, ranges = sweep_tables(over_neck)
-    assert [row[0].text for row in rows.rows] == ["0.37", "0.455", "0.54", "0.625", "0.71"]
+    assert [row[0].text for row in rows.rows] == ["0.370", "0.455", "0.540", "0.625", "0.710"]
     assert ranges.rows[1][-1].text == "+1.00"
     indices = list(sweep_tables(with_indices))[-1]
     assert indices.rows[0][1].text == "leg.notch.neck_thickness"

@@ -18,9 +18,9 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    on_terminal,
     print_json,
     print_notes,
+    print_shown,
     print_table,
     progress_bar,
 )
@@ -189,7 +189,7 @@ def _characteristics(screen: "Console", analysis: "Analysis") -> None:
     title = f"{analysis.stage.name}: {analysis.system.model}"
     shown = characteristics_table(compare(analysis.characteristics), QUANTITIES, title)
     if shown is not None:
-        screen.print(on_terminal(shown))
+        print_shown(screen, shown)
 
 
 def _modes(screen: "Console", analysis: "Analysis") -> None:
@@ -236,7 +236,7 @@ def _coupling(screen: "Console", analysis: "Analysis") -> None:
     from flexstage.report.coupled_axes import coupling_tables
 
     for shown in coupling_tables(analysis.coupling) if analysis.coupling is not None else ():
-        screen.print(on_terminal(shown))
+        print_shown(screen, shown)
 
 
 def _loads(screen: "Console", analysis: "Analysis") -> None:

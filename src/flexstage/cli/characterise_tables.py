@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.output import on_terminal, print_notes, print_table
+from flexstage.cli.output import print_notes, print_shown, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -45,7 +45,7 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
         )
     for measured in result.found.results:
         if (ranges := stroke_ranges(measured)) is not None:
-            screen.print(on_terminal(ranges))
+            print_shown(screen, ranges)
         if "positioning" in measured.details:
             _print_positioning(screen, measured)
     print_notes(screen, result.notes, saved)

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.output import on_terminal, print_notes
+from flexstage.cli.output import print_notes, print_shown
 from flexstage.cli.predict import start_value
 from flexstage.files.plain import picked
 
@@ -66,12 +66,12 @@ def print_identification(
     )
 
     caption = f"{found.kind}: {', '.join(result['records'])}"
-    screen.print(on_terminal(candidates_table(found, caption)))
+    print_shown(screen, candidates_table(found, caption))
     for failed in failures(found):
         screen.print(failed, style="yellow", markup=False)
     for line in identification_in_words(found):
         screen.print(line, markup=False)
-    screen.print(on_terminal(parameters_table(found)))
+    print_shown(screen, parameters_table(found))
     for warning in found.warnings:
         screen.print(f"warning: {warning}", style="yellow", markup=False)
     print_notes(screen, result["notes"], result["files"])

@@ -12,10 +12,10 @@ from flexstage.cli.output import (
     OutputFile,
     console,
     count,
-    on_terminal,
     picture,
     print_json,
     print_notes,
+    print_shown,
     stage_file,
     write_file,
 )
@@ -107,7 +107,7 @@ def _printed(drawn: "DrawnStage", files: list[Path]) -> None:
         f"{stage.name}: {count(len(stage.bodies), 'body')} (held: {held}), "
         f"{count(len(stage.hinges), 'neck')}"
     )
-    screen.print(on_terminal(necks_table(drawn, caption)))
+    print_shown(screen, necks_table(drawn, caption))
     notes = []
     if drawn.left_out:
         left = ", ".join(f"{n} x {what}" for what, n in drawn.left_out)

@@ -11,10 +11,10 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    on_terminal,
     picture,
     print_json,
     print_notes,
+    print_shown,
     progress_bar,
     write_file,
 )
@@ -175,5 +175,5 @@ def _written(folder: Path | None, files: "Callable[[], dict[str, bytes]]") -> li
 def _print(tables: Any, notes: tuple[str, ...], files: list[str]) -> None:
     screen = console()
     for shown in tables:
-        screen.print(on_terminal(shown))
+        print_shown(screen, shown)
     print_notes(screen, notes, files)

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import Console
 
-    from flexstage.cli.tables import Printed
     from flexstage.table import Cell, Column, Table
 import errno
 from pathlib import Path
@@ -42,14 +41,14 @@ def print_table(
     """Print a table, as `flexstage.table.table` makes it of headings and cells."""
     from flexstage.table import table
 
-    screen.print(on_terminal(table(caption, headings, rows)))
+    print_shown(screen, table(caption, headings, rows))
 
 
-def on_terminal(shown: "Table") -> "Printed":
-    """Return a table as the terminal shows it."""
+def print_shown(screen: "Console", shown: "Table") -> None:
+    """Print a table; a path above or below it stays whole, and is wider than the screen then."""
     from flexstage.cli.tables import Printed
 
-    return Printed(shown)
+    screen.print(Printed(shown), crop=False)
 
 
 def count(number: int, noun: str) -> str:
@@ -73,7 +72,8 @@ def print_text(screen: "Console", text: str, style: str = "") -> None:
     """Print a text, broken where a line may end."""
     from flexstage.cli.tables import wrapped
 
-    screen.print("\n".join(wrapped(text, screen.width)), style=style or None, markup=False)
+    lines = "\n".join(wrapped(text, screen.width))
+    screen.print(lines, style=style or None, markup=False, soft_wrap=True)
 
 
 def print_notes(

@@ -16,10 +16,10 @@ from flexstage.cli.options import (
 from flexstage.cli.output import (
     FigureFile,
     console,
-    on_terminal,
     picture,
     print_json,
     print_notes,
+    print_shown,
     print_text,
     write_file,
 )
@@ -196,7 +196,7 @@ def print_predictions(
     """Print a table of how a model predicts records."""
     from flexstage.report.identification import prediction_in_words, predictions_table
 
-    screen.print(on_terminal(predictions_table(found, title)))
+    print_shown(screen, predictions_table(found, title))
     for p in found:
         for said in prediction_in_words(p, model):
             print_text(screen, said)

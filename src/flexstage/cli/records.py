@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.options import JsonOption, from_docstring
-from flexstage.cli.output import console, on_terminal, print_json, print_notes, print_text
+from flexstage.cli.output import console, print_json, print_notes, print_shown, print_text
 from flexstage.cli.reading import (
     AS_TIMED,
     WHOLE_FILE,
@@ -58,7 +58,7 @@ def _print(screen: "Console", one: dict[str, Any], asked: list[str]) -> None:
     from flexstage.records.contents import contents_table, length_in_words
     from flexstage.records.likely_columns import next_job
 
-    screen.print(on_terminal(contents_table(one, one["file"])))
+    print_shown(screen, contents_table(one, one["file"]))
     print_text(screen, length_in_words(one))
     gaps = one.get("gaps", [])
     for gap in gaps[:5]:

@@ -11,9 +11,9 @@ from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     OutputFolder,
     console,
-    on_terminal,
     print_json,
     print_notes,
+    print_shown,
     progress_bar,
     write_file,
 )
@@ -198,7 +198,7 @@ def _print_dry(found: "DryRun", title: str) -> None:
     from flexstage.report.run_tables import dry_run_table
 
     screen = console()
-    screen.print(on_terminal(dry_run_table(found, title)))
+    print_shown(screen, dry_run_table(found, title))
     for step in found.steps:
         print_notes(screen, (f"{step.name}: {note}" for note in step.notes))
 
@@ -208,11 +208,11 @@ def _print(result: "PlanResult") -> None:
 
     screen = console()
     if result.figures:
-        screen.print(on_terminal(figures_table(result)))
+        print_shown(screen, figures_table(result))
     for step in result.steps:
         if step.line:
             screen.print(step.line, markup=False)
         if (shown := step.table) is not None:
-            screen.print(on_terminal(replace(shown, notes=())))
+            print_shown(screen, replace(shown, notes=()))
             print_notes(screen, shown.notes)
     print_notes(screen, result.notes, [result.folder / "report.html"])

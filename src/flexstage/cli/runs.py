@@ -13,10 +13,10 @@ from flexstage.cli.output import (
     OutputFile,
     console,
     count,
-    on_terminal,
     output_path,
     print_json,
     print_notes,
+    print_shown,
     print_table,
 )
 from flexstage.errors import RecordError
@@ -274,7 +274,7 @@ def calibrations(
         rows = [_plain_calibration(entry) for entry in found]
         print_json({"catalogue": where, "calibrations": rows})
         return
-    heads = "what", "value", "standard uncertainty", "<unit", "<stage", "~<serial number"
+    heads = "what", "value", "standard uncertainty", "<unit", "<stage", "<serial number"
     rows = (
         (
             entry.what,
@@ -368,4 +368,4 @@ def _state_of(entry: "RunEntry") -> str:
 def _print_list(found: "list[RunEntry]", where: str) -> None:
     from flexstage.report.run_tables import runs_table
 
-    console().print(on_terminal(runs_table(found, f"{count(len(found), 'run')} in {where}")))
+    print_shown(console(), runs_table(found, f"{count(len(found), 'run')} in {where}"))

@@ -14,10 +14,10 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    on_terminal,
     picture,
     print_json,
     print_notes,
+    print_shown,
     progress_bar,
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
@@ -92,7 +92,7 @@ def sensitivity(
 
     screen, shown = console(), sensitivity_table(found, length, in_units=units)
     if len(shown.rows) > 1:
-        screen.print(on_terminal(shown))
+        print_shown(screen, shown)
     own = shown.notes if len(shown.rows) < 2 else ()
     print_notes(screen, (*own, *left_out_notes(found, hinges=hinges)), files)
 

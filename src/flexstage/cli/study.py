@@ -17,9 +17,9 @@ from flexstage.cli.options import (
 from flexstage.cli.output import (
     OutputFolder,
     console,
-    on_terminal,
     print_json,
     print_notes,
+    print_shown,
     progress_bar,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
@@ -119,12 +119,12 @@ def study(
         if shown is not None:
             # the conditions of every figure stand in the report
             rows = tuple(tuple(replace(cell, note="") for cell in row) for row in shown.rows)
-            screen.print(on_terminal(replace(shown, rows=rows, notes=())))
+            print_shown(screen, replace(shown, rows=rows, notes=()))
     if result.traditional is not None:
         from flexstage.report.traditional import claim_table
         from flexstage.studies.traditional_verdict import claim_verdict
 
-        screen.print(on_terminal(claim_table(result.traditional)))
+        print_shown(screen, claim_table(result.traditional))
         screen.print(claim_verdict(result.traditional), markup=False)
     notes = [f"the {model} model was left out: {why}" for model, why in result.left_out.items()]
     for axis, why in result.experiments_left_out.items():

@@ -10,10 +10,10 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    on_terminal,
     picture,
     print_json,
     print_notes,
+    print_shown,
     progress_bar,
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
@@ -96,7 +96,7 @@ def sweep(
 
     screen = console()
     for shown in sweep_tables(found):
-        screen.print(on_terminal(shown))
+        print_shown(screen, shown)
     print_notes(screen, (*sweep_notes(found), *notes), files)
 
 

@@ -39,10 +39,16 @@ class Printed:
         flat = [one for one in tried if one[1] <= 2 * len(one[0].rows) + 3]
         fewest = sorted(tried, key=lambda one: one[1])
         form, _, grid = (*flat, *fewest, (forms[-1], 0, None))[0]
-        yield from (Text(line, "italic") for line in wrapped(form.caption, width))
+        yield from _lines(form.caption, width, "italic")
         yield from _blocks(form, width) if grid is None else (grid,)
-        yield from (Text(line, "dim") for line in wrapped("; ".join(form.notes), width))
+        yield from _lines("; ".join(form.notes), width, "dim")
         yield Text()
+
+
+def _lines(text: str, width: int, style: str) -> Iterator[Text]:
+    """Yield a text in lines; what has no place to break, such as a path, stays whole to copy."""
+    for line in wrapped(text, width):
+        yield Text(line, style, no_wrap=True, overflow="ignore")
 
 
 def wrapped(text: str, width: int) -> list[str]:

@@ -10,10 +10,10 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    on_terminal,
     picture,
     print_json,
     print_notes,
+    print_shown,
     progress_bar,
     write_file,
 )
@@ -126,13 +126,13 @@ def _print(study: "ToleranceStudy", choice: "ToleranceChoice | None", files: lis
     from flexstage.report.tolerance import choice_table, share_table, spread_table, yield_table
 
     screen = console()
-    screen.print(on_terminal(spread_table(study)))
+    print_shown(screen, spread_table(study))
     if study.yields:
-        screen.print(on_terminal(yield_table(study.yields)))
+        print_shown(screen, yield_table(study.yields))
     if study.shares:
-        screen.print(on_terminal(share_table(study)))
+        print_shown(screen, share_table(study))
     if choice is not None:
         if choice.found:
-            screen.print(on_terminal(choice_table(choice)))
+            print_shown(screen, choice_table(choice))
         screen.print(choice.verdict, markup=False)
     print_notes(screen, (f"figures by the {study.model}", *study.notes), files)

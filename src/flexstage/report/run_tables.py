@@ -78,7 +78,7 @@ def _figure(result: "PlanResult", figure: "MeasuredCharacteristic") -> tuple[str
 
 def runs_table(found: "Iterable[RunEntry]", caption: str) -> Table:
     """Return runs of a catalogue."""
-    heads = "run", "<start, UTC", "<stage", "~<serial", "<kind", "<axis", "~samples", "~<status"
+    heads = "run", "<start, UTC", "<stage", "~<serial", "<kind", "<axis", "~samples", "<status"
     rows = (
         (
             entry.identifier[:8],
@@ -94,7 +94,7 @@ def runs_table(found: "Iterable[RunEntry]", caption: str) -> Table:
         )
         for entry in found
     )
-    return table(caption, (*heads, "~<origin", "<step"), rows)
+    return table(caption, (*heads, "<origin", "~<step"), rows)
 
 
 def shown_time(time: datetime) -> str:
