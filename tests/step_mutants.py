@@ -133,7 +133,7 @@ def _as_plate(path: Path) -> None:
 _ROUTES: dict[str, Callable[[Path], None]] = {"part": _as_part, "plate": _as_plate}
 
 
-def _main(source: str, folder: str, first: str, stop: str, step: str) -> None:
+def _main(source: str, folder: str, first: str, stop: str, step: str = "1") -> None:
     for seed in range(int(first), int(stop), int(step)):
         for line in read_mutants(Path(source), Path(folder), range(seed, seed + 1)):
             sys.stdout.write(f"{line}\n")

@@ -118,7 +118,7 @@ def test_numbers_are_the_same_whatever_the_workers(
     monkeypatch.setattr(workers, "_TRIED", 0.0)
     with open_workers(2) as two:
         again = find_front(problem(), OPTIONS, two)
-        assert two._cluster is not None, "the work was not shared"
+        assert two._others is not None, "the work was not shared"
     assert np.array_equal(front.points, again.points)
     assert np.array_equal(front.values, again.values)
     assert np.array_equal(front.optimum.point, again.optimum.point)

@@ -55,7 +55,7 @@ def run(capsys, folder, *words):
 @pytest.mark.usefixtures("undrawn")
 def test_modes_with_the_drives_in_place_are_told_apart(capsys, done):
     said = run(capsys, done)
-    lines = [line for line in said.splitlines() if line.startswith(" natural frequency")]
+    lines = [line for line in said.splitlines() if line.lstrip().startswith("natural frequency")]
     assert len(lines) == 2
     free, place = lines
     # published with the drives taken out; as many decimals as the uncertainty has

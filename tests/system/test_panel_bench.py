@@ -499,7 +499,7 @@ def test_a_run_has_the_name_that_a_person_gave(tmp_path: Path) -> None:
 
 def connected(page: Any, address: str = "") -> None:
     """Open the bench and connect, to the twin where no address is given."""
-    page.get_by_role("link", name="Bench").click()
+    page.get_by_role("link", name="Bench", exact=True).click()
     page.get_by_role("button", name="Connect").wait_for()
     if address:
         page.get_by_label("Address").fill(address)
@@ -511,7 +511,7 @@ def connected(page: Any, address: str = "") -> None:
 def test_the_bench_is_sound_and_does_its_task(tmp_path: Path) -> None:
     with looked_at(tmp_path) as look:
         page = look.page
-        page.get_by_role("link", name="Bench").click()
+        page.get_by_role("link", name="Bench", exact=True).click()
         page.get_by_role("button", name="Connect").wait_for()
         listed = page.get_by_text("The latest runs")
         listed.or_(page.get_by_text("No run yet")).wait_for()
@@ -576,7 +576,7 @@ def test_a_record_outlives_its_page_and_its_server(tmp_path: Path) -> None:
                 assert process.stdout is not None
                 other = running.new_context().new_page()
                 other.goto(json.loads(process.stdout.readline())["address"])
-                other.get_by_role("link", name="Bench").click()
+                other.get_by_role("link", name="Bench", exact=True).click()
                 other.get_by_text("you see everything and drive nothing").wait_for()
                 up = other.get_by_role("button", name="Step axis x up")
                 assert up.is_disabled()

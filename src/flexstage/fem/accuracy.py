@@ -13,6 +13,7 @@ from flexstage.fem.model import StageModel
 from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, analyse
+from flexstage.system.characteristics import scatter_at_points
 
 #: Meshes of rising accuracy, by model: order, then element size at the necks.
 LADDERS: Mapping[str, tuple[MeshSettings, ...]] = {
@@ -182,6 +183,8 @@ def _with_estimates(
         key = (row.quantity, row.axis)
         known = [] if row.uncertainty is None else [row.uncertainty]
         if all(key in step.values for step in steps):
+            # several meshes tell how the largest stress moves between their points
+            known = [scatter_at_points(row) if row.quantity == "max_stress" else k for k in known]
             known.append(_left(steps, key))
         rows.append(replace(row, uncertainty=max(known) if known else None))
     words = (

@@ -14,7 +14,7 @@ from flexstage.fem.condensed_bodies import condense_all
 from flexstage.fem.necks import ALONG
 from flexstage.fem.superelement import SuperelementModel
 from flexstage.system import Analysis, analyse
-from flexstage.system.characteristics import AT_POINTS
+from flexstage.system.characteristics import scatter_at_points
 from flexstage.system.stress_map import StressMap
 
 # of what a lower order and more modes change, how much can be left: see `with_estimates`
@@ -80,8 +80,7 @@ def with_estimates(
         if all(key in table for table in tables):
             left = float(_left(row.value, *(table[key] for table in tables)))
             if row.quantity in _OF_STRESS:
-                scatter = max((row.uncertainty or 0.0) - AT_POINTS * abs(row.value), 0.0)
-                left += (unseen + _LEAST_OF_STRESS) * abs(row.value) + scatter
+                left += (unseen + _LEAST_OF_STRESS) * abs(row.value) + scatter_at_points(row)
             if left:
                 left += least * abs(row.value)
             # what is a figure of the drawing alone has none

@@ -22,8 +22,8 @@ from flexstage.system.statics import AxisAnalysis, probe_stiffness, static_loads
 ALIKE = 1e-3
 #: Shares of a response that differ by less, as a part of the larger, are equal [1].
 AS_MUCH = 1e-3
-#: What a largest stress, which is read at points of a mesh, differs by from mesh to mesh [1].
-AT_POINTS = 1e-2
+# what a largest stress, which is read at points of a mesh, differs by from mesh to mesh [1].
+_AT_POINTS = 1e-2
 #: Modes that are computed, among which that of an axis is sought.
 MODES_SEARCHED = 12
 
@@ -127,7 +127,7 @@ def axis_characteristics(
         # nothing is known of its scatter where the stress comes from no mesh; on one, elements that
         # agree at a point do not know that it lies elsewhere on the next
         if scatter:
-            scatter += AT_POINTS * stress
+            scatter += _AT_POINTS * stress
         where = "full stroke" if alone else "change from end to end (the largest is of the stage)"
         add.stress(stage.material, stress, f"hinge '{worst}', {where}", scatter or None)
     steps = {n: p.smallest_displacement for n, p in ports.items() if p.smallest_displacement}
@@ -256,6 +256,14 @@ def _cross(
         elif system.probe(probes[0]).unit == unit:
             note += "; this axis hardly moves beside it"
         yield quantity, worst, note
+
+
+def scatter_at_points(row: Characteristic) -> float:
+    """Return what the elements about its point leave a largest stress uncertain by.
+
+    Where several meshes tell, what one alone does not know of others is no part of it.
+    """
+    return max((row.uncertainty or 0.0) - _AT_POINTS * abs(row.value), 0.0)
 
 
 def _fatigue(material: Material, stress: float) -> tuple[float, str] | None:
