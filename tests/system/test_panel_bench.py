@@ -517,11 +517,11 @@ def test_the_bench_is_sound_and_does_its_task(tmp_path: Path) -> None:
         listed.or_(page.get_by_text("No run yet")).wait_for()
         look.shot("bench-before")
         connected(page)
-        # by the keyboard: two steps of 5 V up and one down
+        # from the 6 V of its zero, by the keyboard: two steps of 5 V up and one down
         page.get_by_role("region", name="Axis x").focus()
         for key in ("ArrowRight", "ArrowUp", "ArrowLeft"):
             page.keyboard.press(key)
-        page.get_by_text("5.00", exact=True).first.wait_for()
+        page.get_by_text("11.00", exact=True).first.wait_for()
         page.get_by_label("Go to, V").first.fill("130")
         page.get_by_role("button", name="Go", exact=True).first.click()
         page.get_by_text("axis 'x' cannot be sent to 130 V: its limits are 0 to 120 V").wait_for()
@@ -531,7 +531,7 @@ def test_the_bench_is_sound_and_does_its_task(tmp_path: Path) -> None:
         page.get_by_role("button", name="Step axis x up").click()
         refused.wait_for(state="hidden")
         page.get_by_role("button", name="Step axis x down").click()
-        page.get_by_text("5.00", exact=True).first.wait_for()
+        page.get_by_text("11.00", exact=True).first.wait_for()
         page.get_by_label("Frequency, Hz").fill("2")
         page.get_by_text("1.501 s, 12.00 to 108.00 V").wait_for()
         page.get_by_role("button", name="Run the waveform").click()
@@ -584,7 +584,7 @@ def test_a_record_outlives_its_page_and_its_server(tmp_path: Path) -> None:
                 page.get_by_role("button", name="Hand over").click()
                 other.get_by_text("You drive the stage").wait_for()
                 up.click()
-                page.get_by_text("5.00", exact=True).first.wait_for()
+                page.get_by_text("11.00", exact=True).first.wait_for()
                 other.get_by_role("button", name="Release control").click()
                 page.get_by_role("button", name="Take control").click()
                 page.get_by_role("tab", name="Record").click()
