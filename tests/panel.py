@@ -202,11 +202,16 @@ def looked_at(folder: Path, *options: str) -> Iterator[Look]:
         look = Look(page)
         page.goto(address)
         page.wait_for_selector("main.view h1")
-        page.get_by_role("navigation").get_by_role("link", name="Design").click()
-        page.get_by_role("combobox", name="Design").fill("vgtu-piezo")
-        page.get_by_role("option", name="vgtu-piezo", exact=True).click()
-        page.get_by_role("heading", name="vgtu-piezo", exact=True).wait_for()
+        open_piezo_stage(page)
         yield look
+
+
+def open_piezo_stage(page: Any) -> None:
+    """Open it in Design, from any page."""
+    page.get_by_role("navigation").get_by_role("link", name="Design").click()
+    page.get_by_role("combobox", name="Design").fill("vgtu-piezo")
+    page.get_by_role("option", name="vgtu-piezo", exact=True).click()
+    page.get_by_role("heading", name="vgtu-piezo", exact=True).wait_for()
 
 
 def until(condition: Callable[[], bool], seconds: float = _PATIENCE) -> None:

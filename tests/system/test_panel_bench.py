@@ -43,7 +43,7 @@ from flexstage.web.bench.runs import (
 )
 from flexstage.web.jobs import Jobs
 from flexstage.web.stops import Stops
-from tests.panel import browser, looked_at, served, simulated, until
+from tests.panel import browser, looked_at, open_piezo_stage, served, simulated, until
 from tests.simple_instrument import GAINS, SimpleInstrument
 
 STAGE = design("vgtu-piezo")
@@ -571,6 +571,7 @@ def test_a_record_outlives_its_page_and_its_server(tmp_path: Path) -> None:
                 context = running.new_context()
                 page = context.new_page()
                 page.goto(address)
+                open_piezo_stage(page)
                 connected(page, at)
                 # a second browser sees all, and drives when the first one hands over
                 assert process.stdout is not None
@@ -605,6 +606,7 @@ def test_a_record_outlives_its_page_and_its_server(tmp_path: Path) -> None:
             with served(tmp_path) as (address, _):
                 page = running.new_context().new_page()
                 page.goto(address)
+                open_piezo_stage(page)
                 connected(page, at)
                 page.get_by_role("tab", name="Runs").click()
                 page.get_by_text("samples are safe").wait_for()

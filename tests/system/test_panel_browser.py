@@ -239,11 +239,10 @@ def test_a_drawing_is_dropped_and_opened(tmp_path: Path) -> None:
         page.get_by_role("heading", name="vgtu-piezo.yaml").wait_for()
         # a file that is no drawing is refused in a sentence, and the page goes on
         files.set_input_files(tmp_path / "hostile.dxf")
-        page.locator(".q-notification", has_text="hostile.dxf").wait_for()
-        page.get_by_role("button", name="OK", exact=True).click()
+        page.get_by_role("alert").filter(has_text="hostile.dxf").wait_for()
         page.get_by_role("dialog").get_by_role("button", name="Cancel").last.click()
         files.set_input_files(tmp_path / "program.exe")
-        page.locator(".q-notification", has_text="a file here ends with").wait_for()
+        page.get_by_role("alert").filter(has_text="a file here ends with").wait_for()
         opened(look, "parallelogram")
         assert not look.complaints
 
