@@ -90,6 +90,9 @@ def test_eight_readers_cost_the_waveform_no_sample_and_no_time(twin) -> None:
         sign = "X" if first == 0 else "&"
         client.tell(f"WAV 1 {sign} PNT {first + 1} 20 {part}")
     client.tell("WTR 0 20 1", "WSL 1 1", f"WGC 1 {CYCLES}", "RTR 1")
+    # the waveform begins at 0 V, and its zero left the axis elsewhere
+    client.tell("SVA 1 0")
+    time.sleep(0.1)
     # what is recorded: the voltage at the stack of axis 1, and the reading of its sensor
     client.tell("DRC 1 1 7", "DRC 2 1 2", "DRT 0 1 0")
     before, began = controller.now, time.monotonic()
