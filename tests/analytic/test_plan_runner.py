@@ -34,6 +34,7 @@ from flexstage.instruments.recording.metadata import RUN, RunMetadata
 from flexstage.records import Channel, Record, read_record
 from flexstage.stage.limits import AxisLimits
 from flexstage.studies.measurement import compare_plan
+from tests.result_schema import require_valid
 from tests.simple_instrument import SimpleInstrument
 
 GAIN = 4.8e-7
@@ -126,6 +127,7 @@ def test_a_record_holds_command_and_readings_sample_by_sample(tmp_path):
 def test_results_are_written_and_are_the_ones_returned(tmp_path):
     found = run_plan(made(), SimpleInstrument(noise=1e-9), tmp_path)
     read = json.loads((tmp_path / "results.json").read_text())
+    require_valid(read, "run")
     assert read["origin"] == "virtual"
     rows = {(f["quantity"], f["axis"]): f for f in read["figures"]}
     assert len(rows) == len(found.figures)

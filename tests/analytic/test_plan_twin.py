@@ -1,5 +1,7 @@
 """Plans on the simulated stage against what is known of it."""
 
+import json
+
 import pytest
 
 from flexstage.designs import design
@@ -9,6 +11,7 @@ from flexstage.experiments.verbs.centre import CentredStep
 from flexstage.instruments.connect import connect
 from flexstage.lumped import lumped_system
 from flexstage.system import modes
+from tests.result_schema import require_valid
 
 SENSORS = """\
 plan: 1
@@ -139,3 +142,4 @@ def test_a_scale_is_centred_by_the_simulated_stage_and_read_back(tmp_path):
     for move in done.moves:
         assert abs(move.length - move.true_length) < 2.0 * move.uncertainty
     assert again.step("centring").moves == done.moves
+    require_valid(json.loads((tmp_path / "results.json").read_text("utf-8")), "run")

@@ -28,6 +28,7 @@ from flexstage.records import Record
 from flexstage.stage import Body, Hinge, Loop, PiezoStack, Stage, check
 from flexstage.studies import run_study, study_results
 from flexstage.studies.results import results_json
+from tests.result_schema import require_valid
 
 BASES = {"mechanical": vgtu_mechanical.PARAMETERS, "piezo": vgtu_piezo.PARAMETERS}
 
@@ -346,6 +347,7 @@ def studied(stage: Stage) -> dict[str, Any]:
     """Return all that a study of rigid bodies gives, by the names that the parts had at first."""
     study = run_study(stage, hysteresis=True, virtual=True)
     text = results_json(study_results(study)).decode()
+    require_valid(json.loads(text), "study")
     results = json.loads(re.sub("(body|hinge|drive|probe|axis)_of_", "", text))
     for made in (*results["models"].values(), *results["variants"].values()):
         del made["provenance"]  # the hash of the description

@@ -11,6 +11,7 @@ from flexstage.cli import main
 from flexstage.designs import design
 from flexstage.stage.file import stage_to_text
 from tests.measuring_files import report
+from tests.result_schema import require_valid
 from tests.undrawn import undrawn
 
 STROKE = 63.7
@@ -58,6 +59,7 @@ def made(request, tmp_path_factory):
 def test_files_give_the_figures_that_they_were_made_with(capsys, made):
     stage, folder = made
     first = json.loads((folder / "results.json").read_text())
+    require_valid(first, "measurement")
     again = found(capsys, folder / "campaign.yaml", "--models", "lumped")
     assert [c["quantity"] for c in again["characteristics"]] == [
         c["quantity"] for c in first["characteristics"]

@@ -14,6 +14,7 @@ import pytest
 from flexstage.cli import main
 from flexstage.experiments.state import read_state
 from flexstage.records import read_record
+from tests.result_schema import require_valid
 
 TWIN = "twin://?seed=7&model=lumped"
 TIMEOUT = 120.0
@@ -71,6 +72,7 @@ def test_a_plan_on_the_twin_gives_the_published_figures(capsys, plan, tmp_path):
     assert all(f["origin"] == "virtual" for f in figures.values())
     assert (result["operator"], result["note"]) == ("A. N.", "a test")
     assert json.loads((out / "results.json").read_text()) == result
+    require_valid(result, "run")
     record = read_record(out / "records" / "motion.h5")
     assert {c.name for c in record.channels} == {"x", "x.across", "voltage", "command"}
 

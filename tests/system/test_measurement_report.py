@@ -24,6 +24,7 @@ from flexstage.studies.measurement import compare_with_references, measurement_r
 from flexstage.table import Table
 from flexstage.virtual.as_built import as_built
 from flexstage.virtual.laboratory import Laboratory
+from tests.result_schema import require_valid
 from tests.studies import sections_of
 from tests.system.test_report import Page
 
@@ -301,8 +302,8 @@ def test_results_of_a_study(study):
     assert centring["reached"] is True
     assert 0.0 <= centring["left"] < 1e-7
     first, last = centring["steps"][0], centring["steps"][-1]
-    assert first["eccentricity"] > 4e-5
-    assert last["eccentricity"] < 2e-7
+    assert first["length"] > 4e-5
+    assert last["length"] < 2e-7
     assert sum(r["origin"] == "measured" for r in results["characteristics"]) == 22
     origins = {r["origin"] for r in results["characteristics"]}
     assert "virtual" not in origins
@@ -314,7 +315,8 @@ def test_a_stage_of_one_axis_says_why_no_scale_is_centred():
     assert isinstance(made.centring, str)
     assert "No scale could be centred: " in sections_of(made, "centring")
     results = study_results(made)
-    assert results["centring"] == {"left_out": made.centring}
+    assert results["centring"] == {"reason": made.centring}
+    require_valid(results, "study")
     assert results["virtual_measurement"]["stage"] == "parallelogram"
 
 
@@ -377,6 +379,7 @@ def test_the_study_of_the_two_stages_has_its_table(capsys, tmp_path, name):
     )
     assert (status, err) == (0, "")
     results = json.loads((tmp_path / "results.json").read_text())
+    require_valid(results, "study")
     got = {(c["quantity"], c["axis"]): c for c in results["virtual_measurement"]["characteristics"]}
     rows = [r for r in design(name).published if r.origin == "published-measured"]
     count = 0

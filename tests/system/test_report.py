@@ -33,6 +33,7 @@ from flexstage.stage.mass import mass_properties
 from flexstage.studies import Study, results_json, run_study, study_results
 from flexstage.system import analyse, modes
 from flexstage.system.characteristics import pulsating_limit
+from tests.result_schema import require_valid
 from tests.studies import page_of, study_of
 
 QUANTITIES = {
@@ -142,6 +143,7 @@ def test_the_page_says_that_the_stage_is_a_reconstruction(study: Study, page: st
 
 def test_numbers_of_the_table_are_those_of_the_results(study: Study, page: str) -> None:
     results = json.loads(results_json(study_results(study)))
+    require_valid(results, "study")
     wanted = [(r["origin"], r) for r in results["characteristics"]]
     for name, variant in results["variants"].items():
         wanted += [(name, r) for r in variant["characteristics"]]

@@ -1,4 +1,4 @@
-"""A study as plain data: what `results.json` holds."""
+"""A study as plain data: what `results.json` holds, as `results.schema.json` describes it."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -162,7 +162,7 @@ def study_results(study: "Study") -> dict[str, Any]:
     """
     stage = study.stage
     return {
-        "stage": picked(stage, "name", "title", "notes"),
+        **picked(stage, "stage=name", "title", "notes"),
         "characteristics": [characteristic_row(row) for row in study.characteristics],
         "models": {
             name: _without_table(a) | run_results(study.runs.get(name, ModelRun(analysis=a)))
@@ -182,7 +182,7 @@ def _virtual(found: "MeasurementComparison | str | None") -> dict[str, Any]:
 
     if found is None:
         return {}
-    return {"left_out": found} if isinstance(found, str) else measurement_results(found)
+    return {"reason": found} if isinstance(found, str) else measurement_results(found)
 
 
 def centring_results(found: "CentringTrial | str | None") -> dict[str, Any]:
@@ -190,14 +190,14 @@ def centring_results(found: "CentringTrial | str | None") -> dict[str, Any]:
     if found is None:
         return {}
     if isinstance(found, str):
-        return {"left_out": found}
+        return {"reason": found}
     return {
         "kind": "virtual experiment",
         **picked(found, "left", "reached=done.reached", "reason=done.reason"),
         "steps": [
             {
                 **picked(step, "kind", "command"),
-                **picked(step.reading.length, "eccentricity=value", "interval"),
+                **picked(step.reading.length, "length=value", "interval"),
                 "predicted": None if step.predicted is None else step.predicted.value,
             }
             for step in found.done.steps

@@ -127,7 +127,7 @@ class CharacterisedStep(StepResult):
     def plain(self, result: "PlanResult") -> dict[str, Any]:
         return {
             "figures": [result.plain_figure(f) for f in self.figures],
-            "notes": {r.test.name: list(r.notes) for r in self.found.results if r.notes},
+            "notes": [f"{r.test.name}: {n}" for r in self.found.results for n in r.notes],
         }
 
 
