@@ -16,7 +16,7 @@ from flexstage.errors import ControllerError, FlexstageError, NotConnectedError,
 from flexstage.experiments import Plan, run_plan, runner
 from flexstage.experiments.file import plan_from_text
 from flexstage.experiments.reference import Reference
-from flexstage.experiments.state import clear_leftovers, read_state
+from flexstage.experiments.state import clear_leftovers, read_state, write_state
 from flexstage.experiments.verbs import Centre, Identify, Verify
 from flexstage.experiments.verbs.measure import MeasuredStep
 from flexstage.experiments.verbs.verify import _run as follow_run
@@ -204,6 +204,17 @@ def test_a_run_that_is_whole_is_read_and_nothing_moves(tmp_path):
     assert [f.estimate.value for f in second.figures] == [f.estimate.value for f in first.figures]
     assert not any(step.repeated for step in second.records)
     assert second.started == first.started
+
+
+def test_a_state_that_cannot_be_written_hides_no_failure(tmp_path, monkeypatch):
+    def full(folder, state):
+        if any(step.status == "failed" for step in state.steps.values()):
+            raise OSError(28, "No space left on device")
+        write_state(folder, state)
+
+    monkeypatch.setattr("flexstage.experiments.runner.write_state", full)
+    with pytest.raises(ControllerError, match=r"step 'motion'.*reads nan"):
+        run_plan(made(), bench(nan_from={"x": 0.0}), tmp_path, only=("motion",))
 
 
 def test_what_failed_is_taken_up_again_and_what_was_recorded_of_it_is_kept(tmp_path):

@@ -8,7 +8,7 @@ import datetime
 import os
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -278,7 +278,9 @@ def _told(context: RunContext, state: RunState, step: Step) -> Iterator[None]:
         if not before.files:
             status = "failed" if isinstance(error, Exception) else "interrupted"
             ended = replace(before, status=status, finished=_now(), message=message)
-            write_state(context.folder, state.with_step(step.name, ended))
+            # a full disk that ended the step takes no state either; the one there says "running"
+            with suppress(OSError):
+                write_state(context.folder, state.with_step(step.name, ended))
         if isinstance(error, FlexstageError) and f"'{step.name}'" not in message:
             error.args = (f"step '{step.name}': {message}", *error.args[1:])
         raise

@@ -1,6 +1,7 @@
 """A stream as an HDF5 file that `read_record` reads: written, read back, then put in place."""
 
 import re
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,9 @@ from flexstage.instruments.recording.metadata import (
 from flexstage.instruments.recording.recovery import StreamRecovery, chunks, examine
 from flexstage.instruments.recording.stream import in_use
 
+#: What an HDF5 file holds beside its samples [bytes].
+_OVERHEAD = 64 * 1024
+
 
 def archived(stream: Path, target: Path) -> Path:
     """Write what is whole in a stream as a new HDF5 file, and read it back; the stream stays.
@@ -33,6 +37,7 @@ def archived(stream: Path, target: Path) -> Path:
         raise RecordError(f"'{target}' exists: no run is written over")
     try:
         found = examine(stream)
+        _require_room(stream, target.parent, found)
         with draft_of(target) as draft:
             _write(draft, stream, found)
             _verify(draft, stream, found)
@@ -61,6 +66,18 @@ def rescued(stream: Path, target: Path | None = None, *, remove: bool = False) -
     if remove and not examine(stream).damaged_inside:
         stream.unlink()
     return made
+
+
+def _require_room(stream: Path, folder: Path, found: StreamRecovery) -> None:
+    """Refuse a disk that is too full; h5py writes tracebacks of its own when it finds that out."""
+    needed = _OVERHEAD + 8 * found.samples * (len(found.head.channels) + 1)
+    free = shutil.disk_usage(folder).free
+    if free < needed:
+        raise RecordError(
+            f"'{folder}' has {free / 1e6:.1f} MB of room, and the record needs {needed / 1e6:.1f} "
+            f"MB: all {found.samples} samples are safe in '{stream}'; make room, then "
+            f"'flexstage runs recover {stream}'"
+        )
 
 
 def _keys(names: Sequence[str]) -> list[str]:

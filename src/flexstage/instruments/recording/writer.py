@@ -257,7 +257,7 @@ class RunWriter:
             self._unsaved.append(chunk)
         raise RecordError(
             f"'{self.path}' cannot be written on: {error.strerror or error}; its first "
-            f"{self._file.safe.samples} samples are safe, those that follow are kept in memory"
+            f"{self._file.safe.samples} samples are safe, those that follow are in memory only"
         ) from error
 
     def _retry(self) -> None:
@@ -272,7 +272,7 @@ class RunWriter:
             safe = self._file.safe.samples
             raise RecordError(
                 f"'{self.path}' still cannot be written on: {error.strerror or error}; its first "
-                f"{safe} samples are safe, those that follow are kept in memory (unsaved)"
+                f"{safe} samples are safe, those that follow are in memory only (unsaved)"
             ) from error
         self._unsaved.clear()
         self._state = "open"
