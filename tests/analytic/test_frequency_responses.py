@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
+from flexstage.measure.modal.fit import fit_modes
 from flexstage.measure.spectra.averaging import (
     WINDOWS,
     effective_averages,
@@ -791,3 +792,22 @@ def test_a_long_response_is_drawn_with_its_peaks() -> None:
     assert line.get_xdata().size < 4000
     assert line.get_ydata().max() == np.abs(h).max()
     assert line.get_ydata().min() == np.abs(h).min()
+
+
+def test_a_short_record_resolves_its_peak():
+    # 1 024 samples: the peak of 16 Hz is two lines of 256 samples wide, half of one of 64
+    rng, damping = np.random.default_rng(5), 0.05
+    b, a = modes((160.0, damping, 1.0))
+    found = []
+    for _ in range(8):
+        force = rng.standard_normal(1024)
+        motion = scipy.signal.lfilter(b, a, force)
+        motion += 1e-3 * np.std(motion) * rng.standard_normal(1024)
+        channels = (Channel(name="f", unit="N", values=force),
+                    Channel(name="x", unit="m", values=motion))  # fmt: skip
+        record = Record(channels=channels, time=np.arange(1024) / RATE)
+        made = estimate_response([record], ["f"], ["x"], excitation="random")
+        fit = fit_modes([made.response], count=1, band=(60.0, 300.0))
+        found.append(fit.modes[0].damping_ratio.value)
+    assert np.mean(found) == pytest.approx(damping, rel=0.1)
+    assert np.ptp(found) < 0.02

@@ -23,6 +23,9 @@ _SEGMENTS = 16
 # and the longest of them, beyond which lines become many and the average no better
 _LONGEST = 32_768
 _SHORTEST = 8
+# a response of fewer lines makes peaks wide, which a longer average does not mend: short records
+# are cut into longer segments, but into no fewer than this
+_LINES, _FEWEST = 128, 4
 
 
 def line_frequencies(length: int, sample_rate_hz: float) -> Array:
@@ -144,12 +147,18 @@ class CutSpectra:
 
 
 def segment_length(
-    sizes: tuple[int, ...], sample_rate_hz: float, segment: int | None, resolution_hz: float | None
+    sizes: tuple[int, ...],
+    sample_rate_hz: float,
+    segment: int | None,
+    resolution_hz: float | None,
+    *,
+    resolving: bool = False,
 ) -> int:
     """Return the samples of a segment.
 
     A power of two, up to 32768, that leaves some 31 half overlapping segments, where neither it nor
-    the distance of lines [Hz] is asked.
+    the distance of lines [Hz] is asked. Where peaks are to be resolved, records of 1024 to 4096
+    samples have segments of 256, and shorter ones seven.
     """
     if segment is not None and resolution_hz is not None:
         raise ModelError("ask for the samples of a segment or for the resolution, not for both")
@@ -160,7 +169,10 @@ def segment_length(
     elif segment is not None:
         length = segment
     else:
-        most = min(sum(sizes) // _SEGMENTS, *sizes)
+        most = sum(sizes) // _SEGMENTS
+        if resolving and most >= _SHORTEST:
+            most = max(most, min(2 * _LINES, sum(sizes) // _FEWEST))
+        most = min(most, *sizes)
         length = min(2 ** int(math.log2(max(most, 1))), _LONGEST)
         if length < _SHORTEST:
             raise RecordError(

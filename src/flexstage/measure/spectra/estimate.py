@@ -183,7 +183,9 @@ def estimate_response(
     if kind == "sweep":
         cut = CutSpectra(spectra=whole_spectra(signals), segment=signals.sizes[0])
     elif kind == "random":
-        length = segment_length(signals.sizes, signals.sample_rate_hz, segment, resolution_hz)
+        length = segment_length(
+            signals.sizes, signals.sample_rate_hz, segment, resolution_hz, resolving=True
+        )
         hop = hop_of(length, window, overlap)
         cut = CutSpectra(
             spectra=welch_spectra(signals, length, window, hop, allow_clipped=allow_clipped),
