@@ -125,33 +125,6 @@ def test_units_are_those_of_the_heading_or_of_options(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("form", "first", "second"),
-    [("RI", H.real, H.imag), ("MA", np.abs(H), DEG), ("DB", DB, DEG)],
-)
-def test_touchstone_of_one_port(
-    tmp_path: Path, form: str, first: np.ndarray, second: np.ndarray
-) -> None:
-    head = f"! shaker table\n# kHz S {form} R 50\n"
-    for name in ("a.s1p", "a.txt"):
-        record = table(tmp_path, head + rows(F / 1e3, first, second, between="  "), name)
-        assert record.over == "frequency"
-        found = response_from_record(record)
-        assert found.frequency_hz == pytest.approx(F, rel=1e-14)
-        assert found.response[:, 0, 0] == pytest.approx(H, rel=1e-12)
-
-
-def test_touchstone_of_two_ports_goes_by_columns(tmp_path: Path) -> None:
-    parts = [p for k in (1.0, 2.0, -3.0, 0.5) for p in (k * H.real, k * H.imag)]
-    content = "# HZ S RI R 50\n" + rows(F, *parts, between=" ") + "100 1.5 0.4 20 0.3\n"
-    record = table(tmp_path, content, "a.s2p")
-    found = response_from_record(record)
-    # S21 before S12
-    for (o, i), k in {(0, 0): 1.0, (1, 0): 2.0, (0, 1): -3.0, (1, 1): 0.5}.items():
-        assert found.response[:, o, i] == pytest.approx(k * H, rel=1e-14)
-    assert record.notes == ("left out: 1 lines of noise parameters",)
-
-
-@pytest.mark.parametrize(
     ("content", "said"),
     [
         ("time (s),u,y\n0,1,2\n1,2,3\n", "records over time need --input and --output"),
@@ -181,19 +154,3 @@ def test_bad_choices_of_columns(tmp_path: Path, columns: list[str], said: str) -
     record = table(tmp_path, "freq (Hz),re,im\n" + rows(F, H.real, H.imag))
     with pytest.raises(RecordError, match=said):
         responses_in_columns(record, columns)
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "said"),
-    [
-        ("a.s2p", "# HZ S RI R 50\n1 2 3 4 5 6 7 8\n", "8 numbers where 2 ports have 9"),
-        ("a.s3p", "# HZ S RI R 50\n1 2 3 4 5 6 7\n", "cut short"),
-        ("a.s1p", "[Version] 2.0\n# HZ S RI R 50\n1 2 3\n", "version 2"),
-        ("a.s1p", "# HZ S RI R 50\n2 2 3\n1 2 3\n", "frequencies must rise"),
-        ("a.s1p", "# HZ S RI R 50\n1 two 3\n", "line 2 .* holds no numbers"),
-        ("a.txt", "# HZ S RI R 50\n1 2 3 4\n", "tells no number of ports"),
-    ],
-)
-def test_damaged_touchstone(tmp_path: Path, name: str, content: str, said: str) -> None:
-    with pytest.raises(RecordError, match=said):
-        table(tmp_path, content, name)
