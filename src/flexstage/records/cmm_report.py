@@ -1,29 +1,33 @@
-"""Text reports of PC-DMIS: dimensions, each with a table of axes."""
+"""Text reports of PC-DMIS in English: dimensions, each with a table of axes."""
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexstage.errors import RecordError
-from flexstage.records.cmm_words import (
-    AXES,
-    LEFT_OUT,
-    CoordinateReading,
-    axis_name,
-    decimal_sign,
-    is_difference,
-    printed_number,
-    printed_unit,
-    role,
-)
+from flexstage.records.cmm_numbers import decimal_sign, is_difference, printed_number
 
+#: Axes that are angles.
+ANGLES = frozenset(("A", "PA"))
+# coordinates, diameter, radius, length, height, distance or form (M), angles
+_AXES = ANGLES | {*"XYZDRLHMT", "PR", "PX", "PY", "PZ"}
+# rows of tables of position that are no coordinate
+_LEFT_OUT = frozenset(
+    ("TP", "DF", "DD", "D1", "D2", "D3", "LD", "LF", "WD", "WF", "DS", "RS", "RT", "S", "V", "MM")
+)
+_ROLES = {
+    **dict.fromkeys(("AX", "AXIS"), "axis"),
+    **dict.fromkeys(("NOMINAL", "NOM"), "nominal"),
+    **dict.fromkeys(("MEAS", "MEASURED", "ACTUAL", "ACT"), "measured"),
+    **dict.fromkeys(("DEV", "DEVIATION"), "deviation"),
+}
 _TOKEN = re.compile(r"\S+")
 _NUMBER = re.compile(r"[+-]?[0-9.,'\u2019]*[0-9][.,]?(?:[eE][+-]?\d+)?")
 # the bar that shows where in its tolerance a value is
 _BAR = re.compile(r"[-#<>=*|+.]+")
 _AXIS = re.compile(r"[A-Z][A-Z0-9]{0,2}")
-_UNIT = re.compile(r"([^\W\d]+)\s*=\s*([^\W\d]+)")
-_UNITS = frozenset(("mm", "inch", "cm", "deg"))
+_UNIT = re.compile(r"\bUNITS?\s*=\s*([^\W\d]+)", re.IGNORECASE)
+_UNITS = {"MM": "mm", "IN": "inch", "INCH": "inch", "INCHES": "inch", "CM": "cm", "DEG": "deg"}
 _OF = re.compile(r"\b(?:LOCATION|POSITION)\s+OF\s+(.+)", re.IGNORECASE)
 _SHAPES = re.compile(
     "CIRCLE|SPHERE|CYLINDER|PLANE|POINT|LINE|CONE|SLOT|ELLIPSE|SET|CURVE|SURFACE|TORUS|NOTCH|"
@@ -33,6 +37,22 @@ _SHAPES = re.compile(
 _LONGEST_OPENING = 1000
 # how far right ends of a number and its heading may be apart
 _SHIFT = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoordinateReading:
+    """One value that a measuring machine reports."""
+
+    feature: str
+    """What was measured."""
+    axis: str
+    """Which coordinate of it."""
+    nominal: float
+    """Where it should be, in `unit`."""
+    measured: float
+    """Where it is, in `unit`."""
+    unit: str
+    """The unit; empty where the report does not say it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +96,7 @@ def has_report(lines: Sequence[str]) -> bool:
 
 def _heading(line: str) -> _Heading | None:
     tokens = list(_TOKEN.finditer(line.expandtabs()))
-    roles = [role(token[0]) for token in tokens]
+    roles = [_ROLES.get(token[0].upper(), "") for token in tokens]
     if not roles or roles[0] != "axis" or not {"nominal", "measured"} <= set(roles):
         return None
     return _Heading(roles=tuple(roles[1:]), ends=tuple(token.end() for token in tokens[1:]))
@@ -115,17 +135,17 @@ def _rows(lines: Sequence[str]) -> tuple[list[_Row], set[str]]:
                 )
             heading = found
             continue
-        axis = axis_name(line.split(maxsplit=1)[0]) if line.strip() else ""
+        axis = line.split(maxsplit=1)[0].upper() if line.strip() else ""
         if heading is None or dimension is None or not _is_row(line, axis):
             continue
-        if axis in LEFT_OUT:
+        if axis in _LEFT_OUT:
             left_out.add(axis)
-        elif axis in AXES:
+        elif axis in _AXES:
             rows.append(_row(number, line, axis, dimension, heading))
         else:
             raise RecordError(
                 f"line {number}: the axis '{axis[:20]}' is unknown, expected one of "
-                f"{', '.join(sorted(AXES))}: leave the dimension out of the report"
+                f"{', '.join(sorted(_AXES))}: leave the dimension out of the report"
             )
     return rows, left_out
 
@@ -156,21 +176,15 @@ def _is_row(line: str, axis: str) -> bool:
 
 def _dimension(number: int, line: str) -> _Dimension | None:
     """Return what a line opens, if it opens a dimension."""
-    units = [
-        (found.start(), found[2])
-        for found in _UNIT.finditer(line)
-        if role(found[1]) == "unit" and "=" in line[: found.start()]
-    ]
-    if not units and re.match(r"\s*DIM\s.*=", line, re.IGNORECASE) is None:
+    given = next((f for f in _UNIT.finditer(line) if "=" in line[: f.start()]), None)
+    if given is None and re.match(r"\s*DIM\s.*=", line, re.IGNORECASE) is None:
         return None
-    name, _, text = line[: units[0][0] if units else len(line)].partition("=")
-    unit = ""
-    if units:
-        unit = printed_unit(units[0][1])
-        if unit not in _UNITS:
-            raise RecordError(
-                f"line {number}: the unit '{units[0][1]}' is unknown, expected MM, IN or DEG"
-            )
+    name, _, text = line[: given.start() if given else len(line)].partition("=")
+    unit = _UNITS.get(given[1].upper(), "") if given else ""
+    if given and not unit:
+        raise RecordError(
+            f"line {number}: the unit '{given[1]}' is unknown, expected MM, IN or DEG"
+        )
     name = " ".join(re.sub(r"^\s*DIM\s+", "", name, flags=re.IGNORECASE).split())
     return _Dimension(line=number, name=name, feature=_feature(text), unit=unit)
 
@@ -247,7 +261,7 @@ def _reading(row: _Row, sign: str) -> CoordinateReading:
     if not feature:
         raise RecordError(
             f"line {row.dimension.line}: it is not clear of which feature dimension "
-            f"'{row.dimension.name}' is: print the report in English, or export it as a table"
+            f"'{row.dimension.name}' is: print the report in English"
         )
     return CoordinateReading(
         feature=feature, axis=row.axis, nominal=nominal, measured=measured, unit=row.dimension.unit

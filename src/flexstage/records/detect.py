@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from flexstage.errors import RecordError
-from flexstage.records.cmm import is_coordinate_report
+from flexstage.records.cmm_report import has_report
 from flexstage.records.gcs_array import is_gcs_array
 from flexstage.records.text_rows import decoded
 from flexstage.records.universal_sets import is_universal
@@ -66,4 +66,4 @@ def _kind_of_text(head: bytes) -> str:
     text = decoded(head if len(head) < _HEAD else head[: (head.rfind(b"\n") + 1) // 2 * 2])
     if is_gcs_array(text):
         return "gcs"
-    return "cmm" if is_coordinate_report(text) else "text"
+    return "cmm" if has_report(text.splitlines()) else "text"

@@ -193,9 +193,7 @@ def _read(
     if known == "text":
         return read_text(file, skip_lines=skip_lines, delimiter=delimiter, decimal=decimal)
     if known == "cmm":
-        return read_coordinates(
-            file, dataset, skip_lines=skip_lines, delimiter=delimiter, decimal=decimal
-        )
+        return read_coordinates(file, dataset, skip_lines=skip_lines, decimal=decimal)
     if skip_lines or delimiter or decimal:
         raise RecordError(
             f"'{file}' is no text file of columns: skip_lines, delimiter and decimal have no "
