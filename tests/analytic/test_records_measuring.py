@@ -481,7 +481,7 @@ def test_a_report_in_another_language_is_refused(
     """Its numbers stand between words, and are never read as columns of a table."""
     content = report(POINTS, words=words, axis_word=axis_word, opening=opening, decimal=",")
     path = saved(tmp_path, content, "report.txt")
-    with pytest.raises(RecordError, match="'L[AO][GC]2=' is not a number"):
+    with pytest.raises(RecordError, match=r"'L[AO][GC]2=' is not a number"):
         read_record(path)
     with pytest.raises(RecordError, match=r"as PC-DMIS prints it in English, .* export a table"):
         read_record(path, format="cmm")
