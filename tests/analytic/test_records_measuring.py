@@ -409,6 +409,10 @@ def test_inches_and_a_unit_that_is_not_said(tmp_path: Path) -> None:
         read_record(path, units={"length": "mm", "SPH1.X": "um"})
     with pytest.raises(RecordError, match="its rows are points, without times"):
         read_record(path, sample_rate_hz=2.0)
+    below = len(report(POINTS[:1]).splitlines()) - 1
+    assert read_record(path, skip_lines=below).channel("SPH1.X").values.tolist() == [
+        10.5019, 11.0003,
+    ]  # fmt: skip
     with pytest.raises(RecordError, match="there is no feature 'SPH3': the report has SPH1, SPH2"):
         read_record(path, dataset="SPH1, SPH3")
 

@@ -1,14 +1,98 @@
-"""Reports of PC-DMIS as columns over repeated measurements."""
+"""Text reports that PC-DMIS writes in English, as columns over repeated measurements."""
 
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from flexstage.errors import RecordError
-from flexstage.records.cmm_report import ANGLES, CoordinateReading, has_report, read_report
+from flexstage.records.cmm_numbers import decimal_sign, is_difference, printed_number
 from flexstage.records.columns import FileColumn, FileColumns
 from flexstage.records.text_rows import text_lines
+
+_ANGLES = frozenset(("A", "PA"))
+# coordinates, diameter, radius, length, height, distance or form (M), angles
+_AXES = _ANGLES | {*"XYZDRLHMT", "PR", "PX", "PY", "PZ"}
+# rows of tables of position that are no coordinate
+_LEFT_OUT = frozenset(
+    ("TP", "DF", "DD", "D1", "D2", "D3", "LD", "LF", "WD", "WF", "DS", "RS", "RT", "S", "V", "MM")
+)
+_ROLES = {
+    **dict.fromkeys(("AX", "AXIS"), "axis"),
+    **dict.fromkeys(("NOMINAL", "NOM"), "nominal"),
+    **dict.fromkeys(("MEAS", "MEASURED", "ACTUAL", "ACT"), "measured"),
+    **dict.fromkeys(("DEV", "DEVIATION"), "deviation"),
+}
+_TOKEN = re.compile(r"\S+")
+_NUMBER = re.compile(r"[+-]?[0-9.,'\u2019]*[0-9][.,]?(?:[eE][+-]?\d+)?")
+# the bar that shows where in its tolerance a value is
+_BAR = re.compile(r"[-#<>=*|+.]+")
+_AXIS = re.compile(r"[A-Z][A-Z0-9]{0,2}")
+_UNIT = re.compile(r"\bUNITS?\s*=\s*([^\W\d]+)", re.IGNORECASE)
+_UNITS = {"MM": "mm", "IN": "inch", "INCH": "inch", "INCHES": "inch", "CM": "cm", "DEG": "deg"}
+_OF = re.compile(r"\b(?:LOCATION|POSITION)\s+OF\s+(.+)", re.IGNORECASE)
+_SHAPES = re.compile(
+    "CIRCLE|SPHERE|CYLINDER|PLANE|POINT|LINE|CONE|SLOT|ELLIPSE|SET|CURVE|SURFACE|TORUS|NOTCH|"
+    "POLYGON|WIDTH|ROUND|SQUARE|FEATURE",
+    re.IGNORECASE,
+)
+_LONGEST_OPENING = 1000
+# how far right ends of a number and its heading may be apart
+_SHIFT = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Dimension:
+    """The line that opens a dimension."""
+
+    line: int
+    name: str
+    feature: str
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Heading:
+    """The columns of a table: role and right end of each."""
+
+    roles: tuple[str, ...]
+    ends: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Row:
+    """Values of one axis, as printed, by role."""
+
+    line: int
+    feature: str
+    axis: str
+    unit: str
+    values: dict[str, str]
+
+
+#: Nominal and measured value, with their unit, of each measurement of a feature along an axis.
+_Series = dict[tuple[str, str], list[tuple[float, float, str]]]
+
+
+def has_report(lines: Sequence[str]) -> bool:
+    """Say whether a text has a table as PC-DMIS writes it, by its heading.
+
+    Examples
+    --------
+    >>> has_report(["AX    NOMINAL   +TOL   -TOL   MEAS   DEV   OUTTOL"])
+    True
+    """
+    return any(_heading(line) is not None for line in lines)
+
+
+def _heading(line: str) -> _Heading | None:
+    tokens = list(_TOKEN.finditer(line.expandtabs()))
+    roles = [_ROLES.get(token[0].upper(), "") for token in tokens]
+    if not roles or roles[0] != "axis" or not {"nominal", "measured"} <= set(roles):
+        return None
+    return _Heading(roles=tuple(roles[1:]), ends=tuple(token.end() for token in tokens[1:]))
 
 
 def read_coordinates(
@@ -43,55 +127,55 @@ def read_coordinates(
     if skip_lines < 0:
         raise RecordError(f"the lines to skip must be 0 or more, got {skip_lines}")
     lines = text_lines(path)
-    lines[:skip_lines] = [""] * len(lines[:skip_lines])
+    lines[:skip_lines] = [""] * skip_lines
     if not has_report(lines):
         raise RecordError(
             "there is no table as PC-DMIS prints it in English, with AX, NOMINAL and MEAS in its "
             "heading: export a table with a column for each coordinate, and leave the format out"
         )
-    readings, left_out = read_report(lines, decimal)
-    series = _series(_chosen(readings, dataset))
+    rows, left_out = _rows(lines)
+    if not rows:
+        raise RecordError("there is no row of an axis in its tables: print the report again")
+    sign = decimal_sign(((r.line, text) for r in rows for text in r.values.values()), decimal)
+    series: _Series = {}
+    for row in rows:
+        series.setdefault((row.feature, row.axis), []).append((*_numbers(row, sign), row.unit))
+    series = _chosen(series, dataset)
+    count = _require_equal(series)
     columns: list[FileColumn] = []
     for (feature, axis), found in series.items():
-        name, unit = f"{feature}.{axis}", _unit(feature, axis, found)
-        measured = np.array([r.measured for r in found])
-        nominal = np.array([r.nominal for r in found])
+        name, unit = f"{feature}.{axis}", _common_unit(feature, axis, found)
+        nominal, measured = (np.array([values[k] for values in found]) for k in (0, 1))
         columns.append(FileColumn(name=name, values=measured, unit=unit))
         columns.append(FileColumn(name=f"{name} nominal", values=nominal, unit=unit))
-    count = len(next(iter(series.values())))
     notes = [f"{len(series)} coordinates, each measured {count} times"]
     if left_out:
-        notes.append(f"rows left out, as they are no coordinates: {', '.join(left_out)}")
+        notes.append(f"rows left out, as they are no coordinates: {', '.join(sorted(left_out))}")
     axes = [axis for _, axis in series for _ in ("measured", "nominal")]
     return FileColumns(
         columns=tuple(columns),
         notes=tuple(notes),
         attributes={"features": ", ".join(dict.fromkeys(feature for feature, _ in series))},
         over="point",
-        groups={"length": tuple(i for i, axis in enumerate(axes) if axis not in ANGLES)},
+        groups={"length": tuple(i for i, axis in enumerate(axes) if axis not in _ANGLES)},
     )
 
 
-def _chosen(readings: Sequence[CoordinateReading], dataset: str | None) -> list[CoordinateReading]:
+def _chosen(series: _Series, dataset: str | None) -> _Series:
     if dataset is None:
-        return list(readings)
+        return series
     wanted = [word.strip() for word in dataset.split(",")]
-    features = list(dict.fromkeys(r.feature for r in readings))
+    features = dict.fromkeys(feature for feature, _ in series)
     for word in wanted:
         if word not in features:
             raise RecordError(
-                f"there is no feature '{word}': the report has {', '.join(features[:40])}"
+                f"there is no feature '{word}': the report has {', '.join([*features][:40])}"
             )
-    return [r for r in readings if r.feature in wanted]
+    return {key: found for key, found in series.items() if key[0] in wanted}
 
 
-def _series(
-    readings: Sequence[CoordinateReading],
-) -> dict[tuple[str, str], list[CoordinateReading]]:
-    """Return the readings of each feature and axis, which are as many of each."""
-    series: dict[tuple[str, str], list[CoordinateReading]] = {}
-    for reading in readings:
-        series.setdefault((reading.feature, reading.axis), []).append(reading)
+def _require_equal(series: _Series) -> int:
+    """Return how often each coordinate is measured."""
     (first, usual), *others = ((key, len(found)) for key, found in series.items())
     for key, count in others:
         if count != usual:
@@ -105,14 +189,161 @@ def _series(
             "each feature is measured once, and a record needs two rows at least: put the reports "
             "of successive positions into one file, one below the other"
         )
-    return series
+    return usual
 
 
-def _unit(feature: str, axis: str, found: Sequence[CoordinateReading]) -> str:
-    units = {r.unit for r in found}
+def _common_unit(feature: str, axis: str, found: list[tuple[float, float, str]]) -> str:
+    units = {unit for _, _, unit in found}
     if len(units) > 1:
         raise RecordError(
             f"{feature}.{axis} is in {' and in '.join(sorted(u or 'no unit' for u in units))}: "
             "export all of its rows in one unit"
         )
-    return "deg" if axis in ANGLES else units.pop()
+    return "deg" if axis in _ANGLES else units.pop()
+
+
+def _rows(lines: Sequence[str]) -> tuple[list[_Row], set[str]]:
+    rows: list[_Row] = []
+    left_out: set[str] = set()
+    dimension: _Dimension | None = None
+    heading: _Heading | None = None
+    for number, line in _joined(lines):
+        opened = _dimension(number, line[:_LONGEST_OPENING])
+        if opened is not None:
+            dimension, heading = opened, None
+            continue
+        found = _heading(line)
+        if found is not None:
+            if dimension is None:
+                raise RecordError(
+                    f"line {number}: a table stands below no dimension that says what is measured: "
+                    "print the report with the lines 'DIM ...'"
+                )
+            heading = found
+            continue
+        axis = line.split(maxsplit=1)[0].upper() if line.strip() else ""
+        if heading is None or dimension is None or not _is_row(line, axis):
+            continue
+        if axis in _LEFT_OUT:
+            left_out.add(axis)
+        elif axis in _AXES:
+            rows.append(_row(number, line, axis, dimension, heading))
+        else:
+            raise RecordError(
+                f"line {number}: the axis '{axis[:20]}' is unknown, expected one of "
+                f"{', '.join(sorted(_AXES))}: leave the dimension out of the report"
+            )
+    return rows, left_out
+
+
+def _joined(lines: Sequence[str]) -> list[tuple[int, str]]:
+    """Return the lines with their numbers, those that end in ``,$`` with what follows."""
+    joined: list[tuple[int, str]] = []
+    held: tuple[int, str] | None = None
+    for number, raw in enumerate(lines, start=1):
+        line = raw.expandtabs().rstrip()
+        start, text = (held[0], f"{held[1]}  {line.strip()}") if held else (number, line)
+        if text.endswith(",$"):
+            held = start, text[:-2].rstrip()
+            continue
+        held = None
+        joined.append((start, text))
+    return joined if held is None else [*joined, held]
+
+
+def _is_row(line: str, axis: str) -> bool:
+    """Say whether a line below a heading is a row of it, and not a footer of the page."""
+    words = line.split()
+    if any("=" in word and not _BAR.fullmatch(word) for word in words):
+        return False
+    numbers = sum(_NUMBER.fullmatch(word) is not None for word in words[1:])
+    return numbers > 2 or (numbers > 0 and _AXIS.fullmatch(axis) is not None)
+
+
+def _dimension(number: int, line: str) -> _Dimension | None:
+    """Return what a line opens, if it opens a dimension."""
+    given = next((f for f in _UNIT.finditer(line) if "=" in line[: f.start()]), None)
+    if given is None and re.match(r"\s*DIM\s.*=", line, re.IGNORECASE) is None:
+        return None
+    name, _, text = line[: given.start() if given else len(line)].partition("=")
+    unit = _UNITS.get(given[1].upper(), "") if given else ""
+    if given and not unit:
+        raise RecordError(
+            f"line {number}: the unit '{given[1]}' is unknown, expected MM, IN or DEG"
+        )
+    name = " ".join(re.sub(r"^\s*DIM\s+", "", name, flags=re.IGNORECASE).split())
+    return _Dimension(line=number, name=name, feature=_feature(text), unit=unit)
+
+
+def _feature(text: str) -> str:
+    """Return the feature that a dimension is of; nothing where the text does not tell."""
+    english = _OF.search(text)
+    if english is not None:
+        words = english[1].replace(",", " ").split()
+        while len(words) > 1 and _SHAPES.fullmatch(words[0]):
+            words.pop(0)
+        return words[0]
+    words = re.split(r"\s{2,}", text.strip())[0].split()
+    return "" if not words or any("=" in word for word in words) else words[-1].split(",")[0]
+
+
+def _row(number: int, line: str, axis: str, dimension: _Dimension, heading: _Heading) -> _Row:
+    tokens = list(_TOKEN.finditer(line))[1:]
+    while tokens and _BAR.fullmatch(tokens[-1][0]):
+        tokens.pop()
+    for token in tokens:
+        if not _NUMBER.fullmatch(token[0]):
+            raise RecordError(
+                f"line {number}: '{token[0][:30]}' in the row of {axis} is not a number: correct "
+                "it, or leave the dimension out of the report"
+            )
+    places = list(range(len(tokens)))
+    if len(tokens) != len(heading.ends):
+        places = _aligned(number, [token.end() for token in tokens], heading)
+    values = {
+        heading.roles[place]: token[0]
+        for place, token in zip(places, tokens, strict=True)
+        if heading.roles[place]
+    }
+    # a row that ends before its deviation may have lost digits of what stands before
+    for name in ("nominal", "measured", "deviation"):
+        if name in heading.roles and name not in values:
+            raise RecordError(
+                f"line {number}: there is no {name} value in the row of {axis}: print the report "
+                "again, with nominal and measured values"
+            )
+    feature = dimension.name if axis == "M" else dimension.feature
+    if not feature:
+        raise RecordError(
+            f"line {dimension.line}: it is not clear of which feature dimension "
+            f"'{dimension.name}' is: print the report in English"
+        )
+    return _Row(line=number, feature=feature, axis=axis, unit=dimension.unit, values=values)
+
+
+def _aligned(number: int, ends: Sequence[int], heading: _Heading) -> list[int]:
+    """Return the columns of numbers where some are left empty, by where they end."""
+    places: list[int] = []
+    for end in ends:
+        place = min(range(len(heading.ends)), key=lambda j: abs(heading.ends[j] - end))
+        if abs(heading.ends[place] - end) > _SHIFT or place in places:
+            raise RecordError(
+                f"line {number}: its {len(ends)} numbers do not stand below the "
+                f"{len(heading.ends)} headings of the table: print the report again"
+            )
+        places.append(place)
+    return places
+
+
+def _numbers(row: _Row, sign: str) -> tuple[float, float]:
+    """Return the nominal and the measured value of a row."""
+    nominal, measured = row.values["nominal"], row.values["measured"]
+    where = f"line {row.line}"
+    found = printed_number(nominal, sign, where), printed_number(measured, sign, where)
+    given = row.values.get("deviation")
+    if given is not None and not is_difference(given, measured, nominal, sign):
+        raise RecordError(
+            f"{where}: the deviation {given} of {row.axis} is not measured minus nominal "
+            f"({measured} and {nominal}): is the heading that of the row? Print the report again"
+        )
+    return found

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from flexstage.errors import RecordError
-from flexstage.records.cmm_report import has_report
+from flexstage.records.cmm import has_report
 from flexstage.records.gcs_array import is_gcs_array
 from flexstage.records.text_rows import decoded
 from flexstage.records.universal_sets import is_universal
