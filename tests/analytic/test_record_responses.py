@@ -110,6 +110,26 @@ def test_the_words_round_that_of_the_part_are_the_name(tmp_path: Path) -> None:
         assert found.response[:, o, 0] == pytest.approx(k * H, rel=1e-14)
 
 
+@pytest.mark.parametrize(
+    ("form", "first", "second", "columns"),
+    [
+        ("RI", H.real, H.imag, ["0 kHz", "1", "2"]),
+        ("MA", np.abs(H), DEG, ["0 kHz", "1", "2 deg"]),
+        ("DB", DB, DEG, ["0 kHz", "1 dB", "2 deg"]),
+    ],
+)
+def test_touchstone_is_read_as_columns_that_are_named(
+    tmp_path: Path, form: str, first: np.ndarray, second: np.ndarray, columns: list[str]
+) -> None:
+    head = f"! shaker table\n# kHz S {form} R 50\n"
+    record = table(tmp_path, head + rows(F / 1e3, first, second, between="  "), "a.s1p")
+    with pytest.raises(RecordError, match=r"no column of frequencies .*--response"):
+        responses_in_columns(record)
+    found = response_from_record(responses_in_columns(record, columns))
+    assert found.frequency_hz == pytest.approx(F, rel=1e-14)
+    assert found.response[:, 0, 0] == pytest.approx(H, rel=1e-12)
+
+
 def test_units_are_those_of_the_heading_or_of_options(tmp_path: Path) -> None:
     said = table(tmp_path, "f,H real (g/N),H imag (g/N)\n" + rows(F, H.real, H.imag))
     found = response_from_record(responses_in_columns(said))
