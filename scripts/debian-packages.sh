@@ -5,7 +5,7 @@ set -uo pipefail
 
 # package -> the program it brings
 declare -A program=(
-    [texlive-latex-recommended]=pdflatex [chromium]=chromium [calculix-ccx]=ccx [postgresql]=postgres [octave]=octave-cli [valgrind]=valgrind
+    [chromium]=chromium [calculix-ccx]=ccx [postgresql]=postgres [octave]=octave-cli [valgrind]=valgrind
 )
 # package -> the shared library it brings, which the reader of solids (gmsh) loads
 declare -A library=(

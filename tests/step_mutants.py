@@ -118,8 +118,7 @@ def read_mutants(source: Path, folder: Path, seeds: range) -> list[str]:
 
 
 def _as_part(path: Path) -> None:
-    from flexstage.fem.part import read_step
-    from flexstage.fem.part_estimate import part_surface
+    from flexstage.fem.part import part_surface, read_step
 
     part_surface(read_step(path, solid="all"))
 

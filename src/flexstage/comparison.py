@@ -2,11 +2,16 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from flexstage.characteristic import ORIGINS, Characteristic, shown_units
+from flexstage.lazy import data_frame
 from flexstage.quantities import QUANTITIES, Quantity, display
 from flexstage.short_repr import short_repr
 from flexstage.table import Table, table
+
+if TYPE_CHECKING:
+    import pandas
 
 #: What each model is called, wherever people read it.
 MODEL_WORDS: Mapping[str, str] = {
@@ -105,17 +110,25 @@ class Comparison:
     def __str__(self) -> str:
         return str(self.table())
 
-    @property
-    def uncertain(self) -> tuple[str, ...]:
-        """Columns of which an uncertainty is known."""
-        return tuple(
-            column
-            for column in self.columns
-            if any(
-                (cell := row.cells.get(column)) and cell.uncertainty is not None
-                for row in self.rows
-            )
-        )
+    def si_columns(self) -> dict[str, list[object]]:
+        """Return it by columns, values in SI units; those of known uncertainties have one more."""
+        out: dict[str, list[object]] = {
+            "quantity": [row.quantity for row in self.rows],
+            "axis": [row.axis for row in self.rows],
+            "unit": [QUANTITIES[row.quantity].unit for row in self.rows],
+            "condition": [row.remark for row in self.rows],
+        }
+        for column in self.columns:
+            cells = [row.cells.get(column) for row in self.rows]
+            out[column] = [cell and cell.value for cell in cells]
+            uncertain: list[object] = [cell and cell.uncertainty for cell in cells]
+            if any(value is not None for value in uncertain):
+                out[f"{column} uncertainty"] = uncertain
+        return out
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Return the columns of `si_columns` as a data frame; needs pandas."""
+        return data_frame(self.si_columns())
 
     @property
     def models(self) -> tuple[str, ...]:

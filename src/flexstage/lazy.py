@@ -2,7 +2,6 @@
 
 import ast
 import sys
-from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
@@ -43,15 +42,15 @@ def names_for_types(module: str) -> dict[str, tuple[str, str]]:
     }
 
 
-def data_frame(columns: Mapping[str, Any]) -> "pandas.DataFrame":
-    """Return columns as a data frame."""
+def data_frame(data: Any, **more: Any) -> "pandas.DataFrame":
+    """Return columns by name, or rows, as a data frame; what is `more` goes to pandas."""
     try:
         import pandas
     except ImportError as error:
         raise ImportError(
             "a data frame needs pandas, which is not installed: run 'pip install pandas'"
         ) from error
-    return pandas.DataFrame(columns)
+    return pandas.DataFrame(data, **more)
 
 
 def require_extra(extra: str, module: str, what: str, error: type[Exception]) -> None:

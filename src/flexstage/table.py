@@ -2,9 +2,13 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from flexstage.errors import ModelError
+from flexstage.lazy import data_frame
+
+if TYPE_CHECKING:
+    import pandas
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +101,11 @@ class Table:
             for line in lines
         )
         return "\n".join("  ".join(cells).rstrip() for cells in made)
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Return it as a data frame, numbers unrounded where it has them; needs pandas."""
+        rows = [[c.text if c.value is None else c.value for c in row] for row in self.rows]
+        return data_frame(rows, columns=[column.title for column in self.columns])
 
     @property
     def divisions(self) -> tuple[bool, ...]:

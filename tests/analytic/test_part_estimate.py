@@ -7,8 +7,8 @@ import pytest
 from netgen import occ
 
 from flexstage.fem.mesher import first_hits
-from flexstage.fem.part import Part
-from flexstage.fem.part_estimate import estimate_part, part_surface
+from flexstage.fem.part import Part, part_surface
+from flexstage.fem.part_estimate import estimate_part
 from flexstage.fem.part_mesh import PartMesh
 
 

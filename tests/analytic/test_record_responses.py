@@ -110,6 +110,26 @@ def test_the_words_round_that_of_the_part_are_the_name(tmp_path: Path) -> None:
         assert found.response[:, o, 0] == pytest.approx(k * H, rel=1e-14)
 
 
+@pytest.mark.parametrize(
+    ("form", "first", "second", "columns"),
+    [
+        ("RI", H.real, H.imag, ["0 kHz", "1", "2"]),
+        ("MA", np.abs(H), DEG, ["0 kHz", "1", "2 deg"]),
+        ("DB", DB, DEG, ["0 kHz", "1 dB", "2 deg"]),
+    ],
+)
+def test_touchstone_is_read_as_columns_that_are_named(
+    tmp_path: Path, form: str, first: np.ndarray, second: np.ndarray, columns: list[str]
+) -> None:
+    head = f"! shaker table\n# kHz S {form} R 50\n"
+    record = table(tmp_path, head + rows(F / 1e3, first, second, between="  "), "a.s1p")
+    with pytest.raises(RecordError, match=r"no column of frequencies .*--response"):
+        responses_in_columns(record)
+    found = response_from_record(responses_in_columns(record, columns))
+    assert found.frequency_hz == pytest.approx(F, rel=1e-14)
+    assert found.response[:, 0, 0] == pytest.approx(H, rel=1e-12)
+
+
 def test_units_are_those_of_the_heading_or_of_options(tmp_path: Path) -> None:
     said = table(tmp_path, "f,H real (g/N),H imag (g/N)\n" + rows(F, H.real, H.imag))
     found = response_from_record(responses_in_columns(said))
@@ -122,33 +142,6 @@ def test_units_are_those_of_the_heading_or_of_options(tmp_path: Path) -> None:
     assert found.response[:, 0, 0] == pytest.approx(1e-6 * H, rel=1e-14)
     with pytest.raises(RecordError, match="says its unit, m/s"):
         responses_in_columns(said, output_unit="um")
-
-
-@pytest.mark.parametrize(
-    ("form", "first", "second"),
-    [("RI", H.real, H.imag), ("MA", np.abs(H), DEG), ("DB", DB, DEG)],
-)
-def test_touchstone_of_one_port(
-    tmp_path: Path, form: str, first: np.ndarray, second: np.ndarray
-) -> None:
-    head = f"! shaker table\n# kHz S {form} R 50\n"
-    for name in ("a.s1p", "a.txt"):
-        record = table(tmp_path, head + rows(F / 1e3, first, second, between="  "), name)
-        assert record.over == "frequency"
-        found = response_from_record(record)
-        assert found.frequency_hz == pytest.approx(F, rel=1e-14)
-        assert found.response[:, 0, 0] == pytest.approx(H, rel=1e-12)
-
-
-def test_touchstone_of_two_ports_goes_by_columns(tmp_path: Path) -> None:
-    parts = [p for k in (1.0, 2.0, -3.0, 0.5) for p in (k * H.real, k * H.imag)]
-    content = "# HZ S RI R 50\n" + rows(F, *parts, between=" ") + "100 1.5 0.4 20 0.3\n"
-    record = table(tmp_path, content, "a.s2p")
-    found = response_from_record(record)
-    # S21 before S12
-    for (o, i), k in {(0, 0): 1.0, (1, 0): 2.0, (0, 1): -3.0, (1, 1): 0.5}.items():
-        assert found.response[:, o, i] == pytest.approx(k * H, rel=1e-14)
-    assert record.notes == ("left out: 1 lines of noise parameters",)
 
 
 @pytest.mark.parametrize(
@@ -181,19 +174,3 @@ def test_bad_choices_of_columns(tmp_path: Path, columns: list[str], said: str) -
     record = table(tmp_path, "freq (Hz),re,im\n" + rows(F, H.real, H.imag))
     with pytest.raises(RecordError, match=said):
         responses_in_columns(record, columns)
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "said"),
-    [
-        ("a.s2p", "# HZ S RI R 50\n1 2 3 4 5 6 7 8\n", "8 numbers where 2 ports have 9"),
-        ("a.s3p", "# HZ S RI R 50\n1 2 3 4 5 6 7\n", "cut short"),
-        ("a.s1p", "[Version] 2.0\n# HZ S RI R 50\n1 2 3\n", "version 2"),
-        ("a.s1p", "# HZ S RI R 50\n2 2 3\n1 2 3\n", "frequencies must rise"),
-        ("a.s1p", "# HZ S RI R 50\n1 two 3\n", "line 2 .* holds no numbers"),
-        ("a.txt", "# HZ S RI R 50\n1 2 3 4\n", "tells no number of ports"),
-    ],
-)
-def test_damaged_touchstone(tmp_path: Path, name: str, content: str, said: str) -> None:
-    with pytest.raises(RecordError, match=said):
-        table(tmp_path, content, name)

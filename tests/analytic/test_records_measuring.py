@@ -9,7 +9,7 @@ import pyuff
 
 from flexstage.errors import RecordError
 from flexstage.records import FORMATS, Channel, Record, read_record, write_record
-from flexstage.records.cmm_words import decimal_sign, printed_number
+from flexstage.records.cmm_numbers import decimal_sign, printed_number
 from flexstage.records.columns import measured_unit
 from flexstage.records.quality import require_live, require_unclipped, require_unit
 from flexstage.records.write import record_bytes
@@ -367,10 +367,6 @@ def same_series(record: Record, factor: float = 1000.0) -> None:
         assert channel.values.tolist() == [w / factor if factor else w for w in wanted]
 
 
-GERMAN = {"NOMINAL": "SOLL", "MEAS": "IST", "DEV": "ABW", "OUTTOL": "AUSTOL"}
-FRENCH = {"NOMINAL": "THEO", "MEAS": "REEL", "DEV": "ECART", "OUTTOL": "HORSTOL"}
-
-
 @pytest.mark.parametrize(
     "layout",
     [
@@ -385,18 +381,6 @@ FRENCH = {"NOMINAL": "THEO", "MEAS": "REEL", "DEV": "ECART", "OUTTOL": "HORSTOL"
         {"opening": "#3 FCFLOC{number} = POSITION OF {feature}    FIT TO DATUMS=ON  UNITS={unit}"},
         {"opening": "DIM L{number}= POSITION OF SPHERE {feature} USE AXIS=AVERAGE UNITS={unit}"},
         {"decimal": ","},
-        {
-            "opening": "DIM LAG{number}= LAGE VON KUGEL {feature}  EINHEIT={unit}",
-            "axis_word": "ACHSE",
-            "words": GERMAN,
-            "decimal": ",",
-        },
-        {
-            "opening": "DIM LOC{number}= LOCALISATION DE SPHERE {feature}  UNIT\u00c9S={unit}",
-            "axis_word": "AXE",
-            "words": FRENCH,
-            "decimal": ",",
-        },
     ],
 )
 @pytest.mark.parametrize("wide", [True, False])
@@ -420,6 +404,17 @@ def test_inches_and_a_unit_that_is_not_said(tmp_path: Path) -> None:
     path = saved(tmp_path, report(POINTS, opening="DIM LOC{number}= LOCATION OF SPHERE {feature}"))
     same_series(read_record(path), 0.0)
     same_series(read_record(path, units={"length": "mm"}))
+    same_series(read_record(path, units={"length": "mm"}, columns=["length"], over="point"))
+    with pytest.raises(RecordError, match="given two units"):
+        read_record(path, units={"length": "mm", "SPH1.X": "um"})
+    with pytest.raises(RecordError, match="its rows are points, without times"):
+        read_record(path, sample_rate_hz=2.0)
+    below = len(report(POINTS[:1]).splitlines()) - 1
+    assert read_record(path, skip_lines=below).channel("SPH1.X").values.tolist() == [
+        10.5019, 11.0003,
+    ]  # fmt: skip
+    with pytest.raises(RecordError, match="there is no feature 'SPH3': the report has SPH1, SPH2"):
+        read_record(path, dataset="SPH1, SPH3")
 
 
 BLANKS = """
@@ -469,60 +464,31 @@ def test_empty_cells_other_rows_and_angles(tmp_path: Path) -> None:
     assert "rows left out, as they are no coordinates: D1, DF, TP" in record.notes
 
 
-def table(delimiter: str, decimal: str, heading: str, swap: bool = False) -> str:
-    lines = [heading.replace(",", delimiter)]
-    for features in POINTS:
-        for feature, axes in features:
-            for axis, nominal, measured in axes:
-                a, b = repr(nominal), repr(measured)
-                fields = [feature, axis, *((b, a) if swap else (a, b))]
-                lines.append(delimiter.join(f.replace(".", decimal) for f in fields))
-    return "\n".join(lines) + "\n"
-
-
 @pytest.mark.parametrize(
-    ("heading", "swap"),
+    ("words", "axis_word", "opening"),
     [
-        ("feature,axis,nominal [mm],measured [mm]", False),
-        ("Feature,AXIS,Actual (mm),Nominal (mm)", True),
-        ("Merkmal,Achse,Nennmaß (mm),Istmaß (mm)", False),
-        ("ELEMENT,ACHSE,ISTWERT in mm,SOLLWERT in mm", True),
-        ("Élément,Axe,Théorique (MM),Mesuré (MM)", False),
-        ("Caractéristique,Axe,Valeur mesurée / mm,Valeur nominale / mm", True),
+        (
+            {"NOMINAL": "SOLL", "MEAS": "IST", "DEV": "ABW", "OUTTOL": "AUSTOL"},
+            "ACHSE",
+            "DIM LAG{number}= LAGE VON KUGEL {feature}  EINHEIT={unit}",
+        ),
+        (
+            {"NOMINAL": "THEO", "MEAS": "REEL", "DEV": "ECART", "OUTTOL": "HORSTOL"},
+            "AXE",
+            "DIM LOC{number}= LOCALISATION DE SPHERE {feature}  UNITE={unit}",
+        ),
     ],
 )
-@pytest.mark.parametrize(
-    ("delimiter", "decimal"), [(",", "."), (";", ","), ("\t", ","), (";", "."), ("|", ".")]
-)
-def test_a_table(tmp_path: Path, heading: str, swap: bool, delimiter: str, decimal: str) -> None:
-    content = table(delimiter, decimal, heading, swap)
-    for encoding in ("utf-8", "utf-8-sig", "latin-1", "utf-16"):
-        same_series(read_record(saved(tmp_path, content.encode(encoding), "points.csv")))
-
-
-def test_more_columns_and_titles(tmp_path: Path) -> None:
-    lines = ["Measured on 4 March;;;;;", "", "Unit;Dev;Feature;Axis;Nominal;Measured;Remark"]
-    for features in POINTS:
-        for feature, axes in features:
-            for axis, a, b in axes:
-                lines.append(f"mm;{b - a:.4f};{feature};{axis.lower()}-axis;{a};{b};")
-    same_series(read_record(saved(tmp_path, "\n".join(lines), "points.csv")))
-    same_series(
-        read_record(
-            saved(tmp_path, "5;1\n" + "\n".join(lines), "p.csv"), skip_lines=1, delimiter=";"
-        )
-    )
-
-
-def test_a_table_without_units_asks(tmp_path: Path) -> None:
-    path = saved(tmp_path, table(";", ",", "Merkmal,Achse,Soll,Ist"), "points.csv")
-    same_series(read_record(path), 0.0)
-    same_series(read_record(path, units={"length": "mm"}))
-    same_series(read_record(path, units={"length": "mm"}, columns=["length"], over="point"))
-    with pytest.raises(RecordError, match="given two units"):
-        read_record(path, units={"length": "mm", "SPH1.X": "um"})
-    with pytest.raises(RecordError, match="its rows are points, without times"):
-        read_record(path, sample_rate_hz=2.0)
+def test_a_report_in_another_language_is_refused(
+    tmp_path: Path, words: dict, axis_word: str, opening: str
+) -> None:
+    """Its numbers stand between words, and are never read as columns of a table."""
+    content = report(POINTS, words=words, axis_word=axis_word, opening=opening, decimal=",")
+    path = saved(tmp_path, content, "report.txt")
+    with pytest.raises(RecordError, match=r"'L[AO][GC]2=' is not a number"):
+        read_record(path)
+    with pytest.raises(RecordError, match=r"as PC-DMIS prints it in English, .* export a table"):
+        read_record(path, format="cmm")
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import flexstage
 
 HEAVY = {
     "GTC", "control", "dask", "ezdxf", "h5py", "matplotlib", "netgen", "ngsolve", "nicegui",
-    "numba", "pint", "scipy", "serial", "shapely", "sqlalchemy", "sympy", "typer", "xlsxwriter",
+    "numba", "pint", "scipy", "serial", "shapely", "sqlalchemy", "sympy", "typer",
 }  # fmt: skip
 COMMAND = """
 import sys

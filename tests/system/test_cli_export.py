@@ -30,8 +30,6 @@ _HOLDS = {
     "vtu": (".vtu", b"UnstructuredGrid"),
     "uff": (".uff", b"    -1"),
     "csv": (".csv", b"quantity"),
-    "excel": (".xlsx", b"PK"),
-    "latex": (".tex", b"\\begin{longtab"),
 }
 
 

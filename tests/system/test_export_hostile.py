@@ -12,7 +12,6 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import ezdxf
-import openpyxl
 import pytest
 import yaml
 from fmpy.validation import validate_fmu
@@ -194,13 +193,10 @@ def test_every_format_bears_every_letter(tmp_path: Path) -> None:
         assert len({len(row) for row in rows}) == 1, path.name
     for path in out.rglob("*.uff"):
         assert max(map(len, path.read_bytes().split(b"\n"))) <= 80
-    (drawing,), (book,) = out.rglob("*.dxf"), out.rglob("*.xlsx")
+    (drawing,) = out.rglob("*.dxf")
     audit = ezdxf.readfile(drawing).audit()  # type: ignore[attr-defined]
     assert not audit.errors
     assert not audit.fixes
-    cells = [c for s in openpyxl.load_workbook(book) for row in s.iter_rows() for c in row]
-    assert any(_HOSTILE in str(c.value) for c in cells)
-    assert not any(c.data_type == "f" and "1+1" in str(c.value) for c in cells)
     (example,) = (out / "c").glob("*_example.c")
     header = example.with_name(example.name.replace("_example.c", ".h"))
     files = {header.name: header.read_bytes()}
@@ -233,7 +229,7 @@ def test_a_start_hole_is_as_wide_as_a_wide_cut(tmp_path: Path) -> None:
         ("mat", ("axes", "probes"), "stage 'plain' has no probe: there is nothing to read"),
         ("mat", ("axes", "drives"), "stage 'plain' has no drive: there is nothing to command"),
         ("csv", ("axes",), "stage 'plain' has no axis and so no characteristics"),
-        ("step,latex", ("axes", "drives"), "stage 'plain' has no axis"),
+        ("step,csv", ("axes", "drives"), "stage 'plain' has no axis"),
     ],
 )
 def test_what_a_stage_lacks_is_said(to: str, drop, said: str, tmp_path: Path, capsys) -> None:

@@ -227,7 +227,7 @@ def test_stages_are_compared_side_by_side() -> None:
     change = 100.0 * (frequencies[1] / frequencies[0] - 1.0)
     assert words[5] == "Hz"
     assert float(words[6]) == pytest.approx(change, abs=0.06)
-    html = ElementTree.fromstring(found._repr_html_())  # type: ignore[attr-defined]
+    html = ElementTree.fromstring(found._repr_html_())
     assert len(list(html.iter("tr"))) == len(lines)
     three = fs.compare("parallelogram", thick, "rhombus", model="lumped")
     assert "change" not in str(three)

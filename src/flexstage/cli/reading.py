@@ -59,8 +59,8 @@ class FileOptions:
     rows
         START:STOP: Samples to read, numbered from 0; either end may be omitted.
     format
-        NAME: text, matlab, hdf5, tdms, numpy, universal, gcs, touchstone or cmm (default: by
-        content and ending).
+        NAME: text, matlab, hdf5, tdms, numpy, universal, gcs or cmm (default: by content and
+        ending).
     dataset
         NAME: Group, variable, array, function or feature of a file that contains several; several
         separated by commas.

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from flexstage.export.realtime.files import realtime_files
     from flexstage.export.simulink.files import simulink_files
     from flexstage.export.step import step_files
-    from flexstage.export.tables.files import table_files
+    from flexstage.export.tables import table_files
     from flexstage.export.vtu.fields import field_files
 
 __all__ = [

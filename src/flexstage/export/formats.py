@@ -46,7 +46,5 @@ FORMATS: Mapping[str, ExportFormat] = {
     "drawing": ExportFormat("drawing with dimensions, SVG", "drawing.sheet.export"),
     "vtu": ExportFormat("statics and modes for ParaView", "vtu.fields.export"),
     "uff": ExportFormat("modes and responses, universal file", "modal_file.export"),
-    "csv": ExportFormat("characteristics, CSV", "tables.files.export_csv"),
-    "excel": ExportFormat("characteristics, Excel", "tables.files.export_excel"),
-    "latex": ExportFormat("characteristics, LaTeX table", "tables.files.export_latex"),
+    "csv": ExportFormat("characteristics, CSV", "tables.export"),
 }

@@ -30,8 +30,14 @@ if TYPE_CHECKING:
 _Path = str | os.PathLike[str]
 _Settings = Mapping[str, str] | None
 
-# a comparison knows nothing of pages; with this room loaded a notebook shows one
-Comparison._repr_html_ = lambda self: table_html(self.table())  # type: ignore[attr-defined]
+
+class StageComparison(Comparison):
+    """Stages side by side, to look at."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        return table_html(self.table())
 
 
 def check(stage: Stage | _Path) -> tuple[Issue, ...]:
@@ -39,14 +45,15 @@ def check(stage: Stage | _Path) -> tuple[Issue, ...]:
     return check_stage(stage_of(stage))
 
 
-def compare(*stages: Stage | StageAnalysis | _Path, model: str = "superelement") -> Comparison:
+def compare(*stages: Stage | StageAnalysis | _Path, model: str = "superelement") -> StageComparison:
     """Set stages side by side, a column each: analyses of them, or what the model gives."""
     runs = [s if isinstance(s, StageAnalysis) else analyse(s, model) for s in stages]
     names = [run.system.name for run in runs]
     if len(set(names)) < len(names):
         names = [f"{k}: {run.system.name}, {run.system.model}" for k, run in enumerate(runs, 1)]
     columns = zip(names, (run.characteristics for run in runs), strict=True)
-    return side_by_side((), dict(columns))
+    found = side_by_side((), dict(columns))
+    return StageComparison(published=found.published, ours=found.ours, rows=found.rows)
 
 
 def sensitivity(stage: _Path, *, set: _Settings = None, **asked: Any) -> "Sensitivities":

@@ -1,4 +1,4 @@
-"""Reports of coordinate measuring machines as columns over repeated measurements."""
+"""Text reports that PC-DMIS writes in English, as columns over repeated measurements."""
 
 import re
 from collections.abc import Sequence
@@ -8,60 +8,101 @@ from pathlib import Path
 import numpy as np
 
 from flexstage.errors import RecordError
-from flexstage.records.cmm_report import has_report, read_report
-from flexstage.records.cmm_words import (
-    ANGLES,
-    AXES,
-    CoordinateReading,
-    axis_name,
-    decimal_sign,
-    is_difference,
-    printed_number,
-    printed_unit,
-    role,
-)
+from flexstage.records.cmm_numbers import decimal_sign, is_difference, printed_number
 from flexstage.records.columns import FileColumn, FileColumns
-from flexstage.records.text_heading import split_line
 from flexstage.records.text_rows import text_lines
 
-_NEEDED = ("feature", "axis", "nominal", "measured")
-_DELIMITERS = ("\t", ";", "|", ",", None)
-_HEADING = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]+?)\s*[\])]|(?:\s/|\sin)\s+(\S+))\s*")
-_LONGEST_HEADING = 200
-# how many lines of titles may stand above the heading
-_LONGEST_TITLE = 60
+_ANGLES = frozenset(("A", "PA"))
+# coordinates, diameter, radius, length, height, distance or form (M), angles
+_AXES = _ANGLES | {*"XYZDRLHMT", "PR", "PX", "PY", "PZ"}
+# rows of tables of position that are no coordinate
+_LEFT_OUT = frozenset(
+    ("TP", "DF", "DD", "D1", "D2", "D3", "LD", "LF", "WD", "WF", "DS", "RS", "RT", "S", "V", "MM")
+)
+_ROLES = {
+    **dict.fromkeys(("AX", "AXIS"), "axis"),
+    **dict.fromkeys(("NOMINAL", "NOM"), "nominal"),
+    **dict.fromkeys(("MEAS", "MEASURED", "ACTUAL", "ACT"), "measured"),
+    **dict.fromkeys(("DEV", "DEVIATION"), "deviation"),
+}
+_TOKEN = re.compile(r"\S+")
+_NUMBER = re.compile(r"[+-]?[0-9.,'\u2019]*[0-9][.,]?(?:[eE][+-]?\d+)?")
+# the bar that shows where in its tolerance a value is
+_BAR = re.compile(r"[-#<>=*|+.]+")
+_AXIS = re.compile(r"[A-Z][A-Z0-9]{0,2}")
+_UNIT = re.compile(r"\bUNITS?\s*=\s*([^\W\d]+)", re.IGNORECASE)
+_UNITS = {"MM": "mm", "IN": "inch", "INCH": "inch", "INCHES": "inch", "CM": "cm", "DEG": "deg"}
+_OF = re.compile(r"\b(?:LOCATION|POSITION)\s+OF\s+(.+)", re.IGNORECASE)
+_SHAPES = re.compile(
+    "CIRCLE|SPHERE|CYLINDER|PLANE|POINT|LINE|CONE|SLOT|ELLIPSE|SET|CURVE|SURFACE|TORUS|NOTCH|"
+    "POLYGON|WIDTH|ROUND|SQUARE|FEATURE",
+    re.IGNORECASE,
+)
+_LONGEST_OPENING = 1000
+# how far right ends of a number and its heading may be apart
+_SHIFT = 4
 
 
-def is_coordinate_report(head: str) -> bool:
-    r"""Say whether a text begins as a report of a coordinate measuring machine does.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Dimension:
+    """The line that opens a dimension."""
 
-    It has a heading over features, axes, nominal and measured values, or a table of PC-DMIS.
+    line: int
+    name: str
+    feature: str
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Heading:
+    """The columns of a table: role and right end of each."""
+
+    roles: tuple[str, ...]
+    ends: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Row:
+    """Values of one axis, as printed, by role."""
+
+    line: int
+    feature: str
+    axis: str
+    unit: str
+    values: dict[str, str]
+
+
+#: Nominal and measured value, with their unit, of each measurement of a feature along an axis.
+_Series = dict[tuple[str, str], list[tuple[float, float, str]]]
+
+
+def has_report(lines: Sequence[str]) -> bool:
+    """Say whether a text has a table as PC-DMIS writes it, by its heading.
 
     Examples
     --------
-    >>> is_coordinate_report("Merkmal;Achse;Sollwert;Istwert\nSPH1;X;10,0;10,0012")
+    >>> has_report(["AX    NOMINAL   +TOL   -TOL   MEAS   DEV   OUTTOL"])
     True
     """
-    lines = head.splitlines()
-    try:
-        return has_report(lines) or find_table(lines) is not None
-    except RecordError:
-        return True
+    return any(_heading(line) is not None for line in lines)
+
+
+def _heading(line: str) -> _Heading | None:
+    tokens = list(_TOKEN.finditer(line.expandtabs()))
+    roles = [_ROLES.get(token[0].upper(), "") for token in tokens]
+    if not roles or roles[0] != "axis" or not {"nominal", "measured"} <= set(roles):
+        return None
+    return _Heading(roles=tuple(roles[1:]), ends=tuple(token.end() for token in tokens[1:]))
 
 
 def read_coordinates(
-    path: Path,
-    dataset: str | None = None,
-    *,
-    skip_lines: int = 0,
-    delimiter: str | None = None,
-    decimal: str | None = None,
+    path: Path, dataset: str | None = None, *, skip_lines: int = 0, decimal: str | None = None
 ) -> FileColumns:
-    r"""Read a report of a coordinate measuring machine: a table, or the text that PC-DMIS writes.
+    r"""Read the text report of a coordinate measuring machine that PC-DMIS writes in English.
 
-    `dataset` names features, with commas between; delimiter and decimal sign are found where not
-    given. Angles are in degrees; the unit of lengths is that of the report, and the group
-    ``length`` stands for all of them.
+    `dataset` names features, with commas between; the decimal sign is found where not given. Angles
+    are in degrees; the unit of lengths is that of the report, and the group ``length`` stands for
+    all of them.
 
     Each feature and axis is two columns, ``SPH1.X`` and ``SPH1.X nominal``. Row k is the k-th
     measurement of all features, as at successive positions of a stage. Distances and errors of form
@@ -75,10 +116,10 @@ def read_coordinates(
     Examples
     --------
     >>> import tempfile
-    >>> rows = ["feature;axis;nominal;measured (mm)", "SPH1;X;10,0;10,0025", "SPH1;X;12,5;12,498"]
+    >>> table = "DIM L1= LOCATION OF SPHERE SPH1  UNITS=MM\nAX NOMINAL MEAS\nX {} {}\n"
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder) / "points.csv"
-    ...     _ = file.write_text("\n".join(rows))
+    ...     file = Path(folder) / "points.txt"
+    ...     _ = file.write_text(table.format(10.0, 10.0025) + table.format(12.5, 12.498))
     ...     columns = read_coordinates(file)
     >>> columns.columns[0].name, columns.columns[0].values, columns.columns[0].unit
     ('SPH1.X', array([10.0025, 12.498 ]), 'mm')
@@ -86,70 +127,56 @@ def read_coordinates(
     if skip_lines < 0:
         raise RecordError(f"the lines to skip must be 0 or more, got {skip_lines}")
     lines = text_lines(path)
-    lines[:skip_lines] = [""] * len(lines[:skip_lines])
-    left_out: tuple[str, ...] = ()
-    if has_report(lines):
-        readings, left_out = read_report(lines, decimal)
-    else:
-        table = find_table(lines, {"tab": "\t", "space": None}.get(delimiter or "", delimiter))
-        if table is None:
-            raise RecordError(
-                "there is no heading with feature, axis, nominal and measured, and no table of "
-                "PC-DMIS: name the columns so, or read the file by the format text"
-            )
-        readings = read_table(lines, table, decimal)
-    columns, notes = _columns(_chosen(readings, dataset))
+    lines[:skip_lines] = [""] * skip_lines
+    if not has_report(lines):
+        raise RecordError(
+            "there is no table as PC-DMIS prints it in English, with AX, NOMINAL and MEAS in its "
+            "heading: export a table with a column for each coordinate, and leave the format out"
+        )
+    rows, left_out = _rows(lines)
+    if not rows:
+        raise RecordError("there is no row of an axis in its tables: print the report again")
+    sign = decimal_sign(((r.line, text) for r in rows for text in r.values.values()), decimal)
+    series: _Series = {}
+    for row in rows:
+        series.setdefault((row.feature, row.axis), []).append((*_numbers(row, sign), row.unit))
+    series = _chosen(series, dataset)
+    count = _require_equal(series)
+    columns: list[FileColumn] = []
+    for (feature, axis), found in series.items():
+        name, unit = f"{feature}.{axis}", _common_unit(feature, axis, found)
+        nominal, measured = (np.array([values[k] for values in found]) for k in (0, 1))
+        columns.append(FileColumn(name=name, values=measured, unit=unit))
+        columns.append(FileColumn(name=f"{name} nominal", values=nominal, unit=unit))
+    notes = [f"{len(series)} coordinates, each measured {count} times"]
     if left_out:
-        notes.append(f"rows left out, as they are no coordinates: {', '.join(left_out)}")
-    lengths = [i for i, c in enumerate(columns) if _axis(c) not in ANGLES]
+        notes.append(f"rows left out, as they are no coordinates: {', '.join(sorted(left_out))}")
+    axes = [axis for _, axis in series for _ in ("measured", "nominal")]
     return FileColumns(
         columns=tuple(columns),
         notes=tuple(notes),
-        attributes={"features": ", ".join(dict.fromkeys(_feature(c) for c in columns))},
+        attributes={"features": ", ".join(dict.fromkeys(feature for feature, _ in series))},
         over="point",
-        groups={"length": tuple(lengths)},
+        groups={"length": tuple(i for i, axis in enumerate(axes) if axis not in _ANGLES)},
     )
 
 
-def _chosen(readings: Sequence[CoordinateReading], dataset: str | None) -> list[CoordinateReading]:
+def _chosen(series: _Series, dataset: str | None) -> _Series:
     if dataset is None:
-        return list(readings)
+        return series
     wanted = [word.strip() for word in dataset.split(",")]
-    features = list(dict.fromkeys(r.feature for r in readings))
+    features = dict.fromkeys(feature for feature, _ in series)
     for word in wanted:
         if word not in features:
             raise RecordError(
-                f"there is no feature '{word}': the report has {', '.join(features[:40])}"
+                f"there is no feature '{word}': the report has {', '.join([*features][:40])}"
             )
-    return [r for r in readings if r.feature in wanted]
+    return {key: found for key, found in series.items() if key[0] in wanted}
 
 
-def _columns(readings: Sequence[CoordinateReading]) -> tuple[list[FileColumn], list[str]]:
-    """Return measured and nominal values of each feature and axis, row by row."""
-    series: dict[tuple[str, str], list[CoordinateReading]] = {}
-    for reading in readings:
-        if reading.axis not in AXES:
-            raise RecordError(
-                f"the axis '{reading.axis[:20]}' of feature '{reading.feature}' is unknown: "
-                f"expected one of {', '.join(sorted(AXES))}"
-            )
-        series.setdefault((reading.feature, reading.axis), []).append(reading)
-    _require_equal(series)
-    columns: list[FileColumn] = []
-    for (feature, axis), found in series.items():
-        unit = _unit(feature, axis, found)
-        name = f"{feature}.{axis}"
-        measured = np.array([r.measured for r in found])
-        nominal = np.array([r.nominal for r in found])
-        columns.append(FileColumn(name=name, values=measured, unit=unit))
-        columns.append(FileColumn(name=f"{name} nominal", values=nominal, unit=unit))
-    count = len(next(iter(series.values())))
-    return columns, [f"{len(series)} coordinates, each measured {count} times"]
-
-
-def _require_equal(series: dict[tuple[str, str], list[CoordinateReading]]) -> None:
-    counts = {key: len(found) for key, found in series.items()}
-    (first, usual), *others = counts.items()
+def _require_equal(series: _Series) -> int:
+    """Return how often each coordinate is measured."""
+    (first, usual), *others = ((key, len(found)) for key, found in series.items())
     for key, count in others:
         if count != usual:
             raise RecordError(
@@ -162,157 +189,161 @@ def _require_equal(series: dict[tuple[str, str], list[CoordinateReading]]) -> No
             "each feature is measured once, and a record needs two rows at least: put the reports "
             "of successive positions into one file, one below the other"
         )
+    return usual
 
 
-def _unit(feature: str, axis: str, found: Sequence[CoordinateReading]) -> str:
-    units = {r.unit for r in found}
+def _common_unit(feature: str, axis: str, found: list[tuple[float, float, str]]) -> str:
+    units = {unit for _, _, unit in found}
     if len(units) > 1:
         raise RecordError(
             f"{feature}.{axis} is in {' and in '.join(sorted(u or 'no unit' for u in units))}: "
             "export all of its rows in one unit"
         )
-    (unit,) = units
-    return "deg" if axis in ANGLES and unit not in ("rad", "mrad") else unit
+    return "deg" if axis in _ANGLES else units.pop()
 
 
-def _feature(column: FileColumn) -> str:
-    return column.name.removesuffix(" nominal").rpartition(".")[0]
-
-
-def _axis(column: FileColumn) -> str:
-    return column.name.removesuffix(" nominal").rpartition(".")[2]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReportTable:
-    """Where a table is in a text, and what its columns are."""
-
-    line: int
-    """Number of the line of its heading, from 0."""
-    delimiter: str | None
-    """What divides the columns; None is any white space."""
-    width: int
-    """Number of columns."""
-    places: dict[str, int]
-    """Number of the column of each role."""
-    units: dict[str, str]
-    """Unit in the heading of each role."""
-
-
-def find_table(lines: Sequence[str], delimiter: str | None = None) -> ReportTable | None:
-    """Return where a table of features, axes, nominal and measured values begins."""
-    wanted = _DELIMITERS if delimiter is None else (delimiter,)
-    for number, line in enumerate(lines[:_LONGEST_TITLE]):
-        for sign in wanted:
-            if sign is not None and sign not in line:
-                continue
-            table = _table(line.lstrip("\ufeff# "), number, sign)
-            if table is not None:
-                return table
-    return None
-
-
-def _table(line: str, number: int, delimiter: str | None) -> ReportTable | None:
-    headings = split_line(line, delimiter)
-    while headings and not headings[-1]:
-        headings.pop()
-    found: dict[str, list[int]] = {}
-    units: dict[str, str] = {}
-    for place, heading in enumerate(headings):
-        name, unit = _split(heading)
-        found.setdefault(role(name), []).append(place)
-        units.setdefault(role(name), unit)
-    if any(name not in found for name in _NEEDED):
-        return None
-    for name in (*_NEEDED, "deviation", "unit"):
-        if len(found.get(name, ())) > 1:
-            listed = " and ".join(f"'{headings[place]}'" for place in found[name])
-            raise RecordError(
-                f"line {number + 1}: the columns {listed} are both {name}: leave one out"
-            )
-    return ReportTable(
-        line=number,
-        delimiter=delimiter,
-        width=len(headings),
-        places={name: places[0] for name, places in found.items() if name},
-        units=units,
-    )
-
-
-def _split(heading: str) -> tuple[str, str]:
-    """Return a heading without its unit, and the unit."""
-    short = " ".join(heading.split())
-    found = _HEADING.fullmatch(short) if len(short) < _LONGEST_HEADING else None
-    if found is None:
-        return short, ""
-    return found[1], printed_unit(found[2] or found[3])
-
-
-def read_table(
-    lines: Sequence[str], table: ReportTable, decimal: str | None
-) -> list[CoordinateReading]:
-    """Read the rows of a table."""
-    rows = _rows(lines, table)
-    values = ("nominal", "measured", "deviation")
-    shown = [place for name, place in table.places.items() if name in values]
-    sign = decimal_sign(((n, row[place]) for n, row in rows for place in shown), decimal)
-    return [_reading(number, row, table, sign) for number, row in rows]
-
-
-def _rows(lines: Sequence[str], table: ReportTable) -> list[tuple[int, list[str]]]:
-    rows = []
-    for number, line in enumerate(lines[table.line + 1 :], start=table.line + 2):
-        fields = split_line(line, table.delimiter)
-        if not any(fields):
+def _rows(lines: Sequence[str]) -> tuple[list[_Row], set[str]]:
+    rows: list[_Row] = []
+    left_out: set[str] = set()
+    dimension: _Dimension | None = None
+    heading: _Heading | None = None
+    for number, line in _joined(lines):
+        opened = _dimension(number, line[:_LONGEST_OPENING])
+        if opened is not None:
+            dimension, heading = opened, None
             continue
-        while len(fields) > table.width and not fields[-1]:
-            fields.pop()
-        if len(fields) < table.width and len(fields) > max(table.places.values()):
-            fields += [""] * (table.width - len(fields))
-        if len(fields) != table.width:
-            comma = (
-                ": is it a decimal comma in a file whose columns commas divide?"
-                if table.delimiter == "," and len(fields) > table.width
-                else ":"
-            )
+        found = _heading(line)
+        if found is not None:
+            if dimension is None:
+                raise RecordError(
+                    f"line {number}: a table stands below no dimension that says what is measured: "
+                    "print the report with the lines 'DIM ...'"
+                )
+            heading = found
+            continue
+        axis = line.split(maxsplit=1)[0].upper() if line.strip() else ""
+        if heading is None or dimension is None or not _is_row(line, axis):
+            continue
+        if axis in _LEFT_OUT:
+            left_out.add(axis)
+        elif axis in _AXES:
+            rows.append(_row(number, line, axis, dimension, heading))
+        else:
             raise RecordError(
-                f"line {number} has {len(fields)} columns, its heading has {table.width}{comma} "
-                "export it with semicolons between, or correct the line"
+                f"line {number}: the axis '{axis[:20]}' is unknown, expected one of "
+                f"{', '.join(sorted(_AXES))}: leave the dimension out of the report"
             )
-        rows.append((number, fields))
-    if not rows:
-        raise RecordError("there are no rows below the heading: export the report again")
-    return rows
+    return rows, left_out
 
 
-def _reading(number: int, row: Sequence[str], table: ReportTable, sign: str) -> CoordinateReading:
-    place = table.places
-    where = f"line {number}"
-    feature, axis = row[place["feature"]], row[place["axis"]]
-    if not feature or not axis:
-        raise RecordError(f"{where} names no {'axis' if feature else 'feature'}: correct the line")
-    nominal, measured = (
-        printed_number(row[place[name]], sign, f"{where}, {name}")
-        for name in ("nominal", "measured")
-    )
-    if "deviation" in place and table.units["deviation"] == table.units["measured"]:
-        given = row[place["deviation"]]
-        if given and not is_difference(given, row[place["measured"]], row[place["nominal"]], sign):
-            raise RecordError(
-                f"{where}: the deviation {given} is not measured minus nominal "
-                f"({row[place['measured']]} and {row[place['nominal']]}): correct the line"
-            )
-    stated = printed_unit(row[place["unit"]]) if "unit" in place else ""
-    units = {u for u in (stated, table.units["nominal"], table.units["measured"]) if u}
-    if len(units) > 1:
+def _joined(lines: Sequence[str]) -> list[tuple[int, str]]:
+    """Return the lines with their numbers, those that end in ``,$`` with what follows."""
+    joined: list[tuple[int, str]] = []
+    held: tuple[int, str] | None = None
+    for number, raw in enumerate(lines, start=1):
+        line = raw.expandtabs().rstrip()
+        start, text = (held[0], f"{held[1]}  {line.strip()}") if held else (number, line)
+        if text.endswith(",$"):
+            held = start, text[:-2].rstrip()
+            continue
+        held = None
+        joined.append((start, text))
+    return joined if held is None else [*joined, held]
+
+
+def _is_row(line: str, axis: str) -> bool:
+    """Say whether a line below a heading is a row of it, and not a footer of the page."""
+    words = line.split()
+    if any("=" in word and not _BAR.fullmatch(word) for word in words):
+        return False
+    numbers = sum(_NUMBER.fullmatch(word) is not None for word in words[1:])
+    return numbers > 2 or (numbers > 0 and _AXIS.fullmatch(axis) is not None)
+
+
+def _dimension(number: int, line: str) -> _Dimension | None:
+    """Return what a line opens, if it opens a dimension."""
+    given = next((f for f in _UNIT.finditer(line) if "=" in line[: f.start()]), None)
+    if given is None and re.match(r"\s*DIM\s.*=", line, re.IGNORECASE) is None:
+        return None
+    name, _, text = line[: given.start() if given else len(line)].partition("=")
+    unit = _UNITS.get(given[1].upper(), "") if given else ""
+    if given and not unit:
         raise RecordError(
-            f"{where}: nominal and measured value are in different units ({', '.join(units)}): "
-            "export them in one"
+            f"line {number}: the unit '{given[1]}' is unknown, expected MM, IN or DEG"
         )
-    return CoordinateReading(
-        feature=" ".join(feature.split()),
-        axis=axis_name(axis),
-        nominal=nominal,
-        measured=measured,
-        unit=next(iter(units), ""),
-    )
+    name = " ".join(re.sub(r"^\s*DIM\s+", "", name, flags=re.IGNORECASE).split())
+    return _Dimension(line=number, name=name, feature=_feature(text), unit=unit)
+
+
+def _feature(text: str) -> str:
+    """Return the feature that a dimension is of; nothing where the text does not tell."""
+    english = _OF.search(text)
+    if english is not None:
+        words = english[1].replace(",", " ").split()
+        while len(words) > 1 and _SHAPES.fullmatch(words[0]):
+            words.pop(0)
+        return words[0]
+    words = re.split(r"\s{2,}", text.strip())[0].split()
+    return "" if not words or any("=" in word for word in words) else words[-1].split(",")[0]
+
+
+def _row(number: int, line: str, axis: str, dimension: _Dimension, heading: _Heading) -> _Row:
+    tokens = list(_TOKEN.finditer(line))[1:]
+    while tokens and _BAR.fullmatch(tokens[-1][0]):
+        tokens.pop()
+    for token in tokens:
+        if not _NUMBER.fullmatch(token[0]):
+            raise RecordError(
+                f"line {number}: '{token[0][:30]}' in the row of {axis} is not a number: correct "
+                "it, or leave the dimension out of the report"
+            )
+    places = list(range(len(tokens)))
+    if len(tokens) != len(heading.ends):
+        places = _aligned(number, [token.end() for token in tokens], heading)
+    values = {
+        heading.roles[place]: token[0]
+        for place, token in zip(places, tokens, strict=True)
+        if heading.roles[place]
+    }
+    # a row that ends before its deviation may have lost digits of what stands before
+    for name in ("nominal", "measured", "deviation"):
+        if name in heading.roles and name not in values:
+            raise RecordError(
+                f"line {number}: there is no {name} value in the row of {axis}: print the report "
+                "again, with nominal and measured values"
+            )
+    feature = dimension.name if axis == "M" else dimension.feature
+    if not feature:
+        raise RecordError(
+            f"line {dimension.line}: it is not clear of which feature dimension "
+            f"'{dimension.name}' is: print the report in English"
+        )
+    return _Row(line=number, feature=feature, axis=axis, unit=dimension.unit, values=values)
+
+
+def _aligned(number: int, ends: Sequence[int], heading: _Heading) -> list[int]:
+    """Return the columns of numbers where some are left empty, by where they end."""
+    places: list[int] = []
+    for end in ends:
+        place = min(range(len(heading.ends)), key=lambda j: abs(heading.ends[j] - end))
+        if abs(heading.ends[place] - end) > _SHIFT or place in places:
+            raise RecordError(
+                f"line {number}: its {len(ends)} numbers do not stand below the "
+                f"{len(heading.ends)} headings of the table: print the report again"
+            )
+        places.append(place)
+    return places
+
+
+def _numbers(row: _Row, sign: str) -> tuple[float, float]:
+    """Return the nominal and the measured value of a row."""
+    nominal, measured = row.values["nominal"], row.values["measured"]
+    where = f"line {row.line}"
+    found = printed_number(nominal, sign, where), printed_number(measured, sign, where)
+    given = row.values.get("deviation")
+    if given is not None and not is_difference(given, measured, nominal, sign):
+        raise RecordError(
+            f"{where}: the deviation {given} of {row.axis} is not measured minus nominal "
+            f"({measured} and {nominal}): is the heading that of the row? Print the report again"
+        )
+    return found

@@ -3,10 +3,9 @@
 from pathlib import Path
 
 from flexstage.errors import RecordError
-from flexstage.records.cmm import is_coordinate_report
+from flexstage.records.cmm import has_report
 from flexstage.records.gcs_array import is_gcs_array
 from flexstage.records.text_rows import decoded
-from flexstage.records.touchstone import is_touchstone
 from flexstage.records.universal_sets import is_universal
 
 #: Suffixes of the formats that `read_record` knows; reports of measuring machines have none.
@@ -18,7 +17,6 @@ FORMATS: dict[str, tuple[str, ...]] = {
     "numpy": (".npy", ".npz"),
     "universal": (".uff", ".unv", ".ufb", ".bunv"),
     "gcs": (".gcs",),
-    "touchstone": (".s1p", ".s2p", ".s3p", ".s4p"),
     "cmm": (),
 }
 
@@ -68,6 +66,4 @@ def _kind_of_text(head: bytes) -> str:
     text = decoded(head if len(head) < _HEAD else head[: (head.rfind(b"\n") + 1) // 2 * 2])
     if is_gcs_array(text):
         return "gcs"
-    if is_touchstone(text):
-        return "touchstone"
-    return "cmm" if is_coordinate_report(text) else "text"
+    return "cmm" if has_report(text.splitlines()) else "text"

@@ -30,7 +30,6 @@ from flexstage.records.sampling import LARGEST_STEP, require_complete
 from flexstage.records.tdms import read_tdms
 from flexstage.records.text import read_text
 from flexstage.records.times import timed
-from flexstage.records.touchstone import read_touchstone
 from flexstage.records.universal_file import read_universal
 
 # with marks of thousands, two decimal signs, or none that is known
@@ -189,14 +188,12 @@ def _read(
     delimiter: str | None,
     decimal: str | None,
 ) -> FileColumns:
-    if known in ("text", "gcs", "touchstone") and dataset is not None:
+    if known in ("text", "gcs") and dataset is not None:
         raise RecordError(f"'{file}' is a text file: it has no datasets, leave the option out")
     if known == "text":
         return read_text(file, skip_lines=skip_lines, delimiter=delimiter, decimal=decimal)
     if known == "cmm":
-        return read_coordinates(
-            file, dataset, skip_lines=skip_lines, delimiter=delimiter, decimal=decimal
-        )
+        return read_coordinates(file, dataset, skip_lines=skip_lines, decimal=decimal)
     if skip_lines or delimiter or decimal:
         raise RecordError(
             f"'{file}' is no text file of columns: skip_lines, delimiter and decimal have no "
@@ -204,8 +201,6 @@ def _read(
         )
     if known == "gcs":
         return read_gcs_array(file)
-    if known == "touchstone":
-        return read_touchstone(file)
     readers = {
         "matlab": read_matlab,
         "hdf5": read_hdf5,

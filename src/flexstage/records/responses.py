@@ -12,7 +12,6 @@ from flexstage.errors import RecordError
 from flexstage.records.columns import gravity_unit, measured_unit
 from flexstage.records.record import Channel, Record, column_number
 from flexstage.records.sampling import require_complete
-from flexstage.records.touchstone import from_polar
 
 _WORDS: dict[str, tuple[str, ...]] = {
     "real": ("real", "re", "realpart"),
@@ -282,7 +281,8 @@ def _values(record: Record, first: _Part, second: _Part) -> NDArray[np.complex12
             f"the magnitude in column '{first.channel.name}' is negative: where it is in decibels, "
             f"{_SAID}"
         )
-    return from_polar(magnitude, _radians(record, second), decibel=decibel)
+    size = np.power(10.0, magnitude / 20.0) if decibel else magnitude
+    return np.asarray(size * np.exp(1j * _radians(record, second)), dtype=np.complex128)
 
 
 def _signed(part: _Part) -> Array:

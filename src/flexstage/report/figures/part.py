@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from flexstage.arrays import Array, Integers
-from flexstage.fem.part import Part
-from flexstage.fem.part_estimate import PartSurface, part_surface
+from flexstage.fem.part import Part, PartSurface, part_surface
 from flexstage.report.figures.style import BODY, CYCLE, INK, MUTED, PAPER, entitle, new_figure
 
 if TYPE_CHECKING:

@@ -1,0 +1,65 @@
+"""Tables of characteristics, for spreadsheets and scripts."""
+
+import csv
+import io
+from collections.abc import Iterable
+
+from flexstage.characteristic import Characteristic, Characteristics
+from flexstage.comparison import compare
+from flexstage.errors import ModelError, StageError
+from flexstage.export.request import ExportRequest
+from flexstage.files.names import file_name
+
+
+def table_files(characteristics: Iterable[Characteristic], *, name: str) -> dict[str, bytes]:
+    """Return characteristics as tables with commas between, for spreadsheets and scripts.
+
+    ``NAME-values.csv``: one line for each value, SI, all digits, with unit, standard uncertainty,
+    origin and note. ``NAME-comparison.csv``: the same with a column for each origin.
+
+    Rows are of any origin: what was published of a stage, what models say, what was measured.
+
+    Notes
+    -----
+    Validity: notes are written as they are: a spreadsheet may take one that begins with ``=`` for a
+    formula.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> stage = design("vgtu-piezo")
+    >>> files = table_files(stage.published, name=stage.name)
+    >>> print(files["vgtu-piezo-values.csv"].decode().splitlines()[7])
+    natural_frequency_hz,x,published-analytic,339.0,Hz,,,
+    """
+    rows = Characteristics(characteristics)
+    if not rows:
+        raise ModelError(f"there are no characteristics of '{name}' to write: give one at least")
+    plain = file_name(name)
+    return {
+        f"{plain}-values.csv": _csv(rows.columns()),
+        f"{plain}-comparison.csv": _csv(compare(rows).si_columns()),
+    }
+
+
+def _csv(columns: dict[str, list[object]]) -> bytes:
+    """Write columns with all the digits that give back the same bits."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\r\n")
+    rows.writerow(columns)
+    for line in zip(*columns.values(), strict=True):
+        rows.writerow(
+            ["" if v is None else repr(float(v)) if isinstance(v, float) else v for v in line]
+        )
+    return text.getvalue().encode()
+
+
+def export(request: ExportRequest) -> dict[str, bytes]:
+    """Write the characteristics beside what was published."""
+    figures = (*request.stage.published, *request.analysis.characteristics)
+    if not figures:
+        raise StageError(
+            f"stage '{request.stage.name}' has no axis and so no characteristics: name a drive "
+            "and a probe under 'axes' in the stage file"
+        )
+    return table_files(figures, name=request.name)

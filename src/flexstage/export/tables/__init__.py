@@ -1,1 +1,0 @@
-"""Characteristics as tables for other programs: CSV, Excel, LaTeX."""
