@@ -5,6 +5,7 @@ import json
 import pytest
 
 from flexstage.designs import design
+from flexstage.errors import PlanError
 from flexstage.experiments import VerifiedStep, find_plan, read_plan, run_plan
 from flexstage.experiments.file import plan_from_text
 from flexstage.experiments.verbs.centre import CentredStep
@@ -143,3 +144,26 @@ def test_a_scale_is_centred_by_the_simulated_stage_and_read_back(tmp_path):
         assert abs(move.length - move.true_length) < 2.0 * move.uncertainty
     assert again.step("centring").moves == done.moves
     require_valid(json.loads((tmp_path / "results.json").read_text("utf-8")), "run")
+
+
+class WithoutHammer:
+    """An instrument as a controller is: it cannot strike the stage."""
+
+    capabilities = frozenset()
+
+    def __init__(self, instrument):
+        self._instrument = instrument
+
+    def __getattr__(self, name):
+        return getattr(self._instrument, name)
+
+
+def test_a_plan_that_strikes_is_refused_before_anything_moves(tmp_path):
+    plan = read_plan(find_plan("vgtu-mechanical"))
+    said = "the .* has no hammer for blows-x, blows-y: .*; nothing has been moved"
+    with connect("twin://?seed=4&model=lumped", design("vgtu-mechanical")) as instrument:
+        with pytest.raises(PlanError, match=said):
+            run_plan(plan, WithoutHammer(instrument), tmp_path / "run")
+        assert not (tmp_path / "run").exists()
+        # its other steps are possible
+        run_plan(plan, WithoutHammer(instrument), tmp_path / "run", only=("hold-x",))

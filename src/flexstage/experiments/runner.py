@@ -39,7 +39,7 @@ from flexstage.instruments.catalogue.entries import StageEntry
 from flexstage.instruments.catalogue.folder import enter_folder
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.lock import folder_lock, instrument_lock
-from flexstage.instruments.protocol import Instrument
+from flexstage.instruments.protocol import Capability, Instrument
 from flexstage.instruments.ramp import to_safe
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
@@ -191,6 +191,13 @@ def _require_possible(
     rate = base_rate_of(instrument)
     for problem in dry_run(plan, stage, only=only, base_rate_hz=rate).problems:
         raise PlanError(f"{problem}; nothing has been moved")
+    struck = [step.name for step in plan.chosen(only) if step.action.struck]
+    if struck and Capability.IMPACT not in instrument.capabilities:
+        raise PlanError(
+            f"the {instrument.identity.model} has no hammer for {', '.join(struck)}: leave these "
+            "steps out by --only, or strike the stage by hand and evaluate the record of the "
+            "hammer's own instrument; nothing has been moved"
+        )
 
 
 def _begun(context: RunContext, *, resume: bool) -> RunState:
