@@ -289,6 +289,10 @@ def test_lines_that_change_places_do_not_lie_on_each_other() -> None:
             level = one[1] == one[3] and other[1] == other[3]
             near = abs(one[1] - other[1]) < 3.0
             assert not (level and near and min(one[2], other[2]) > max(one[0], other[0]))
+    # only where it is asked for are cells lowered, so that a group is no taller than it must be
+    plain = route(cells, places, nets)
+    assert plain.cells["a"][1] == plain.cells["c"][1]
+    assert plain.size[1] < route(cells, places, nets, apart=True).size[1]
 
 
 def test_a_page_is_no_strip() -> None:

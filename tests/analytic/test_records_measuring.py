@@ -12,6 +12,7 @@ from flexstage.records import FORMATS, Channel, Record, read_record, write_recor
 from flexstage.records.cmm_words import decimal_sign, printed_number
 from flexstage.records.columns import measured_unit
 from flexstage.records.quality import require_live, require_unclipped, require_unit
+from flexstage.records.universal_values import ValueLayout, decoded_values
 from flexstage.records.write import record_bytes
 from tests.measuring_files import function_58, gcs_array, report, units_164
 
@@ -77,6 +78,15 @@ def test_functions_by_hand(
         "title": "hammer on the frame",
         "date": "04-Mar-21 10:00:00",
     }
+
+
+def test_numbers_of_text_may_touch() -> None:
+    """Columns of fixed width part numbers where a sign takes the last space between them."""
+    layout = ValueLayout(count=3, double=True, is_complex=False, uneven=True)
+    content = b""
+    for k, (x, v) in enumerate([(1.5, -1.125), (2.25, -2.5), (4.0, -7.0)]):
+        content += f"{x:13.5E}{v:20.13E}".encode() + (b"\n" if k % 2 else b"")
+    assert decoded_values(content, layout).tolist() == [[1.5, -1.125], [2.25, -2.5], [4.0, -7.0]]
 
 
 def test_uneven_double_binary_with_either_abscissa(tmp_path: Path) -> None:
@@ -512,6 +522,19 @@ def test_more_columns_and_titles(tmp_path: Path) -> None:
             saved(tmp_path, "5;1\n" + "\n".join(lines), "p.csv"), skip_lines=1, delimiter=";"
         )
     )
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "more", "asked"), [(",", ",5", True), (",", "", False), (";", ";5", False)]
+)
+def test_a_row_of_another_length_is_asked_about_its_commas(
+    tmp_path: Path, delimiter: str, more: str, asked: bool
+) -> None:
+    lines = table(delimiter, ".", "Merkmal,Achse,Soll,Ist").splitlines()
+    lines[2] = lines[2] + more if more else lines[2].split(delimiter)[0]
+    with pytest.raises(RecordError, match="line 3 has") as caught:
+        read_record(saved(tmp_path, "\n".join(lines), "points.csv"), units={"length": "mm"})
+    assert ("is it a decimal comma" in str(caught.value)) == asked
 
 
 def test_a_table_without_units_asks(tmp_path: Path) -> None:
