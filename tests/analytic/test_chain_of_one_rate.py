@@ -8,6 +8,7 @@ import pytest
 from flexstage.hysteresis import DriveModel, LogCreep, PrandtlIshlinskii
 from flexstage.hysteresis.drive_model import Start, ValidityRange
 from flexstage.hysteresis.identification.chain_search import find_chain, find_starts
+from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.records import Channel, Record
 
@@ -65,6 +66,11 @@ def test_records_on_one_zero_tell_what_was_before_them() -> None:
     data = measurement(made, "u", "y")
     starts, _ = find_starts(data, find_chain(data))
     assert starts == (math.inf, math.inf)
+    # and so it is where the creep is known and nothing else is looked for
+    known = find_chain(data, ChainValues(creep_per_decade=0.03))
+    assert find_starts(data, known) == ((math.inf, math.inf), 0.0)
+    # nothing is remembered without creep
+    assert find_starts(data, find_chain(data, ChainValues()))[0] == ("rested", "rested")
 
 
 def test_records_on_one_zero_are_not_given_pasts_that_put_them_on_two() -> None:

@@ -4,7 +4,8 @@ import pytest
 
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.errors import ModelError
-from flexstage.quantities import QUANTITIES
+from flexstage.quantities import QUANTITIES, Quantity
+from flexstage.units.columns import si_unit
 
 
 def row(axis: str, origin: str, value: float) -> Characteristic:
@@ -77,3 +78,9 @@ def test_every_quantity_has_a_unit_that_stage_files_can_write() -> None:
     from flexstage.files.format import DIMENSION_OF_UNIT
 
     assert {q.unit for q in QUANTITIES.values() if q.unit != "1"} <= set(DIMENSION_OF_UNIT)
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=lambda q: q.name)
+def test_what_is_shown_is_in_the_unit_that_stands_beside_it(quantity: Quantity) -> None:
+    factor, _ = si_unit(quantity.shown_unit.replace(" ", "*") or "1")
+    assert quantity.factor * factor == pytest.approx(1.0, rel=1e-12)

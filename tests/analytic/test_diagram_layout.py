@@ -11,7 +11,7 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.export.diagram.graph import Diagram
-from flexstage.export.diagram.grid import route
+from flexstage.export.diagram.grid import ChannelRun, route, tracks_of
 from flexstage.export.diagram.markup import SMALL, plain
 from flexstage.export.diagram.page import PageLayout, PlacedBlock, PlacedLine, layout
 from flexstage.export.diagram.shapes import DiagramCell, Net, Pin
@@ -289,6 +289,24 @@ def test_lines_that_change_places_do_not_lie_on_each_other() -> None:
             level = one[1] == one[3] and other[1] == other[3]
             near = abs(one[1] - other[1]) < 3.0
             assert not (level and near and min(one[2], other[2]) > max(one[0], other[0]))
+    # only where it is asked for are cells lowered, so that a group is no taller than it must be
+    plain = route(cells, places, nets)
+    assert plain.cells["a"][1] == plain.cells["c"][1]
+    assert plain.size[1] < route(cells, places, nets, apart=True).size[1]
+
+
+def test_runs_of_a_channel_take_as_few_tracks_as_they_need() -> None:
+    def run(left: float, right: float) -> ChannelRun:
+        return ChannelRun(left=[left], right=[right])
+
+    apart = {"up": run(0.0, 40.0), "down": run(140.0, 90.0)}
+    assert tracks_of(apart) == {"up": 0, "down": 0}
+    assert tracks_of({**apart, "all": run(10.0, 130.0)}) == {"up": 0, "down": 0, "all": 1}
+    # what comes from the left where the other goes on to the right turns before it
+    assert tracks_of({"second": run(80.0, 40.0), "first": run(40.0, 0.0)}) == {
+        "first": 0,
+        "second": 1,
+    }
 
 
 def test_a_page_is_no_strip() -> None:

@@ -3,12 +3,14 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from flexstage.errors import StageError
 from flexstage.material import material
 from flexstage.stage import Body, Hinge, Loop, Stage, check
 from flexstage.stage.drawing.drawn_stage import DrawingOptions, read_drawing
+from flexstage.stage.drawing.thickness import _Samples, _too_coarse
 from tests import foreign_drawings as foreign
 from tests.drawing_stages import NOTCHES, guide
 from tests.drawn_stages import dxf_without_hinges, require_same
@@ -170,3 +172,23 @@ def test_smooth_necks_of_every_kind_come_back(one_sided: bool, tmp_path) -> None
     found = read_drawing(path, DrawingOptions(thickness=stage.thickness))
     require_same(found.stage, stage)
     assert {n.certainty for n in found.necks} == {"sure"}
+
+
+@pytest.mark.parametrize(("height", "coarse"), [(20, 0), (1, 36)])
+def test_points_are_wanted_where_sides_face_each_other(height: int, coarse: int) -> None:
+    """A square 20 mm wide has enough points every millimetre; a bar 1 mm thick wants more."""
+    size = 2 * (20 + height)
+    way = np.arange(size)
+    x = np.interp(way, [0, 20, 20 + height, 40 + height, size], [0, 20, 20, 0, 0])
+    y = np.interp(way, [0, 20, 20 + height, 40 + height, size], [0, 0, height, height, 0])
+    one = np.zeros(size, dtype=int)
+    samples = _Samples(
+        at=1e-3 * np.column_stack((x, y)),
+        contour=one,
+        stroke=one,
+        share=way / size,
+        along=1e-3 * way,
+        following=np.roll(np.arange(size), -1),
+        length=np.full(size, 1e-3 * size),
+    )
+    assert len(_too_coarse(samples, np.full(size, 1e-3))) == coarse

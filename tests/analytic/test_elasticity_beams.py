@@ -477,6 +477,15 @@ def test_a_path_goes_on_with_the_stiffness_that_it_has():
     assert max(path.iterations[1:]) < path.iterations[0]
 
 
+def test_a_solid_sheared_out_of_its_plane_has_the_stress_of_that():
+    part = bar(17e-3, 5e-3, 3e-3, order=1)
+    stress = material_stress(part, interpolate(part, 0.0, 0.0, 1e-7 * ng.y / METRE))
+    volume = ng.Integrate(ng.CoefficientFunction(1.0), part.mesh)
+    for i, j in ((1, 2), (2, 1)):
+        found = ng.Integrate(stress[i, j], part.mesh) / volume
+        assert found == pytest.approx(1e-7 * part.shear_modulus, rel=1e-9)
+
+
 def test_the_stress_of_von_mises_is_that_of_the_principal_stresses():
     """Whatever the axes: half the squares of the differences of the eigenvalues (1913)."""
     random = np.random.default_rng(11)

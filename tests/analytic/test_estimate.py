@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from scipy import stats
 
@@ -60,3 +61,11 @@ def test_impossible_ones_are_refused() -> None:
         Component(name="noise", uncertainty=1.0, degrees_of_freedom=0.0)
     with pytest.raises(ModelError, match="between 0 and 1"):
         Estimate(value=1.0, unit="m").interval(1.0)
+
+
+def test_a_deviation_of_fifty_degrees_of_freedom_is_known_to_a_tenth() -> None:
+    """JCGM 100:2008, table E.1, and the scatter of such deviations themselves."""
+    found = Estimate.of_deviation(3e-9, 50.0, "m")
+    assert found.uncertainty == pytest.approx(0.3e-9, rel=1e-12)
+    drawn = np.sqrt(np.random.default_rng(8).chisquare(50.0, 100_000) / 50.0)
+    assert found.uncertainty == pytest.approx(3e-9 * drawn.std(), rel=0.01)

@@ -789,3 +789,31 @@ def test_variances_of_few_averages_stay_as_sharp_as_the_peak() -> None:
     # a moving mean of seven lines is some times too large beside the peak, and too small on it
     assert mean[peak] == pytest.approx(1.0, abs=0.12)
     assert mean[20:-20] == pytest.approx(1.0, abs=0.15)
+
+
+def test_what_scatters_as_expected_is_noise_in_any_unit():
+    from flexstage.measure.modal.prepare import _noises
+
+    rng = np.random.default_rng(5)
+    scatter = np.where(np.arange(400) % 80 < 20, 25.0, 1.0)
+    square = scatter * rng.exponential(size=400)
+    one = np.ones(400)
+    found = _noises(square, one, scatter, one)
+    assert found / scatter == pytest.approx(np.full(400, np.mean(square / scatter)), rel=0.05)
+    assert _noises(1e-12 * square, one, 1e-12 * scatter, one) == pytest.approx(1e-12 * found)
+    assert _noises(square, one, 1e-6 * scatter, one) == pytest.approx(found)
+    # what a model lacks is of some lines alone, whatever was expected of them
+    square[100:180] *= 1e4
+    assert np.ptp(_noises(square, one, scatter, one)) == 0.0
+
+
+def test_independent_residuals_are_seldom_taken_for_shared():
+    """Of three responses with noise of their own, one in 500 pairs of records seems to share it."""
+    from flexstage.measure.modal.covariance import _shared
+
+    normal = np.random.default_rng(77).normal
+    noise = normal(size=(3000, 60, 3)) + 1j * normal(size=(3000, 60, 3))
+    taken = sum(bool(np.any(_shared(one) != np.eye(3))) for one in noise)
+    assert taken <= 12
+    noise[..., 1] += 2.0 * noise[..., 0]
+    assert all(np.any(_shared(one) != np.eye(3)) for one in noise[:50])

@@ -32,6 +32,7 @@ from flexstage.instruments.lock import stage_lock
 from flexstage.instruments.protocol import Identity
 from flexstage.instruments.recording.metadata import RUN, RunMetadata
 from flexstage.records import Channel, Record, read_record
+from flexstage.report.run import _lead
 from flexstage.stage.limits import AxisLimits
 from flexstage.studies.measurement import compare_plan
 from tests.result_schema import require_valid
@@ -94,6 +95,7 @@ def test_figures_are_those_of_the_closed_forms(tmp_path):
     assert value("workspace_area", "xy") == pytest.approx(60.0**2 * GAIN * 4.3e-7, rel=1e-4)
     assert found.origin == "virtual"
     assert found.instrument.model == "in memory"
+    assert _lead(found).startswith(f"{len(found.steps)} steps on ")
     # the cycle that only prepares is left out of the evaluation
     (motion, *_) = found.step("figures").found.results
     assert motion.details["stroke"].of_cycles.shape[0] == 3

@@ -12,6 +12,7 @@ from flexstage.records import FORMATS, Channel, Record, read_record, write_recor
 from flexstage.records.cmm_numbers import decimal_sign, printed_number
 from flexstage.records.columns import measured_unit
 from flexstage.records.quality import require_live, require_unclipped, require_unit
+from flexstage.records.universal_values import ValueLayout, decoded_values
 from flexstage.records.write import record_bytes
 from tests.measuring_files import function_58, gcs_array, report, units_164
 
@@ -77,6 +78,15 @@ def test_functions_by_hand(
         "title": "hammer on the frame",
         "date": "04-Mar-21 10:00:00",
     }
+
+
+def test_numbers_of_text_may_touch() -> None:
+    """Columns of fixed width part numbers where a sign takes the last space between them."""
+    layout = ValueLayout(count=3, double=True, is_complex=False, uneven=True)
+    content = b""
+    for k, (x, v) in enumerate([(1.5, -1.125), (2.25, -2.5), (4.0, -7.0)]):
+        content += f"{x:13.5E}{v:20.13E}".encode() + (b"\n" if k % 2 else b"")
+    assert decoded_values(content, layout).tolist() == [[1.5, -1.125], [2.25, -2.5], [4.0, -7.0]]
 
 
 def test_uneven_double_binary_with_either_abscissa(tmp_path: Path) -> None:

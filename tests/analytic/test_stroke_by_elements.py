@@ -14,6 +14,7 @@ from flexstage.fem.geometry import patches
 from flexstage.fem.ports import drive_vector
 from flexstage.fem.stroke import FiniteStroke, bar_buckling_load, two_notch_bars, with_stroke
 from flexstage.lumped import hinge_springs, stroke_path
+from flexstage.studies.models import ModelOptions, run_model
 from flexstage.system import analyse
 
 STAGE = design("parallelogram")
@@ -47,6 +48,14 @@ def test_a_parallelogram_sags_as_its_legs_turn(model) -> None:
     held, loose = (buckling(half.continuum, u, locked=r).positive[0] for r in (row, None))
     assert path.buckling_factor == pytest.approx(held, rel=1e-9)
     assert held > loose  # by 6e-6: the legs give way, not the drive
+
+
+def test_the_plane_model_follows_the_stroke_where_asked(model, monkeypatch) -> None:
+    monkeypatch.setattr("flexstage.fem.plane_model", lambda *_, **__: model)
+    monkeypatch.setattr("flexstage.fem.stroke.with_stroke", lambda found, mesh: (found, (mesh,)))
+    run = run_model(STAGE, "plane", ModelOptions(stroke=True))
+    assert run.strokes == (model,)
+    assert run.bars == {body: bar_buckling_load(STAGE, body) for body in ("left-leg", "right-leg")}
 
 
 def test_rows_and_words_of_a_stroke(model) -> None:

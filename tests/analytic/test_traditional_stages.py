@@ -73,6 +73,14 @@ def test_sentences_say_what_the_figures_say() -> None:
     assert "By straightness" not in " ".join(verdict(comparison(finite_elements=False)))
 
 
+def test_the_worse_axis_is_worse_by_its_median() -> None:
+    found = comparison()
+    x, y = found.own.axes["x"], found.own.axes["y"]
+    rare = replace(x, across=np.where(np.arange(x.across.size) < 36, x.across, 9e-7))
+    text = " ".join(verdict(replace(found, own=replace(found.own, axes={"x": rare, "y": y}))))
+    assert "rigid bodies go 0.140 µm" in text
+
+
 def test_the_longest_leg_has_the_arc_that_the_claim_asks_for() -> None:
     found = comparison()
     assert (63e-6) ** 2 / (2.0 * found.longest_leg) * (1.0 - 0.17) == pytest.approx(0.20e-6)

@@ -90,6 +90,7 @@ def test_a_move_under_control_is_a_ramp_at_the_speed_of_the_axis(
     device.advance(0.01)
     device.set_targets({"1": 17e-6})
     assert device.moving("1")
+    assert device.target("1") == 17e-6
     device.advance(0.2)
     sent = stage.commands[0, 101:]  # the sample at time 0, then 100
     # it stood below its range at 0, and control has led it to the low end

@@ -309,6 +309,14 @@ def test_a_small_jump_is_found_whatever_was_taken_for_creep(share, place, chain)
     assert jump.size == pytest.approx(share * STROKE, rel=0.35)
 
 
+def test_a_jump_stands_out_of_much_noise():
+    """What is left without the jump is white, and each of its samples counts."""
+    y = jumped(677, 2.0 / STROKE) + np.random.default_rng(4).normal(0.0, 0.5, U.size)
+    (jump,) = changes((U[:1200], y[:1200]))
+    assert jump.at[0] == pytest.approx(677 * DT, abs=3.0 * DT)
+    assert jump.size == pytest.approx(2.0, rel=0.1)
+
+
 def test_a_jump_is_found_between_two_rates():
     fast = drive(2500, rate_hz=6.1)
     u = np.concatenate((U[:3500], fast))

@@ -201,7 +201,14 @@ def test_corners_make_the_area(piezo) -> None:
     x = np.array([record.channel("x").values[corner == k].mean() for k in range(4)])
     y = np.array([record.channel("y").values[corner == k].mean() for k in range(4)])
     area = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
-    assert area == pytest.approx(true_figures(piezo)["workspace_area", "xy"], rel=1e-4)
+    figures = true_figures(piezo)
+    assert area == pytest.approx(figures["workspace_area", "xy"], rel=1e-4)
+    # what the angle between the sides that meet at the origin is beyond 90 degrees
+    origin, right, up = np.argmin(x + y), np.argmax(x - y), np.argmax(y - x)
+    sides = (np.arctan2(y[k] - y[origin], x[k] - x[origin]) for k in (up, right))
+    angle = float(np.subtract(*sides)) - 0.5 * np.pi
+    assert abs(angle) > 1e-4
+    assert figures["squareness", "xy"] == pytest.approx(angle, abs=0.03 * abs(angle))
     assert record.over == "point"
 
 

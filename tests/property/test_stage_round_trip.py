@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import StageError
+from flexstage.files.yaml_text import yaml_text
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
 from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
@@ -83,3 +84,8 @@ def test_a_file_is_replaced_whole_or_not_at_all(
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
     with pytest.raises(StageError, match="cannot be written"):
         write_stage(stage, tmp_path / "nowhere" / "stage.yaml")
+
+
+def test_what_stands_deep_is_written_on_one_line() -> None:
+    deep = {"a": {"b": {"c": 1, "d": {"e": 2, "f": [3, 4]}}}}
+    assert yaml_text(deep) == "a:\n  b:\n    c: 1\n    d: {e: 2, f: [3, 4]}\n"

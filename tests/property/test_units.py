@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 
 from flexstage.errors import UnitError
 from flexstage.units import DIMENSIONS, parse, readable, readable_unit, to_text
+from flexstage.units.columns import si_unit
+from flexstage.units.text import shortened
 
 finite = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e15, max_value=1e15)
 
@@ -99,6 +101,18 @@ def test_nonsense_is_one_sentence(text: object, dimension: str, part: str) -> No
         parse(text, dimension)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 250
+
+
+@pytest.mark.parametrize(("size", "shown"), [(58, 60), (59, 60)])
+def test_long_values_are_shortened_in_messages(size: int, shown: int) -> None:
+    text = shortened("x" * size)
+    assert len(text) == shown
+    assert text.endswith("...") == (size > 58)
+
+
+@pytest.mark.parametrize("text", ["1", "-", "none", "strain", "m/m", "counts"])
+def test_plain_numbers_over_columns_stay_what_they_are(text: str) -> None:
+    assert si_unit(text)[0] == 1.0
 
 
 def test_a_bare_number_takes_the_unit_that_is_given() -> None:

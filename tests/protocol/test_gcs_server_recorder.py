@@ -36,6 +36,16 @@ def test_what_was_recorded_is_read_as_what_it_was():
     assert b"# NAME0 = Control Voltage of output chan 2 \n" in text
 
 
+def test_asking_how_much_is_recorded_leads_a_fast_twin_on_to_the_end():
+    session = opened()
+    device = session._interpreter.device
+    talk(session, "DRC 1 1 7\nRTR 10\nDRT 0 4 0")
+    assert device.recorder.recording
+    session.feed(b"DRL?\n")
+    assert device.now > 0.1
+    assert session.feed(b"DRL? 1\n") > b"1=50"
+
+
 def test_triggers_of_the_recorder():
     def recording(lines):
         device = FormulaDevice()

@@ -268,6 +268,9 @@ def test_guesses_weights_and_complex_modes(capsys, universal):
     check_modes(late, frequency=1e-3, damping=0.1)
     # modes of any phase leave little to tell the delay by
     assert abs(late["delay"]["value"]) < 0.5 / RATE
+    # those in phase with each other tell more
+    real = found(capsys, universal, "--band", "80:350", "--delay")
+    assert real["delay"]["uncertainty"] < 0.5 * late["delay"]["uncertainty"]
 
 
 def test_a_step_of_few_digits_widens_the_interval(capsys, folder):

@@ -31,6 +31,8 @@ def test_faces_and_mass(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("part", bar, "--order", "0", "--json") == 0
     found = json.loads(capsys.readouterr().out)
     assert found["mass"] == pytest.approx(2810.0 * LENGTH * WIDTH * HEIGHT * 1e-9, rel=1e-9)
+    assert found["volume"] == pytest.approx(LENGTH * WIDTH * HEIGHT * 1e-9, rel=1e-9)
+    assert [s["volume"] for s in found["solids"]] == pytest.approx([found["volume"]])
     assert len(found["faces"]) == 6
     assert sum(f["area"] for f in found["faces"]) == pytest.approx(
         2e-6 * (LENGTH * WIDTH + LENGTH * HEIGHT + WIDTH * HEIGHT), rel=1e-9

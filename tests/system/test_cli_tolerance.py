@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from flexstage.cli import main
 from flexstage.designs import design
 from flexstage.explore import open_workers
 from flexstage.explore.family import known_figures
-from flexstage.explore.figures import Figure, usual_figures
+from flexstage.explore.figures import Figure, Requirement, usual_figures
 from flexstage.explore.requests.tolerance import scatter_of
 from flexstage.explore.tolerance import tolerance
 from flexstage.progress import listen
@@ -141,6 +142,16 @@ def test_what_is_rounding_has_neither_shares_nor_a_picture():
     assert study.shares_of(FREQUENCY) is not None
     titles = [axes.get_title("left") for axes in draw_spreads(study).axes]
     assert titles == ["Natural frequency x [Hz]"]
+    # limits a little beyond the lot are drawn, and one far away is not
+    edges = study.spreads[1].edges
+    width = edges[-1] - edges[0]
+    for low, high, drawn in ((0.5, 0.5, 2), (0.5, 5.0, 1), (-0.2, -0.2, 2)):
+        limits = Requirement(
+            figure=FREQUENCY, low=edges[0] - low * width, high=edges[-1] + high * width
+        )
+        limited = replace(study, yields=(SimpleNamespace(requirement=limits),))
+        axes = draw_spreads(limited).axes[0]
+        assert sum(line.get_linestyle() == "-" for line in axes.lines) == drawn
     (alone,) = tolerance(
         design("three-rrr"), figures=[coupling], samples=150, model="lumped"
     ).spreads

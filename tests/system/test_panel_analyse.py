@@ -220,6 +220,14 @@ def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
         await user.should_see("193.7")
         await user.open("/analyse")
         await user.should_see("193.7")
+        states = [b for b in user.find(kind=ui.button).elements if "aria-pressed" in b.props]
+        pressed = [b.text for b in states if b.props["aria-pressed"] == "true"]
+        assert len(pressed) == 1 < len(states)
+        # what was chosen is shown again
+        state.shown.state = "mode 2"
+        await user.open("/analyse")
+        await user.should_see("193.7")
+        assert state.shown.state == "mode 2"
         # the page of Design is still open, and does its own
         assert [n for n in started if "," in n] == ["parallelogram, rigid bodies"]
         # what fails says why, and the others go on

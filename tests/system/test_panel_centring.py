@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexstage.centring.trial_moves import OrderResponse
+from flexstage.centring.trial_results import _best
 from flexstage.cli import main
 from flexstage.errors import FlexstageError, ModelError, RecordError
+from flexstage.estimate import Component, Estimate
 from flexstage.web.centring.findings import figures, place, rows_of
 from flexstage.web.centring.stage_moves import move_to, place_of
 from flexstage.web.centring.state import CentringState
@@ -33,6 +36,20 @@ def measured(state: CentringState, folder: Path) -> None:
     simulated_record(by, len(state.measured), path)
     state.take(path)
     state.found = evaluated(state.request, "key")
+
+
+def test_of_a_magnet_the_order_counts_that_tells_the_centre_best() -> None:
+    def order(number: int, deviation: float | None) -> OrderResponse:
+        own = () if deviation is None else (Component(name="noise", uncertainty=deviation),)
+        at = Estimate(value=1e-5, unit="m", components=own) if own else None
+        return OrderResponse(
+            order=number, change=1e-6, follows="in proportion", gain=1.0, left=0.0, x=at, y=at,
+            positions=4,
+        )  # fmt: skip
+
+    found = [order(1, 3e-6), order(2, 1e-6), order(3, None), order(4, 2e-6)]
+    assert _best(found, "magnet") is found[1]
+    assert _best(found, None) is found[0]
 
 
 def test_four_steps_centre_the_scale_as_the_command_says(

@@ -223,6 +223,7 @@ def test_a_point_is_picked_and_opened_in_design(tmp_path: Path) -> None:
         # a reload finds the result
         await user.open("/explore")
         await user.should_see("5 of 5 points")
+        await user.should_see(kind=ui.html, content='data-do="pick:4"')
         await user.should_see(f"flexstage sweep parallelogram --over '{NECK}=0.35..0.65 mm/5'")
         run.picked = 1
         await user.open("/explore")

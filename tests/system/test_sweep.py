@@ -376,6 +376,10 @@ def test_maps_leave_out_what_is_no_stage(over_legs):
 
 def test_many_variables_are_a_matrix(with_indices):
     figure = draw_sweep(with_indices)
+    for axes in figure.axes:
+        (low, high), x = axes.get_xlim(), axes.lines[0].get_xdata()
+        # every point is in sight, and they fill the range
+        assert low <= x.min() < x.max() <= high < low + 1.3 * np.ptp(x)
     assert len(figure.axes) == 2 * 3
     bars = draw_indices(with_indices)
     assert drawn_titles(bars) == ["Natural frequency x", "Largest stress x"]

@@ -162,7 +162,8 @@ def command_line_page(app: typer.Typer) -> str:
     sections: dict[str, list[Any]] = {}
     for command in root.commands.values():
         sections.setdefault(section_of(command), []).append(command)
-    context = typer.Context(root, info_name="flexstage")
+    # with the settings of the command: what is made here of its parameters is kept by them
+    context = typer.Context(root, info_name="flexstage", **root.context_settings)
     for title, commands in sections.items():
         parts.append(f"## {title}\n")
         for command in commands:
