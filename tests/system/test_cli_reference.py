@@ -1,6 +1,8 @@
 """The page of the manual on the command line holds every command, option and default."""
 
 import re
+import subprocess
+import sys
 
 from flexstage.cli import app
 from flexstage.cli.command import FORMER_OPTIONS, command_line_page
@@ -38,3 +40,14 @@ def test_every_row_has_the_columns_of_its_table() -> None:
             width = bars
         elif "| meaning |" not in line and "| former |" not in line:
             assert bars == width, line
+
+
+def test_the_page_leaves_the_help_of_commands_as_it_is() -> None:
+    # in a process where nothing has asked for help before
+    program = (
+        "from flexstage.cli import app, main; from flexstage.cli.command import command_line_page; "
+        "command_line_page(app); main(['hinges', '-h'])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("Usage: flexstage hinges ")
