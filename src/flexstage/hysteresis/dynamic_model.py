@@ -141,8 +141,8 @@ class DynamicModel:
     `load_factor` of its free displacement.
 
     Voltages move on straight lines between the samples. For these the readings are exact: the
-    hysteresis is known between the samples, in closed form where the model has one and to rounding
-    where not, and the modes are stepped through it. Creep is linear and its product with a mode is
+    hysteresis is known between the samples, in closed form where the model has one and within 1e-10
+    of its output where not, and the modes are stepped through it. Creep is linear and its product with a mode is
     a sum of both (partial fractions), so that both are stepped side by side and neither adds an
     error.
 
