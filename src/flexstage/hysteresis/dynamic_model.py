@@ -142,9 +142,9 @@ class DynamicModel:
 
     Voltages move on straight lines between the samples. For these the readings are exact: the
     hysteresis is known between the samples, in closed form where the model has one and within 1e-10
-    of its output where not, and the modes are stepped through it. Creep is linear and its product with a mode is
-    a sum of both (partial fractions), so that both are stepped side by side and neither adds an
-    error.
+    of its output where not, and the modes are stepped through it. Creep is linear and its product
+    with a mode is a sum of both (partial fractions), so that both are stepped side by side and
+    neither adds an error.
 
     Validity: that of the mechanical system and of the hysteresis models; small motion, one
     temperature; the hysteresis depends on the voltage and not on the force of the stack; output of
