@@ -53,7 +53,7 @@ int main(void)
 
 
 def everything() -> DynamicModel:
-    """Pieces on one drive, panels on the other, amplifier, creep, sensors."""
+    """Pieces on one drive, fitted ones on the other, amplifier, creep, sensors."""
     stage = design("vgtu-piezo")
     usual = BoucWen(gain=_GAIN, hysteresis_gain=0.3 * _GAIN, beta=0.03, gamma=0.02)
     sharp = BoucWen(gain=_GAIN, hysteresis_gain=0.3 * _GAIN, beta=7e3, gamma=4e3, exponent=2.0)

@@ -14,20 +14,25 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from flexstage.arrays import Array
-from flexstage.hysteresis import BoucWen
+from flexstage.hysteresis import (
+    AsymmetricBoucWen,
+    BoucWen,
+    Dahl,
+    Duhem,
+    GeneralisedBoucWen,
+)
 from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
+from flexstage.hysteresis.chain.fitted_segments import fitted_segments
 from flexstage.hysteresis.chain.lag import lags_through_segments
 from flexstage.hysteresis.chain.modal import modes_through_segments, unit_step
-from flexstage.hysteresis.chain.polynomial_panels import (
-    lags_through_panels,
-    modes_through_panels,
-    panels,
-)
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.model import HysteresisModel, Segments
 
 D, A, BETA, GAMMA = 0.593, 0.544, 0.05, 0.03
 F, ZETA = 339.0, 0.012
+# Segments that are fitted are within 1e-10 of the output in a step, 71 um at most, and a mode that
+# swings shows up to twice what they are off by.
+FITTED = 2.0 * 1e-10 * 71.0
 
 
 def voltages(count: int, seed: int = 4) -> Array:
@@ -129,8 +134,8 @@ def test_any_exponent_against_integration_that_splits_at_events(n: float) -> Non
     stage = StageModes(frequency_hz=[F], damping_ratio=[ZETA])
     u, dt = voltages(14), 1.5e-3
     mine = simulate_with_stage(model, stage, u, dt).values
-    # DOP853 itself is not better than this where |h|^1.3 begins
-    assert np.abs(mine - by_events(n, u, dt)).max() < 2e-9
+    # exponent 1 has a closed form, and DOP853 is not better than this at such a tolerance
+    assert np.abs(mine - by_events(n, u, dt)).max() < (2e-9 if n == 1.0 else FITTED)
 
 
 def tanh_sinh(function: Callable[[Array], Array], a: float, b: float) -> float:
@@ -201,13 +206,13 @@ def test_any_exponent_and_step_against_convolution(n: float, dt: float) -> None:
     stage = StageModes(frequency_hz=[F], damping_ratio=[ZETA])
     u = voltages(14)
     mine = simulate_with_stage(model, stage, u, dt).values
-    assert np.abs(mine - by_convolution(model, u, dt)).max() < 5e-12
+    assert np.abs(mine - by_convolution(model, u, dt)).max() < FITTED
 
 
-def test_closed_form_and_panels_agree_for_modes_and_lags_of_any_kind() -> None:
+def test_closed_form_and_fitted_segments_agree_for_modes_and_lags_of_any_kind() -> None:
     model = BoucWen(gain=D, hysteresis_gain=A, beta=BETA, gamma=GAMMA)
     u = voltages(60)
-    form, found = model.segments(u), panels(model, u, model.initial_state())
+    form, found = model.segments(u), fitted_segments(model, u, model.initial_state())
     assert form is not None
     assert found.state == pytest.approx(form.state, abs=1e-12)
     w = np.array([0.2132, 3.2, 0.01, 20.0, 0.4])
@@ -215,17 +220,73 @@ def test_closed_form_and_panels_agree_for_modes_and_lags_of_any_kind() -> None:
     # rates are of the size of w
     reader = np.hstack((np.eye(5), np.diag(0.3 / (1.0 + w))))
     a, b = np.zeros((2, 5, 59))
-    z, v = np.zeros((2, 5))
-    modes_through_segments(form, unit_step(w, zeta), z, v, reader, a)
-    z, v = np.zeros((2, 5))
-    modes_through_panels(found, w, zeta, z, v, reader, b)
-    assert np.all(np.abs(a - b).max(axis=1) < 5e-14 * np.abs(a).max(axis=1))
+    for segments, out in ((form, a), (found, b)):
+        z, v = np.zeros((2, 5))
+        modes_through_segments(segments, unit_step(w, zeta), z, v, reader, out)
+    assert np.all(np.abs(a - b).max(axis=1) < 2e-10 * np.abs(a).max(axis=1))
     ratio = np.array([1e-6, 0.01, 0.9, 2.3, 30.0])
     a, b = np.zeros((2, 5, 59))
     lags_through_segments(form, ratio, np.zeros(5), np.eye(5), a)
-    lags_through_panels(found, ratio, np.zeros(5), np.eye(5), b)
-    assert np.abs(a - b).max() < 2e-12
+    lags_through_segments(found, ratio, np.zeros(5), np.eye(5), b)
+    assert np.abs(a - b).max() < 1e-10 * 71.0
     assert np.abs(a[0]).max() > 0.0
+
+
+WITHOUT_CLOSED_FORM = {
+    **{
+        f"bouc-wen {n}": BoucWen(gain=D, hysteresis_gain=A, beta=BETA, gamma=GAMMA, exponent=n)
+        for n in (1.05, 1.3, 2.0, 4.0)
+    },
+    "dahl 0.7": Dahl(gain=D, stiffness=0.2, limit=5.3, exponent=0.7),
+    "generalised 1.6": GeneralisedBoucWen(
+        gain=D,
+        hysteresis_gain=A,
+        shape=(0.05, 0.006, 0.002, 0.003, -0.001, 0.004),
+        centre=57.0,
+        exponent=1.6,
+    ),
+    "asymmetric": AsymmetricBoucWen(
+        gain=D,
+        quadratic=4e-4,
+        cubic=-1e-6,
+        hysteresis_gain=A,
+        beta=BETA,
+        gamma=GAMMA,
+        lowest_input=0.0,
+        highest_input=150.0,
+    ),
+    "duhem": Duhem(
+        rate=0.04,
+        anhysteretic=np.array([2.0, 0.45, 0.4e-3]),
+        tangent=np.array([0.3, 1e-4]),
+        input_range=(0.0, 120.0),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT_CLOSED_FORM)
+def test_fitted_segments_are_the_output_between_the_samples(name: str) -> None:
+    model = WITHOUT_CLOSED_FORM[name]
+    jumps, smooth = voltages(40), 60.0 * (1.0 - np.cos(0.031 * np.arange(300)))
+    for u in (jumps, smooth):
+        found = fitted_segments(model, u, model.initial_state())
+        share = np.sort(np.random.default_rng(6).random((u.size - 1, 30)), axis=1)
+        share[:, -1] = 1.0
+        between = u[:-1, None] + np.diff(u)[:, None] * share
+        between[:, -1] = u[1:]
+        before = model.simulate(u[:1])
+        exact = model.simulate(between.ravel(), before.state)
+        places = (np.arange(u.size - 1)[:, None] + np.minimum(share, 1.0 - 1e-15)).ravel()
+        i = np.searchsorted(found.start, places, side="right") - 1
+        since = places - found.start[i]
+        values = found.constant[i] + found.slope[i] * since
+        values += found.amplitude[i] * np.exp(-found.rate[i] * since)
+        off = np.abs(values - exact.values).reshape(between.shape).max(axis=1)
+        y = np.append(before.values, exact.values[29::30])
+        size = np.maximum(np.abs(y[1:]), np.abs(y[:-1]))
+        # between the sixths where segments were compared they may be off by a little more
+        assert np.all(off < 3e-10 * size + 1e-13)
+        assert found.state == pytest.approx(exact.state, abs=1e-11)
 
 
 @pytest.mark.parametrize("n", [1.0, 1.7])
@@ -236,7 +297,7 @@ def test_stage_does_not_depend_on_how_lines_and_records_are_cut(n: float) -> Non
     whole = simulate_with_stage(model, stage, u, dt)
     fine = np.interp(np.arange(39 * 3 + 1) / 3.0, np.arange(40), u)
     thirds = simulate_with_stage(model, stage, fine, dt / 3.0)
-    assert np.abs(thirds.values[::3] - whole.values).max() < 5e-12
+    assert np.abs(thirds.values[::3] - whole.values).max() < (5e-12 if n == 1.0 else FITTED)
     first = simulate_with_stage(model, stage, u[:17], dt)
     second = simulate_with_stage(
         model,

@@ -105,7 +105,7 @@ class Reference:
         return s * self.loaded(g, v, self.beta + self.gamma)
 
 
-@pytest.mark.parametrize("n", [1.0, pytest.param(1.3, marks=pytest.mark.slow), 1.7, 2.0, 3.0])
+@pytest.mark.parametrize("n", [1.0, pytest.param(1.3, marks=pytest.mark.slow), 1.7, 2.0, 3.0, 6.0])
 @pytest.mark.parametrize(
     ("beta", "gamma"), [(0.05, 0.03), (0.05, -0.041), (0.03, 0.05), (0.05, -0.05)]
 )

@@ -16,7 +16,7 @@ def form_of(code: HysteresisCode | None) -> str:
     """Return what is known of a drive's free displacement between samples, as C names it."""
     if code is None:
         return "FS_FORM_LINE"
-    return "FS_FORM_PIECES" if code.pieces else "FS_FORM_PANELS"
+    return "FS_FORM_PIECES" if code.pieces else "FS_FORM_FITTED"
 
 
 def lag_rates(drive: ModelDrive) -> Array:
@@ -79,15 +79,15 @@ def _sizes(model: DynamicModel, codes: dict[str, HysteresisCode], rooms: _Rooms)
         "FS_MEMORY_MAX": rooms.memory,
         "FS_PIECES_MAX": rooms.pieces,
         "FS_HAS_PIECES": int("FS_FORM_PIECES" in forms),
-        "FS_HAS_PANELS": int("FS_FORM_PANELS" in forms),
+        "FS_HAS_FITTED": int("FS_FORM_FITTED" in forms),
         "FS_HAS_CREEP": int(creep),
     }
     lines = [f"#define FS_STEP FS_R({c_number(model.step)}) /* [s] */"]
     lines += [f"#define {name} {value}" for name, value in sizes.items()]
     lines += [
         "",
-        "/* Between samples the free displacement is a line, pieces in closed form, or panels. */",
-        "enum { FS_FORM_LINE, FS_FORM_PIECES, FS_FORM_PANELS };",
+        "/* Between samples the free displacement is a line, pieces, or fitted pieces. */",
+        "enum { FS_FORM_LINE, FS_FORM_PIECES, FS_FORM_FITTED };",
         "",
     ]
     return "\n".join(lines)

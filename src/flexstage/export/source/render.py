@@ -14,7 +14,7 @@ from flexstage.hysteresis.models.source_code import (
 # Every header, each after those that it includes.
 _CORE = ("real.h", "piece.h", "amplifier.h", "sensor.h")
 _BEHIND_DATA = ("modes.h", "lags.h")
-_LAST = ("instance.h", "panels.h", "prepare.h", "stage.h")
+_LAST = ("instance.h", "fitted.h", "prepare.h", "stage.h")
 
 
 def render_source(model: DynamicModel) -> dict[str, bytes]:

@@ -6,18 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.hysteresis.chain.element import LARGEST_RATE, ORDERS, checked_state, positive_step
-from flexstage.hysteresis.chain.lag import lags_through_segments
+from flexstage.hysteresis.chain.fitted_segments import fitted_segments
 from flexstage.hysteresis.chain.modal import (
     UnitStep,
     modes_through_segments,
     piece_of_step,
     unit_step,
-)
-from flexstage.hysteresis.chain.polynomial_panels import (
-    Panels,
-    lags_through_panels,
-    modes_through_panels,
-    panels,
 )
 from flexstage.hysteresis.chain.stage_modes import StageModes, values_at_samples
 from flexstage.hysteresis.compiled import compiled
@@ -26,8 +20,6 @@ from flexstage.hysteresis.models.bouc_wen.law import BoucWen
 
 # (1 - exp(-x))/x = sum of (-x)^j/(j + 1)!
 _GROWTH: Array = np.asarray(1.0 / np.cumprod(np.arange(1.0, ORDERS + 2.0)), dtype=np.float64)
-#: An output that is known between the samples.
-Forcing = Segments | Panels
 
 
 def bouc_wen_with_mode(
@@ -210,43 +202,14 @@ class JointResponse:
     """State of the stage at the last sample."""
 
 
-def forcing(model: HysteresisModel, u: Array, state: Array) -> Forcing:
+def forcing(model: HysteresisModel, u: Array, state: Array) -> Segments:
     """Return the output of a model from the first to the last sample, known between them.
 
-    The state is that before the first of u; closed form where the model has one, else panels.
+    The state is that before the first of u; closed form where the model has one, else segments that
+    are fitted to its output.
     """
     found = model.segments(u, state)
-    return panels(model, u, state) if found is None else found
-
-
-def values_of(force: Forcing) -> Array:
-    """Return the values at the samples."""
-    return force.samples if isinstance(force, Panels) else values_at_samples(force)
-
-
-def modes_through(
-    force: Forcing, angle: Array, damping_ratio: Array, z: Array, v: Array, reader: Array, y: Array
-) -> None:
-    """Step modes through a force, and add their readings.
-
-    Arguments as in `modes_through_segments`, but angle in a step [rad] and damping ratio of each
-    mode.
-    """
-    if isinstance(force, Panels):
-        modes_through_panels(force, angle, damping_ratio, z, v, reader, y)
-    else:
-        modes_through_segments(force, unit_step(angle, damping_ratio), z, v, reader, y)
-
-
-def lags_through(force: Forcing, ratio: Array, lag: Array, reader: Array, y: Array) -> None:
-    """Step lags through an input, and add their readings.
-
-    Arguments as in `lags_through_segments`.
-    """
-    if isinstance(force, Panels):
-        lags_through_panels(force, ratio, lag, reader, y)
-    else:
-        lags_through_segments(force, ratio, lag, reader, y)
+    return fitted_segments(model, u, state) if found is None else found
 
 
 def simulate_with_stage(
@@ -258,7 +221,10 @@ def simulate_with_stage(
     hysteresis_state: ArrayLike | None = None,
     stage_state: ArrayLike | None = None,
 ) -> JointResponse:
-    """Return the response of a stage behind a hysteresis, exact for an input of straight lines.
+    """Return the response of a stage behind a hysteresis for an input of straight lines.
+
+    It is exact where the hysteresis has a closed form between the samples, and else within some
+    1e-10 of its output.
 
     Parameters
     ----------
@@ -318,9 +284,10 @@ def simulate_with_stage(
         return _by_one_loop(model, stage, given, h, np.atleast_1d(now), float(z[0]), float(v[0]))
     force = forcing(model, inputs, now)
     reader = np.concatenate((stage.share, np.zeros(k)))[None, :]
-    value = values_of(force)
+    value = values_at_samples(force)
     y = stage.static_share * value[None, 1:]
-    modes_through(force, stage.omega * h, np.array(stage.damping_ratio), z, v, reader, y)
+    step = unit_step(stage.omega * h, np.array(stage.damping_ratio))
+    modes_through_segments(force, step, z, v, reader, y)
     return JointResponse(
         values=y[0],
         hysteresis_state=force.state,

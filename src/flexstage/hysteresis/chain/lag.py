@@ -139,11 +139,11 @@ def _lags_through(
                 for m in range(lag.size):
                     lag[m] = _lag_piece(lag[m], ratio[m], end - here, a, b, c, mu)
             here = end
-        read_lags(lag, reader, y, n)
+        _read_lags(lag, reader, y, n)
 
 
 @compiled
-def read_lags(lag: Array, reader: Array, y: Array, n: int) -> None:
+def _read_lags(lag: Array, reader: Array, y: Array, n: int) -> None:
     """Add to column n of y what the reader weighs, as in `lags_through_segments`."""
     for p in range(y.shape[0]):
         total = y[p, n]

@@ -185,11 +185,11 @@ def _along_lines(
             v[i] = (transition[2, i] * at + transition[3, i] * speed) + (
                 moments[0, i] * start + moments[1, i] * rise
             )
-        read_modes(z, v, reader, y, n)
+        _read_modes(z, v, reader, y, n)
 
 
 @compiled
-def read_modes(z: Array, v: Array, reader: Array, y: Array, n: int) -> None:
+def _read_modes(z: Array, v: Array, reader: Array, y: Array, n: int) -> None:
     """Add to column n of y what the reader weighs, as in `modes_along_lines`."""
     k = z.size
     for p in range(y.shape[0]):
@@ -250,7 +250,7 @@ def _through(
                         z[m], v[m], angle[m], zeta[m], end - here, a, b, c, mu
                     )
             here = end
-        read_modes(z, v, reader, y, n)
+        _read_modes(z, v, reader, y, n)
 
 
 @compiled

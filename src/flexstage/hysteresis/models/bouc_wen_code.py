@@ -1,10 +1,7 @@
 """What the Bouc-Wen models have in common in C and MATLAB."""
 
-import numpy as np
-
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.bouc_wen_common import BoucWenModel
-from flexstage.hysteresis.models.power_law import power_table
 from flexstage.hysteresis.models.source_code import (
     HysteresisCode,
     MatlabCode,
@@ -12,8 +9,6 @@ from flexstage.hysteresis.models.source_code import (
     tunable_of,
 )
 
-#: Rows of coefficients in the table of the power law, and where its constants are.
-_ROWS, _CONSTANTS, _COUNT = 4, 5, 7
 _DESCRIPTIONS = {
     "gain": "gain of the straight part",
     "quadratic": "factor of the square of the voltage",
@@ -26,7 +21,7 @@ _DESCRIPTIONS = {
 
 
 def bouc_wen_c_code(model: BoucWenModel, names: tuple[str, ...], pieces: int) -> HysteresisCode:
-    """Return the code of a model of the Bouc-Wen family: numbers, exponent, table.
+    """Return the code of a model of the Bouc-Wen family: its numbers, then the exponent.
 
     `names` are the parameters in the order of the header, `pieces` as in `code_of`.
     """
@@ -41,18 +36,7 @@ def bouc_wen_c_code(model: BoucWenModel, names: tuple[str, ...], pieces: int) ->
         tunable.append(tunable_of(model, name, k, what, given))
     numbers = [parameter.value for parameter in tunable]
     tunable.append(tunable_of(model, "exponent", None, "how sharply the loop saturates"))
-    return code_of(model, [*numbers, n, *_power_numbers(n)], tunable, pieces)
-
-
-def _power_numbers(n: float) -> Array:
-    """Return the table of the power law as C takes it: four rows of coefficients, then constants.
-
-    Empty where closed forms do without.
-    """
-    if n in {1.0, 2.0}:
-        return np.empty(0)
-    table = power_table(n)
-    return np.concatenate([table[:_ROWS].ravel(), table[_CONSTANTS, :_COUNT]])
+    return code_of(model, [*numbers, n], tunable, pieces)
 
 
 def bouc_wen_matlab_code(cubic: list[float], law: Array, exponent: float) -> MatlabCode:
@@ -72,14 +56,5 @@ def bouc_wen_matlab_code(cubic: list[float], law: Array, exponent: float) -> Mat
     }
     if exponent in (1.0, 2.0):
         return MatlabCode(parts=("bouc_wen_common", f"power_{exponent:g}"), parameters=numbers)
-    table = power_table(exponent)
-    powers = {
-        "n": (exponent, "exponent [1]"),
-        "low": (table[0], "series in z below z = exp(-1.1)"),
-        "middle": (table[1:3], "series in ln z about z = 1: towards saturation, away from zero"),
-        "high": (table[3], "series in 1/z above z = exp(1.1)"),
-        "at_zero": (table[5, 1:3], "n times the distance at z = 1"),
-        "at_low": (table[5, 3:5], "n times the distance at z = exp(-1.1)"),
-        "at_high": (table[5, 5:7], "n times the distance at z = exp(1.1)"),
-    }
-    return MatlabCode(parts=("bouc_wen_common", "power_n"), parameters=numbers | powers)
+    numbers["n"] = (exponent, "exponent [1]")
+    return MatlabCode(parts=("bouc_wen_common", "power_n"), parameters=numbers)

@@ -35,14 +35,5 @@ end
 function h = one_side(h, s, v, upper, p)
 % On one side of the centre h unloads to zero, and is loaded from there on.
 k = 1 + (s > 0) * 2 + upper;
-g = s * h;
-zero = 0;
-if g < 0
-    zero = time_to_zero(-g, p.A, p.unloaded(k), p);
-end
-if v < zero
-    h = -s * flow(-g, -v, p.A, p.unloaded(k), p);
-else
-    h = s * flow(max(g, 0), v - zero, p.A, p.loaded(k), p);
-end
+h = s * moved(s * h, v, p.A, p.unloaded(k), p.loaded(k), p);
 end

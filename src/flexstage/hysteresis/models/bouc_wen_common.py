@@ -40,8 +40,8 @@ class BoucWenModel(HysteresisModel):
     exponent: float
 
     @abstractmethod
-    def _compiled(self) -> tuple[Array, Array, Array]:
-        """Return the polynomial, the law and the table of the compiled loops."""
+    def _compiled(self) -> tuple[Array, Array]:
+        """Return the polynomial and the law of the compiled loops."""
 
     def _outputs(self, u: Array, state: Array, values: Array) -> float:
         """Write the outputs, and return the last h."""
@@ -60,14 +60,14 @@ class BoucWenModel(HysteresisModel):
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
         if self.exponent != 1.0:
             return None
-        cubic, law, powers = self._compiled()
+        cubic, law = self._compiled()
         start = self._state(state)
         inputs = samples(u, "input")
         if inputs.size < 2:
             raise ModelError("segments lie between samples: got one sample, give two or more")
-        h = advance(start[1], start[0], inputs[0] - start[0], law, powers)
+        h = advance(start[1], start[0], inputs[0] - start[0], law)
         table = np.empty((5, 4 * inputs.size))
-        count, h = law_segments(inputs, h, cubic[0], law, powers, table)
+        count, h = law_segments(inputs, h, cubic[0], law, table)
         begin, constant, slope, amplitude, rate = table[:, :count].copy()
         return Segments(
             start=begin,

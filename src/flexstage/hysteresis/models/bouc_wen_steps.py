@@ -19,7 +19,7 @@ from numba import prange
 
 from flexstage.hysteresis.compiled import compiled, compiled_parallel
 from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.models.power_law import flow, time_to_zero
+from flexstage.hysteresis.models.power_law import moved, time_to_zero
 
 _ITERATIONS = 100
 _ROUNDING = 2.3e-16
@@ -48,25 +48,17 @@ def _is_upper(u: float, s: float, centre: float) -> bool:
 
 
 @compiled
-def _one_side(h: float, s: float, v: float, upper: bool, law: Array, table: Array) -> float:
+def _one_side(h: float, s: float, v: float, upper: bool, law: Array) -> float:
     """Return h after a distance on one side of the centre."""
-    A, n = law[0], law[1]
     at = _branch(s, upper)
-    g = s * h
-    zero = time_to_zero(-g, A, law[at], n, table) if g < 0.0 else 0.0
-    # Unloading is loading, with the rate of unloading, followed back.
-    back = v < zero
-    rate = law[at] if back else law[at + 2]
-    start = -g if back else max(g, 0.0)
-    end = flow(start, -v if back else v - zero, A, rate, n, table)
-    return -s * end if back else s * end
+    return s * moved(s * h, v, law[0], law[at], law[at + 2], law[1])
 
 
 @compiled
-def advance(h: float, u: float, du: float, law: Array, table: Array) -> float:
+def advance(h: float, u: float, du: float, law: Array) -> float:
     """Return the hysteretic displacement after one straight line of the input.
 
-    Law of `law_of`, table of `power_law.power_table`; not finite where h has run away.
+    Law of `law_of`; not finite where h has run away.
     """
     if du == 0.0:
         return h
@@ -77,7 +69,7 @@ def advance(h: float, u: float, du: float, law: Array, table: Array) -> float:
     # Two stretches where the centre lies between; one call, which is long once compiled.
     stretch = until if 0.0 < until < v else v
     while True:
-        h = _one_side(h, s, stretch, upper, law, table)
+        h = _one_side(h, s, stretch, upper, law)
         v -= stretch
         if not v > 0.0:
             return h
@@ -87,29 +79,29 @@ def advance(h: float, u: float, du: float, law: Array, table: Array) -> float:
 
 @compiled
 def simulate_samples(
-    u: Array, u_last: float, h: float, cubic: Array, law: Array, table: Array, out: Array
+    u: Array, u_last: float, h: float, cubic: Array, law: Array, out: Array
 ) -> float:
     """Write the output sample by sample, and return the last hysteretic displacement.
 
     `cubic` are the coefficients of u, u^2 and u^3 in the output.
     """
     for i in range(u.size):
-        h = advance(h, u_last, u[i] - u_last, law, table)
+        h = advance(h, u_last, u[i] - u_last, law)
         u_last = u[i]
         out[i] = u_last * (cubic[0] + u_last * (cubic[1] + u_last * cubic[2])) - h
     return h
 
 
 @compiled_parallel
-def simulate_many(u: Array, cubics: Array, laws: Array, tables: Array, out: Array) -> None:
+def simulate_many(u: Array, cubics: Array, laws: Array, out: Array) -> None:
     """Write the outputs of many models at rest for one input, one model for each core."""
     for k in prange(laws.shape[0]):
-        simulate_samples(u, 0.0, 0.0, cubics[k], laws[k], tables[k], out[k])
+        simulate_samples(u, 0.0, 0.0, cubics[k], laws[k], out[k])
 
 
 @compiled
 def inverse_samples(
-    y: Array, u: float, h: float, limits: Array, cubic: Array, law: Array, table: Array, out: Array
+    y: Array, u: float, h: float, limits: Array, cubic: Array, law: Array, out: Array
 ) -> tuple[int, float, int]:
     """Write the input that gives each output.
 
@@ -127,11 +119,11 @@ def inverse_samples(
             least = limits[2] - law[0] + min(0.0, unloading) * abs(h) ** law[1]
             if not least > 0.0:
                 return i, h, missed
-            end, after = _inverse_step(change, u, h, least, limits, cubic, law, table)
+            end, after = _inverse_step(change, u, h, least, limits, cubic, law)
             if not np.isfinite(end):
                 missed = i if missed < 0 else missed
                 end = limits[1] if change > 0.0 else limits[0]
-                after = advance(h, u, end - u, law, table)
+                after = advance(h, u, end - u, law)
             u, h = end, after
         out[i] = u
     return y.size, h, missed
@@ -146,7 +138,6 @@ def _inverse_step(
     limits: Array,
     cubic: Array,
     law: Array,
-    table: Array,
 ) -> tuple[float, float]:
     """Return input and displacement after a change of output: Newton's method in a bracket."""
     s = 1.0 if change > 0.0 else -1.0
@@ -164,7 +155,7 @@ def _inverse_step(
     while True:
         end = u + s * v
         # The hysteresis sees the rounded input; so does the last evaluation.
-        after = advance(h, u, end - u, law, table)
+        after = advance(h, u, end - u, law)
         count += 1
         if found or count > _ITERATIONS:
             return end, after
@@ -196,7 +187,7 @@ def _slope(v: float, h: float, u: float, s: float, cubic: Array, law: Array) -> 
 
 
 @compiled
-def law_segments(u: Array, h: float, gain: float, law: Array, table: Array, out: Array) -> tuple:
+def law_segments(u: Array, h: float, gain: float, law: Array, out: Array) -> tuple:
     """Write the pieces of the output d u - h between samples, for exponent 1.
 
     Writes start, constant, slope, amplitude and rate of each piece, shape (5, 4 n), from h at the
@@ -210,13 +201,13 @@ def law_segments(u: Array, h: float, gain: float, law: Array, table: Array, out:
         upper = _is_upper(u[i], s, law[2])
         until = s * (law[2] - u[i])
         if 0.0 < until < v:
-            m = _pieces(out, m, i, 0.0, until, s, v, u[i], h, gain, upper, law, table)
-            h = _one_side(h, s, until, upper, law, table)
-            m = _pieces(out, m, i, until, v, s, v, u[i], h, gain, not upper, law, table)
-            h = _one_side(h, s, v - until, not upper, law, table)
+            m = _pieces(out, m, i, 0.0, until, s, v, u[i], h, gain, upper, law)
+            h = _one_side(h, s, until, upper, law)
+            m = _pieces(out, m, i, until, v, s, v, u[i], h, gain, not upper, law)
+            h = _one_side(h, s, v - until, not upper, law)
         else:
-            m = _pieces(out, m, i, 0.0, v, s, v, u[i], h, gain, upper, law, table)
-            h = advance(h, u[i], du, law, table)
+            m = _pieces(out, m, i, 0.0, v, s, v, u[i], h, gain, upper, law)
+            h = advance(h, u[i], du, law)
     return m, h
 
 
@@ -234,14 +225,13 @@ def _pieces(
     gain: float,
     upper: bool,
     law: Array,
-    table: Array,
 ) -> int:
     """Write one or two pieces on one side of the centre, from one distance to another."""
     A = law[0]
     at = _branch(s, upper)
     g = s * h
     if g < 0.0:
-        zero = time_to_zero(-g, A, law[at], 1.0, table)
+        zero = time_to_zero(-g, A, law[at], 1.0)
         _piece(out, m, i, begin, s, v, u, gain, g, A, -law[at])
         m += 1
         begin += zero

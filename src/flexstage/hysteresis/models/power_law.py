@@ -1,241 +1,131 @@
-"""The exact solution of dg/dv = A - lambda g^n, on which the Bouc-Wen models run.
+"""Motions dg/dv = A - psi |g|^n, on which the Bouc-Wen models run.
 
-Scaled by ``G = (A/|lambda|)^(1/n)`` and ``tau = A v / G`` it is ``dx/dtau = 1 - sigma x^n`` with
-sigma the sign of lambda. The solution is a straight line for sigma = 0, an exponential for n = 1,
-and ``tanh`` or ``tan`` for n = 2. For other n, with ``b = 1/n``, ``z = x^n`` and ``p = ln z``, it
-is the inverse of
+For n = 1 they are exponentials, and for n = 2 ``tanh`` or ``tan``. For other n a motion is summed
+as power series, each as far as it converges to rounding: in the distance from where g is, or, as
+``|g|^n`` has no such series at g = 0, in the power n of the distance from zero. The coefficients of
+a power ``u^n`` follow from those of u (J. C. P. Miller; P. Henrici, J. ACM 3 (1956) 10):
 
-    n tau(p) = integral of exp(b q)/(1 - sigma exp(q)) dq up to p,
-
-which is an incomplete beta function, ``n x 2F1(1, b; 1 + b; sigma z)``. Three series cover the
-line: powers of z below p = -1.1; powers of p between, after the pole at z = 1 has been taken out as
-a logarithm; powers of 1/z above 1.1. Their coefficients depend on n alone and are tabulated once.
-Nothing is lost near saturation, z = 1, where the logarithm itself is the unknown, nor as n nears 1.
+    q_0 = 1,   q_k = sum over j = 1..k of ((n + 1) j/k - 1) a_j q_(k-j)     where a_0 = 1.
 """
 
-import functools
 import math
 
 import numpy as np
 
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.models.decay import distance_to_zero, grown, saturating
+from flexstage.hysteresis.models.decay import distance_to_zero, saturating
 
-_EDGE = 1.1  # |p| at which the series meet; all three then need about as many terms
-_TERMS = 38
 _HUGE = 1e150  # a scale beyond which saturation is not felt at all
-_ITERATIONS = 30
-_CLOSE = 2e-9  # a Newton correction after which nothing but rounding is left
-
-# Rows of the table.
-_LOW, _MIDDLE, _HIGH = 0, 1, 3  # powers of z, of p (one row for each sigma), of 1/z
-_CONSTANTS = 5
-# Entries of the row of constants: n, then for each sigma the value of n tau at p = 0 (without the
-# logarithm), and at the edges -1.1 and 1.1.
-_AT_ZERO, _AT_LOW, _AT_HIGH = 1, 3, 5
+_TERMS = 24
+_ROUNDING = 1e-17  # a term, as part of the first, that is below its rounding
+_MOST_STEPS = 20_000  # a motion through the whole range of numbers takes fewer
+# psi |g|^n/A up to which the series from zero is taken, and to which it leads.
+_LOW, _LOW_END = 0.1, 0.2
+_SATURATED = 1e-9  # of A, a slope that falls exponentially
 
 
-@functools.lru_cache(maxsize=256)
-def power_table(n: float) -> Array:
-    """Return the coefficients of the series for an exponent.
+@compiled
+def moved(g: float, v: float, A: float, unloaded: float, loaded: float, n: float) -> float:
+    """Return g after a distance v, where dg/dv = A - psi |g|^n; infinite where it ran away.
 
-    Calls share it: it must not be written into. It is not read for n = 1 and n = 2, whose solutions
-    are closed forms.
+    A > 0 and n >= 1; psi is `unloaded` where g is below zero and `loaded` where it is not.
     """
-    b = 1.0 / n
-    k = np.arange(_TERMS)
-    table = np.zeros((_CONSTANTS + 1, _TERMS))
-    table[_LOW] = 1.0 / (k + b)
-    table[_HIGH, 1:] = 1.0 / (k[1:] + 1.0 - b)
-    # (exp(b q) - 1)/q and exp(b q), as powers of q.
-    growth = np.cumprod(np.concatenate([[1.0], np.full(_TERMS, b) / np.arange(1, _TERMS + 1)]))
-    pole, smooth = _reciprocals()
-    middle = -np.convolve(growth[1:], pole)[:_TERMS]
-    middle[0] += 1.0
-    table[_MIDDLE, 1:] = middle[:-1] / k[1:]
-    middle = np.convolve(growth[:-1], smooth)[:_TERMS]
-    table[_MIDDLE + 1, 1:] = middle[:-1] / k[1:]
-    constants = table[_CONSTANTS]
-    constants[0] = n
-    for side, sigma in enumerate((1.0, -1.0)):
-        z = math.exp(-_EDGE)
-        low = math.exp(-b * _EDGE) * _series(table[_LOW], sigma * z)
-        at_zero = low - _middle(-_EDGE, sigma, table[_MIDDLE + side])
-        constants[_AT_ZERO + side] = at_zero
-        constants[_AT_LOW + side] = low
-        constants[_AT_HIGH + side] = at_zero + _middle(_EDGE, sigma, table[_MIDDLE + side])
-    return table
-
-
-@functools.cache
-def _reciprocals() -> tuple[Array, Array]:
-    """Return q/(exp(q) - 1) and 1/(exp(q) + 1) as powers of q, by division of power series."""
-    grow = np.cumprod(1.0 / np.arange(1, _TERMS + 2))
-    pole, smooth = np.zeros(_TERMS), np.zeros(_TERMS)
-    pole[0], smooth[0] = 1.0, 0.5
-    for k in range(1, _TERMS):
-        pole[k] = -np.dot(grow[1 : k + 1], pole[k - 1 :: -1])
-        smooth[k] = -0.5 * np.dot(grow[:k], smooth[k - 1 :: -1])
-    return pole, smooth
-
-
-@compiled
-def _series(coefficients: Array, x: float) -> float:
-    """Return a power series, odd and even terms apart: two short chains instead of a long one."""
-    square = x * x
-    even = odd = 0.0
-    # The length is read from the table: a known one would be unrolled at each of a dozen places.
-    for k in range(coefficients.size - 2, -1, -2):
-        even = even * square + coefficients[k]
-        odd = odd * square + coefficients[k + 1]
-    return even + x * odd
-
-
-@compiled
-def _middle(p: float, sigma: float, coefficients: Array) -> float:
-    """Return n tau between the edges, counted from p = 0."""
-    smooth = _series(coefficients, p)
-    return smooth if sigma < 0.0 else smooth - math.log(abs(math.expm1(p)))
-
-
-@compiled
-def _elapsed(x: float, sigma: float, table: Array) -> float:
-    """Return n tau at x; from x = 0, except above saturation, where only differences count."""
-    if x == 0.0:
-        return 0.0
-    constants = table[_CONSTANTS]
-    n = constants[0]
-    side = 0 if sigma > 0.0 else 1
-    p = n * math.log(x)
-    if p <= -_EDGE:
-        return x * _series(table[_LOW], sigma * x**n)
-    if p < _EDGE:
-        return constants[_AT_ZERO + side] + _middle(p, sigma, table[_MIDDLE + side])
-    return constants[_AT_HIGH + side] - sigma * _beyond(_EDGE, p, sigma, table)
-
-
-@compiled
-def _beyond(start: float, p: float, sigma: float, table: Array) -> float:
-    """Return the integral of exp(b q)/(exp(q) - sigma) from start to p, beyond the upper edge."""
-    a = 1.0 - 1.0 / table[_CONSTANTS, 0]
-    before = math.exp(-a * start)
-    first = before * (p - start) * _relative(a * (p - start))
-    before *= _series(table[_HIGH], sigma * math.exp(-start))
-    after = math.exp(-a * p) * _series(table[_HIGH], sigma * math.exp(-p))
-    return first + (before - after)
-
-
-@compiled
-def _relative(x: float) -> float:
-    """Return (1 - exp(-x))/x."""
-    return grown(x) / x if x != 0.0 else 1.0
-
-
-@compiled
-def _reached(target: float, sigma: float, above: bool, guess: float, table: Array) -> float:
-    """Return x at n tau = target; infinity where the solution has run away before."""
-    constants = table[_CONSTANTS]
-    side = 0 if sigma > 0.0 else 1
-    if not above and target <= constants[_AT_LOW + side]:
-        return _reached_low(target, sigma, guess, table)
-    if sigma > 0.0:
-        if above and target < constants[_AT_HIGH]:
-            return _reached_high(_EDGE, constants[_AT_HIGH] - target, sigma, table)
-        return _reached_saturation(target, -1.0 if above else 1.0, guess, table)
-    if target >= constants[_AT_HIGH + 1]:
-        return _reached_high(_EDGE, target - constants[_AT_HIGH + 1], sigma, table)
-    return _reached_middle(target, guess, table)
-
-
-@compiled
-def _reached_low(target: float, sigma: float, guess: float, table: Array) -> float:
-    """Return x by Halley's method on x; both derivatives are known in closed form."""
-    n = table[_CONSTANTS, 0]
-    # tau lies between x and x/(1 + z) below the lower edge: a bracket.
-    tau = target / n
-    x = guess if 0.7 * tau <= guess <= 1.4 * tau else tau
-    for _ in range(_ITERATIONS):
-        z = x**n
-        slope = 1.0 / (1.0 - sigma * z)
-        error = x * _series(table[_LOW], sigma * z) / n - tau
-        newton = error / slope
-        correction = newton / (1.0 - 0.5 * newton * n * sigma * z * slope / x)
-        x -= correction
-        # The next error is of the third order.
-        if abs(correction) <= 1e-6 * x:
+    if n in (1.0, 2.0):
+        zero = time_to_zero(-g, A, unloaded, n) if g < 0.0 else 0.0
+        # Unloading is loading, with the rate of unloading, followed back.
+        if v < zero:
+            return -_flow(-g, -v, A, unloaded, n)
+        return _flow(max(g, 0.0), v - zero, A, loaded, n)
+    a, q = np.empty(_TERMS + 1), np.empty(_TERMS + 1)
+    s = 1.0
+    for _ in range(_MOST_STEPS):
+        if v == 0.0:
+            return g
+        s = -1.0 if g < 0.0 else 1.0
+        psi = unloaded if g < 0.0 else loaded
+        w = abs(g)
+        power = psi * w**n / A
+        if not abs(power) < _HUGE:
             break
-    return x
+        if abs(power) < _LOW and A * v > 0.1 * w:
+            g, v = _from_zero(s, w, v, A, psi, n, power, a, q)
+        elif s > 0.0 and abs(1.0 - power) < _SATURATED:
+            return g - w * (1.0 - power) / n * math.expm1(-n * A * v / w)
+        elif power == 1.0:
+            return g
+        else:
+            # An unloading step stays short of zero.
+            reach = 4.0 if s > 0.0 else 0.5
+            h = min(v, reach * w / (A * (1.0 + abs(power))))
+            across = s * A * h / w
+            terms = _coefficients(across, across * power, 0.0, 1.0, n, a, q)
+            share = _converged_share(a, terms)
+            g += g * _tail(a, terms, share)
+            v = v - share * h if h < v or share < 1.0 else 0.0
+    return s * np.inf
 
 
 @compiled
-def _reached_saturation(target: float, sign: float, guess: float, table: Array) -> float:
-    """Return x near saturation by Newton's method on L = -ln|1 - z|; sign -1 above it."""
-    constants = table[_CONSTANTS]
-    n = constants[0]
-    a = 1.0 - 1.0 / n
-    remaining = target - constants[_AT_ZERO]
-    z = guess**n
-    gap = sign * (1.0 - z)
-    L = -math.log(gap) if 0.0 < gap < 0.9 else remaining
-    p = 0.0
-    for _ in range(_ITERATIONS):
-        L = max(L, 0.2 if sign > 0.0 else -1.2)
-        p = math.log1p(-sign * math.exp(-L))
-        error = L + _series(table[_MIDDLE], p) - remaining
-        correction = error * math.exp(a * p)
-        L -= correction
-        if abs(correction) <= _CLOSE:
-            break
-    return math.exp(math.log1p(-sign * math.exp(-L)) / n)
+def _from_zero(
+    s: float, w: float, v: float, A: float, psi: float, n: float, power: float, a: Array, q: Array
+) -> tuple[float, float]:
+    """Return g after a distance near zero, and what is left of the distance.
 
-
-@compiled
-def _reached_middle(target: float, guess: float, table: Array) -> float:
-    """Return x between the edges for sigma = -1, by Newton's method on p."""
-    constants = table[_CONSTANTS]
-    n = constants[0]
-    p = min(max(n * math.log(guess), -_EDGE), _EDGE) if guess > 0.0 else 0.0
-    for _ in range(_ITERATIONS):
-        error = constants[_AT_ZERO + 1] + _series(table[_MIDDLE + 1], p) - target
-        correction = error * (1.0 + math.exp(p)) * math.exp(-p / n)
-        p = min(max(p - correction, -1.01 * _EDGE), 1.01 * _EDGE)
-        if abs(correction) <= _CLOSE:
-            break
-    return math.exp(p / n)
-
-
-@compiled
-def _reached_high(start: float, target: float, sigma: float, table: Array) -> float:
-    """Return x where the integral of `_beyond` has the target value; infinity if nowhere.
-
-    The unknown is E = (1 - exp(-a (p - start)))/a, in which the integral is nearly linear.
+    With t the distance from zero, times A, ``|g| = t f(psi t^n/A)``.
     """
-    n = table[_CONSTANTS, 0]
-    a = 1.0 - 1.0 / n
-    scale = math.exp(-a * start)
-    E = 0.0
-    p = start
-    for _ in range(_ITERATIONS):
-        error = _beyond(start, p, sigma, table) - target
-        correction = error / scale * (1.0 - sigma * math.exp(-p))
-        if a * (E - correction) >= 1.0:
-            # At E = 1/a the integral has its greatest value; short of it this is an overshoot.
-            whole = scale * (1.0 / a + _series(table[_HIGH], sigma * math.exp(-start)))
-            if target >= whole:
-                return np.inf
-            correction = 0.5 * (E - 1.0 / a)
-        E -= correction
-        p = max(start + E * _relative_log(a * E), 0.9 * _EDGE)
-        if abs(correction) <= _CLOSE * (1.0 - a * E):
-            break
-    return math.exp(p / n)
+    share = term = 1.0
+    k = 1
+    while abs(term) > _ROUNDING:
+        term *= power
+        share += term / (1.0 + n * k)
+        k += 1
+    t = w * share
+    if s < 0.0 and A * v >= t:
+        return 0.0, max(v - t / A, 0.0)
+    end, left = t + s * A * v, 0.0
+    reach = (_LOW_END * A / abs(psi)) ** (1.0 / n)
+    if end > reach:
+        end, left = reach, max(v - (reach - t) / A, 0.0)
+    terms = _coefficients(0.0, psi * end**n / A, 1.0, n, n, a, q)
+    return s * (end + end * _tail(a, terms, 1.0)), left
 
 
 @compiled
-def _relative_log(x: float) -> float:
-    """Return -ln(1 - x)/x."""
-    return -math.log1p(-x) / x if x != 0.0 else 1.0
+def _coefficients(
+    slope: float, factor: float, first: float, step: float, n: float, a: Array, q: Array
+) -> int:
+    """Write the terms of the solution u of ``first (u - 1) + step x u' = slope x - factor x u^n``.
+
+    Terms are at x = 1, where u is 1 at x = 0. Returned: the number of terms, all that there is room
+    for where they do not converge.
+    """
+    a[0] = q[0] = 1.0
+    for k in range(1, _TERMS + 1):
+        a[k] = ((slope if k == 1 else 0.0) - factor * q[k - 1]) / (first + step * k)
+        if abs(a[k]) < _ROUNDING and abs(a[k - 1]) < _ROUNDING:
+            return k
+        total = 0.0
+        for j in range(1, k + 1):
+            total += ((n + 1.0) / k * j - 1.0) * a[j] * q[k - j]
+        q[k] = total
+    return _TERMS
+
+
+@compiled
+def _converged_share(a: Array, terms: int) -> float:
+    """Return the x of at most one up to which the last two terms are below rounding."""
+    last = max(abs(a[terms]), abs(a[terms - 1]) ** (terms / (terms - 1.0)))
+    return (_ROUNDING / last) ** (1.0 / terms) if last > _ROUNDING else 1.0
+
+
+@compiled
+def _tail(a: Array, terms: int, x: float) -> float:
+    """Return the sum of all terms but the first at x."""
+    total = 0.0
+    for k in range(terms, 0, -1):
+        total = (total + a[k]) * x
+    return total
 
 
 @compiled
@@ -245,25 +135,18 @@ def _scale(A: float, rate: float, n: float) -> float:
 
 
 @compiled
-def flow(g: float, v: float, A: float, rate: float, n: float, table: Array) -> float:
-    """Return g after a distance v, where dg/dv = A - rate g^n; infinity where it ran away.
+def _flow(g: float, v: float, A: float, rate: float, n: float) -> float:
+    """Return g >= 0 after a distance v, where dg/dv = A - rate g^n and n is 1 or 2.
 
-    A > 0 and n >= 1, with the table of `power_table` for n. A distance below zero follows the
-    motion back, at most to g = 0; with a rate below zero g runs away.
+    A distance below zero follows the motion back, at most to g = 0; with a rate below zero g runs
+    away.
     """
     if n == 1.0:
         return max(saturating(g, A, rate, v), 0.0)
     G = _scale(A, rate, n)
     if not G < _HUGE:
         return max(g + A * v, 0.0)
-    x = g / G
-    tau = A * v / G
-    sigma = 1.0 if rate > 0.0 else -1.0
-    if n == 2.0:
-        return G * _flow_2(x, tau, sigma)
-    if sigma > 0.0 and x == 1.0:
-        return g
-    return G * _flow_n(x, tau, sigma, table)
+    return G * _flow_2(g / G, A * v / G, 1.0 if rate > 0.0 else -1.0)
 
 
 @compiled
@@ -285,29 +168,8 @@ def _flow_2(x: float, tau: float, sigma: float) -> float:
 
 
 @compiled
-def _flow_n(x: float, tau: float, sigma: float, table: Array) -> float:
-    """Return the scaled solution for other n."""
-    n = table[_CONSTANTS, 0]
-    above = sigma > 0.0 and x > 1.0
-    power = 0.0
-    if x > 0.0:
-        p = n * math.log(x)
-        power = math.exp(p)
-        if p > _EDGE:
-            # High up, a distance from 0 or from 1 would drown that from here.
-            move = -sigma * n * tau
-            if move >= -_beyond(_EDGE, p, sigma, table):
-                return _reached_high(p, move, sigma, table)
-    target = _elapsed(x, sigma, table) + n * tau
-    if target <= 0.0 and not above:
-        return 0.0
-    guess = max(x + tau * (1.0 - sigma * power), 0.0)
-    return _reached(target, sigma, above, guess, table)
-
-
-@compiled
-def time_to_zero(w: float, A: float, rate: float, n: float, table: Array) -> float:
-    """Return the distance in which w >= 0 falls to zero, where dw/dv = -(A - rate w^n).
+def time_to_zero(w: float, A: float, rate: float, n: float) -> float:
+    """Return the distance in which w >= 0 falls to zero, where dw/dv = -(A - rate w^n), n 1 or 2.
 
     Infinity where it does not.
     """
@@ -319,6 +181,4 @@ def time_to_zero(w: float, A: float, rate: float, n: float, table: Array) -> flo
     x = w / G
     if rate > 0.0 and x >= 1.0:
         return np.inf
-    if n == 2.0:
-        return G / A * (math.atanh(x) if rate > 0.0 else math.atan(x))
-    return G / A * (_elapsed(x, 1.0 if rate > 0.0 else -1.0, table) / n)
+    return G / A * (math.atanh(x) if rate > 0.0 else math.atan(x))

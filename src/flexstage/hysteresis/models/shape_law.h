@@ -22,19 +22,16 @@
 /* psi for (u falls, rises) by (h unloaded, loaded) by (u below, above the centre). */
 typedef struct {
     fs_real A, n, centre, psi[8];
-    const fs_real *table;
 } fs_law;
 
 /* The law psi = gamma + beta sign(u' h), which has no centre. */
-static inline fs_law fs_classical_law(fs_real A, fs_real beta, fs_real gamma, fs_real n,
-                                      const fs_real *table)
+static inline fs_law fs_classical_law(fs_real A, fs_real beta, fs_real gamma, fs_real n)
 {
     fs_law law;
     int k;
     law.A = A;
     law.n = n;
     law.centre = -(fs_real)INFINITY;
-    law.table = table;
     for (k = 0; k < 8; k++)
         law.psi[k] = k & 2 ? gamma + beta : gamma - beta;
     return law;
@@ -55,15 +52,8 @@ static inline int fs_law_upper(const fs_law *law, fs_real u, fs_real s)
 /* h after a distance on one side of the centre. */
 static inline fs_real fs_law_one_side(const fs_law *law, fs_real h, fs_real s, fs_real v, int upper)
 {
-    int at = fs_law_branch(s, upper), back;
-    fs_real g = s * h, zero = FS_R(0.0), end;
-    if (g < FS_R(0.0))
-        zero = fs_power_time_to_zero(-g, law->A, law->psi[at], law->n, law->table);
-    /* Unloading is loading, with the rate of unloading, followed back. */
-    back = v < zero;
-    end = fs_power_flow(back ? -g : fs_max(g, FS_R(0.0)), back ? -v : v - zero, law->A,
-                        back ? law->psi[at] : law->psi[at + 2], law->n, law->table);
-    return back ? -s * end : s * end;
+    int at = fs_law_branch(s, upper);
+    return s * fs_power_moved(s * h, v, law->A, law->psi[at], law->psi[at + 2], law->n);
 }
 
 /* h after the input has gone from u by du; not finite where it has run away. */

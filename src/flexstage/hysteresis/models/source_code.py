@@ -26,8 +26,8 @@ class TunableParameter:
     unit: str
     """Unit, of a model from volts to metres."""
     index: int | None
-    """Place in `HysteresisCode.parameters`; None where tables are derived from the parameter, so
-    that it cannot be changed while the code runs.
+    """Place in `HysteresisCode.parameters`; None where tables or the form of the code follow
+    from the parameter, so that it cannot be changed while the code runs.
     """
     value: float
     """Its value."""

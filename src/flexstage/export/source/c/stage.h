@@ -14,12 +14,12 @@
 #define FS_STAGE_H
 
 #include "amplifier.h"
+#include "fitted.h"
 #include "instance.h"
 #include "lags.h"
 #include "model_data.h"
 #include "model_hysteresis.h"
 #include "modes.h"
-#include "panels.h"
 #include "piece.h"
 #include "prepare.h"
 #include "real.h"
@@ -215,9 +215,9 @@ static inline const char *fs_drive_step(fs_stage *s, int d, fs_real command, fs_
             drive->free += last->amplitude * FS_EXP(-last->rate * (FS_R(1.0) - last->start));
     }
 #endif
-#if FS_HAS_PANELS
-    if (fs_data_form[d] == FS_FORM_PANELS) {
-        const char *message = fs_panels_step(s, d, u, v);
+#if FS_HAS_FITTED
+    if (fs_data_form[d] == FS_FORM_FITTED) {
+        const char *message = fs_fitted_step(s, d, u, v);
         if (message)
             return message;
     }

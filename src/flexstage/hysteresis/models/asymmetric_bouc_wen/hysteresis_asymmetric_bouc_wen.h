@@ -1,7 +1,7 @@
 /* Bouc-Wen hysteresis on a cubic, y = d u + d2 u^2 + d3 u^3 - h.
  *
- * Parameters: gain d, quadratic d2, cubic d3, hysteresis_gain A, beta, gamma, exponent n, then the
- * table of the power law where n is neither 1 nor 2. Memory: last input, h.
+ * Parameters: gain d, quadratic d2, cubic d3, hysteresis_gain A, beta, gamma, exponent n.
+ * Memory: last input, h.
  */
 #ifndef FS_HYSTERESIS_ASYMMETRIC_BOUC_WEN_H
 #define FS_HYSTERESIS_ASYMMETRIC_BOUC_WEN_H
@@ -17,7 +17,7 @@ static inline fs_real fs_asymmetric_bouc_wen_move(const fs_real *p, fs_real *mem
         fs_real value = fs_run_move(FS_R(0.0), p[3], p[4], p[5], memory, u1);
         return value + u1 * (p[0] + u1 * (p[1] + u1 * p[2]));
     }
-    law = fs_classical_law(p[3], p[4], p[5], p[6], p + 7);
+    law = fs_classical_law(p[3], p[4], p[5], p[6]);
     return fs_law_move(&law, p[0], p[1], p[2], memory, u1);
 }
 

@@ -15,7 +15,6 @@ from flexstage.hysteresis.models.bouc_wen_common import (
     classical_properties,
     simulate_runs,
 )
-from flexstage.hysteresis.models.power_law import power_table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,6 +153,6 @@ class AsymmetricBoucWen(BoucWenModel):
         values += u * (self.gain + u * (self.quadratic + u * self.cubic))
         return h
 
-    def _compiled(self) -> tuple[Array, Array, Array]:
+    def _compiled(self) -> tuple[Array, Array]:
         law = classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)
-        return np.array([self.gain, self.quadratic, self.cubic]), law, power_table(self.exponent)
+        return np.array([self.gain, self.quadratic, self.cubic]), law

@@ -1,7 +1,6 @@
 /* Bouc-Wen hysteresis, y = d u - h, h' = A u' - beta |u'| |h|^(n-1) h - gamma u' |h|^n.
  *
- * Parameters: gain d, hysteresis_gain A, beta, gamma, exponent n, then the table of the power law
- * where n is neither 1 nor 2. Memory: last input, h.
+ * Parameters: gain d, hysteresis_gain A, beta, gamma, exponent n. Memory: last input, h.
  */
 #ifndef FS_HYSTERESIS_BOUC_WEN_H
 #define FS_HYSTERESIS_BOUC_WEN_H
@@ -14,7 +13,7 @@
 static inline int fs_bouc_wen_line(const fs_real *p, fs_real *memory, fs_real u1, fs_piece *pieces,
                                    int room, fs_real *value)
 {
-    fs_law law = fs_classical_law(p[1], p[2], p[3], p[4], p + 5);
+    fs_law law = fs_classical_law(p[1], p[2], p[3], p[4]);
     return fs_law_line(&law, p[0], memory, u1, pieces, room, value);
 }
 
@@ -24,7 +23,7 @@ static inline fs_real fs_bouc_wen_move(const fs_real *p, fs_real *memory, fs_rea
     fs_law law;
     if (p[4] == FS_R(1.0))
         return fs_run_move(p[0], p[1], p[2], p[3], memory, u1);
-    law = fs_classical_law(p[1], p[2], p[3], p[4], p + 5);
+    law = fs_classical_law(p[1], p[2], p[3], p[4]);
     return fs_law_move(&law, p[0], FS_R(0.0), FS_R(0.0), memory, u1);
 }
 

@@ -18,7 +18,6 @@ from flexstage.hysteresis.models.bouc_wen_common import (
     simulate_runs,
 )
 from flexstage.hysteresis.models.bouc_wen_steps import simulate_many
-from flexstage.hysteresis.models.power_law import power_table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,9 +100,9 @@ class BoucWen(BoucWenModel):
         numbers = self.gain, self.hysteresis_gain, self.beta, self.gamma
         return simulate_runs(u, state[0], state[1], *numbers, values)
 
-    def _compiled(self) -> tuple[Array, Array, Array]:
+    def _compiled(self) -> tuple[Array, Array]:
         law = classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)
-        return np.array([self.gain, 0.0, 0.0]), law, power_table(self.exponent)
+        return np.array([self.gain, 0.0, 0.0]), law
 
 
 def simulate_bouc_wen_batch(u: ArrayLike, parameters: ArrayLike) -> Array:
@@ -162,7 +161,6 @@ def _batch_of_steps(u: Array, table: Array) -> Array:
     cubics = np.zeros((len(table), 3))
     cubics[:, 0] = table[:, 0]
     laws = np.array([classical_law(A, beta, gamma, n) for _, A, beta, gamma, n in table.tolist()])
-    tables = np.array([power_table(n) for n in table[:, 4].tolist()])
     out = np.empty((len(table), u.size))
-    simulate_many(u, cubics, laws, tables, out)
+    simulate_many(u, cubics, laws, out)
     return out

@@ -13,7 +13,7 @@
 static inline int fs_dahl_line(const fs_real *p, fs_real *memory, fs_real u1, fs_piece *pieces,
                                int room, fs_real *value)
 {
-    fs_law law = fs_classical_law(p[1], p[1] / p[2], FS_R(0.0), FS_R(1.0), p);
+    fs_law law = fs_classical_law(p[1], p[1] / p[2], FS_R(0.0), FS_R(1.0));
     return fs_law_line(&law, p[0], memory, u1, pieces, room, value);
 }
 

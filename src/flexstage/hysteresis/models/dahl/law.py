@@ -13,7 +13,6 @@ from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, ModelProperty, Response, samples
 from flexstage.hysteresis.models.bouc_wen_common import BoucWenModel, classical_law, simulate_runs
 from flexstage.hysteresis.models.decay import decayed
-from flexstage.hysteresis.models.power_law import power_table
 
 _ITERATIONS = 100
 _ROUNDING = 2.3e-16
@@ -107,10 +106,10 @@ class Dahl(BoucWenModel):
         rate = self.stiffness / self.limit
         return simulate_runs(u, state[0], state[1], self.gain, self.stiffness, rate, 0.0, values)
 
-    def _compiled(self) -> tuple[Array, Array, Array]:
+    def _compiled(self) -> tuple[Array, Array]:
         # of exponent 1, where it is Bouc-Wen
         law = classical_law(self.stiffness, self.stiffness / self.limit, 0.0, 1.0)
-        return np.array([self.gain, 0.0, 0.0]), law, power_table(1.0)
+        return np.array([self.gain, 0.0, 0.0]), law
 
     def _numbers(self) -> tuple[float, float, float, float]:
         """Return the parameters in the order of the compiled loops."""

@@ -2,8 +2,7 @@
  * b1 sgn(u' h) + b2 sgn(x u') + b3 sgn(x h) + b4 sgn(u') + b5 sgn(h) + b6 sgn(x), x = u - centre
  * (Song, Der Kiureghian 2006).
  *
- * Parameters: gain d, hysteresis_gain A, b1 to b6, centre, exponent n, then the table of the power
- * law where n is neither 1 nor 2. Memory: last input, h.
+ * Parameters: gain d, hysteresis_gain A, b1 to b6, centre, exponent n. Memory: last input, h.
  */
 #ifndef FS_HYSTERESIS_GENERALISED_BOUC_WEN_H
 #define FS_HYSTERESIS_GENERALISED_BOUC_WEN_H
@@ -17,7 +16,6 @@ static inline fs_law fs_generalised_bouc_wen_law(const fs_real *p)
     law.A = p[1];
     law.centre = p[8];
     law.n = p[9];
-    law.table = p + 10;
     for (k = 0; k < 8; k++) {
         fs_real rate = k & 4 ? FS_R(1.0) : -FS_R(1.0);
         fs_real loaded = k & 2 ? FS_R(1.0) : -FS_R(1.0);

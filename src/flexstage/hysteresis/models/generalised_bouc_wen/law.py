@@ -12,7 +12,6 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, ModelProperty, Response, samples
 from flexstage.hysteresis.models.bouc_wen_common import BoucWenModel
 from flexstage.hysteresis.models.bouc_wen_steps import law_of
-from flexstage.hysteresis.models.power_law import power_table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,6 +139,6 @@ class GeneralisedBoucWen(BoucWenModel):
             ),
         )
 
-    def _compiled(self) -> tuple[Array, Array, Array]:
+    def _compiled(self) -> tuple[Array, Array]:
         law = law_of(self.hysteresis_gain, self.exponent, self.centre, self.shape_function())
-        return np.array([self.gain, 0.0, 0.0]), law, power_table(self.exponent)
+        return np.array([self.gain, 0.0, 0.0]), law
