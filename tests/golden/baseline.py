@@ -53,7 +53,7 @@ OF_THE_RUN = {
 #: Keys that name an item of a list.
 NAMES = ("quantity", "name", "key", "hinge", "step", "axis", "model")
 #: Files of pictures, of compiled code, or whose numbers stand elsewhere as well.
-SKIPPED = (".html", ".png", ".pdf", ".so", ".dll", ".dylib", ".log", ".stream", ".sqlite")
+SKIPPED = (".html", ".png", ".pdf", ".so", ".dll", ".dylib", ".lock", ".log", ".stream", ".sqlite")
 NUMBER = re.compile(r"(?<![\w.])[-+\N{MINUS SIGN}]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w])")
 
 
