@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import ModelError
@@ -206,6 +206,17 @@ def test_odd(model: HysteresisModel, u: np.ndarray) -> None:
 
 @settings(quick)
 @given(generalised(), levels)
+# a distance that is zero once it is multiplied
+@example(
+    GeneralisedBoucWen(
+        gain=2.0,
+        hysteresis_gain=0.3,
+        shape=(0.003244997295835587, 0.0, 0.0, 0.0, 0.0, 0.0),
+        centre=-5e-324,
+        exponent=3.0,
+    ),
+    np.array([0.0, -1.0]),
+)
 def test_mirrored_shape(model: GeneralisedBoucWen, u: np.ndarray) -> None:
     """The mirror image has its centre on the other side, and the even parts turned round."""
     signs = (1.0, 1.0, 1.0, -1.0, -1.0, -1.0)

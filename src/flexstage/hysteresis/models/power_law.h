@@ -186,7 +186,7 @@ static inline fs_real fs_power_moved(fs_real g, fs_real v, fs_real A, fs_real un
         power = psi * FS_POW(w, n) / A;
         if (!(FS_ABS(power) < FS_POWER_HUGE))
             break;
-        if (FS_ABS(power) < FS_POWER_LOW && A * v > FS_R(0.1) * w) {
+        if (FS_ABS(power) < FS_POWER_LOW && A * v >= FS_R(0.1) * w) {
             g = fs_power_from_zero(s, w, &v, A, psi, n, power);
         } else if (s > FS_R(0.0) && FS_ABS(FS_R(1.0) - power) < FS_POWER_SATURATED) {
             return g - w * (FS_R(1.0) - power) / n * FS_EXPM1(-n * A * v / w);

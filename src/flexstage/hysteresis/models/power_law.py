@@ -48,7 +48,7 @@ def moved(g: float, v: float, A: float, unloaded: float, loaded: float, n: float
         power = psi * w**n / A
         if not abs(power) < _HUGE:
             break
-        if abs(power) < _LOW and A * v > 0.1 * w:
+        if abs(power) < _LOW and A * v >= 0.1 * w:
             g, v = _from_zero(s, w, v, A, psi, n, power, a, q)
         elif s > 0.0 and abs(1.0 - power) < _SATURATED:
             return g - w * (1.0 - power) / n * math.expm1(-n * A * v / w)

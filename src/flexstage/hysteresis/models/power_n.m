@@ -19,7 +19,7 @@ for step = 1:20000
     if ~(abs(z) < 1e150)
         g = s * Inf;
         return
-    elseif abs(z) < 0.1 && A * v > 0.1 * w
+    elseif abs(z) < 0.1 && A * v >= 0.1 * w
         [g, v] = from_zero(s, w, v, A, psi, n, z);
     elseif s > 0 && abs(1 - z) < 1e-9
         g = g - w * (1 - z) / n * expm1(-n * A * v / w);
