@@ -31,7 +31,7 @@ from flexstage.hysteresis import (
     Preisach,
     simulate_bouc_wen_batch,
 )
-from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
+from flexstage.hysteresis.chain.fitted_segments import forcing
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.model import HysteresisModel
 
@@ -155,6 +155,10 @@ def stepping(count: int = SAMPLES) -> Iterator[Row]:
     yield from rows(f"Bouc-Wen over {count} samples", routes, samples=count)
 
 
+def _with_stage(modes: StageModes, u: Array) -> Array:
+    return modes.through(forcing(MODEL, u, MODEL.initial_state()), DT).values
+
+
 def stage(count: int = SAMPLES) -> Iterator[Row]:
     """Time Bouc-Wen and a mode of 339 Hz behind it, at 10 kHz."""
     from tests.analytic.test_coupled_stepping import in_30_digits
@@ -168,14 +172,14 @@ def stage(count: int = SAMPLES) -> Iterator[Row]:
         damping_ratio=[0.012, 0.01, 0.02],
         share=[0.8, 0.15, 0.05],
     )
-    exact = simulate_with_stage(MODEL, MODE, many, DT).values
+    exact = _with_stage(MODE, many)
     digits = in_30_digits(few, DT)
     coarse = _runge_kutta_with_mode(many)
     routes = [
         Route(
-            name="flexstage, both in one step",
-            work=lambda: simulate_with_stage(MODEL, MODE, u, DT),
-            words=_off(simulate_with_stage(MODEL, MODE, few, DT).values, digits),
+            name="flexstage, through segments in closed form",
+            work=lambda: _with_stage(MODE, u),
+            words=_off(_with_stage(MODE, few), digits),
         ),
         Route(
             name="Runge-Kutta 4, compiled, a step a sample",
@@ -190,7 +194,7 @@ def stage(count: int = SAMPLES) -> Iterator[Row]:
         ),
         Route(
             name="flexstage, three modes (a tenth of it, scaled)",
-            work=lambda: simulate_with_stage(MODEL, modes, small, DT),
+            work=lambda: _with_stage(modes, small),
             scale=10.0,
         ),
     ]

@@ -16,7 +16,6 @@ from flexstage.lazy import import_on_use, names_for_types
 if TYPE_CHECKING:
     from flexstage.hysteresis.build_model import assembled_model, dynamic_model
     from flexstage.hysteresis.chain.amplifier import Amplifier
-    from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
     from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
     from flexstage.hysteresis.chain.lag import Lag
     from flexstage.hysteresis.chain.sensor import Sensor
@@ -96,7 +95,6 @@ __all__ = [
     "read_model_text",
     "samples",
     "simulate_bouc_wen_batch",
-    "simulate_with_stage",
     "smoothed",
     "tracking",
 ]
