@@ -46,7 +46,6 @@ if TYPE_CHECKING:
         read_model_file,
         read_model_text,
     )
-    from flexstage.hysteresis.models.bouc_wen.law import simulate_bouc_wen_batch
     from flexstage.hysteresis.models.registry import *  # noqa: F403
     from flexstage.hysteresis.models.registry import MODELS
     from flexstage.hysteresis.prediction import Prediction, predict
@@ -94,7 +93,6 @@ __all__ = [
     "read_model_file",
     "read_model_text",
     "samples",
-    "simulate_bouc_wen_batch",
     "smoothed",
     "tracking",
 ]
