@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from flexstage.elasticity.buckling import buckling
     from flexstage.elasticity.continuum import AttachedMass, Continuum
     from flexstage.elasticity.large_displacement import follow_drive, follow_load
-    from flexstage.elasticity.loaded import loaded, stress_stiffening, von_mises
+    from flexstage.elasticity.loaded import loaded, material_stress, stress_stiffening, von_mises
     from flexstage.elasticity.resources import parallel
     from flexstage.elasticity.shapes import face
 
@@ -25,6 +25,7 @@ __all__ = [
     "follow_drive",
     "follow_load",
     "loaded",
+    "material_stress",
     "parallel",
     "stress_stiffening",
     "von_mises",
