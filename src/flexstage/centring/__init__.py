@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
+    from flexstage.centring.against_reference import against_reference
     from flexstage.centring.asynchronous_motion import axis_motion
     from flexstage.centring.calibration_table import CalibrationTable
     from flexstage.centring.centre_reading import CentreReading
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     )
     from flexstage.centring.harmonic_fit import Harmonic
     from flexstage.centring.harmonics import fit_harmonics, fit_many
-    from flexstage.centring.head_averaging import against_reference
     from flexstage.centring.indicators import IndicatorReadings, run_out
     from flexstage.centring.positioner import Positioner
     from flexstage.centring.procedure import Centring, centre
