@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from benchmarks.cases import Row
 from benchmarks.timing import Timed, in_turns
 from flexstage.arrays import Array
-from flexstage.centring import HeadReadings, as_readings, eccentricity, fit_harmonics, fit_many
+from flexstage.centring import HeadReadings, eccentricity, fit_harmonics, fit_many
 
 __all__ = ["centring", "fit", "heads", "turns"]
 
@@ -40,7 +40,11 @@ def record(
         errors[:, j] = 1e-3 * np.sin(beta - 0.7) + 2e-5 * np.cos(2.0 * theta)
         errors[:, j] += 1e-6 * np.sin(11.0 * theta) + 1e-8 * theta
         errors[:, j] += rng.normal(0.0, 5e-6, theta.size)
-    return theta, errors, as_readings(theta, errors, alphas.tolist())
+    heads = [
+        HeadReadings(angle=theta, error=column, head_angle=alpha)
+        for column, alpha in zip(errors.T, alphas.tolist(), strict=True)
+    ]
+    return theta, errors, heads
 
 
 def plain(theta: Array, errors: Array) -> Array:

@@ -1,6 +1,6 @@
-"""Hysteresis: stepping, with a stage, all models, growth, and many models at once.
+"""Hysteresis: stepping, with a stage, all models, and growth.
 
-`python -m benchmarks.hysteresis [stepping] [stage] [models] [growth] [batch]` runs it alone.
+`python -m benchmarks.hysteresis [stepping] [stage] [models] [growth]` runs it alone.
 
 Routes of one case take turns, several times; a time is the least of a route, a ratio the median of
 the ratios within the turns. Displacements are in um here, voltages from 0 to 120 V.
@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
 
-import numba
 import numpy as np
 
 from benchmarks import hysteresis_peers as peers
@@ -29,13 +28,12 @@ from flexstage.hysteresis import (
     ModifiedPrandtlIshlinskii,
     PrandtlIshlinskii,
     Preisach,
-    simulate_bouc_wen_batch,
 )
-from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
+from flexstage.hysteresis.chain.fitted_segments import forcing
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.model import HysteresisModel
 
-__all__ = ["Route", "batch", "growth", "hysteresis", "models", "rows", "stage", "stepping"]
+__all__ = ["Route", "growth", "hysteresis", "models", "rows", "stage", "stepping"]
 
 
 SAMPLES = 1_000_000
@@ -76,25 +74,21 @@ def rows(
     *,
     samples: float = 0.0,
     rounds: int = ROUNDS,
-    quiet: bool = False,
 ) -> Iterator[Row]:
-    """Time the routes of a case in turns, after a warm-up of each.
-
-    With `quiet` the ratios are those of the least times, of moments when no other program ran.
-    """
+    """Time the routes of a case in turns, after a warm-up of each."""
     for route in routes:
         if route.scale < 20.0:
             route.work()
     turns = [[_seconds(route) for route in routes] for _ in range(rounds)]
     for i, route in enumerate(routes):
-        least, first = (min(turn[k] for turn in turns) for k in (i, 0))
+        least = min(turn[i] for turn in turns)
         paired = statistics.median(turn[i] / turn[0] for turn in turns)
         each = f"{1e9 * least / samples:.3g} ns a sample" if samples else ""
         yield Row(
             case=case,
             route=route.name,
             time=Timed(seconds=least),
-            ratio=least / first if quiet else paired,
+            ratio=paired,
             limit="; ".join(word for word in (each, route.words) if word),
         )
 
@@ -155,27 +149,30 @@ def stepping(count: int = SAMPLES) -> Iterator[Row]:
     yield from rows(f"Bouc-Wen over {count} samples", routes, samples=count)
 
 
-def stage(count: int = SAMPLES) -> Iterator[Row]:
+def _with_stage(modes: StageModes, u: Array) -> Array:
+    return modes.through(forcing(MODEL, u, MODEL.initial_state()), DT).values
+
+
+def stage(count: int = SAMPLES // 10) -> Iterator[Row]:
     """Time Bouc-Wen and a mode of 339 Hz behind it, at 10 kHz."""
     from tests.analytic.test_coupled_stepping import in_30_digits
 
     u, few = peers.sweep(count), peers.sweep(FEW // 5)
     many = peers.sweep(FEW)
     u[0] = few[0] = many[0] = 0.0
-    small = peers.sweep(count // 10)
     modes = StageModes(
         frequency_hz=[339.0, 811.0, 1850.0],
         damping_ratio=[0.012, 0.01, 0.02],
         share=[0.8, 0.15, 0.05],
     )
-    exact = simulate_with_stage(MODEL, MODE, many, DT).values
+    exact = _with_stage(MODE, many)
     digits = in_30_digits(few, DT)
     coarse = _runge_kutta_with_mode(many)
     routes = [
         Route(
-            name="flexstage, both in one step",
-            work=lambda: simulate_with_stage(MODEL, MODE, u, DT),
-            words=_off(simulate_with_stage(MODEL, MODE, few, DT).values, digits),
+            name="flexstage, through segments in closed form",
+            work=lambda: _with_stage(MODE, u),
+            words=_off(_with_stage(MODE, few), digits),
         ),
         Route(
             name="Runge-Kutta 4, compiled, a step a sample",
@@ -189,9 +186,8 @@ def stage(count: int = SAMPLES) -> Iterator[Row]:
             words=_off(peers.solve_ivp_lines(MODEL, many, DT, MODE), exact),
         ),
         Route(
-            name="flexstage, three modes (a tenth of it, scaled)",
-            work=lambda: simulate_with_stage(MODEL, modes, small, DT),
-            scale=10.0,
+            name="flexstage, three modes",
+            work=lambda: _with_stage(modes, u),
         ),
     ]
     yield from rows(f"Bouc-Wen and a mode over {count} samples", routes, samples=count)
@@ -298,55 +294,16 @@ def growth(
                 yield replace(row, ratio=row.time.seconds / first)
 
 
-def batch(sets: int = 1000, count: int = 5000) -> Iterator[Row]:
-    """Time many Bouc-Wen models over one record, on one thread and on two."""
-    u = peers.sweep(count)
-    draw = np.random.default_rng(5).uniform
-    table = np.column_stack(
-        (draw(0.5, 0.7, sets), draw(0.1, 0.5, sets), draw(0.02, 0.2, sets), draw(0.0, 0.02, sets))
-    )
-    made = [
-        BoucWen(gain=d, hysteresis_gain=a, beta=beta, gamma=gamma)
-        for d, a, beta, gamma in table.tolist()
-    ]
-    most = numba.get_num_threads()
-
-    def with_threads(threads: int, some: Array) -> None:
-        numba.set_num_threads(threads)
-        simulate_bouc_wen_batch(u, some)
-        numba.set_num_threads(most)
-
-    def one_by_one() -> Array:
-        return np.array([model.simulate(u).values for model in made])
-
-    routes = [
-        Route(name=f"flexstage, a batch, {most} threads", work=lambda: with_threads(most, table)),
-        Route(name="flexstage, a batch, 1 thread", work=lambda: with_threads(1, table)),
-        Route(name="a loop over models in Python", work=one_by_one),
-    ]
-    case = f"{sets} Bouc-Wen models, {count} samples"
-    yield from rows(case, routes, samples=sets * count, rounds=4 * ROUNDS)
-    # other programs on the cores slow two threads more than one: a short batch finds them free
-    few = table[: sets // 20]
-    routes = [
-        Route(name=f"flexstage, a batch, {most} threads", work=lambda: with_threads(most, few)),
-        Route(name="flexstage, a batch, 1 thread", work=lambda: with_threads(1, few)),
-    ]
-    case = f"{len(few)} Bouc-Wen models, {count} samples, in quiet moments"
-    yield from rows(case, routes, samples=len(few) * count, rounds=60 * ROUNDS, quiet=True)
-
-
 CASES = {
     "stepping": stepping,
     "stage": stage,
     "models": models,
     "growth": growth,
-    "batch": batch,
 }
 
 
 def hysteresis() -> Iterator[Row]:
-    """Time steps, stages and batches of every hysteresis model."""
+    """Time steps, stages and records of every hysteresis model."""
     for case in CASES.values():
         yield from case()
 

@@ -5,7 +5,7 @@ import math
 import numba
 import numpy as np
 
-from flexstage.hysteresis.compiled import compiled, compiled_parallel
+from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 
 #: Largest number of steps within one sample; a motion that needs more diverges.
@@ -55,7 +55,7 @@ def advance(
     return pieces.shape[0] + 1
 
 
-@compiled_parallel
+@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def advance_each(
     pieces: Array,
     interval: float,

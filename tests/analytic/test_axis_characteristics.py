@@ -17,7 +17,6 @@ from flexstage.system import (
     MechanicalSystem,
     ModalDamping,
     analyse,
-    guyan_reduction,
     static_displacements,
 )
 from flexstage.system.characteristics import axis_mode
@@ -28,7 +27,6 @@ from flexstage.system.mechanical import (
     LoadPort,
     ProbePort,
 )
-from flexstage.system.reduction import transformed
 from flexstage.system.stress_map import StressMap
 
 # one body on springs that couple x, y and its rotation; y is softer, so its mode comes first
@@ -151,19 +149,6 @@ def test_ratio_and_coupling_keep_their_sign() -> None:
     rows = analyse(stage(), turned).characteristics
     assert rows.value("transmission_ratio", "x") == pytest.approx(-0.5)
     assert rows.value("resolution", "x") == pytest.approx(STEP / 2)
-
-
-def test_a_reduced_system_says_the_same_of_stress_and_bodies() -> None:
-    whole = static_displacements(system(), {"a": STROKE})
-    turn = np.linalg.qr(np.array([[1.0, 2.0, 3.0], [0.0, 1.0, 4.0], [5.0, 6.0, 1.0]]))[0]
-    for other in (
-        transformed(system(), turn, ("u", "v", "w")),
-        guyan_reduction(system(), ["x [m]", "rotation [rad]"]),
-    ):
-        found = static_displacements(other, {"a": STROKE})
-        assert found.hinge_stress == pytest.approx(whole.hinge_stress, rel=1e-9)
-        assert found.body_motion["body"] == pytest.approx(whole.body_motion["body"], rel=1e-9)
-        assert found.readings == pytest.approx(whole.readings, rel=1e-9)
 
 
 def test_a_hash_sees_every_number_and_name() -> None:

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import brentq
 
 from flexstage.centring import ARCSEC, exact_error, first_order_error
-from flexstage.centring.geometry import direction_vector, exact_run_out, in_turning_frame
+from flexstage.centring.geometry import exact_run_out, in_turning_frame
 from flexstage.centring.record_heads import head_of
 from flexstage.errors import ModelError
 from flexstage.records import Channel, Record
@@ -56,7 +56,7 @@ def test_line_found_in_the_room(kind, head):
 
 def test_first_order_amplitude_and_phase():
     e, phi, alpha = 50e-6, 0.7, 1.1
-    d = first_order_error(THETA, direction_vector(e, phi), R, head_angle=alpha)
+    d = first_order_error(THETA, e * np.array([np.cos(phi), np.sin(phi)]), R, head_angle=alpha)
     assert d == pytest.approx(e / R * np.sin(THETA + alpha - phi), abs=1e-18)
     # 412.53 arcsec for each um of eccentricity on each mm of diameter
     assert amplitude(d, 1) / ARCSEC == pytest.approx(206264.806 * e / R, rel=1e-8)

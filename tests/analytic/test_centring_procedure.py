@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from flexstage.centring.against_reference import against_reference
 from flexstage.centring.centre_reading import CentreReading, centre_reading, table_reading
 from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ARCSEC
-from flexstage.centring.head_averaging import against_reference
 from flexstage.centring.move import (
     MoveErrors,
     MoveModel,

@@ -398,7 +398,7 @@ def test_current_and_capacitance_limit_the_rate() -> None:
         bandwidth_hz=5e3, capacitance=6.4e-6, current_limit=0.064, slew_limit=2.5e4
     )
     assert amplifier.largest_rate == pytest.approx(1e4)
-    f = amplifier.full_power_frequency_hz(60.0)
+    f = amplifier.largest_rate / (2.0 * np.pi * 60.0)
     assert f == pytest.approx(26.526, abs=1e-3)
     t = 1e-5 * np.arange(20000)
     below, above = (

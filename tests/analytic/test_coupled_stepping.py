@@ -21,12 +21,11 @@ from flexstage.hysteresis import (
     Duhem,
     GeneralisedBoucWen,
 )
-from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
-from flexstage.hysteresis.chain.fitted_segments import fitted_segments
+from flexstage.hysteresis.chain.fitted_segments import fitted_segments, forcing
 from flexstage.hysteresis.chain.lag import lags_through_segments
 from flexstage.hysteresis.chain.modal import modes_through_segments, unit_step
 from flexstage.hysteresis.chain.stage_modes import StageModes
-from flexstage.hysteresis.model import HysteresisModel, Segments
+from flexstage.hysteresis.model import HysteresisModel, Response, Segments
 
 D, A, BETA, GAMMA = 0.593, 0.544, 0.05, 0.03
 F, ZETA = 339.0, 0.012
@@ -41,6 +40,11 @@ def voltages(count: int, seed: int = 4) -> Array:
     u[0] = 0.0
     u[count // 2] = u[count // 2 - 1]
     return u
+
+
+def with_stage(model: HysteresisModel, stage: StageModes, u: Array, dt: float) -> Response:
+    """The stage behind the hysteresis, after an input that came to its first value long ago."""
+    return stage.through(forcing(model, u, model.initial_state()), dt)
 
 
 def in_30_digits(u: Array, dt: float) -> Array:
@@ -94,7 +98,7 @@ def test_bouc_wen_and_a_mode_against_30_digits(dt: float) -> None:
     model = BoucWen(gain=D, hysteresis_gain=A, beta=BETA, gamma=GAMMA)
     stage = StageModes(frequency_hz=[F], damping_ratio=[ZETA])
     for u in (voltages(150), 60.0 * (1.0 - np.cos(0.031 * np.arange(400)))):
-        mine = simulate_with_stage(model, stage, u, dt).values
+        mine = with_stage(model, stage, u, dt).values
         assert np.abs(mine - in_30_digits(u, dt)).max() < 5e-12
 
 
@@ -133,7 +137,7 @@ def test_any_exponent_against_integration_that_splits_at_events(n: float) -> Non
     model = BoucWen(gain=D, hysteresis_gain=A, beta=BETA, gamma=GAMMA, exponent=n)
     stage = StageModes(frequency_hz=[F], damping_ratio=[ZETA])
     u, dt = voltages(14), 1.5e-3
-    mine = simulate_with_stage(model, stage, u, dt).values
+    mine = with_stage(model, stage, u, dt).values
     # exponent 1 has a closed form, and DOP853 is not better than this at such a tolerance
     assert np.abs(mine - by_events(n, u, dt)).max() < (2e-9 if n == 1.0 else FITTED)
 
@@ -205,7 +209,7 @@ def test_any_exponent_and_step_against_convolution(n: float, dt: float) -> None:
     model = BoucWen(gain=D, hysteresis_gain=A, beta=BETA, gamma=GAMMA, exponent=n)
     stage = StageModes(frequency_hz=[F], damping_ratio=[ZETA])
     u = voltages(14)
-    mine = simulate_with_stage(model, stage, u, dt).values
+    mine = with_stage(model, stage, u, dt).values
     assert np.abs(mine - by_convolution(model, u, dt)).max() < FITTED
 
 
@@ -294,22 +298,16 @@ def test_stage_does_not_depend_on_how_lines_and_records_are_cut(n: float) -> Non
     model = BoucWen(gain=D, hysteresis_gain=A, beta=BETA, gamma=GAMMA, exponent=n)
     stage = StageModes(frequency_hz=[F, 760.0], damping_ratio=[ZETA, 0.02], share=[0.8, 0.15])
     u, dt = voltages(40), 7e-4
-    whole = simulate_with_stage(model, stage, u, dt)
+    whole = with_stage(model, stage, u, dt)
     fine = np.interp(np.arange(39 * 3 + 1) / 3.0, np.arange(40), u)
-    thirds = simulate_with_stage(model, stage, fine, dt / 3.0)
+    thirds = with_stage(model, stage, fine, dt / 3.0)
     assert np.abs(thirds.values[::3] - whole.values).max() < (5e-12 if n == 1.0 else FITTED)
-    first = simulate_with_stage(model, stage, u[:17], dt)
-    second = simulate_with_stage(
-        model,
-        stage,
-        u[17:],
-        dt,
-        hysteresis_state=first.hysteresis_state,
-        stage_state=first.stage_state,
-    )
-    both = np.concatenate((first.values, second.values))
+    first = with_stage(model, stage, u[:17], dt)
+    reached = forcing(model, u[:17], model.initial_state()).state
+    second = stage.through(forcing(model, u[16:], reached), dt, first.state)
+    both = np.concatenate((first.values, second.values[1:]))
     assert np.abs(both - whole.values).max() < 5e-12
-    assert second.stage_state == pytest.approx(whole.stage_state, abs=1e-8)
+    assert second.state == pytest.approx(whole.state, abs=1e-8)
 
 
 def test_pieces_may_be_longer_than_a_step() -> None:
@@ -346,15 +344,3 @@ def test_pieces_may_be_longer_than_a_step() -> None:
     lags_through_segments(long, ratio, np.zeros(3), np.eye(3), a)
     lags_through_segments(short, ratio, np.zeros(3), np.eye(3), b)
     assert np.abs(a - b).max() < 1e-13
-
-
-def test_segments_may_be_read_by_the_stage_alone() -> None:
-    model = BoucWen(gain=D, hysteresis_gain=A, beta=BETA, gamma=GAMMA)
-    stage = StageModes(frequency_hz=[F, 760.0], damping_ratio=[ZETA, 0.02], share=[0.8, 0.15])
-    u = voltages(40)
-    form = model.segments(u)
-    assert form is not None
-    alone = stage.through(form, 1e-4)
-    joint = simulate_with_stage(model, stage, u, 1e-4)
-    assert np.abs(alone.values - joint.values).max() < 1e-12
-    assert alone.state == pytest.approx(joint.stage_state, abs=1e-9)

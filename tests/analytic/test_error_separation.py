@@ -5,13 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from flexstage.centring.against_reference import against_reference
 from flexstage.centring.calibration_table import CalibrationTable
 from flexstage.centring.cross_calibration import cross_calibration
 from flexstage.centring.equal_division import equal_division
 from flexstage.centring.geometry import ARCSEC, exact_error
-from flexstage.centring.head_averaging import against_reference, head_averaging
 from flexstage.centring.self_calibration import order_visibility, self_calibration
-from flexstage.centring.turn_spectrum import turn_spectrum
 from flexstage.errors import ModelError, RecordError
 from flexstage.records import read_record, write_record
 from flexstage.virtual.table import ScaleErrors, VirtualTable, scale_errors
@@ -85,23 +84,6 @@ def test_even_heads_are_blind_to_multiples_only() -> None:
     t, y = readings(EVEN)
     assert equal_division(t, y, heads=EVEN, orders=ORDERS, noise=1.0).blind == (7, 14, 21, 28, 35)
     assert self_calibration(t, y, heads=EVEN, orders=ORDERS, noise=1.0).blind == (7, 14, 21, 28, 35)
-    assert head_averaging(EVEN, ORDERS).remaining() == (7, 14, 21, 28, 35)
-    assert np.all(head_averaging(EVEN, ORDERS).axis_motion < 1e-15)
-    two = head_averaging([0.4, 0.4 + np.pi], range(1, 7))
-    assert two.remaining() == (2, 4, 6)
-    assert two.noise == pytest.approx(math.sqrt(0.5))
-
-
-def test_the_mean_of_heads_reads_what_its_transfer_says() -> None:
-    weights = np.array([0.4, 1.3, 0.8, 0.6])
-    mean = head_averaging(HEADS, ORDERS, weights=weights)
-    t, y = readings(HEADS)
-    left = turn_spectrum(t, (mean.weights @ y)[np.newaxis], ORDERS).coefficients[0]
-    own = SCALE.cosine - 1j * SCALE.sine
-    assert np.max(np.abs(left - mean.transfer * own)) < 1e-12 * ARCSEC
-    moved = mean.weights @ (readings(HEADS, motion=2e-6)[1] - y)
-    x, z = radial_motion(t, 2e-6)
-    assert moved == pytest.approx(mean.axis_motion @ np.stack((x, z)), abs=1e-18)
 
 
 def test_axis_motion_is_told_from_the_scale() -> None:
@@ -344,7 +326,6 @@ def test_noise_of_the_virtual_table_is_seeded_and_of_the_size_given() -> None:
             ),
             "cannot see any",
         ),
-        (lambda t, y: head_averaging(HEADS, (1,), weights=[1.0, -1.0, 1.0, -1.0]), "sum of the"),
         (
             lambda t, y: against_reference(t, 1e5 * y, heads=HEADS, orders=ORDERS).correct(0.3),
             "in radians",

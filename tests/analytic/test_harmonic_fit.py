@@ -17,7 +17,6 @@ from flexstage.centring import (
     mean_turn,
     run_out,
 )
-from flexstage.centring.eccentricity import eccentricity_from_harmonics
 from flexstage.centring.geometry import exact_run_out
 from flexstage.centring.turns import find_turns, unwrap_error
 from flexstage.centring.vector_interval import direction_estimate, length_estimate
@@ -350,9 +349,6 @@ def test_uneven_samples_need_exact_geometry():
     theta = np.arange(23) * 2.0 * np.pi / 23 + stream(13).uniform(0.0, 0.2, 23)
     found = eccentricity(heads_of([0.4], theta, e=e), radius=R, orders=1)
     assert found.vector == pytest.approx(e, rel=1e-8)
-    straight = fit_harmonics(theta, heads_of([0.4], theta, e=e)[0].error, orders=1, robust=False)
-    plain = eccentricity_from_harmonics(straight, radius=R, head_angle=0.4)
-    assert np.abs(plain.vector / e - 1.0).max() > 1e-4
 
 
 def test_heads_tell_reference_and_counter_motion():

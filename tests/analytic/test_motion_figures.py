@@ -8,9 +8,9 @@ from scipy.signal import lfilter
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 from flexstage.measure.motion.approaches import staircase_dwells
-from flexstage.measure.motion.axis_figures import cross_coupling, linearity, squareness, stroke
+from flexstage.measure.motion.axis_figures import linearity, stroke
 from flexstage.measure.motion.curve_extremes import curve_loop_width, curve_range, zone_contacts
 from flexstage.measure.motion.curve_fit import fit_motion_curve
 from flexstage.measure.motion.cycles import cycles_by_range, motion_cycles, spread_estimate
@@ -403,7 +403,6 @@ def test_stroke_tells_hysteresis_from_drift() -> None:
     assert found.drift_rate.covers(160e-9)
     assert found.of_cycles.mean() == pytest.approx(found.stroke.value, rel=1e-12)
     assert found.repeatability.value == pytest.approx(found.of_cycles.std(ddof=1))
-    assert found.relative_loop_width == pytest.approx(found.loop_width.value / found.stroke.value)
     assert found.gain.unit == "1"
     assert found.gain.value == pytest.approx(0.6, abs=1e-3)
 
@@ -452,50 +451,6 @@ def test_linearity_of_both_runs_counts_the_loop() -> None:
     assert linearity(curve).largest.value < 1e-11
     with pytest.raises(ModelError, match="line"):
         linearity(curve, line="minimum_zone")  # type: ignore[arg-type]
-
-
-def test_coupling_and_alignment() -> None:
-    t, x = triangle(5.0, 200)
-    rng = np.random.default_rng(12)
-    x_path = fit_motion_curve(80e-6 * x, 1.9e-3 * 80e-6 * x + 2e-9 * rng.standard_normal(t.size), t)
-    y_path = fit_motion_curve(
-        70e-6 * x, -4.4e-3 * 70e-6 * x + 2e-9 * rng.standard_normal(t.size), t
-    )
-    turn = Estimate(
-        value=-0.7e-3, unit="rad", components=(Component(name="edge", uncertainty=2e-4, kind="B"),)
-    )
-    plain, aligned = cross_coupling(x_path), cross_coupling(x_path, alignment=turn)
-    assert plain.slope.covers(1.9e-3)
-    assert plain.slope.uncertainty < 1e-5
-    assert aligned.slope.value == pytest.approx(plain.slope.value - 0.7e-3)
-    assert aligned.slope.uncertainty == pytest.approx(2e-4, rel=1e-2)
-    assert aligned.slope.components[-1].name == "alignment"
-    assert aligned.angle.value == pytest.approx(np.arctan(aligned.slope.value))
-    assert plain.share.value == pytest.approx(1.9e-3, rel=0.05)
-    # x leans towards y by 1.9 mrad, y away from x by 4.4 mrad: 2.5 mrad more than a right angle
-    found = squareness(x_path, y_path)
-    assert found.value == pytest.approx(2.5e-3, abs=2e-5)
-    assert {part.name for part in found.components} >= {"repeatability of x", "repeatability of y"}
-    assert squareness(x_path, y_path, alignment=turn).value == pytest.approx(1.8e-3, abs=2e-5)
-    with pytest.raises(ModelError, match="one unit"):
-        cross_coupling(fit_motion_curve(x, 1e-9 * x, t, position_unit="V"))
-    with pytest.raises(ModelError, match="one unit"):
-        squareness(x_path, fit_motion_curve(x, 1e-9 * x, t, position_unit="V"))
-    with pytest.raises(ModelError, match="angle in rad"):
-        cross_coupling(x_path, alignment=Estimate(value=1.0, unit="m"))
-
-
-def test_squareness_does_not_see_a_turn_of_both_sensors() -> None:
-    t, x = triangle(4.0, 150)
-    angle = 3.1e-3
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    found = []
-    for matrix in (np.eye(2), turn):
-        px, py = matrix @ np.array([x, 1.2e-3 * x]) * 60e-6
-        qx, qy = matrix @ np.array([2.1e-3 * x, x]) * 60e-6
-        found.append(squareness(fit_motion_curve(px, py, t), fit_motion_curve(qy, qx, t)).value)
-    assert found[1] == pytest.approx(found[0], abs=1e-12)
-    assert found[0] == pytest.approx(-np.arctan(1.2e-3) - np.arctan(2.1e-3), rel=1e-9)
 
 
 def test_spread() -> None:

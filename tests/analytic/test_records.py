@@ -21,10 +21,9 @@ from flexstage.records import (
     read_record,
     resampled,
     saturation,
-    selected,
     write_record,
 )
-from flexstage.records.quality import constant_columns, noise_estimate, quantisation_step
+from flexstage.records.quality import difference_noise, quantisation_step
 from flexstage.records.record import column_number
 from flexstage.records.sampling import LARGEST_UNEVEN_STEP, require_uniform, time_jitter
 from flexstage.records.write import record_bytes
@@ -580,10 +579,6 @@ def record_of(**columns: np.ndarray) -> Record:
     return Record(channels=channels, time=0.4 + 0.013 * np.arange(count))
 
 
-def test_dead_columns() -> None:
-    assert constant_columns(record_of(a=U, b=np.full(5, 0.3), c=Y)) == ("b",)
-
-
 def test_saturation_counts() -> None:
     x = np.array([0.1, 0.9, 1.2, 1.2, 1.2, 1.2, 1.2, 0.7, -0.4, -0.4, 0.3, 1.2])
     found = saturation(x)
@@ -607,13 +602,7 @@ def test_steps_of_a_converter() -> None:
 @pytest.mark.parametrize("order", range(1, 9))
 def test_noise_of_every_order(order: int) -> None:
     noise = 0.37 * np.random.default_rng(5).standard_normal(40_000)
-    assert noise_estimate(noise, order=order) == pytest.approx(0.37, rel=0.03)
-
-
-def test_noise_below_the_step() -> None:
-    slow = np.round(np.linspace(0.0, 7.3, 5000) / 0.3) * 0.3
-    assert noise_estimate(slow) == pytest.approx(0.3 / np.sqrt(12.0), rel=1e-9)
-    assert noise_estimate(np.full(9, 0.3)) == 0.0
+    assert difference_noise(noise, order) == pytest.approx(0.37, rel=0.03)
 
 
 def test_a_sine_between_its_samples() -> None:
@@ -632,32 +621,17 @@ def test_a_sine_between_its_samples() -> None:
     assert errors["cubic"] < 0.02 * errors["linear"]
 
 
-def test_parts_and_their_refusals() -> None:
+def test_resampling_and_quality_refuse() -> None:
     record = record_of(x=U)
-    part = selected(record, 0.42, 0.45, by="second")
-    np.testing.assert_allclose(part.time, [0.426, 0.439])
-    assert part.channel("x").values.tolist() == [2.9, 0.4]
-    assert "samples 2 to 3 of 5" in part.notes
-    assert selected(record, -3).channel("x").values.tolist() == [2.9, 0.4, -1.1]
-    for arguments, match in (
-        ({"start": 4}, "has 1 samples"),
-        ({"start": 1.5}, "whole numbers"),
-        ({"start": 3.0, "by": "second"}, "has 0 samples"),
-        ({"by": "row"}, "by sample or by second"),
-    ):
-        with pytest.raises(RecordError, match=match):
-            selected(record, **arguments)
     for wrong in (0.0, -1.0, np.nan, 1e-3, 1e30):
         with pytest.raises(RecordError):
             resampled(record, wrong)
     with pytest.raises(RecordError, match="linear, cubic or mean"):
         resampled(record, kind="nearest")  # type: ignore[arg-type]
     for bad in (U[:1], np.array([0.1, np.nan, 0.3]), np.zeros((3, 3))):
-        for estimate in (noise_estimate, saturation, quantisation_step):
+        for estimate in (saturation, quantisation_step):
             with pytest.raises(RecordError, match="samples are needed"):
                 estimate(bad)
-    with pytest.raises(RecordError, match="order of the difference"):
-        noise_estimate(U, order=9)
 
 
 # ------------------------------------------------------------------ writing
@@ -842,6 +816,5 @@ def test_numbers_of_samples_are_kept(tmp_path: Path) -> None:
     part = read_record(path, sample_rate_hz=5.0, rows=(7, 30))
     assert part.numbers is not None
     assert part.numbers.tolist() == list(range(7, 30))
-    assert selected(part, 3, 9).numbers.tolist() == list(range(10, 16))  # type: ignore[union-attr]
     with pytest.raises(RecordError, match="a number each"):
         Record(channels=part.channels, time=part.time, numbers=part.numbers[1:])

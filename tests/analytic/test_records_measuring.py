@@ -11,7 +11,7 @@ from flexstage.errors import RecordError
 from flexstage.records import FORMATS, Channel, Record, read_record, write_record
 from flexstage.records.cmm_numbers import decimal_sign, printed_number
 from flexstage.records.columns import measured_unit
-from flexstage.records.quality import require_live, require_unclipped, require_unit
+from flexstage.records.quality import require_live, require_unclipped
 from flexstage.records.universal_values import ValueLayout, decoded_values
 from flexstage.records.write import record_bytes
 from tests.measuring_files import function_58, gcs_array, report, units_164
@@ -608,7 +608,7 @@ def make(**columns: tuple[np.ndarray, str]) -> Record:
     return Record(channels=channels, time=np.arange(channels[0].values.size) / 100.0)
 
 
-def test_clipped_dead_and_of_another_unit() -> None:
+def test_clipped_and_dead() -> None:
     t = np.arange(400) / 57.0
     sine = 1.37 * np.sin(t)
     record = make(
@@ -627,14 +627,5 @@ def test_clipped_dead_and_of_another_unit() -> None:
         require_unclipped(record, [2])
     with pytest.raises(RecordError, match=r"column 'dead' is 0.125 V at all of its 400 samples"):
         require_live(record, ["good", "dead"])
-    assert require_unit(record, "good", "m") is record.channels[0]
-    with pytest.raises(RecordError, match=r"column 'dead' is in V, and a length \(m\) is needed"):
-        require_unit(record, "dead", "m")
-    with pytest.raises(
-        RecordError, match=r"column 'low' has no unit, and an angle \(rad\) is needed"
-    ):
-        require_unit(record, "low", "rad")
-    with pytest.raises(RecordError, match=r"is in m, and the unit m/s\^3 is needed"):
-        require_unit(record, "good", "m/s^3")
     with pytest.raises(RecordError, match="no column 'none'"):
         require_live(record, ["none"])

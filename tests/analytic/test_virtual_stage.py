@@ -27,7 +27,7 @@ from flexstage.virtual.laboratory import (
     staircase_record,
     workspace_record,
 )
-from flexstage.virtual.true_figures import true_figures
+from tests.true_figures import true_figures
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,6 @@ from flexstage.hysteresis import (
     BoucWen,
     Dahl,
     GeneralisedBoucWen,
-    simulate_bouc_wen_batch,
 )
 from flexstage.hysteresis.model import HysteresisModel, ModelProperty
 from flexstage.hysteresis.models.bouc_wen_steps import simulate_samples
@@ -354,20 +353,6 @@ def test_long_runs_are_their_steps() -> None:
     np.testing.assert_allclose(response.state, [u[-1], h], atol=1e-12, rtol=0.0)
 
 
-@settings(quick, max_examples=15)
-@given(st.lists(bouc_wen(), min_size=1, max_size=6), levels)
-def test_batch_is_each_alone(batch: list[BoucWen], u: np.ndarray) -> None:
-    table = [[m.gain, m.hysteresis_gain, m.beta, m.gamma, m.exponent] for m in batch]
-    found = simulate_bouc_wen_batch(u, table)
-    for model, row in zip(batch, found, strict=True):
-        np.testing.assert_array_equal(row, model.simulate(u).values)
-    linear = simulate_bouc_wen_batch(u, np.array(table)[:, :4])
-    for model, row in zip(batch, linear, strict=True):
-        np.testing.assert_array_equal(
-            row, dataclasses.replace(model, exponent=1.0).simulate(u).values
-        )
-
-
 @settings(quick)
 @given(dahl(), levels)
 def test_dahl_with_exponent_one_is_bouc_wen(model: Dahl, u: np.ndarray) -> None:
@@ -575,10 +560,6 @@ def test_other_impossible_parameters_are_refused() -> None:
         Dahl(gain=1.3, stiffness=0.3, limit=0.0)
     with pytest.raises(ModelError, match="at least 0"):
         Dahl(gain=1.3, stiffness=0.3, limit=1.0, exponent=-0.1)
-    with pytest.raises(ModelError, match="four or five"):
-        simulate_bouc_wen_batch([1.0, 2.0], [[1.0, 2.0, 3.0]])
-    with pytest.raises(ModelError, match="at least 1"):
-        simulate_bouc_wen_batch([1.0, 2.0], [[1.0, 2.0, 3.0, 4.0, 0.5]])
     with pytest.raises(ModelError, match="lowest_input"):
         AsymmetricBoucWen(
             gain=1.3,

@@ -146,7 +146,7 @@ def test_correcting_for_spreading_stress_makes_a_notch_softer_in_rotation(notch,
 def test_area_of_a_circular_notch_is_that_of_its_arcs(radius, ratio, one_sided):
     t = ratio * radius
     notch = RightCircular(neck_thickness=t, radius=radius, one_sided=one_sided)
-    area, first_x, first_y = notch.half_moments()
+    area, first_x, first_y, _ = notch.half_area_integrals()
     sides = 1 if one_sided else 2
     # rectangle under a quarter circle of radius R: R^2 (1 - pi/4), first moment R^3/2 - R^3/3
     corner = radius**2 * (1.0 - math.pi / 4.0)

@@ -10,8 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from flexstage.records import Channel, Record, read_record, resampled, saturation, selected
-from flexstage.records.quality import noise_estimate
+from flexstage.records import Channel, Record, read_record, resampled, saturation
+from flexstage.records.quality import difference_noise
 from flexstage.records.write import record_bytes
 
 UNITS = st.sampled_from(["", "V", "m", "N", "s", "K", "degC", "1", "count", "m/s", "rad", "N/m"])
@@ -129,30 +129,18 @@ def test_resampling_a_line_and_a_cubic_is_exact(seed: int, ratio: float, slope: 
     )
 
 
-@settings(deadline=None, max_examples=50)
-@given(st.integers(2, 60), st.integers(-70, 70), st.integers(-70, 70))
-def test_a_part_is_a_slice(count: int, start: int, stop: int) -> None:
-    time = 0.3 + np.arange(count) * 0.07
-    record = Record(channels=(Channel(name="x", values=time**2, unit="m"),), time=time)
-    wanted = time[start:stop]
-    if wanted.size >= 2:
-        part = selected(record, start, stop)
-        np.testing.assert_array_equal(part.time, wanted)
-        np.testing.assert_array_equal(part.channel("x").values, wanted**2)
-
-
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.floats(1e-9, 1e6), st.floats(-1e3, 1e3))
 def test_noise_scales_and_ignores_motion(seed: int, scale: float, offset: float) -> None:
     random = np.random.default_rng(seed)
     white = random.standard_normal(4000)
     motion = 40.0 * np.sin(np.arange(4000) / 60.0) + offset
-    plain = noise_estimate(white)
+    plain = difference_noise(white, 4)
     assert plain == pytest.approx(1.0, rel=0.12)
-    assert noise_estimate(scale * white) == pytest.approx(scale * plain, rel=1e-9)
-    assert noise_estimate(white + motion) == pytest.approx(plain, rel=0.02)
+    assert difference_noise(scale * white, 4) == pytest.approx(scale * plain, rel=1e-9)
+    assert difference_noise(white + motion, 4) == pytest.approx(plain, rel=0.02)
     white[random.choice(4000, 40, replace=False)] += 300.0
-    assert noise_estimate(white) == pytest.approx(plain, rel=0.12)
+    assert difference_noise(white, 4) == pytest.approx(plain, rel=0.12)
 
 
 # a few samples in the highest step, and fewer in the next

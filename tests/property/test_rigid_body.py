@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.special import stdtrit
+from scipy.special import chdtrc
 
 from flexstage.arrays import Array
-from flexstage.errors import ConvergenceError, ModelError, RecordError
-from flexstage.measure.motion.rigid_body import PARAMETERS, rigid_motion, sphere_fit, travel_frame
+from flexstage.errors import ModelError, RecordError
+from flexstage.measure.motion.rigid_body import PARAMETERS, rigid_motion, travel_frame
 
 SPHERES = np.array(
     [[0.0, 0.0, 0.0], [82e-3, 6e-3, 1e-3], [11e-3, 61e-3, 7e-3], [70e-3, 55e-3, -4e-3]]
@@ -61,7 +61,7 @@ def test_mirrored_points_still_give_a_rotation() -> None:
     assert np.linalg.det(found.rotation) == pytest.approx(1.0, abs=1e-12)
     R, _ = by_quaternion(SPHERES, mirrored, np.ones(4))
     assert found.rotation == pytest.approx(R, abs=1e-9)
-    assert found.rigidity() < 1e-12
+    assert chdtrc(found.redundancy, found.chi_squared) < 1e-12
 
 
 @settings(max_examples=40, deadline=None)
@@ -131,7 +131,7 @@ def test_the_weighted_fit_is_the_least_of_its_chi_squared() -> None:
             assert chi(np.zeros(3), sign * 1e-9 * step) > least
 
 
-def test_covariance_and_rigidity_are_those_of_repeated_noise() -> None:
+def test_covariance_and_chi_squared_are_those_of_repeated_noise() -> None:
     random = np.random.default_rng(21)
     c = np.array([np.diag([1.0, 2.3, 0.4]) * s for s in (1.0, 2.0, 0.5, 1.7)]) * 1e-12
     c[:, 0, 1] = c[:, 1, 0] = 0.5e-12
@@ -146,7 +146,7 @@ def test_covariance_and_rigidity_are_those_of_repeated_noise() -> None:
     expected, sample = found.covariance[0], np.cov(six.T)
     size = np.sqrt(np.diag(expected))
     assert sample / np.outer(size, size) == pytest.approx(expected / np.outer(size, size), abs=0.09)
-    p = found.rigidity()
+    p = chdtrc(found.redundancy, found.chi_squared)
     assert found.redundancy == 6
     for level in (0.05, 0.5, 0.95):
         assert np.mean(p < level) == pytest.approx(level, abs=0.03)
@@ -172,44 +172,6 @@ def test_intervals_cover(known: bool, poses: int) -> None:
     assert 0.925 <= held / count <= 0.98
 
 
-def sphere_points(count: int, seed: int, polar: float = 2.0) -> Array:
-    random = np.random.default_rng([9, seed])
-    z, phi = random.uniform(np.cos(polar), 1.0, count), random.uniform(0.0, 6.28, count)
-    r = np.sqrt(1.0 - z**2)
-    return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=1)
-
-
-@settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 10_000), count=st.integers(5, 30))
-def test_a_sphere_comes_back(seed: int, count: int) -> None:
-    centre = np.array([0.31, -0.12, 0.77])
-    ball = sphere_fit(centre + 4.7e-3 * sphere_points(count, seed), noise=1e-7)
-    assert ball.centre == pytest.approx(centre, abs=1e-9)
-    assert ball.radius.value == pytest.approx(4.7e-3, abs=1e-9)
-    assert ball.residuals == pytest.approx(np.zeros(count), abs=1e-14)
-
-
-@pytest.mark.parametrize("noise", [0.4e-6, None])
-@pytest.mark.parametrize("radius", [None, 4.7e-3])
-def test_spheres_cover(noise: float | None, radius: float | None) -> None:
-    held, of_radius, count = 0, 0, 300
-    for seed in range(count):
-        random = np.random.default_rng([12, seed])
-        points = sphere_points(11, seed)
-        ball = sphere_fit(
-            points * (4.7e-3 + 0.4e-6 * random.normal(size=(11, 1))), noise=noise, radius=radius
-        )
-        axis = seed % 3
-        half = stdtrit(min(ball.degrees_of_freedom, 1e9), 0.975) * np.sqrt(
-            ball.covariance[axis, axis]
-        )
-        held += abs(ball.centre[axis]) <= half
-        of_radius += ball.radius.covers(4.7e-3)
-    assert 0.925 <= held / count <= 0.98
-    if radius is None:
-        assert 0.925 <= of_radius / count <= 0.98
-
-
 @pytest.mark.parametrize(
     ("call", "error", "words"),
     [
@@ -229,25 +191,11 @@ def test_spheres_cover(noise: float | None, radius: float | None) -> None:
             ModelError,
             "no weights",
         ),
-        (lambda: rigid_motion(SPHERES, SPHERES).rigidity(), ModelError, "covariance"),
         (lambda: rigid_motion(SPHERES, SPHERES).estimate("tilt"), ModelError, "pitch"),  # type: ignore[arg-type]
         (lambda: travel_frame((0, 0, 2), (0, 0, 1)), ModelError, "parallel"),
-        (lambda: sphere_fit(SPHERES), RecordError, "at least 5"),
-        (lambda: sphere_fit(np.c_[SPHERES[:, :2], np.zeros(4)], noise=1.0), RecordError, "plane"),
-        (lambda: sphere_fit(SPHERES, noise=-1.0), ModelError, "positive"),
     ],
 )
 def test_bad_input_is_one_sentence(call, error: type[Exception], words: str) -> None:
     with pytest.raises(error, match=words) as caught:
         call()
     assert "\n" not in str(caught.value)
-
-
-def test_a_flat_cap_is_refused_or_told_uncertain() -> None:
-    cap = sphere_points(12, 3, polar=0.02)
-    noisy = 4.7e-3 * cap + 1e-6 * np.random.default_rng(2).standard_normal((12, 3))
-    try:
-        found = sphere_fit(noisy, noise=1e-6)
-    except ConvergenceError:
-        return
-    assert found.radius.uncertainty > 0.1 * found.radius.value

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flexstage.centring.against_reference import against_reference
 from flexstage.centring.cross_calibration import cross_calibration
-from flexstage.centring.head_averaging import against_reference, head_averaging
 from flexstage.centring.move import nearest_in_box
 from flexstage.centring.self_calibration import order_visibility, self_calibration
 from flexstage.virtual.table import ScaleErrors, scale_errors
@@ -69,14 +69,6 @@ def test_tables_are_linear_in_the_readings(heads, seed, factor) -> None:
         return against_reference(ANGLE, y, heads=alpha, orders=ORDERS, noise=1.0).error
 
     assert np.allclose(table(a + factor * b), table(a) + factor * table(b), atol=1e-12)
-
-
-@settings(max_examples=40, deadline=None)
-@given(count=st.integers(2, 12), start=st.floats(-7.0, 7.0))
-def test_even_heads_leave_their_multiples(count, start) -> None:
-    alpha = start + TURN * np.arange(count) / count
-    shares = np.abs(head_averaging(alpha, range(1, 40)).transfer)
-    assert np.allclose(shares, [n % count == 0 for n in range(1, 40)], atol=1e-12)
 
 
 @settings(max_examples=40, deadline=None)

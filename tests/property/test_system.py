@@ -11,8 +11,6 @@ from flexstage.system import (
     ModalDamping,
     drive_stiffness,
     frequency_response,
-    guyan_reduction,
-    modal_reduction,
     modes,
     state_space,
     static_displacements,
@@ -103,27 +101,6 @@ def test_a_rigid_drive_is_the_limit_of_a_stiff_one(seed: int) -> None:
     # 1e-5: the stiff spring is 1e7 to 1e8 times stiffer than the system; 1e-6: what its rounding
     # leaves of a response of order 1 that happens to be near a zero
     assert a == pytest.approx(b, rel=1e-5, abs=1e-6)
-
-
-@given(seeds)
-@settings(max_examples=20, deadline=None)
-def test_guyan_is_exact_in_statics_and_bounds_frequencies(seed: int) -> None:
-    system = random_system(seed)
-    small = guyan_reduction(system, ["q1", 4, "q5"])
-    force = np.zeros(7)
-    force[[1, 4, 5]] = (0.3, -1.1, 0.7)
-    full = np.linalg.solve(system.K, force)
-    assert np.linalg.solve(small.K, force[[1, 4, 5]]) == pytest.approx(full[[1, 4, 5]], rel=1e-8)
-    assert np.all(modes(small).omega >= modes(system).omega[:3] * (1 - 1e-9))
-
-
-@given(seeds)
-@settings(max_examples=20, deadline=None)
-def test_modal_reduction_keeps_its_modes(seed: int) -> None:
-    system = random_system(seed)
-    assert modes(modal_reduction(system, 3)).omega == pytest.approx(
-        modes(system, count=3).omega, rel=1e-8
-    )
 
 
 @given(seeds)

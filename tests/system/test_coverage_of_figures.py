@@ -10,8 +10,8 @@ from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.virtual.as_built import as_built
 from flexstage.virtual.hammer import HammerBench
 from flexstage.virtual.laboratory import Laboratory
-from flexstage.virtual.true_figures import true_figures
 from tests.tiers import limits, sizes
+from tests.true_figures import true_figures
 
 
 def covered(name: str, stages: int, measurements: int) -> dict[tuple[str, str], list[bool]]:

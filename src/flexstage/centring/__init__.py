@@ -5,15 +5,12 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
+    from flexstage.centring.against_reference import against_reference
     from flexstage.centring.asynchronous_motion import axis_motion
     from flexstage.centring.calibration_table import CalibrationTable
     from flexstage.centring.centre_reading import CentreReading
     from flexstage.centring.cross_calibration import cross_calibration
-    from flexstage.centring.eccentricity import (
-        HeadReadings,
-        as_readings,
-        eccentricity,
-    )
+    from flexstage.centring.eccentricity import HeadReadings, eccentricity
     from flexstage.centring.equal_division import equal_division
     from flexstage.centring.first_order import Eccentricity
     from flexstage.centring.geometry import (
@@ -23,7 +20,6 @@ if TYPE_CHECKING:
     )
     from flexstage.centring.harmonic_fit import Harmonic
     from flexstage.centring.harmonics import fit_harmonics, fit_many
-    from flexstage.centring.head_averaging import against_reference, head_averaging
     from flexstage.centring.indicators import IndicatorReadings, run_out
     from flexstage.centring.positioner import Positioner
     from flexstage.centring.procedure import Centring, centre
@@ -43,7 +39,6 @@ __all__ = [
     "Positioner",
     "Turns",
     "against_reference",
-    "as_readings",
     "axis_motion",
     "centre",
     "cross_calibration",
@@ -53,7 +48,6 @@ __all__ = [
     "first_order_error",
     "fit_harmonics",
     "fit_many",
-    "head_averaging",
     "mean_turn",
     "order_visibility",
     "response_to_moves",

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.centring.first_order import Combined, Eccentricity, centre_from, combined
@@ -153,41 +152,6 @@ def eccentricity(
     return centre_from(found[1], found[0], radius, given)
 
 
-def eccentricity_from_harmonics(
-    fit: HarmonicFit,
-    *,
-    radius: float,
-    head_angle: float = 0.0,
-    graduation_uncertainty: float = 0.0,
-    radius_uncertainty: float = 0.0,
-) -> Eccentricity:
-    """Find the eccentricity from the once-per-turn harmonic that a scale is known to have.
-
-    `fit` is of the error over the angle of the table [rad]; `radius` [m] is that at which the scale
-    is read, `head_angle` [rad] where the head stands in the room. `graduation_uncertainty` [rad] is
-    of cosine and of sine of the scale's own once-per-turn error.
-
-    A scale that calibrates itself, or a protocol of its error, gives the harmonics without a
-    record. On a disc the harmonic of the exact error is that of the first order, e / r.
-
-    Validity
-    --------
-    Radial lines on a face; of a drum it is too large by the share (e / R)^2 / 8.
-
-    Examples
-    --------
-    >>> from flexstage.centring import exact_error, fit_harmonics
-    >>> theta = np.arange(90) * np.pi / 45
-    >>> fit = fit_harmonics(theta, exact_error(theta, (0.0, 2e-6), 26e-3))
-    >>> e = eccentricity_from_harmonics(fit, radius=26e-3)
-    >>> print(f"{1e6 * e.y.value:.3f} um")
-    2.000 um
-    """
-    require_radius(radius)
-    given = (graduation_uncertainty, radius_uncertainty, 0.0)
-    return centre_from(combined([fit], np.array([head_angle]), None), [fit], radius, given)
-
-
 def _require(heads: Sequence[HeadReadings], radius: float) -> None:
     if not heads:
         raise RecordError("an eccentricity needs the readings of one head or more, got none")
@@ -275,45 +239,3 @@ def _fitted(
     if any(1 not in f.orders for f in fits):
         raise ModelError("order 1 must be among those fitted: it is what eccentricity shows in")
     return fits, combined(fits, alphas, first.angle if together else None)
-
-
-def as_readings(
-    angle: ArrayLike, errors: ArrayLike, head_angles: Sequence[float]
-) -> list[HeadReadings]:
-    """Return the readings of heads that were recorded together.
-
-    Parameters
-    ----------
-    angle : array_like
-        True angle of the table [rad], shape (n,).
-    errors : array_like
-        Error of each head [rad], shape (n, m).
-    head_angles : sequence of float
-        Where the heads stand [rad], m of them.
-
-    Returns
-    -------
-    list of HeadReadings
-        One for each head.
-
-    Raises
-    ------
-    RecordError
-        There are not as many angles as heads.
-
-    Examples
-    --------
-    >>> len(as_readings([0.0, 1.0], [[1e-6, 2e-6], [3e-6, 4e-6]], (0.0, 1.6)))
-    2
-    """
-    theta = np.asarray(angle, dtype=np.float64)
-    y = np.asarray(errors, dtype=np.float64)
-    if y.ndim != 2 or y.shape != (theta.size, len(head_angles)):
-        raise RecordError(
-            f"the errors must have a row for each of {theta.size} angles and a column for each of "
-            f"{len(head_angles)} heads, got shape {y.shape}"
-        )
-    return [
-        HeadReadings(angle=theta, error=y[:, j], head_angle=float(alpha))
-        for j, alpha in enumerate(head_angles)
-    ]

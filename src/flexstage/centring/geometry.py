@@ -241,11 +241,6 @@ def beyond_first_order(outward: Complex, relative: complex, kind: ScaleKind) -> 
     return np.asarray(exact + seen.imag, dtype=np.float64)
 
 
-def direction_vector(length: float, direction: float) -> Array:
-    """Return x and y of a vector whose direction is from x towards y [rad]."""
-    return np.array([length * np.cos(direction), length * np.sin(direction)])
-
-
 def in_turning_frame(vector: ArrayLike, angle: ArrayLike) -> Complex:
     """Return a vector of the room as the table sees it, as a complex number x + i y.
 

@@ -161,18 +161,6 @@ class Profile(ABC):
             columns.append((x, depth, angle, speed * w))
         return Samples(*(np.concatenate(c) for c in zip(*columns, strict=True)))
 
-    def half_moments(self) -> tuple[float, float, float]:
-        """Return the area of half a notch and its moments about the neck.
-
-        Returns
-        -------
-        tuple of float
-            Area [m^2]; its first moment along the hinge [m^3]; its first moment across the hinge
-            [m^3], positive to the left and 0 for a notch cut from both sides.
-        """
-        area, first_x, first_y, _ = self.half_area_integrals()
-        return area, first_x, first_y
-
     def half_area_integrals(self) -> tuple[float, float, float, float]:
         """Integrate 1, x, y and x^2 + y^2 over half of the notch's material.
 

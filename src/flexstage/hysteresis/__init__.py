@@ -16,7 +16,6 @@ from flexstage.lazy import import_on_use, names_for_types
 if TYPE_CHECKING:
     from flexstage.hysteresis.build_model import assembled_model, dynamic_model
     from flexstage.hysteresis.chain.amplifier import Amplifier
-    from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
     from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
     from flexstage.hysteresis.chain.lag import Lag
     from flexstage.hysteresis.chain.sensor import Sensor
@@ -47,7 +46,6 @@ if TYPE_CHECKING:
         read_model_file,
         read_model_text,
     )
-    from flexstage.hysteresis.models.bouc_wen.law import simulate_bouc_wen_batch
     from flexstage.hysteresis.models.registry import *  # noqa: F403
     from flexstage.hysteresis.models.registry import MODELS
     from flexstage.hysteresis.prediction import Prediction, predict
@@ -95,8 +93,6 @@ __all__ = [
     "read_model_file",
     "read_model_text",
     "samples",
-    "simulate_bouc_wen_batch",
-    "simulate_with_stage",
     "smoothed",
     "tracking",
 ]

@@ -48,10 +48,3 @@ def compiled(function: F) -> F:
     Floating-point arithmetic stays as it is written: results must not depend on the machine.
     """
     return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
-
-
-def compiled_parallel(function: F) -> F:
-    """Compile a function whose `numba.prange` loops use every core."""
-    return cast(
-        "F", numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)(function)
-    )

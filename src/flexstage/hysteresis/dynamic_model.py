@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.amplifier import Amplifier
-from flexstage.hysteresis.chain.coupled_stepping import forcing
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.element import checked_state, positive_step
+from flexstage.hysteresis.chain.fitted_segments import forcing
 from flexstage.hysteresis.chain.lag import lags_through_segments
 from flexstage.hysteresis.chain.modal import (
     modes_along_lines,

@@ -130,11 +130,6 @@ class ReducedModel:
         """Number of coordinates r."""
         return len(self.coordinates)
 
-    @property
-    def numeric(self) -> bool:
-        """Whether M and K are numbers."""
-        return not (self.M.free_symbols | self.K.free_symbols)
-
     def numbers(self, matrix: sp.MatrixBase) -> Array:
         """Evaluate a matrix of the model."""
         known = starting_values(self.values)

@@ -9,20 +9,13 @@ if TYPE_CHECKING:
     from flexstage.measure.modal.result import ModalFit, modal_assurance
     from flexstage.measure.modal.ring_down import RingDown, ring_down
     from flexstage.measure.modal.stabilisation import Stabilisation, stable_poles
-    from flexstage.measure.motion.axis_figures import (
-        Linearity,
-        Stroke,
-        cross_coupling,
-        linearity,
-        squareness,
-        stroke,
-    )
+    from flexstage.measure.motion.axis_figures import Linearity, Stroke, linearity, stroke
     from flexstage.measure.motion.curve_extremes import curve_loop_width, curve_range
     from flexstage.measure.motion.curve_fit import fit_motion_curve
     from flexstage.measure.motion.motion_curve import MotionCurve
     from flexstage.measure.motion.narrowest_zone import minimum_zone_cylinder
     from flexstage.measure.motion.positioning import Positioning, positioning
-    from flexstage.measure.motion.rigid_body import rigid_motion, sphere_fit
+    from flexstage.measure.motion.rigid_body import rigid_motion
     from flexstage.measure.motion.straightness import (
         Straightness,
         end_point_straightness,
@@ -76,7 +69,6 @@ __all__ = [
     "Updated",
     "Workspace",
     "allan_deviation",
-    "cross_coupling",
     "curve_loop_width",
     "curve_range",
     "end_point_straightness",
@@ -103,8 +95,6 @@ __all__ = [
     "ring_down",
     "screw_resolution",
     "spectral_density",
-    "sphere_fit",
-    "squareness",
     "stable_poles",
     "stage_with",
     "staircase",

@@ -16,12 +16,7 @@ if TYPE_CHECKING:
     from flexstage.records.read import read_record
     from flexstage.records.record import Channel, Record
     from flexstage.records.responses import responses_in_columns
-    from flexstage.records.sampling import (
-        evened,
-        resampled,
-        selected,
-        step_uncertainty,
-    )
+    from flexstage.records.sampling import evened, resampled, step_uncertainty
     from flexstage.records.write import write_record
 
 __all__ = [
@@ -35,7 +30,6 @@ __all__ = [
     "resampled",
     "responses_in_columns",
     "saturation",
-    "selected",
     "step_uncertainty",
     "write_record",
 ]

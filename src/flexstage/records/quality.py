@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.record import Channel, Record
-from flexstage.units import DIMENSIONS
+from flexstage.records.record import Record
 
 # a normal distribution's rms over the median of its absolute values
 _RMS_OVER_MEDIAN = 1.4826022185056018
@@ -50,20 +49,6 @@ def _finite(values: ArrayLike, least: int) -> NDArray[np.float64]:
             f"{array.shape}"
         )
     return array
-
-
-def constant_columns(record: Record) -> tuple[str, ...]:
-    """Return the names of the columns that never change, as a channel without a sensor does.
-
-    Examples
-    --------
-    >>> from flexstage.records.record import Channel
-    >>> t = np.arange(3.0)
-    >>> dead = Channel(name="y", values=np.full(3, 0.7))
-    >>> constant_columns(Record(channels=(Channel(name="x", values=t), dead), time=t))
-    ('y',)
-    """
-    return tuple(c.name for c in record.channels if np.all(c.values == c.values[0]))
 
 
 def saturation(values: ArrayLike) -> Saturation:
@@ -182,6 +167,11 @@ def quantisation_step(values: ArrayLike) -> float:
 def difference_noise(values: NDArray[np.float64], order: int) -> float:
     """Return the rms of white noise by a difference of some order; 0 where most neighbours agree.
 
+    A difference of order k of a smooth motion vanishes, and that of white noise of rms s has the
+    rms s sqrt((2 k)! / k!^2) (von Neumann, 1941, Annals of Mathematical Statistics 12, for
+    k = 1). The median of its absolute values, over 0.6745, stands for the rms, so that spikes do
+    not count.
+
     Parameters
     ----------
     values : numpy.ndarray
@@ -198,52 +188,6 @@ def difference_noise(values: NDArray[np.float64], order: int) -> float:
         return 0.0
     difference = np.diff(values, n=order) / math.sqrt(math.comb(2 * order, order))
     return _RMS_OVER_MEDIAN * float(np.median(np.abs(difference)))
-
-
-def noise_estimate(values: ArrayLike, *, order: int = 4) -> float:
-    """Return the rms of what changes from sample to sample without regard to its neighbours.
-
-    A difference of order k of a smooth motion vanishes, and that of white noise of rms s has the
-    rms s sqrt((2 k)! / k!^2) (von Neumann, 1941, Annals of Mathematical Statistics 12, for
-    k = 1). The median of its absolute values, over 0.6745, stands for the rms, so that spikes do
-    not count.
-
-    Parameters
-    ----------
-    values : array_like
-        Evenly spaced samples, shape (n,).
-    order : int
-        The order k of the difference, 1 to 8: a greater one lets faster motion pass.
-
-    Returns
-    -------
-    float
-        The rms, in the unit of the column.
-
-    Validity
-    --------
-    White noise: of slow noise and drift it sees nothing, and motion with fewer than some 20 samples
-    in a period counts as noise. Where most neighbours are equal, as the converter's step q is
-    coarser than the noise, q / sqrt(12) is returned.
-
-    Raises
-    ------
-    RecordError
-        There are too few samples for the difference, one is not finite, or the order is none.
-
-    Examples
-    --------
-    >>> noise = 0.3 * np.random.default_rng(1).standard_normal(20_000)
-    >>> round(noise_estimate(np.sin(np.linspace(0.0, 60.0, 20_000)) + noise), 2)
-    0.3
-    """
-    if not 1 <= order <= 8:
-        raise RecordError(f"the order of the difference must be 1 to 8, got {order}")
-    x = _finite(values, order + 2)
-    noise = difference_noise(x, order)
-    if noise > 0.0 or np.all(x == x[0]):
-        return noise
-    return quantisation_step(x) / math.sqrt(12.0)
 
 
 def require_unclipped(record: Record, columns: Sequence[str | int]) -> None:
@@ -314,36 +258,3 @@ def require_live(record: Record, columns: Sequence[str | int]) -> None:
                 f"{channel.values.size} samples: its sensor is dead or not connected; choose "
                 "another column, or record it again"
             )
-
-
-def require_unit(record: Record, column: str | int, unit: str) -> Channel:
-    """Return a column, and refuse one that is in another unit or in none.
-
-    `unit` is an SI unit, such as ``m``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> t = np.arange(3.0)
-    >>> record = Record(channels=(Channel(name="y", values=t, unit="V"),), time=t)
-    >>> try:
-    ...     _ = require_unit(record, "y", "m")
-    ... except RecordError as error:
-    ...     print(str(error).partition(":")[0])
-    column 'y' is in V, and a length (m) is needed
-    """
-    channel = record.channel(column)
-    if channel.unit == unit:
-        return channel
-    known = next((d for d in DIMENSIONS.values() if d.si == unit), None)
-    needed = f"{known.noun} ({unit})" if known is not None else f"the unit {unit}"
-    example = known.units[0] if known is not None else unit
-    if not channel.unit:
-        raise RecordError(
-            f"column '{channel.name}' has no unit, and {needed} is needed: give its unit, such as "
-            f"{example}, by the option of the column's unit"
-        )
-    raise RecordError(
-        f"column '{channel.name}' is in {channel.unit}, and {needed} is needed: choose another "
-        "column, or give the unit that its numbers have"
-    )

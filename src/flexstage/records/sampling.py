@@ -9,7 +9,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.records.quality import quantisation_step
-from flexstage.records.record import Channel, Record
+from flexstage.records.record import Record
 from flexstage.units import readable
 
 #: A step this many times the usual one means that samples are missing, ...
@@ -333,75 +333,6 @@ def evened(record: Record, sample_rate_hz: float | None = None) -> Record:
         "than 1 %"
     )
     return replace(made, notes=(*record.notes, f"{made.notes[-1]}: {lost}"))
-
-
-def selected(
-    record: Record,
-    start: float | None = None,
-    stop: float | None = None,
-    *,
-    by: Literal["sample", "second"] = "sample",
-) -> Record:
-    """Return a part of a record.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    start : float, optional
-        The first sample, from 0 and from the end where negative; or the first time [s].
-    stop : float, optional
-        The sample, or the time [s], before which the part ends.
-    by : {"sample", "second"}
-        What `start` and `stop` count.
-
-    Returns
-    -------
-    Record
-        The part, with its times as they were and a note.
-
-    Raises
-    ------
-    RecordError
-        Fewer than two samples are left.
-
-    Examples
-    --------
-    >>> t = np.arange(5) / 10.0
-    >>> r = Record(channels=(Channel(name="x", values=t**2),), time=t)
-    >>> selected(r, 0.15, 0.4, by="second").time
-    array([0.2, 0.3])
-    """
-    if by == "sample":
-        given = [bound for bound in (start, stop) if bound is not None]
-        if any(int(bound) != bound for bound in given):
-            raise RecordError(f"a part by samples needs whole numbers, got {start} and {stop}")
-        first, last, _ = slice(
-            None if start is None else int(start), None if stop is None else int(stop)
-        ).indices(record.size)
-    elif by == "second":
-        first = 0 if start is None else int(np.searchsorted(record.time, start, "left"))
-        last = record.size if stop is None else int(np.searchsorted(record.time, stop, "left"))
-    else:
-        raise RecordError(f"a part is chosen by sample or by second, got {by!r}")
-    if last - first < 2:
-        raise RecordError(
-            f"the part from {start} to {stop} ({by}) has {max(last - first, 0)} samples of a "
-            f"record of {record.size} from {record.time[0]:g} to {record.time[-1]:g} s: give two"
-        )
-    part = slice(first, last)
-    channels = tuple(
-        Channel(name=c.name, values=c.values[part], unit=c.unit) for c in record.channels
-    )
-    numbers = np.arange(record.size, dtype=np.float64) if record.numbers is None else record.numbers
-    note = f"samples {first} to {last - 1} of {record.size}"
-    return replace(
-        record,
-        channels=channels,
-        time=record.time[part],
-        notes=(*record.notes, note),
-        numbers=numbers[part],
-    )
 
 
 def row_range(text: str | None, option: str) -> tuple[int | None, int | None] | None:

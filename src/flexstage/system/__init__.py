@@ -16,7 +16,6 @@ if TYPE_CHECKING:
         MechanicalSystem,
     )
     from flexstage.system.modes import Modes, modes
-    from flexstage.system.reduction import guyan_reduction, modal_reduction
     from flexstage.system.response import (
         FrequencyResponse,
         TimeResponse,
@@ -59,9 +58,7 @@ __all__ = [
     "coupled_axes",
     "drive_stiffness",
     "frequency_response",
-    "guyan_reduction",
     "load_readings",
-    "modal_reduction",
     "modes",
     "probe_stiffness",
     "state_space",

@@ -1,6 +1,6 @@
 """Stress at the critical points of hinges, linear in the coordinates of a system."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -47,10 +47,6 @@ class StressOfForces:
             else:
                 where[:, _IN_PLANE] += own
         return found
-
-    def in_basis(self, basis: Array) -> "StressOfForces":
-        """Return it for other coordinates, one a column of a basis, shape (n, r)."""
-        return replace(self, shares=tuple(s._replace(forces=s.forces @ basis) for s in self.shares))
 
     def of(self, own: NDArray[np.bool_]) -> "StressOfForces":
         """Return that of some of the places."""
@@ -143,12 +139,6 @@ class StressMap:
     def components(self, q: Array) -> Array:
         """Return what `matrix` has at each place for coordinates, shape (n,): shape (m[, 6])."""
         return self.matrix.at(q) if isinstance(self.matrix, StressOfForces) else self.matrix @ q
-
-    def in_basis(self, basis: Array) -> "StressMap":
-        """Return it for other coordinates, one a column of a basis, shape (n, r)."""
-        if isinstance(self.matrix, StressOfForces):
-            return replace(self, matrix=self.matrix.in_basis(basis))
-        return replace(self, matrix=self.matrix @ basis)
 
     def equivalent(self, q: Array) -> Array:
         """Return the equivalent stress at each place, averaged at shared points.

@@ -99,30 +99,6 @@ class Amplifier(ChainElement):
             rate = min(rate, self.current_limit / self.capacitance)
         return rate
 
-    def full_power_frequency_hz(self, amplitude: float) -> float:
-        r"""Return the highest frequency of a sine that the rate allows.
-
-        .. math:: f = \frac{\dot u_{max}}{2\pi \hat u}
-
-        Parameters
-        ----------
-        amplitude : float
-            Half of the swing of the output [V].
-
-        Returns
-        -------
-        float
-            The frequency [Hz].
-
-        Raises
-        ------
-        ModelError
-            The amplitude is not positive.
-        """
-        if not amplitude > 0.0:
-            raise ModelError(f"the amplitude of a sine must be positive, got {amplitude!r} V")
-        return self.largest_rate / (2.0 * math.pi * amplitude)
-
     def settled(self, x: float, dt: float) -> Array:
         del dt
         low, high = self._range()

@@ -16,6 +16,16 @@ _DEEPEST = 40
 _STEEPEST, _LARGEST = 3.0, 1e3
 
 
+def forcing(model: HysteresisModel, u: Array, state: Array) -> Segments:
+    """Return the output of a model from the first to the last sample, known between them.
+
+    The state is that before the first of u; closed form where the model has one, else segments that
+    are fitted to its output.
+    """
+    found = model.segments(u, state)
+    return fitted_segments(model, u, state) if found is None else found
+
+
 def fitted_segments(model: HysteresisModel, u: Array, state: Array) -> Segments:
     """Return the output of a model between the samples within 1e-10 of its size in each step.
 

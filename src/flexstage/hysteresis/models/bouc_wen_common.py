@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numba import prange
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.compiled import compiled, compiled_parallel
+from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import (
     Array,
     HysteresisModel,
@@ -250,14 +249,3 @@ def simulate_runs(
         u_last = u[end - 1]
         i = end
     return h
-
-
-@compiled_parallel
-def simulate_batch(u: Array, parameters: Array, out: Array) -> None:
-    """Write the outputs of many models at rest for one input, one model for each core.
-
-    Parameters: gain, hysteresis gain, beta and gamma of each, shape (k, 4).
-    """
-    for k in prange(parameters.shape[0]):
-        p = parameters[k]
-        simulate_runs(u, 0.0, 0.0, p[0], p[1], p[2], p[3], out[k])

@@ -15,9 +15,8 @@ loaded) by (u below, u above the centre).
 """
 
 import numpy as np
-from numba import prange
 
-from flexstage.hysteresis.compiled import compiled, compiled_parallel
+from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.power_law import moved, time_to_zero
 
@@ -90,13 +89,6 @@ def simulate_samples(
         u_last = u[i]
         out[i] = u_last * (cubic[0] + u_last * (cubic[1] + u_last * cubic[2])) - h
     return h
-
-
-@compiled_parallel
-def simulate_many(u: Array, cubics: Array, laws: Array, out: Array) -> None:
-    """Write the outputs of many models at rest for one input, one model for each core."""
-    for k in prange(laws.shape[0]):
-        simulate_samples(u, 0.0, 0.0, cubics[k], laws[k], out[k])
 
 
 @compiled

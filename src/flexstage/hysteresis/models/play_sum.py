@@ -318,25 +318,3 @@ def dead_zone_line(gain: float, thresholds: ArrayLike, weights: ArrayLike) -> Pi
     below = np.cumsum(w[r < 0.0][::-1])[::-1]
     above = np.cumsum(w[r > 0.0])
     return PiecewiseLinear(knots=r, slopes=gain + np.concatenate([below, [0.0], above]))
-
-
-def dead_zones(line: PiecewiseLinear) -> tuple[float, Array, Array]:
-    """Return gain, thresholds and weights of the dead zones whose superposition is a line.
-
-    Notes
-    -----
-    Validity: as `dead_zone_line`.
-
-    Examples
-    --------
-    >>> inverse = dead_zone_line(1.0, [-4.0, 5.0], [-0.2, 0.25]).inverse()
-    >>> gain, thresholds, weights = dead_zones(inverse)
-    >>> weights
-    array([ 0.25, -0.2 ])
-    """
-    if np.any(line.knots == 0.0):
-        raise ModelError("dead zones have no threshold at zero, got a line with a knot there")
-    zero = int(np.searchsorted(line.knots, 0.0))
-    steps = np.diff(line.slopes)
-    weights = np.concatenate([-steps[:zero], steps[zero:]])
-    return float(line.slopes[zero]), line.knots, weights

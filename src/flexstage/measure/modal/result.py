@@ -44,11 +44,6 @@ class Mode:
         omega, zeta = 2.0 * math.pi * self.frequency_hz.value, self.damping_ratio.value
         return complex(-zeta * omega, omega * math.sqrt(max(1.0 - zeta * zeta, 0.0)))
 
-    @property
-    def damped_frequency_hz(self) -> float:
-        """Frequency of the free decay [Hz]."""
-        return self.pole.imag / (2.0 * math.pi)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FittedResponse:

@@ -137,14 +137,6 @@ class HoldNoise:
     notes: tuple[str, ...] = ()
     """What a reader should know."""
 
-    def peak_to_peak_in(self, duration: float) -> float:
-        """Return the peak-to-peak that is expected in another time [s].
-
-        The mean of highest less lowest, of Gaussian noise of this rms and bandwidth.
-        """
-        samples = max(int(duration * self.sample_rate_hz), 2)
-        return self.rms.value * expected_peak_to_peak(samples, correlation=self.correlation)
-
 
 def expected_peak_to_peak(samples: int, *, correlation: float = 0.0) -> float:
     """Return the mean peak-to-peak of Gaussian noise, over its standard deviation.

@@ -36,11 +36,6 @@ class SpectralDensity:
     unit: str = ""
     """Unit of the signal."""
 
-    @property
-    def relative_uncertainty(self) -> float:
-        """Standard uncertainty of a density over its value: 1 / sqrt(averages)."""
-        return self.averages**-0.5
-
     def bounds(self, confidence: float = 0.95) -> tuple[Array, Array]:
         """Return the interval that holds the true density at each frequency.
 

@@ -14,10 +14,8 @@ from flexstage.hysteresis.models.bouc_wen_common import (
     BoucWenModel,
     classical_law,
     classical_properties,
-    simulate_batch,
     simulate_runs,
 )
-from flexstage.hysteresis.models.bouc_wen_steps import simulate_many
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,64 +101,3 @@ class BoucWen(BoucWenModel):
     def _compiled(self) -> tuple[Array, Array]:
         law = classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)
         return np.array([self.gain, 0.0, 0.0]), law
-
-
-def simulate_bouc_wen_batch(u: ArrayLike, parameters: ArrayLike) -> Array:
-    """Return the outputs of many Bouc-Wen models at rest for one input, on every core.
-
-    Parameters
-    ----------
-    u : array_like
-        Inputs [unit of u], shape (n,).
-    parameters : array_like
-        Gain, hysteresis gain, beta and gamma of each model as in `BoucWen`, shape (k, 4), or with
-        its exponent, shape (k, 5).
-
-    Returns
-    -------
-    numpy.ndarray
-        Outputs [unit of y], shape (k, n). Those of a model that runs away are not finite.
-
-    Raises
-    ------
-    ModelError
-        The input is no finite sequence, or the parameters are not such a table.
-    """
-    inputs = samples(u, "input")
-    table = np.array(parameters, dtype=np.float64)
-    if table.ndim != 2 or table.shape[1] not in {4, 5} or not np.all(np.isfinite(table)):
-        raise ModelError(
-            f"the parameters of a batch are a table of finite numbers, four or five to a model, "
-            f"got shape {table.shape}"
-        )
-    exponents = table[:, 4] if table.shape[1] == 5 else np.ones(len(table))
-    if np.any(table[:, 1] <= 0.0) or np.any(exponents < 1.0):
-        raise ModelError(
-            f"the hysteresis_gain of each model must be above zero and its exponent at least 1, "
-            f"got down to {table[:, 1].min():.6g} and {exponents.min():.6g}"
-        )
-    linear = exponents == 1.0
-    if linear.all():
-        return _batch_of_runs(inputs, table)
-    out = np.empty((len(table), inputs.size))
-    for chosen, run in ((linear, _batch_of_runs), (~linear, _batch_of_steps)):
-        if chosen.any():
-            out[chosen] = run(inputs, table[chosen])
-    return out
-
-
-def _batch_of_runs(u: Array, table: Array) -> Array:
-    """Simulate models with exponent 1."""
-    out = np.empty((len(table), u.size))
-    simulate_batch(u, np.ascontiguousarray(table[:, :4]), out)
-    return out
-
-
-def _batch_of_steps(u: Array, table: Array) -> Array:
-    """Simulate models with any exponents."""
-    cubics = np.zeros((len(table), 3))
-    cubics[:, 0] = table[:, 0]
-    laws = np.array([classical_law(A, beta, gamma, n) for _, A, beta, gamma, n in table.tolist()])
-    out = np.empty((len(table), u.size))
-    simulate_many(u, cubics, laws, out)
-    return out

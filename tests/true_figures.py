@@ -23,14 +23,6 @@ def true_figures(
     They are in the units of `flexstage.quantities.QUANTITIES`, computed from what the stage
     does and from no record; the laboratory gives those that are of the sensor: noise, and the
     resolution of a drive without steps.
-
-    Examples
-    --------
-    >>> from flexstage.designs import design
-    >>> from flexstage.virtual.as_built import as_built
-    >>> built = as_built(design("vgtu-piezo"), seed=1)
-    >>> print(f"{true_figures(built)['straightness', 'x'] * 1e9:.0f} nm")
-    110 nm
     """
     lab = laboratory or Laboratory()
     figures: dict[tuple[str, str], float] = {}
