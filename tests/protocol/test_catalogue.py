@@ -278,6 +278,14 @@ def test_an_empty_database_gets_the_tables_of_the_program(address):
     engine.dispose()
 
 
+def test_what_is_a_key_has_a_length():
+    """MySQL and SQL Server take no text of any length as a key."""
+    for table in METADATA.tables.values():
+        rules = [c for c in table.constraints if isinstance(c, sa.UniqueConstraint)]
+        for column in (column for rule in (*rules, *table.indexes) for column in rule.columns):
+            assert getattr(column.type, "impl", column.type).length, (table.name, column.name)
+
+
 def contents(engine):
     """Return every table of a database with all its rows."""
     found = sa.MetaData()
@@ -452,6 +460,23 @@ def test_addresses_that_are_none_are_refused_without_their_password(text, said):
     with pytest.raises(RecordError, match=said) as caught:
         Catalogue.open(text)
     assert "secret" not in str(caught.value)
+
+
+def test_a_link_to_a_server_is_not_waited_for_without_end(monkeypatch):
+    from flexstage.instruments.catalogue import address as module
+
+    given = []
+    monkeypatch.setattr(module, "create_engine", lambda url, **options: given.append(options))
+    for text in ("postgresql://u@h/d", "mysql://u@h/d", "postgresql://u@h/d?connect_timeout=3"):
+        catalogue_engine(text)
+    assert [options["connect_args"] for options in given] == [{"connect_timeout": 10}] * 2 + [{}]
+
+
+def test_a_file_may_be_named_with_its_driver(tmp_path):
+    with Catalogue.open(f"sqlite+pysqlite:///{tmp_path / 'new' / 'c.sqlite'}") as opened:
+        opened.enter_run(run(1))
+    with Catalogue.open(str(tmp_path / "new" / "c.sqlite")) as opened:
+        assert opened.runs() == [run(1)]
 
 
 def test_a_server_that_is_not_there_is_told_without_the_password():
