@@ -125,7 +125,7 @@ VERSIONS = Table(
 
 def _table(name: str, kind: type[Any], *rules: Any) -> Table:
     """Make a table of entries; the stage and the run of one are rows of tables of their own."""
-    columns = [Column("id", Integer, primary_key=True)]
+    columns: list[Column[Any]] = [Column("id", Integer, primary_key=True)]
     for f in fields(kind):
         if f.name == "identifier":
             # what is a key has a length, as not every database takes a text of any
