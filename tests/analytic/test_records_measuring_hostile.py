@@ -128,6 +128,23 @@ FILES: dict[str, tuple[str, bytes, str]] = {
     ),
     "uff units": ("a.uff", units_164(-1.0, 1.0) + TEXT, "data set 1 (164): the units of the file"),
     "uff second set": ("a.uff", TEXT + TEXT[:-40], "data set 2 (58)"),
+    # a set that nothing opens was left out without a word
+    "uff second unopened": (
+        "a.uff",
+        TEXT + TEXT.removeprefix(b"    -1\n") + b"    -1\n     0\n    -1\n",
+        "'58?hammer on the frame?NONE?04' stands outside of all data sets",
+    ),
+    "uff first unopened": (
+        "a.uff",
+        TEXT.removeprefix(b"    -1\n").removesuffix(b"    -1\n") + TEXT,
+        "stands outside of all data sets",
+    ),
+    "uff byte order": (
+        "a.uff",
+        replaced(function_58(0.7 * H.real, binary="<"), "58b     1", "58b     2"),
+        "which no quantity is: the byte order",
+    ),
+    "uff end cut off": ("a.uff", TEXT + TEXT[7:90], "stands outside of all data sets"),
     "uff two domains": (
         "a.uff",
         TEXT + function_58(H.real, kind=1, abscissa=(17, "s")),

@@ -263,8 +263,6 @@ def test_an_empty_database_gets_the_tables_of_the_program(address):
             assert is_there["nullable"] == column.nullable, (table.name, column.name)
             ours, theirs = getattr(column.type, "impl", column.type), is_there["type"]
             assert theirs.python_type is ours.python_type, (table.name, column.name)
-            if isinstance(ours, sa.DateTime) and engine.dialect.name == "postgresql":
-                assert theirs.timezone
         keys = {tuple(k["constrained_columns"]) for k in found.get_foreign_keys(table.name)}
         assert keys == {tuple(k.column_keys) for k in table.foreign_key_constraints}
         unique = {tuple(u["column_names"]) for u in found.get_unique_constraints(table.name)}
@@ -278,6 +276,14 @@ def test_an_empty_database_gets_the_tables_of_the_program(address):
         }
         assert indices == {i.name for i in table.indexes}
     engine.dispose()
+
+
+def test_what_is_a_key_has_a_length():
+    """MySQL and SQL Server take no text of any length as a key."""
+    for table in METADATA.tables.values():
+        rules = [c for c in table.constraints if isinstance(c, sa.UniqueConstraint)]
+        for column in (column for rule in (*rules, *table.indexes) for column in rule.columns):
+            assert getattr(column.type, "impl", column.type).length, (table.name, column.name)
 
 
 def contents(engine):
@@ -444,8 +450,9 @@ def test_the_default_is_in_the_users_data(monkeypatch, tmp_path):
     ("text", "said"),
     [
         (" ", "must not be empty"),
-        ("mysql://u:secret@h/d", r"on PostgreSQL .* got 'mysql://u:\*\*\*@h/d'"),
-        ("sqlite://", "is a file"),
+        ("mysql://u:secret@h/d", "needs the driver 'MySQLdb', which is not installed"),
+        ("paper://u:secret@h/d", r"no such database as the catalogue paper://u:\*\*\*@h/d: give"),
+        ("sqlite://", "in memory would be lost"),
         ("postgresql://u:secret@h:port/d", "cannot be understood"),
     ],
 )
@@ -453,6 +460,23 @@ def test_addresses_that_are_none_are_refused_without_their_password(text, said):
     with pytest.raises(RecordError, match=said) as caught:
         Catalogue.open(text)
     assert "secret" not in str(caught.value)
+
+
+def test_a_link_to_a_server_is_not_waited_for_without_end(monkeypatch):
+    from flexstage.instruments.catalogue import address as module
+
+    given = []
+    monkeypatch.setattr(module, "create_engine", lambda url, **options: given.append(options))
+    for text in ("postgresql://u@h/d", "mysql://u@h/d", "postgresql://u@h/d?connect_timeout=3"):
+        catalogue_engine(text)
+    assert [options["connect_args"] for options in given] == [{"connect_timeout": 10}] * 2 + [{}]
+
+
+def test_a_file_may_be_named_with_its_driver(tmp_path):
+    with Catalogue.open(f"sqlite+pysqlite:///{tmp_path / 'new' / 'c.sqlite'}") as opened:
+        opened.enter_run(run(1))
+    with Catalogue.open(str(tmp_path / "new" / "c.sqlite")) as opened:
+        assert opened.runs() == [run(1)]
 
 
 def test_a_server_that_is_not_there_is_told_without_the_password():

@@ -437,20 +437,6 @@ def test_streams_of_another_version_are_not_guessed_at(tmp_path, version, mend):
         recover(path)
 
 
-def test_a_stream_as_it_was_before_the_first_release_is_refused(tmp_path):
-    """Version 1: the head twice, frames with a checksum of the one before."""
-    head = json.dumps({"channels": [["x", "m"]], "sample_rate_hz": 10.0, "run": metadata().plain()})
-    covered = struct.pack("<8sII", b"\x8eFXSTRM\n", 1, len(head)) + head.encode()
-    salt = zlib.crc32(covered)
-    samples = np.arange(4.0).tobytes()
-    frame = struct.pack("<4sIQII", b"\xf5FX\x8e", 0, 0, 4, 0)
-    frame += struct.pack("<I", zlib.crc32(samples, zlib.crc32(frame, salt))) + samples
-    path = tmp_path / "run.stream"
-    path.write_bytes(2 * (covered + struct.pack("<I", salt)) + frame)
-    with pytest.raises(RecordError, match="is of version 1, and this flexstage reads version 2"):
-        examine(path)
-
-
 def test_a_frame_of_another_run_is_none_of_this_one(tmp_path):
     paths = [tmp_path / f"{name}.stream" for name in ("one", "other")]
     heads = []

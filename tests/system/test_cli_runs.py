@@ -213,7 +213,7 @@ BAD = [
     (("add", "nowhere"), 2, "there is no folder 'nowhere'"),
     (("add", ""), 2, "expected a path, got an empty text"),
     (("recover", "nowhere.stream"), 2, "cannot be read: No such file"),
-    (("--catalogue", "mysql://u@h/d"), 2, "a catalogue is a file"),
+    (("--catalogue", "mysql://u@h/d"), 2, "needs the driver 'MySQLdb'"),
     (("--catalogue", "postgresql://u@127.0.0.1:1/d"), 1, "runs add FOLDER"),
     (("--json", "show", "12"), 2, "give --json behind 'show'"),
     (("--stage", "s", "calibrations"), 2, "give --stage behind 'calibrations'"),

@@ -68,8 +68,8 @@ def run(
     note
         TEXT: A remark for the records.
     catalogue
-        URL: Catalogue of the records: a file, or a PostgreSQL URL; 'none' for none (default: that
-        of the user).
+        URL: Catalogue of the records: a file, or the URL of a database; 'none' for none (default:
+        that of the user).
     yes
         Do not ask for confirmation before a real instrument moves.
     """

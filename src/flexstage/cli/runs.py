@@ -37,8 +37,8 @@ _Catalogue = Annotated[
     str | None,
     option(
         "URL",
-        "Catalogue: a file, or postgresql://user@host/database (default: "
-        "FLEXSTAGE_CATALOGUE, or that of the user).",
+        "Catalogue: a file, or the URL of a database, such as postgresql://user@host/database "
+        "(default: FLEXSTAGE_CATALOGUE, or that of the user).",
         "--catalogue",
     ),
 ]

@@ -25,6 +25,8 @@ _SI: dict[Domain, str] = {"time": "s", "frequency": "Hz"}
 _UNNAMED = frozenset((1, 4))
 # an abscissa is printed with six digits
 _SAME = 2e-6
+# bytes in the wrong order are such numbers
+_NO_QUANTITY = 1e31
 _ACCELERATION = 12
 # kinds of quantity that set 164 has units for: powers of length and force, SI unit; of a rotation
 _BY_SYSTEM = {
@@ -155,9 +157,16 @@ def _chosen(names: Sequence[str], dataset: str | None) -> list[int]:
 
 def _values(function: Function, name: str) -> Array:
     try:
-        return function.table()
+        table = function.table()
     except RecordError as error:
         raise RecordError(f"function '{name}': {error}") from None
+    largest = float(np.max(np.abs(table), where=np.isfinite(table), initial=0.0))
+    if largest >= _NO_QUANTITY:
+        raise RecordError(
+            f"function '{name}' has numbers up to {largest:.1e}, which no quantity is: the byte "
+            "order that the file names may be wrong; export it as text"
+        )
+    return table
 
 
 def _abscissa(

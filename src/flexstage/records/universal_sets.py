@@ -115,6 +115,7 @@ def read_sets(data: bytes) -> list[Function]:
     system: UnitSystem | None = None
     at, number = 0, 0
     while (opening := _TAG.search(data, at)) is not None:
+        _require_blank(data[at : opening.start()])
         number += 1
         where = f"data set {number}"
         line, body = _line(data, opening.end() + 1)
@@ -139,7 +140,17 @@ def read_sets(data: bytes) -> list[Function]:
             "there is no line '    -1' that opens a data set: it is no universal file; choose "
             "another by the option format"
         )
+    _require_blank(data[at:])
     return functions
+
+
+def _require_blank(between: bytes) -> None:
+    """Refuse what stands outside of the data sets: one whose first line is lost."""
+    if outside := between.strip(b" \t\r\n\0\x1a"):
+        raise RecordError(
+            f"'{_plain(outside[:30])}' stands outside of all data sets, so that a line '    -1' "
+            "which opens one is missing: the file is damaged; export it again"
+        )
 
 
 def _line(data: bytes, start: int) -> tuple[bytes, int]:

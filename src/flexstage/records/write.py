@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from collections.abc import Container, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -104,11 +105,15 @@ def _csv(channels: tuple[Channel, ...]) -> bytes:
     return stream.getvalue().encode("utf-8", "replace")
 
 
-def _label(channel: Channel) -> str:
-    """Return the name on one line, in a form that is not read as a unit."""
-    name = " ".join(re.sub(r"[\x00-\x1f]", " ", channel.name).split())
+def file_label(name: str, unit: str) -> str:
+    """Return the name of a column on one line, in a form that is not read as a unit."""
+    name = " ".join(re.sub(r"[\x00-\x1f]", " ", name).split())
     # empty brackets keep a bracket in the name from being taken for a unit
-    return f"{name} []" if not channel.unit and re.search(r"[)\]]$| / ", name) else name
+    return f"{name} []" if not unit and re.search(r"[)\]]$| / ", name) else name
+
+
+def _label(channel: Channel) -> str:
+    return file_label(channel.name, channel.unit)
 
 
 def _quoted(channel: Channel) -> str:
@@ -120,18 +125,22 @@ def _quoted(channel: Channel) -> str:
     return heading
 
 
-def _keys(channels: tuple[Channel, ...]) -> list[str]:
-    """Return a name for each column that every program takes."""
+def file_keys(names: Iterable[str], reserved: Container[str]) -> list[str]:
+    """Return a name for each column that every program takes, and that is not reserved."""
     keys: list[str] = []
-    for channel in channels:
-        word = re.sub(r"\W", "_", channel.name, flags=re.ASCII)[:40]
+    for name in names:
+        word = re.sub(r"\W", "_", name, flags=re.ASCII)[:40]
         word = word if word[:1].isalpha() else f"c_{word}"
         key, number = word, 1
-        while key in keys or key in _RESERVED:
+        while key in keys or key in reserved:
             number += 1
             key = f"{word}_{number}"
         keys.append(key)
     return keys
+
+
+def _keys(channels: tuple[Channel, ...]) -> list[str]:
+    return file_keys((c.name for c in channels), _RESERVED)
 
 
 def _npz(channels: tuple[Channel, ...]) -> bytes:

@@ -1,1 +1,1 @@
-"""The catalogue of runs, calibrations and models, on SQLite or PostgreSQL."""
+"""The catalogue of runs, calibrations and models, in any database that SQLAlchemy reaches."""

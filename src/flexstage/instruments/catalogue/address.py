@@ -1,4 +1,4 @@
-"""Where a catalogue is: a file of SQLite, or a server of PostgreSQL."""
+"""Where a catalogue is: a file of SQLite, or any other database that SQLAlchemy reaches."""
 
 import os
 from pathlib import Path
@@ -12,8 +12,10 @@ from flexstage.files.user_folder import user_folder
 
 #: Option of a connection that is going to write.
 WRITES = "flexstage_writes"
-# how long a writer waits for others, and how long a server may take to answer [s]
-_PATIENCE, _ANSWER = 30, 10
+# how long a writer of a file waits for others, and how long a link to a server may take [s]
+_PATIENCE, _LINK = 30, 10
+# databases whose drivers have such an option; by themselves they wait for minutes
+_WITH_TIMEOUT = ("postgresql", "mysql", "mariadb")
 
 
 def default_catalogue() -> str:
@@ -24,20 +26,26 @@ def default_catalogue() -> str:
 def catalogue_engine(address: str) -> Engine:
     """Return what talks to a catalogue; nothing is opened, but the folder of a file is made.
 
-    The address is the path of a file, ``sqlite:///PATH``, or ``postgresql://USER@HOST/DATABASE``.
+    The address is the path of a file, or a URL of SQLAlchemy: ``sqlite:///PATH``,
+    ``postgresql://USER@HOST/DATABASE``, ``mysql+pymysql://USER@HOST/DATABASE``...
     """
     url = _url(address)
     if url.get_backend_name() == "sqlite":
         return _sqlite(url)
+    options: dict[str, Any] = {}
+    if url.get_backend_name() in _WITH_TIMEOUT and "connect_timeout" not in url.query:
+        options["connect_timeout"] = _LINK
     try:
-        return create_engine(
-            url,
-            connect_args={"connect_timeout": url.query.get("connect_timeout", str(_ANSWER))},
-            pool_pre_ping=True,
-        )
+        return create_engine(url, connect_args=options, poolclass=NullPool)
     except ModuleNotFoundError as error:
         raise RecordError(
-            "a catalogue on PostgreSQL needs its driver: pip install 'flexstage[postgresql]'"
+            f"a catalogue at {url.drivername}://... needs the driver '{error.name}', which is not "
+            "installed: install it (for PostgreSQL: pip install 'flexstage[postgresql]')"
+        ) from error
+    except (ArgumentError, TypeError) as error:
+        raise RecordError(
+            f"SQLAlchemy knows no such database as the catalogue {address_of(address)}: give a "
+            "file, or such as postgresql://user@host/database"
         ) from error
 
 
@@ -54,10 +62,7 @@ def is_absent_file(address: str) -> bool:
 
 def in_memory() -> Engine:
     """Return what talks to an empty catalogue that leaves nothing behind."""
-    engine = create_engine("sqlite://", poolclass=StaticPool)
-    event.listen(engine, "connect", _prepare)
-    event.listen(engine, "begin", _begin)
-    return engine
+    return _prepared(create_engine("sqlite://", poolclass=StaticPool))
 
 
 def require_address(address: str) -> None:
@@ -78,14 +83,11 @@ def _url(address: str) -> URL:
             "the address of the catalogue cannot be understood: it must be a file, or such as "
             "postgresql://user@host/database"
         ) from error
-    if url.drivername in ("postgresql", "postgres", "postgresql+psycopg"):
-        return url.set(drivername="postgresql+psycopg")
-    if url.drivername == "sqlite" and url.database and url.database != ":memory:":
-        return url
-    raise RecordError(
-        "a catalogue is a file (sqlite:///PATH) or on PostgreSQL (postgresql://...), got "
-        f"'{url.render_as_string(hide_password=True)}'"
-    )
+    if url.get_backend_name() == "sqlite" and url.database in (None, "", ":memory:"):
+        raise RecordError(
+            f"a catalogue in memory would be lost, got '{address}': give a file (sqlite:///PATH)"
+        )
+    return url
 
 
 def _sqlite(url: URL) -> Engine:
@@ -96,13 +98,16 @@ def _sqlite(url: URL) -> Engine:
         raise RecordError(
             f"the folder of the catalogue '{path}' cannot be made: {error.strerror or error}"
         ) from error
-    engine = create_engine(url, connect_args={"timeout": _PATIENCE}, poolclass=NullPool)
-    event.listen(engine, "connect", _prepare)
+    return _prepared(create_engine(url, connect_args={"timeout": _PATIENCE}, poolclass=NullPool))
+
+
+def _prepared(engine: Engine) -> Engine:
+    event.listen(engine, "connect", _connected)
     event.listen(engine, "begin", _begin)
     return engine
 
 
-def _prepare(connection: Any, _record: Any) -> None:
+def _connected(connection: Any, _record: Any) -> None:
     # transactions are begun here and by nobody else, so that a change of the schema is one too
     connection.isolation_level = None
     connection.execute("PRAGMA foreign_keys = ON")

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Self, TypeVar
 
-from sqlalchemy import Connection, Engine, insert, inspect, select, text
+from sqlalchemy import Connection, Engine, insert, inspect, select
 from sqlalchemy.exc import (
     DBAPIError,
     IntegrityError,
@@ -13,7 +13,7 @@ from sqlalchemy.exc import (
     SQLAlchemyError,
 )
 
-from flexstage.errors import NotConnectedError, RecordError
+from flexstage.errors import FlexstageError, NotConnectedError, RecordError
 from flexstage.instruments.catalogue.address import (
     WRITES,
     address_of,
@@ -27,8 +27,6 @@ from flexstage.instruments.catalogue.tables import METADATA, VERSION, VERSIONS
 _T = TypeVar("_T")
 # others may enter the same stage between the question for it and the answer
 _TRIES = 8
-# any number, so long as every flexstage takes the same: who holds it may make the tables
-_LOCK = 5_407_301
 
 
 class Database:
@@ -81,15 +79,19 @@ class Database:
         return self.read(self._has_tables)
 
     def _make_tables(self) -> None:
-        if self._is_made():
-            return
-        with _telling(self.address), self._writing() as connection:
-            if connection.dialect.name == "postgresql":
-                # of two programs that make them at once the second waits, and finds them made
-                connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
+        def work(connection: Connection) -> None:
             if not self._has_tables(connection):
                 METADATA.create_all(connection, checkfirst=False)
                 connection.execute(insert(VERSIONS).values(version=VERSION))
+
+        if self._is_made():
+            return
+        try:
+            self.write(work)
+        except FlexstageError:
+            # of two programs that make them at once the second fails, and finds them made
+            if not self._is_made():
+                raise
 
     def _has_tables(self, connection: Connection) -> bool:
         """Return whether a database has the tables of this version; refuse all but an empty one."""

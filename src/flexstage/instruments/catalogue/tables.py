@@ -1,5 +1,7 @@
 """The tables of a catalogue, made from its entries: a column for each of their fields."""
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import fields
 from datetime import UTC, datetime
@@ -11,15 +13,16 @@ from sqlalchemy import (
     Boolean,
     Column,
     Connection,
-    DateTime,
     Double,
     ForeignKey,
     Index,
     Integer,
     MetaData,
     Select,
+    String,
     Table,
     Text,
+    UnicodeText,
     UniqueConstraint,
     insert,
     select,
@@ -37,35 +40,32 @@ from flexstage.instruments.catalogue.entries import (
 )
 
 #: Which tables these are. Whoever changes them counts on: a catalogue of another number is refused.
-VERSION = 2
+VERSION = 3
 
 Entry = TypeVar("Entry", StageEntry, RunEntry, CalibrationEntry, ModelEntry)
 
 
 class UtcTime(TypeDecorator[datetime]):
-    """A date and time in UTC, also where a database knows no zones and keeps it without one."""
+    """A date and time in UTC as ISO 8601, as databases differ in zones and parts of a second."""
 
-    impl = DateTime(timezone=True)
+    impl = String(26)
     cache_ok = True
 
-    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> str | None:
         """Return what the database keeps."""
         if value is None:
             return None
-        utc = value.astimezone(UTC)
-        return utc if dialect.name == "postgresql" else utc.replace(tzinfo=None)
+        return value.astimezone(UTC).replace(tzinfo=None).isoformat(timespec="microseconds")
 
-    def process_result_value(self, value: Any | None, dialect: Dialect) -> datetime | None:
+    def process_result_value(self, value: str | None, dialect: Dialect) -> datetime | None:
         """Return what the database kept."""
-        if value is None:
-            return None
-        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+        return None if value is None else datetime.fromisoformat(value).replace(tzinfo=UTC)
 
 
 class CleanText(TypeDecorator[str]):
     """A text that every database takes: ``?`` for halves of letters, no zeros."""
 
-    impl = Text
+    impl = UnicodeText
     cache_ok = True
 
     def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
@@ -114,7 +114,7 @@ _KEPT: dict[Any, tuple[Any, bool]] = {
     datetime: (UtcTime, False),
     Mapping[str, float]: (Figures, False),
 }
-#: The tables by name, on SQLite and PostgreSQL alike.
+#: The tables by name, on every database alike.
 METADATA = MetaData()
 VERSIONS = Table(
     "schema_version",
@@ -125,9 +125,12 @@ VERSIONS = Table(
 
 def _table(name: str, kind: type[Any], *rules: Any) -> Table:
     """Make a table of entries; the stage and the run of one are rows of tables of their own."""
-    columns = [Column("id", Integer, primary_key=True)]
+    columns: list[Column[Any]] = [Column("id", Integer, primary_key=True)]
     for f in fields(kind):
-        if f.type is StageEntry:
+        if f.name == "identifier":
+            # what is a key has a length, as not every database takes a text of any
+            columns.append(Column(f.name, String(32), nullable=False))
+        elif f.type is StageEntry:
             columns.append(Column("stage_id", ForeignKey("stages.id"), nullable=False))
         elif f.name == "run":
             columns.append(Column("run_id", ForeignKey("runs.id")))
@@ -137,7 +140,13 @@ def _table(name: str, kind: type[Any], *rules: Any) -> Table:
     return Table(name, METADATA, *columns, *rules)
 
 
-STAGES = _table("stages", StageEntry, UniqueConstraint("name", "serial_number", "hash", "design"))
+# the digest stands for all that an entry says: four texts are too long for a key
+STAGES = _table(
+    "stages",
+    StageEntry,
+    Column("digest", String(64), nullable=False),
+    UniqueConstraint("digest"),
+)
 RUNS = _table("runs", RunEntry, UniqueConstraint("identifier"), Index("runs_by_start", "started"))
 CALIBRATIONS = _table("calibrations", CalibrationEntry)
 MODELS = _table("models", ModelEntry)
@@ -180,12 +189,12 @@ def values_of(connection: Connection, table: Table, entry: Any) -> dict[str, Any
 
 def _stage_id(connection: Connection, entry: StageEntry) -> int | None:
     values = values_of(connection, STAGES, entry)
-    asked = select(STAGES.c.id)
-    for name, value in values.items():
-        asked = asked.where(STAGES.c[name] == value)
+    said = json.dumps([_clean(text) for text in values.values()])
+    digest = hashlib.sha256(said.encode()).hexdigest()
+    asked = select(STAGES.c.id).where(STAGES.c.digest == digest)
     found = connection.scalar(asked)
     if found is None:
-        connection.execute(insert(STAGES).values(values))
+        connection.execute(insert(STAGES).values(**values, digest=digest))
         found = connection.scalar(asked)
     return found
 

@@ -1,8 +1,6 @@
 """A stream as an HDF5 file that `read_record` reads: written, read back, then put in place."""
 
-import re
 import shutil
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,8 @@ from flexstage.instruments.recording.metadata import (
     run_attributes,
 )
 from flexstage.instruments.recording.recovery import StreamRecovery, chunks, examine
-from flexstage.instruments.recording.stream import in_use
+from flexstage.instruments.recording.stream import StreamHead, in_use
+from flexstage.records.write import file_keys, file_label
 
 #: What an HDF5 file holds beside its samples [bytes].
 _OVERHEAD = 64 * 1024
@@ -80,18 +79,8 @@ def _require_room(stream: Path, folder: Path, found: StreamRecovery) -> None:
         )
 
 
-def _keys(names: Sequence[str]) -> list[str]:
-    """Return a name for each dataset that every program takes."""
-    keys: list[str] = []
-    for name in names:
-        word = re.sub(r"\W", "_", name, flags=re.ASCII)[:40]
-        word = word if word[:1].isalpha() else f"c_{word}"
-        key, number = word, 1
-        while key in keys or key in (RUN, "time"):
-            number += 1
-            key = f"{word}_{number}"
-        keys.append(key)
-    return keys
+def _keys(head: StreamHead) -> list[str]:
+    return file_keys((name for name, _ in head.channels), (RUN, "time"))
 
 
 def _write(draft: Path, stream: Path, found: StreamRecovery) -> None:
@@ -113,10 +102,9 @@ def _write(draft: Path, stream: Path, found: StreamRecovery) -> None:
             # a name that no reader takes for the rate of evenly spaced samples
             file.attrs["nominal_rate_hz"] = head.sample_rate_hz
             times = _dataset(file, "time", "time", "s", total)
-        keys = _keys([name for name, _ in head.channels])
         sets = [
-            _dataset(file, key, _label(name, unit), unit, total)
-            for key, (name, unit) in zip(keys, head.channels, strict=True)
+            _dataset(file, key, file_label(name, unit), unit, total)
+            for key, (name, unit) in zip(_keys(head), head.channels, strict=True)
         ]
         at = 0
         for first, part in chunks(stream, found):
@@ -137,11 +125,6 @@ def _describe(file: Any, found: StreamRecovery) -> None:
             file.attrs[key] = value
 
 
-def _label(name: str, unit: str) -> str:
-    # empty brackets keep a bracket in the name from being taken for a unit
-    return f"{name} []" if not unit and re.search(r"[)\]]$| / ", name) else name
-
-
 def _dataset(file: Any, key: str, label: str, unit: str, size: int) -> Any:
     dataset = file.create_dataset(key, shape=(size,), dtype="<f8", track_times=False)
     dataset.attrs["name"] = label
@@ -155,7 +138,7 @@ def _verify(draft: Path, stream: Path, found: StreamRecovery) -> None:
 
     with h5py.File(draft, "r") as opened:
         file: Any = opened
-        sets = [file[key] for key in _keys([name for name, _ in found.head.channels])]
+        sets = [file[key] for key in _keys(found.head)]
         at = 0
         for _, part in chunks(stream, found):
             rows = slice(at, at + part.shape[1])

@@ -44,7 +44,6 @@ _PREAMBLE = struct.Struct("<8sII")
 _CHECKSUM = struct.Struct("<I")
 #: Size of what stands before the samples of a frame [bytes].
 FRAME_SIZE = _FRAME.size + _CHECKSUM.size
-# the first one was written by no version that was released, and is not read
 _VERSION = 2
 _HEAD_TEXT = replace(RUN_DESCRIPTION, noun="head of a stream")
 
