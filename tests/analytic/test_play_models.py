@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hysteresis import (
     Duhem,
@@ -128,24 +127,17 @@ def test_energy_of_a_cycle_is_that_of_the_plays() -> None:
     assert work == pytest.approx(np.sum(2.0 * r * model.weights * swing), rel=1e-5)
 
 
-def inverse_plays(model: PrandtlIshlinskii) -> tuple[float, Array, Array]:
-    """Gain, thresholds and weights of the inverse as a sum of plays (Kuhnen and Janocha 2001)."""
-    slopes = model.gain + np.concatenate([[0.0], np.cumsum(model.weights)])
-    thresholds = np.cumsum(slopes[:-1] * np.diff(model.thresholds, prepend=0.0))
-    return 1.0 / model.gain, thresholds, np.diff(1.0 / slopes)
-
-
 def test_prandtl_ishlinskii_inverse_is_a_sum_of_plays_of_the_output() -> None:
     model = prandtl()
     y = STROKE * drive(3, 40) / 127.0
-    gain, thresholds, weights = inverse_plays(model)
+    gain, thresholds, weights = model.inverse_plays()
     closed = gain * y + play_columns(y, thresholds) @ weights
     assert model.inverse(y).values == pytest.approx(closed, abs=1e-12)
 
 
 def test_maxwell_slip_without_bend_is_a_prandtl_ishlinskii_model() -> None:
     plays = prandtl()
-    gain, thresholds, weights = inverse_plays(plays)
+    gain, thresholds, weights = plays.inverse_plays()
     same = GeneralisedMaxwellSlip(
         stiffness=gain + np.sum(weights), thresholds=thresholds, element_stiffness=-weights
     )
@@ -389,6 +381,8 @@ def test_conditions_find_what_does_not_hold() -> None:
     assert not holds(falling)["invertible"]
     with pytest.raises(ModelError, match="no inverse"):
         falling.inverse([0.1])
+    with pytest.raises(ModelError, match="positive gain"):
+        falling.inverse_plays()
     folded = ModifiedPrandtlIshlinskii(
         gain=0.4,
         thresholds=r,

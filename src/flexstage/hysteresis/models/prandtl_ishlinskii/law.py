@@ -65,5 +65,33 @@ class PrandtlIshlinskii(PlayModel):
         object.__setattr__(self, "thresholds", r)
         object.__setattr__(self, "weights", fixed(self.weights, "weights of plays", r.shape))
 
+    def inverse_plays(self) -> tuple[float, Array, Array]:
+        """Return the inverse as a sum of plays of the output, for a controller's own program.
+
+        ``u = g y + sum_i v_i play(y; s_i)`` with ``g = 1/w_0``,
+        ``s_i = w_0 r_i + sum_{j<i} w_j (r_i - r_j)`` and ``v_i = -w_i / (a_i a_{i-1})``,
+        ``a_i = w_0 + ... + w_i``, where ``w_0`` is the gain (Kuhnen and Janocha 2001). Both start
+        at rest. The weights are negative: it is a sum of stops.
+
+        Returns
+        -------
+        tuple of float, numpy.ndarray and numpy.ndarray
+            Gain [V/m], thresholds [m] (m,) and weights [V/m] (m,) of the inverse.
+
+        Raises
+        ------
+        ModelError
+            A slope is not positive, so that there is no unique inverse.
+        """
+        slopes = self.gain + np.concatenate([[0.0], np.cumsum(self.weights)])
+        if np.min(slopes) <= 0.0:
+            raise ModelError(
+                f"plays have an inverse if all slopes are positive, got {np.min(slopes):g}: "
+                f"identify the model with a positive gain and weights that are not negative"
+            )
+        steps = np.diff(self.thresholds, prepend=0.0)
+        thresholds = np.cumsum(slopes[:-1] * steps)
+        return 1.0 / self.gain, thresholds, np.diff(1.0 / slopes)
+
     def play_terms(self) -> Sum:
         return terms(self.gain, self.thresholds, np.empty(0), self.weights[:, None])
