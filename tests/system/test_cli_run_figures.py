@@ -112,7 +112,7 @@ def test_a_folder_of_another_stage_is_refused(capsys, done):
     assert "take it up again" not in said
 
 
-@pytest.mark.parametrize("address", ["mysql://host/name", "", "sqlite://"])
+@pytest.mark.parametrize("address", ["mysql://host/name", "no-database://host", "", "sqlite://"])
 def test_an_address_that_no_catalogue_has_is_refused_before_anything_moves(
     capsys, done, tmp_path, address
 ):

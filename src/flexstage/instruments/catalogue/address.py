@@ -66,8 +66,9 @@ def in_memory() -> Engine:
 
 
 def require_address(address: str) -> None:
-    """Refuse what can be no address of a catalogue; nothing is opened or made."""
-    _url(address)
+    """Refuse what can be no address of a catalogue or has no driver; nothing is opened or made."""
+    if _url(address).get_backend_name() != "sqlite":
+        catalogue_engine(address)
 
 
 def _url(address: str) -> URL:
