@@ -71,6 +71,7 @@ def against_reference(
 
     Examples
     --------
+    >>> import numpy as np
     >>> t = 2.0 * np.pi * np.arange(120) / 120
     >>> heads = np.array([0.0, 1.3])
     >>> read = 5e-6 * np.cos(4.0 * (t + heads[:, np.newaxis]) - 0.4)

@@ -199,7 +199,7 @@ def require_unclipped(record: Record, columns: Sequence[str | int]) -> None:
 
     Examples
     --------
-    >>> import numpy as np
+    >>> from flexstage.records import Channel
     >>> t = np.arange(400) / 200.0
     >>> y = np.minimum(np.sin(7.0 * t), 0.83)
     >>> record = Record(channels=(Channel(name="pos", values=y, unit="m"),), time=t)
@@ -240,7 +240,7 @@ def require_live(record: Record, columns: Sequence[str | int]) -> None:
 
     Examples
     --------
-    >>> import numpy as np
+    >>> from flexstage.records import Channel
     >>> t = np.arange(3.0)
     >>> record = Record(channels=(Channel(name="y", values=np.full(3, 0.7), unit="m"),), time=t)
     >>> try:

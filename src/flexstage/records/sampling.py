@@ -222,6 +222,7 @@ def resampled(
 
     Examples
     --------
+    >>> from flexstage.records import Channel
     >>> t = np.array([0.0, 0.9, 2.1, 3.0])
     >>> r = Record(channels=(Channel(name="x", values=2.0 * t),), time=t)
     >>> resampled(r, 1.0).channel("x").values
@@ -305,6 +306,7 @@ def evened(record: Record, sample_rate_hz: float | None = None) -> Record:
 
     Examples
     --------
+    >>> from flexstage.records import Channel
     >>> t = np.array([0.0, 0.9, 2.1, 3.0])
     >>> r = Record(channels=(Channel(name="x", values=2.0 * t),), time=t)
     >>> evened(r).channel("x").values.round(2)
