@@ -186,8 +186,8 @@ def test_no_room_for_the_hdf5_file(tiny_disk):
     run = RunWriter(path, CHANNELS, 10.0, metadata())
     for k in range(35):  # 1.1 MB, which fits once
         run.append(1000 * k, truth(1000 * k, 1000))
-    # 4 channels and perhaps times, of 8 bytes each
-    needed = "has 1.0 MB of room, and the record needs 1.5 MB: all 35000 samples are safe in"
+    # 4 channels of 8 bytes each, and what describes them
+    needed = "has 1.0 MB of room, and the record needs 1.2 MB: all 35000 samples are safe in"
     with pytest.raises(RecordError, match=f"{needed} .*; make room, then 'flexstage runs recover"):
         run.close()
     assert [p.name for p in tiny_disk.iterdir()] == ["run.stream"]

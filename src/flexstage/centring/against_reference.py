@@ -6,7 +6,6 @@ from numpy.typing import ArrayLike
 
 from flexstage.centring.calibration_table import CalibrationTable
 from flexstage.centring.separation import (
-    Combination,
     best_combination,
     common_motion,
     head_noise,
@@ -81,7 +80,7 @@ def against_reference(
     """
     alpha, sigma = head_noise(heads, noise)
     common = common_motion(alpha, angle=False, axis=axis_motion)
-    combination: Combination = best_combination(alpha, sigma, orders, common, 0.01)
+    combination = best_combination(alpha, sigma, orders, common, 0.01)
     return separated_table(
         angle,
         errors,

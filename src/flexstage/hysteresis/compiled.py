@@ -23,13 +23,13 @@ def forget_outdated(rooms: tuple[Path, ...] = _ROOMS) -> None:
     update of a checkout a caller that did not change would go on with the code of before. What
     ``NUMBA_CACHE_DIR`` puts elsewhere is not looked at.
     """
-    now = hashlib.sha256()
-    for path in sorted(path for room in rooms for path in room.rglob("*.py")):
-        facts = path.stat()
-        now.update(f"{path} {facts.st_mtime_ns} {facts.st_size}\n".encode())
-    stamp = rooms[0] / "__pycache__" / "compiled.stamp"
     # a place that cannot be written to was written by an installer, as a whole
     with contextlib.suppress(OSError):
+        now = hashlib.sha256()
+        for path in sorted(path for room in rooms for path in room.rglob("*.py")):
+            facts = path.stat()
+            now.update(f"{path} {facts.st_mtime_ns} {facts.st_size}\n".encode())
+        stamp = rooms[0] / "__pycache__" / "compiled.stamp"
         if stamp.exists() and stamp.read_text("ascii") == now.hexdigest():
             return
         for room in rooms:

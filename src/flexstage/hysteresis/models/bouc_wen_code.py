@@ -55,6 +55,8 @@ def bouc_wen_matlab_code(cubic: list[float], law: Array, exponent: float) -> Mat
         "loaded": (law[[6, 7, 10, 11]], "shape function where h is loaded, in the same order"),
     }
     if exponent in (1.0, 2.0):
-        return MatlabCode(parts=("bouc_wen_common", f"power_{exponent:g}"), parameters=numbers)
+        return MatlabCode(
+            parts=("bouc_wen_common", "power_closed", f"power_{exponent:g}"), parameters=numbers
+        )
     numbers["n"] = (exponent, "exponent [1]")
     return MatlabCode(parts=("bouc_wen_common", "power_n"), parameters=numbers)

@@ -67,9 +67,15 @@ def rescued(stream: Path, target: Path | None = None, *, remove: bool = False) -
     return made
 
 
+def _is_whole(found: StreamRecovery) -> bool:
+    """Return whether the samples are evenly spaced, so that the record has no times."""
+    return not any(part.kind != "overlap" for part in found.lost)
+
+
 def _require_room(stream: Path, folder: Path, found: StreamRecovery) -> None:
     """Refuse a disk that is too full; h5py writes tracebacks of its own when it finds that out."""
-    needed = _OVERHEAD + 8 * found.samples * (len(found.head.channels) + 1)
+    columns = len(found.head.channels) + (not _is_whole(found))
+    needed = _OVERHEAD + 8 * found.samples * columns
     free = shutil.disk_usage(folder).free
     if free < needed:
         raise RecordError(
@@ -88,7 +94,7 @@ def _write(draft: Path, stream: Path, found: StreamRecovery) -> None:
 
     head = found.head
     total = found.samples
-    whole = not any(part.kind != "overlap" for part in found.lost)
+    whole = _is_whole(found)
     if total < 2:
         raise RecordError(
             f"'{stream}' holds {total} whole samples, and a record needs two: the stream stays"

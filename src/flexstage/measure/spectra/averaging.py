@@ -158,7 +158,7 @@ def segment_length(
 
     A power of two, up to 32768, that leaves some 31 half overlapping segments, where neither it nor
     the distance of lines [Hz] is asked. Where peaks are to be resolved, records of 1024 to 4096
-    samples have segments of 256, and shorter ones seven.
+    samples have segments of 256, and shorter ones of at most a quarter.
     """
     if segment is not None and resolution_hz is not None:
         raise ModelError("ask for the samples of a segment or for the resolution, not for both")
