@@ -23,9 +23,9 @@ _SEGMENTS = 16
 # and the longest of them, beyond which lines become many and the average no better
 _LONGEST = 32_768
 _SHORTEST = 8
-# a response of fewer lines makes peaks wide, which a longer average does not mend: short records
+# segments of fewer samples make peaks wide, which a longer average does not mend: short records
 # are cut into longer segments, but into no fewer than this
-_LINES, _FEWEST = 128, 4
+_RESOLVING, _FEWEST = 256, 4
 
 
 def line_frequencies(length: int, sample_rate_hz: float) -> Array:
@@ -171,7 +171,7 @@ def segment_length(
     else:
         most = sum(sizes) // _SEGMENTS
         if resolving and most >= _SHORTEST:
-            most = max(most, min(2 * _LINES, sum(sizes) // _FEWEST))
+            most = max(most, min(_RESOLVING, sum(sizes) // _FEWEST))
         most = min(most, *sizes)
         length = min(2 ** int(math.log2(max(most, 1))), _LONGEST)
         if length < _SHORTEST:
