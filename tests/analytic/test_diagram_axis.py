@@ -1,4 +1,4 @@
-"""Two masses for an axis keep what they promise, and twins are found where there are any."""
+"""Two masses for an axis keep what they promise, and a diagram says what it leaves out."""
 
 from dataclasses import replace
 
@@ -8,12 +8,11 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export.diagram.axis_diagram import axis_chain
-from flexstage.export.diagram.equivalent_bodies import equivalent_parts
 from flexstage.export.diagram.graph import DiagramBuilder, identifier
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.hysteresis import dynamic_model
-from flexstage.lumped import lumped_system, mechanism
+from flexstage.lumped import lumped_system
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.mechanical import AxisPort, DrivePort, ProbePort
 
@@ -133,45 +132,6 @@ def test_an_unknown_axis_is_refused() -> None:
         stage_diagram(design("vgtu-piezo"), axis="z")
 
 
-def test_twins_of_the_studys_stages_are_the_images_of_one_another() -> None:
-    stage = design("vgtu-mechanical")
-    parts = mechanism(stage)
-    twins = equivalent_parts(parts)
-    named = {tuple(parts.bodies[i].name for i in c) for c in twins.bodies}
-    assert ("xLu", "xLd") in named
-    assert ("yG0u", "yG1u", "yG0d", "yG1d") in named
-    assert ("PX",) in named
-    hinges = {tuple(parts.hinges[i].name for i in c) for c in twins.hinges}
-    assert ("xgg0-u", "xgg1-u", "xgg0-d", "xgg1-d") in hinges
-    assert sorted(i for c in twins.hinges for i in c) == list(range(len(parts.hinges)))
-    assert sorted(i for c in twins.bodies for i in c) == list(parts.free)
-
-
-def test_a_leg_with_another_hinge_has_no_twin() -> None:
-    parts = mechanism(design("parallelogram"))
-    assert len(equivalent_parts(parts).bodies) == 2
-    one = parts.hinges[1]
-    softer = replace(one, stiffness=0.93 * one.stiffness)
-    uneven = replace(parts, hinges=(parts.hinges[0], softer, *parts.hinges[2:]))
-    assert len(equivalent_parts(uneven).bodies) == 3
-    # only the hinges that are not alike part, and with them the legs at their ends
-    assert len(equivalent_parts(uneven, tolerance=0.1).bodies) == 2
-    assert len(equivalent_parts(parts, tolerance=None).bodies) == 3
-
-
-def test_a_heavier_leg_has_no_twin() -> None:
-    parts = mechanism(design("parallelogram"))
-    heavy = replace(parts.bodies[1], mass=1.05 * parts.bodies[1].mass)
-    assert (
-        len(
-            equivalent_parts(
-                replace(parts, bodies=(parts.bodies[0], heavy, *parts.bodies[2:]))
-            ).bodies
-        )
-        == 3
-    )
-
-
 def test_names_are_unlike_each_other_and_short() -> None:
     builder = DiagramBuilder()
     made = [
@@ -197,6 +157,4 @@ def test_a_diagram_says_what_it_leaves_out() -> None:
     )
     assert any("without hysteresis" in n for n in plain.notes)
     assert not any("not measured" in n for n in plain.notes)
-    assert any("share a group" in n for n in plain.notes)
-    assert not any("share a group" in n for n in stage_diagram(stage, collapse=False).notes)
     assert any("Two masses" in n for n in stage_diagram(stage, axis="y").notes)

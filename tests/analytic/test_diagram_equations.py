@@ -63,13 +63,10 @@ def response(space: DiagramEquations, frequency_hz: np.ndarray) -> np.ndarray:
     return np.array([space.C @ np.linalg.solve(x * eye - space.A, space.B) + space.D for x in s])
 
 
-@pytest.mark.parametrize("collapse", [True, False])
 @pytest.mark.parametrize("name", NAMES)
-def test_the_poles_are_those_of_the_equations_of_motion(name: str, collapse: bool) -> None:
+def test_the_poles_are_those_of_the_equations_of_motion(name: str) -> None:
     stage = design(name)
-    drawn = diagram_state_space(
-        stage_diagram(stage, collapse=collapse, damping=_DAMPING), nonlinear="cut"
-    )
+    drawn = diagram_state_space(stage_diagram(stage, damping=_DAMPING), nonlinear="cut")
     wanted = np.linalg.eigvals(in_first_order(lumped_system(stage), _DAMPING)[0])
     found = np.linalg.eigvals(drawn.A)
     far = np.abs(wanted[:, None] - found[None, :]) / np.abs(wanted)[:, None]
@@ -80,7 +77,7 @@ def test_the_poles_are_those_of_the_equations_of_motion(name: str, collapse: boo
 @pytest.mark.parametrize("name", NAMES)
 def test_each_entry_of_the_equations_is_the_one_of_the_lumped_model(name: str) -> None:
     stage = design(name)
-    diagram = stage_diagram(stage, collapse=False, damping=_DAMPING)
+    diagram = stage_diagram(stage, damping=_DAMPING)
     drawn = diagram_state_space(diagram, nonlinear="cut")
     a, b, c = in_first_order(lumped_system(stage), _DAMPING)
     # integrators come body by body, rates before motions
@@ -178,9 +175,7 @@ def test_the_symbolic_model_has_the_same_damping() -> None:
     # derived once more by Lagrange's method, with symbols; drives are left out there
     stage = design("parallelogram")
     model = symbolic_model(stage, damping="rayleigh").with_values(alpha=37.0, beta=1.3e-6)
-    space = diagram_state_space(
-        stage_diagram(stage, collapse=False, damping=_DAMPING), nonlinear="cut"
-    )
+    space = diagram_state_space(stage_diagram(stage, damping=_DAMPING), nonlinear="cut")
     mass, viscous = model.numbers(model.M), model.numbers(model.C)
     at = np.arange(18).reshape(-1, 2, 3)[:, 0].ravel()
     wanted = np.linalg.inv(mass) @ viscous
@@ -189,9 +184,7 @@ def test_the_symbolic_model_has_the_same_damping() -> None:
 
 def test_bodies_drawn_together_change_nothing() -> None:
     frequency = np.array([3.0, 640.0, 2222.0])
-    whole = response(
-        diagram_state_space(stage_diagram(_PIEZO, collapse=False), nonlinear="cut"), frequency
-    )
+    whole = response(diagram_state_space(stage_diagram(_PIEZO), nonlinear="cut"), frequency)
     folded = response(diagram_state_space(stage_diagram(_PIEZO), nonlinear="cut"), frequency)
     np.testing.assert_allclose(folded, whole, atol=1e-10 * np.abs(whole).max())
 
@@ -287,7 +280,7 @@ def test_nonlinear_blocks_are_refused_or_let_pass() -> None:
 def test_hinges_are_those_of_the_model_that_is_handed_over() -> None:
     stage = design("parallelogram")
     beams = lumped_system(stage, method="timoshenko", plane="stress")
-    diagram = stage_diagram(stage, model=dynamic_model(stage, beams), collapse=False)
+    diagram = stage_diagram(stage, model=dynamic_model(stage, beams))
     wanted = mechanism(stage, method="timoshenko", plane="stress").hinges[2].stiffness
     drawn = diagram.block("h_right_lower_spring").matrix
     assert drawn is not None

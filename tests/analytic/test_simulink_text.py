@@ -100,7 +100,7 @@ def test_calls_are_those_of_every_release(files: dict[str, bytes]) -> None:
 
 
 def test_same_input_gives_the_same_bytes(files: dict[str, bytes]) -> None:
-    diagram = stage_diagram(design("parallelogram"), collapse=False)
+    diagram = stage_diagram(design("parallelogram"))
     first = simulink_files(diagram, name="twice")
     assert first == simulink_files(diagram, name="twice")
     assert b"flexstage" in first["twice_data.mat"][:116]

@@ -104,7 +104,7 @@ def test_no_two_files_are_called_alike() -> None:
 
 def test_axes_that_fall_together_have_a_diagram_each(tmp_path: Path) -> None:
     stage = _stage(tmp_path, drives=("a", "b"), probes=("a", "b"), axes=("q 1", "Q-1"))
-    assert len(diagram_files(stage)) == 3
+    assert len(diagram_files(stage)) == 2
 
 
 def test_the_longest_names_are_written(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ class Built:
         self.system: MechanicalSystem = lumped_system(self.stage)
         # pure gains instead of hysteresis, so that all but rounding must agree
         self.model: DynamicModel = dynamic_model(self.stage, self.system, hysteresis="none")
-        self.diagram = stage_diagram(self.stage, model=self.model, collapse=False)
+        self.diagram = stage_diagram(self.stage, model=self.model)
         self.name = name.replace("-", "_")
         self.files = simulink_files(
             self.diagram, name=self.name, model=self.model, sample_time=1e-4, duration=STOP

@@ -42,13 +42,14 @@ def equations(
     Parameters
     ----------
     form
-        --to text|latex|svg: Plain text, a LaTeX document, or the structural diagram as a drawing.
+        --to text|latex|svg: Plain text, a LaTeX document, or the structural diagram of an axis as a
+        drawing.
     reduce
         auto|symmetry|condense|none: Reduction of the coordinates for transfer functions; auto uses
         the symmetry of the stage if it leaves few enough coordinates, else condensation to drives
         and probes.
     axis
-        NAME: Axis of the transfer function (default: all).
+        NAME: Axis of the transfer function (default: all), or of the diagram.
     damping
         rayleigh|hinge|none: Damping model of the equations.
     out
@@ -92,11 +93,17 @@ def _put(content: dict[str, Any] | None, text: str, out: Path | None) -> None:
 
 
 def _drawing(stage: "Stage", axis: str | None) -> str:
-    """The equations as blocks and lines: of one axis, or of the whole stage."""
+    """The equations of an axis as blocks and lines."""
+    axes = [a.name for a in stage.axes if a.drive is not None]
+    if axis is None and len(axes) != 1:
+        raise StageError(
+            "a structural diagram is that of one axis: "
+            + (f"--axis is one of {', '.join(axes)}" if axes else "no axis has a drive of its own")
+        )
     from flexstage.export.diagram.stage_diagram import stage_diagram
     from flexstage.export.diagram.svg import diagram_svg
 
-    return diagram_svg(stage_diagram(stage, axis=axis)).decode()
+    return diagram_svg(stage_diagram(stage, axis=axis or axes[0])).decode()
 
 
 def _one_of(option: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -30,7 +30,9 @@ class ExportFormat:
 
 #: The formats by name.
 FORMATS: Mapping[str, ExportFormat] = {
-    "diagram": ExportFormat("structural diagram, SVG", "diagram.svg.export", in_time=True),
+    "diagram": ExportFormat(
+        "structural diagram of each axis, SVG", "diagram.svg.export", in_time=True
+    ),
     "simulink": ExportFormat(
         "MATLAB script that builds a Simulink model", "simulink.files.export", in_time=True
     ),

@@ -27,11 +27,12 @@ def equations_section(study: "Study") -> Iterator[Content]:
 
 
 def diagram_section(study: "Study") -> Iterator[Content]:
-    """Show the structural diagrams of a stage: of each axis, then of the whole stage.
+    """Show the structural diagram of each axis that one drive moves.
 
-    Nothing where the study has no lumped model, or the stage no drive.
+    Nothing where the study has no lumped model, or the stage no such axis.
     """
-    if "lumped" not in study.analyses or not study.stage.drives:
+    named = [f"Axis {axis.name}" for axis in study.stage.axes if axis.drive is not None]
+    if "lumped" not in study.analyses or not named:
         return
     try:
         drawings = [_inline(svg) for svg in study.diagrams().values()]
@@ -45,13 +46,9 @@ def diagram_section(study: "Study") -> Iterator[Content]:
     )
     stacks = f", {said}" if any(isinstance(d, PiezoStack) for d in study.stage.drives) else ""
     found = _difference(study)
-    *drawings, whole = drawings
-    named = [f"Axis {axis.name}" for axis in study.stage.axes]
-    if len(named) != len(drawings):
-        named = [f"Diagram {i + 1}" for i in range(len(drawings))]
     captions = [f"{name}: lumped model{stacks}.{found and ' '}{found}" for name in named]
     axes = tuple(zip(drawings, captions, strict=True))
-    yield fragment("diagrams.html", axes=axes, whole=whole)
+    yield fragment("diagrams.html", axes=axes)
 
 
 def _difference(study: "Study") -> str:

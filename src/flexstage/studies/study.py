@@ -149,7 +149,7 @@ class Study:
         return compare_with_references(self.measured, self.stage, others)
 
     def diagrams(self) -> dict[str, bytes]:
-        """Draw the structural diagrams of the lumped model as SVG, by file: axes, then the whole.
+        """Draw the structural diagrams of the axes by the lumped model as SVG, by file.
 
         Stacks have the hysteresis that was identified here, and that of usual ones otherwise.
         """
@@ -161,9 +161,7 @@ class Study:
         }
         lumped = self.analyses["lumped"].system
         model = dynamic_model(self.stage, lumped, hysteresis=identified or "usual")
-        files = diagram_files(self.stage, model=model)
-        files["diagram.svg"] = files.pop("diagram.svg")
-        return files
+        return diagram_files(self.stage, model=model)
 
 
 def run_study(

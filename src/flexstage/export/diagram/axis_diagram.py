@@ -111,16 +111,17 @@ def _mass(
     rate = group.integrator("rate", f"speed of the {low} {letter}' [m/s]")
     motion = group.integrator("motion", f"motion of the {low} {letter} [m]")
     b.chain(forces, inverse, rate, motion)
-    if damper > 0.0:
-        meaning = f"damper between the {low} and the ground [N s/m]"
-        drag = group.gain("damper", f"c{short}", meaning, damper, "damper")
-        b.connect(rate, drag)
-        b.term(forces, drag, -1, last=True)
     if stiffness > 0.0:
         meaning = f"spring between the {low} and the ground [N/m]"
         hold = group.gain("spring", f"k{short}", meaning, stiffness, "spring")
         b.connect(motion, hold)
         b.term(forces, hold, -1, last=True)
+    # after the spring: its line runs back within that of the spring
+    if damper > 0.0:
+        meaning = f"damper between the {low} and the ground [N s/m]"
+        drag = group.gain("damper", f"c{short}", meaning, damper, "damper")
+        b.connect(rate, drag)
+        b.term(forces, drag, -1, last=True)
     return _Mass(forces=forces, rate=rate, motion=motion, letter=letter)
 
 

@@ -88,10 +88,6 @@ class BlockGroup:
     """What is written over it."""
     kind: str
     """``body``, ``hinge``, ``drive``, ``probe`` or ``modes``."""
-    place: tuple[float, float] | None = None
-    """Where the thing lies on the stage (x, y) [m]: bodies and hinges are laid out after it."""
-    stands_for: tuple[str, ...] = ()
-    """Names of the others that this one stands for by symmetry."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,7 +103,7 @@ class Diagram:
     groups: tuple[BlockGroup, ...] = ()
     """The groups."""
     notes: tuple[str, ...] = ()
-    """What was simplified or collapsed, as sentences."""
+    """What was simplified, as sentences."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Unit of each ``input`` and ``output`` block, by its name."""
 

@@ -1,28 +1,19 @@
-"""Where the groups of a diagram stand on a page, and the lines between them."""
+"""Where the blocks of an axis stand on a page, and the lines between them: one fixed template.
+
+An axis has one mass, or two with a transmission below the drive; a drive has what it has. The
+places of all of them are said here once: blocks of a row stand one behind the other, and each line
+between rows is given by where it turns.
+"""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
-from flexstage.export.diagram.graph import Block, BlockGroup, Diagram
-from flexstage.export.diagram.grid import route
-from flexstage.export.diagram.group_layout import GroupLayout, group_layout
-from flexstage.export.diagram.placing import Thing, place_groups
-from flexstage.export.diagram.shapes import DiagramCell, Net, Pin, Segment
+from flexstage.errors import ModelError
+from flexstage.export.diagram.graph import BlockGroup, Diagram
+from flexstage.export.diagram.symbols import SMALL, PlacedBlock, Point, block_cell, plain
+from flexstage.export.svg import text_width
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlacedBlock:
-    """A block on the page."""
-
-    block: Block
-    """The block."""
-    x: float
-    """Left edge of its cell [px]."""
-    y: float
-    """Top of its cell [px]."""
-    cell: DiagramCell
-    """Its size and pins."""
-    flipped: bool
-    """Whether it is drawn from right to left."""
+Segment = tuple[Point, Point]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,22 +40,10 @@ class Frame:
     """Left edge [px]."""
     y: float
     """Top [px]."""
-    width: float
-    """Width [px]."""
-    height: float
-    """Height [px]."""
-    subtitle: tuple[str, ...]
-    """Lines below its title."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlacedLine:
-    """A line from one block to others."""
-
-    source: str
-    """The block that it comes from."""
-    segments: tuple[Segment, ...]
-    """Its segments, level or upright."""
+    right: float
+    """Right edge [px]."""
+    bottom: float
+    """Bottom [px]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,89 +58,307 @@ class PageLayout:
     """The groups."""
     blocks: tuple[PlacedBlock, ...]
     """The blocks."""
-    wires: tuple[PlacedLine, ...]
-    """The lines."""
+    wires: dict[str, tuple[Segment, ...]]
+    """Segments, level or upright, of the line from each block."""
     labels: tuple[PlacedLabel, ...]
-    """Names of signals where lines enter and leave groups."""
+    """Names of signals."""
+
+
+# All in pixels. From the top of a frame to the blocks of its first row, and between rows of blocks.
+_HEAD, _ROW = 56.0, 78.0
+# Between blocks of a row, and with a line that branches there.
+_GAP, _BRANCH = 24.0, 44.0
+# Between lines side by side, and from a line to the frame beside it.
+_APART, _BESIDE = 9.0, 14.0
+# Room at the left of a group for the names of what enters, and at the right for what leaves.
+_ENTRY, _EXIT = 46.0, 66.0
+# A line enters below the row that it leads to, and turns up before the sum.
+_BELOW, _TURN = 30.0, 12.0
+# Frames stand apart by a line and the room beside it.
+_BETWEEN = 44.0
+# Left of the first column lines lead back to it: motion and rate of the input, then of the output.
+_LEFT = _BESIDE + 3.0 * _APART + _BESIDE
+# Top of the second row: below an input with damper and spring, and lines in between.
+_SECOND = 278.0
+
+_DRIVE = ("command", "amplifier", "hysteresis", "scale", "gain", "creep", "compression", "spring",
+          "force")  # fmt: skip
 
 
 def layout(diagram: Diagram) -> PageLayout:
-    """Place a diagram on a page.
-
-    Groups stand in a grid, near to those that they are joined with; lines between them run in the
-    channels between. The same diagram gives the same layout.
+    """Place the diagram of an axis on a page.
 
     Examples
     --------
     >>> from flexstage.designs import design
     >>> from flexstage.export.diagram.stage_diagram import stage_diagram
-    >>> found = layout(stage_diagram(design("parallelogram")))
+    >>> found = layout(stage_diagram(design("parallelogram"), axis="x"))
     >>> len(found.frames), len(found.blocks)
-    (6, 34)
+    (3, 11)
     """
-    groups = list(diagram.groups)
-    if any(not b.group for b in diagram.blocks):
-        groups.append(BlockGroup(name="", title="", kind=""))
-    filled = {b.group for b in diagram.blocks}
-    tiles = {g.name: group_layout(diagram, g) for g in groups if g.name in filled}
-    nets = _nets(diagram)
-    places = place_groups(
-        {n: Thing(kind=t.group.kind, width=t.width, height=t.height) for n, t in tiles.items()},
-        [(net.source[0], tuple(g for g, _ in net.targets)) for net in nets.values()],
-    )
-    cells = {n: _cell(t) for n, t in tiles.items()}
-    routed = route(cells, places, nets, apart=True, outer=False)
-    by_name = {b.name: b for b in diagram.blocks}
-    frames, blocks, labels = [], [], []
-    wires: dict[str, list[Segment]] = {n: list(s) for n, s in routed.lines.items()}
-    for name, tile in tiles.items():
-        x, y = routed.cells[name]
-        frames.append(
-            Frame(
-                group=tile.group, x=x, y=y, width=tile.width, height=tile.height,
-                subtitle=tile.subtitle,
+    page = _Page(diagram)
+    if "output_motion" in page.blocks:
+        page.two_masses()
+    elif "input_motion" in page.blocks:
+        page.one_mass()
+    if len(page.placed) != len(page.blocks):
+        raise ModelError("only the diagram of one axis has a drawing")
+    return page.done()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Mass:
+    """Where other groups join a mass."""
+
+    frame: Frame
+    axis: float
+    """Height of its blocks, where the motion leaves."""
+    rate_x: float
+    """Where the rate branches off."""
+    rate_y: float
+    """Height at which the rate leaves."""
+
+
+class _Page:
+    """What has been placed so far."""
+
+    def __init__(self, diagram: Diagram) -> None:
+        self.blocks = {b.name: b for b in diagram.blocks}
+        self.groups = {g.name: g for g in diagram.groups}
+        self.lines = {(x.source, x.target): x for x in diagram.lines}
+        self.placed: dict[str, PlacedBlock] = {}
+        self.wires: dict[str, list[Segment]] = {}
+        self.labels: list[PlacedLabel] = []
+        self.frames: list[Frame] = []
+
+    def done(self) -> PageLayout:
+        """Return the page, as large as what is on it."""
+        points = [p for segments in self.wires.values() for segment in segments for p in segment]
+        points += [(f.right, f.bottom) for f in self.frames]
+        return PageLayout(
+            width=max(x for x, _ in points) + _BESIDE,
+            height=max(y for _, y in points) + _BESIDE,
+            frames=tuple(self.frames),
+            blocks=tuple(self.placed.values()),
+            wires={name: tuple(segments) for name, segments in self.wires.items()},
+            labels=tuple(self.labels),
+        )
+
+    # what pages consist of
+
+    def put(self, name: str, x: float, axis: float, *, flipped: bool = False) -> PlacedBlock:
+        """Place a block at a left edge, or, where it is drawn from right to left, a right one."""
+        cell = block_cell(self.blocks[name], flipped=flipped)
+        left = x - cell.width if flipped else x
+        made = PlacedBlock(block=self.blocks[name], x=left, y=axis - cell.axis, cell=cell)
+        self.placed[name] = made
+        return made
+
+    def row(self, group: str, names: tuple[str, ...], x: float, axis: float) -> PlacedBlock:
+        """Place blocks of a group, those that it has, behind one another; return the last."""
+        there = [f"{group}_{n}" for n in names if f"{group}_{n}" in self.blocks]
+        last = self.put(there[0], x, axis)
+        for source, target in pairwise(there):
+            signal = self.lines[source, target].signal.partition(" [")[0]
+            if signal:
+                self.labels.append(PlacedLabel(text=signal, x=last.right + 3.0, y=axis - 5.0))
+            room = _BRANCH if self.branches(source) else _GAP
+            last = self.put(
+                target, last.right + max(room, text_width(plain(signal), SMALL) + 6.0), axis
             )
-        )  # fmt: skip
-        for block, (dx, dy) in tile.cells.items():
-            blocks.append(
-                PlacedBlock(
-                    block=by_name[block], x=x + dx, y=y + dy, cell=tile.shapes[block],
-                    flipped=block in tile.flipped,
-                )
-            )  # fmt: skip
-        for source, segments in tile.lines.items():
-            wires.setdefault(source, []).extend(
-                ((x1 + x, y1 + y), (x2 + x, y2 + y)) for (x1, y1), (x2, y2) in segments
-            )
-        for port in tile.ports:
-            right = port.side == "R"
-            at = x + (tile.width - 5.0 if right else 5.0)
-            labels.append(PlacedLabel(text=port.label, x=at, y=y + port.y - 5.0, end=right))
-        labels += [PlacedLabel(text=t, x=x + dx, y=y + dy) for t, dx, dy in tile.names]
-    return PageLayout(
-        width=routed.size[0],
-        height=routed.size[1],
-        frames=tuple(frames),
-        blocks=tuple(blocks),
-        wires=tuple(PlacedLine(source=n, segments=tuple(s)) for n, s in wires.items()),
-        labels=tuple(labels),
-    )
+            self.lead(source, target)
+        return last
 
+    def branches(self, source: str) -> bool:
+        """Whether more than one line leaves a block."""
+        return sum(s == source for s, _ in self.lines) > 1
 
-def _cell(tile: GroupLayout) -> DiagramCell:
-    pins = {f"{p.side}:{p.block}": Pin(p.side, p.y) for p in tile.ports}
-    return DiagramCell(width=tile.width, height=tile.height, axis=0.0, pins=pins)
+    def lead(self, source: str, target: str, *turns: float) -> None:
+        """Draw the line between two blocks, if there is one.
 
+        It turns at an x, at a y, at an x and so on [px]; the last one is an x.
+        """
+        if (source, target) not in self.lines:
+            return
+        points = [self.placed[source].pin("out")]
+        for k, at in enumerate(turns):
+            x, y = points[-1]
+            points.append((x, at) if k % 2 else (at, y))
+        end = self.placed[target].pin(f"in{self.lines[source, target].port}")
+        points += [(points[-1][0], end[1]), end]
+        self.wires.setdefault(source, []).extend(
+            (min(a, b), max(a, b)) for a, b in pairwise(points) if a != b
+        )
 
-def _nets(diagram: Diagram) -> dict[str, Net]:
-    of = {b.name: b.group for b in diagram.blocks}
-    targets: dict[str, list[str]] = {}
-    for line in diagram.lines:
-        if of[line.source] != of[line.target]:
-            found = targets.setdefault(line.source, [])
-            if of[line.target] not in found:
-                found.append(of[line.target])
-    return {
-        s: Net(source=(of[s], f"R:{s}"), targets=tuple((g, f"L:{s}") for g in found))
-        for s, found in targets.items()
-    }
+    def frame(self, group: str, x: float, y: float, right: float, bottom: float) -> Frame:
+        """Add the frame of a group."""
+        made = Frame(group=self.groups[group], x=x, y=y, right=right, bottom=bottom)
+        self.frames.append(made)
+        return made
+
+    def entry(self, frame: Frame, source: str, target: str, y: float | None = None) -> None:
+        """Write the name of a signal where it enters a group, at the height of its target."""
+        if (source, target) in self.lines:
+            line = self.lines[source, target]
+            at = self.placed[target].pin(f"in{line.port}")[1] if y is None else y
+            name = line.signal.partition(" [")[0]
+            self.labels.append(PlacedLabel(text=name, x=frame.x + 5.0, y=at - 5.0))
+
+    def exit(self, frame: Frame, source: str, target: str, y: float | None = None) -> None:
+        """Write the name of a signal and its unit where it leaves a group."""
+        if (source, target) in self.lines:
+            at = self.placed[source].pin("out")[1] if y is None else y
+            signal = self.lines[source, target].signal
+            self.labels.append(PlacedLabel(text=signal, x=frame.right - 5.0, y=at - 5.0, end=True))
+
+    # groups
+
+    def drive(self, x: float, top: float) -> Frame:
+        """Place the drive: its chain, and its spring with a damper below."""
+        axis = top + _HEAD
+        last = self.row("drive", _DRIVE, x + _ENTRY, axis)
+        bottom = axis + _BELOW + 2.0 * _TURN
+        if "drive_damper" in self.blocks:
+            self.put("drive_damper", self.placed["drive_spring"].x, axis + _ROW)
+            self.lead("drive_damper", "drive_force", last.x - _TURN)
+            bottom = axis + _ROW + _BELOW
+        return self.frame("drive", x, top, last.right + _EXIT, bottom)
+
+    def mass(self, name: str, x: float, level: float, *, rate_below: bool) -> _Mass:
+        """Place a mass, whose first force comes at a level: feedbacks run back below it."""
+        cell = block_cell(self.blocks[f"{name}_forces"])
+        axis = level + cell.axis - cell.pins["in0"].y
+        motion = self.row(name, ("forces", "inverse_mass", "rate", "motion"), x + 60.0, axis)
+        total, rate = self.placed[f"{name}_forces"], self.placed[f"{name}_rate"]
+        rate_x, motion_x = rate.right + 0.5 * _BRANCH, motion.right + 0.5 * _BRANCH
+        y = bottom = axis + max(0.5 * cell.height + 24.0, 58.0)
+        backs = ((rate, "damper", rate_x, _TURN), (motion, "spring", motion_x, _TURN + _APART))
+        for source, back, branch, left in backs:
+            block = f"{name}_{back}"
+            if block in self.blocks:
+                self.put(block, branch - _BESIDE, y, flipped=True)
+                self.lead(source.block.name, block, branch)
+                self.lead(block, f"{name}_forces", total.x - left)
+                bottom, y = y + _BELOW, y + 48.0
+        frame = self.frame(name, x, level - _HEAD, motion_x + _EXIT, bottom)
+        rate_y = axis + _BELOW if rate_below else axis - 34.0
+        return _Mass(frame=frame, axis=axis, rate_x=rate_x, rate_y=rate_y)
+
+    def transmission(self, x: float, top: float) -> Frame:
+        """Place lever, spring and damper between two masses: the force back above, rates below."""
+        axis = top + _HEAD + 52.0
+        group = "transmission"
+        names = ("motion_ratio", "deformation", "spring", "force")
+        last = self.row(group, names, x + _ENTRY, axis)
+        bottom = axis + _BELOW + _BESIDE
+        if "transmission_rate" in self.blocks:
+            self.row(group, ("rate_ratio", "rate", "damper"), x + _ENTRY, axis + _ROW)
+            self.lead("transmission_damper", "transmission_force", last.x - _TURN)
+            bottom += _ROW
+        back = self.put("transmission_back", last.right + _GAP + _BESIDE, top + _HEAD)
+        self.lead(last.block.name, "transmission_back", last.right + _BESIDE)
+        return self.frame(group, x, top, back.right + _EXIT, bottom)
+
+    def probe(self, x: float, axis: float) -> Frame:
+        """Place the probe."""
+        last = self.row("probe", ("ratio", "sensor", "reading"), x + _ENTRY, axis)
+        return self.frame("probe", x, axis - _HEAD, last.right + _BESIDE, axis + 52.0)
+
+    # pages
+
+    def one_mass(self) -> None:
+        """Drive, mass and probe beside one another."""
+        drive = self.drive(_LEFT, 0.0)
+        head = self.mass("input", drive.right + _BETWEEN, _HEAD, rate_below=False)
+        self.force(drive, head)
+        self.to_drive(drive, head, max(drive.bottom, head.frame.bottom) + _BESIDE)
+        self.to_probe("input_motion", head)
+
+    def two_masses(self) -> None:
+        """Drive and input above, transmission, output and probe below; motions lead back left."""
+        drive = self.drive(_LEFT, 0.0)
+        lever = self.transmission(_LEFT, _SECOND)
+        x = max(drive.right, lever.right) + _BETWEEN
+        head = self.mass("input", x, _HEAD, rate_below=False)
+        self.force(drive, head)
+        self.to_drive(drive, head, _SECOND - _BETWEEN + _BESIDE)
+        level = self.placed["transmission_motion_ratio"].pin("in0")[1]
+        tail = self.mass("output", x, level, rate_below=True)
+        self.to_probe("output_motion", tail)
+        # forces of the transmission
+        force = self.feeding("output_forces")
+        self.lead(force, "output_forces")
+        self.exit(lever, force, "output_forces")
+        self.entry(tail.frame, force, "output_forces")
+        self.lead("transmission_back", "input_forces", x - 0.5 * _BETWEEN)
+        self.exit(lever, "transmission_back", "input_forces")
+        self.entry(head.frame, "transmission_back", "input_forces")
+        # motions and rates that deform it: those of the output come from below
+        y = max(lever.bottom, tail.frame.bottom) + _BESIDE
+        right, left = tail.frame.right + _BESIDE, _LEFT - _BESIDE
+        for kind, at, low, to, track in (
+            ("rate", right, y, "rate", left),
+            ("motion", right + _APART, y + _APART, "deformation", left - _APART),
+        ):
+            source, target = f"output_{kind}", f"transmission_{to}"
+            if (source, target) in self.lines:
+                sum_ = self.placed[target]
+                enters = sum_.pin("out")[1] + _BELOW
+                self.lead(
+                    source, target, *self.leaving(tail, kind), at, low, track, enters,
+                    sum_.x - _TURN,
+                )  # fmt: skip
+                self.exit(tail.frame, source, target, self.leaves(tail, kind))
+                self.entry(lever, source, target, enters)
+        for kind, to in (("motion", "motion_ratio"), ("rate", "rate_ratio")):
+            self.entry(lever, f"input_{kind}", f"transmission_{to}")
+
+    # lines between groups
+
+    def feeding(self, target: str) -> str:
+        """Return the block that leads to the first input of another."""
+        return next(s for (s, t), x in self.lines.items() if t == target and x.port == 0)
+
+    def leaves(self, mass: _Mass, kind: str) -> float:
+        """Height at which the motion or the rate of a mass leaves it."""
+        return mass.axis if kind == "motion" else mass.rate_y
+
+    def leaving(self, mass: _Mass, kind: str) -> tuple[float, ...]:
+        """Turns inside a mass: a rate leaves above or below the blocks."""
+        return () if kind == "motion" else (mass.rate_x, mass.rate_y)
+
+    def force(self, drive: Frame, head: _Mass) -> None:
+        """Lead the force of the drive to the input."""
+        source = self.feeding("input_forces")
+        self.lead(source, "input_forces")
+        self.exit(drive, source, "input_forces")
+        self.entry(head.frame, source, "input_forces")
+
+    def to_drive(self, drive: Frame, head: _Mass, y: float) -> None:
+        """Lead motion and rate of the input back to the drive and to the transmission."""
+        right, left = head.frame.right + _BESIDE, _BESIDE
+        for kind, at, low, to, track in (
+            ("motion", right, y, "compression", left),
+            ("rate", right + _APART, y + _APART, "damper", left + _APART),
+        ):
+            way = (*self.leaving(head, kind), at, low, track)
+            source, target = f"input_{kind}", f"drive_{to}"
+            if kind == "motion" and (source, target) in self.lines:
+                sum_ = self.placed[target]
+                enters = sum_.pin("out")[1] + _BELOW + _TURN
+                self.lead(source, target, *way, enters, sum_.x - _TURN)
+                self.entry(drive, source, target, enters)
+            else:
+                self.lead(source, target, *way)
+                self.entry(drive, source, target)
+            self.lead(source, f"transmission_{kind}_ratio", *way)
+            outside = [t for s, t in self.lines if s == source and not t.startswith("input_")]
+            if outside:
+                self.exit(head.frame, source, outside[0], self.leaves(head, kind))
+
+    def to_probe(self, source: str, mass: _Mass) -> None:
+        """Lead the motion of a mass straight to the probe beside it."""
+        frame = self.probe(mass.frame.right + _BETWEEN, mass.axis)
+        target = next(t for s, t in self.lines if s == source and t.startswith("probe_"))
+        self.lead(source, target)
+        self.entry(frame, source, target)

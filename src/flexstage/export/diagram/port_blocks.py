@@ -6,7 +6,12 @@ from typing import Literal
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.export.diagram.body_blocks import BodyBlocks, connect_end, point_of_body
+from flexstage.export.diagram.body_blocks import (
+    BodyBlocks,
+    connect_end,
+    moving_ends,
+    point_of_body,
+)
 from flexstage.export.diagram.graph import DiagramBuilder, GroupBuilder
 from flexstage.export.diagram.springs import DriveSpring
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel
@@ -22,20 +27,12 @@ def _line_of_sight(
     along = np.array([0.0, 0.0, 1.0])
     if sight.direction is not None:
         along = np.array([math.cos(sight.direction), math.sin(sight.direction), 0.0])
-    found: list[tuple[BodyBlocks, int, Array]] = []
-    for body, sign in zip(sight.bodies[::-1], (1, -1), strict=True):
-        if body not in bodies:
-            continue
-        end = bodies[body]
+
+    def row(body: int) -> Array:
         # both ends share one line of action, through the pushed point, as in the lumped model
-        row = np.zeros((1, 3 * len(end.members)))
-        column = 3 * end.members.index(body)
-        row[0, column : column + 3] = along @ point_of_body(mechanism, body, sight.points[1])
-        found.append((end, sign, row))
-    if len(found) == 1:
-        end, sign, row = found[0]
-        return [(end, 1, sign * row)]
-    return found
+        return (along @ point_of_body(mechanism, body, sight.points[1]))[None, :]
+
+    return moving_ends(sight.bodies, bodies, row)
 
 
 def add_drive(

@@ -7,8 +7,7 @@ import numpy as np
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.export.diagram.axis_diagram import axis_blocks, axis_chain
-from flexstage.export.diagram.body_blocks import BodyBlocks, add_body, add_hinge
-from flexstage.export.diagram.equivalent_bodies import EquivalentParts, equivalent_parts
+from flexstage.export.diagram.body_blocks import add_body, add_hinge
 from flexstage.export.diagram.graph import Diagram, DiagramBuilder
 from flexstage.export.diagram.port_blocks import (
     add_drive,
@@ -29,7 +28,6 @@ def stage_diagram(
     *,
     model: DynamicModel | None = None,
     axis: str | None = None,
-    collapse: bool = True,
     damping: RayleighDamping | None = None,
 ) -> Diagram:
     """Return the structural diagram of a stage, from commands to readings.
@@ -48,9 +46,6 @@ def stage_diagram(
     axis : str, optional
         Name of an axis: two masses with springs and a lever, on one page, instead of the whole
         stage.
-    collapse : bool
-        Whether bodies and hinges that do the same, such as mirror images, are drawn once, with
-        their signals below one another in one line. The equations are the same either way.
     damping : RayleighDamping, optional
         Damping; fitted to the two lowest modes, drives in place, where not given.
 
@@ -78,7 +73,7 @@ def stage_diagram(
     >>> from flexstage.designs import design
     >>> diagram = stage_diagram(design("vgtu-piezo"))
     >>> len(diagram.groups), sum(b.kind == "integrator" for b in diagram.blocks)
-    (26, 20)
+        (56, 40)
     """
     method, plane = _hinge_choice(model)
     system = lumped_system(stage, method=method, plane=plane)
@@ -91,15 +86,13 @@ def stage_diagram(
     notes = _notes(system, rayleigh, springs)
     if axis is not None:
         return _axis(parts, system, model, axis, springs, rayleigh)
-    twins = equivalent_parts(parts, tolerance=0.02 if collapse else None)
     return whole_stage(
         parts,
         model,
-        twins=twins,
         springs=springs,
         damping=rayleigh,
         title=f"Structural diagram of {stage.name}" + (f": {stage.title}" if stage.title else ""),
-        notes=(*_twin_notes(parts, twins), *notes, *_model_notes(model)),
+        notes=(*notes, *_model_notes(model)),
     )
 
 
@@ -184,16 +177,6 @@ def _notes(
     return tuple(notes)
 
 
-def _twin_notes(parts: Mechanism, twins: EquivalentParts) -> tuple[str, ...]:
-    if len(twins.hinges) == len(parts.hinges) and len(twins.bodies) == len(parts.free):
-        return ()
-    return (
-        "Bodies and hinges of like mass, stiffness and place (within 2 %) share a group, marked "
-        "with their number; their signals stand below one another in one line, each with its own "
-        "matrix, so that nothing is left out.",
-    )
-
-
 def _model_notes(model: DynamicModel) -> tuple[str, ...]:
     """Return what the model says of its stacks and sensors: of its modes the diagram has none."""
     of_drives = ("The hysteresis", "Stacks without", "Of identified drives", "The noise")
@@ -210,34 +193,21 @@ def whole_stage(
     mechanism: Mechanism,
     model: DynamicModel,
     *,
-    twins: EquivalentParts,
     springs: dict[str, DriveSpring],
     damping: RayleighDamping,
     title: str,
     notes: tuple[str, ...],
 ) -> Diagram:
-    """Return the diagram of a whole stage.
-
-    The signals of twins stand below one another in one line, so that the diagram holds the same
-    equations whichever are drawn together.
-    """
+    """Return the diagram of a whole stage."""
     builder = DiagramBuilder()
     drives = {sight.name: sight for sight in mechanism.drives}
     opened = {
-        d.name: builder.group(
-            f"d_{d.name}",
-            title=f"Drive {d.name} ({d.kind})",
-            kind="drive",
-            place=drives[d.name].points[1],
-        )
+        d.name: builder.group(f"d_{d.name}", title=f"Drive {d.name} ({d.kind})", kind="drive")
         for d in model.drives
     }
-    bodies: dict[int, BodyBlocks] = {}
-    for members in twins.bodies:
-        made = add_body(builder, mechanism, members, damping)
-        bodies |= dict.fromkeys(members, made)
-    for members in twins.hinges:
-        add_hinge(builder, mechanism, members, bodies, damping)
+    bodies = {i: add_body(builder, mechanism, i, damping) for i in mechanism.free}
+    for hinge in mechanism.hinges:
+        add_hinge(builder, mechanism, hinge, bodies, damping)
     for d in model.drives:
         free = add_drive_chain(builder, model, d, opened[d.name])
         add_drive(
@@ -247,9 +217,7 @@ def whole_stage(
     by_probe = {sight.name: sight for sight in mechanism.probes}
     for probe in model.probes:
         sight = by_probe[probe.name]
-        group = builder.group(
-            f"p_{probe.name}", title=f"Probe {probe.name}", kind="probe", place=sight.points[1]
-        )
+        group = builder.group(f"p_{probe.name}", title=f"Probe {probe.name}", kind="probe")
         read = add_reading(builder, mechanism, sight, bodies, group)
         if read:
             add_probe_chain(builder, probe, read, group)

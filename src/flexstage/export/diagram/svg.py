@@ -1,13 +1,14 @@
-"""A diagram as a drawing that stands by itself: SVG; those of a stage as files."""
+"""The diagram of an axis as a drawing that stands by itself: SVG; those of a stage as files."""
+
+from collections.abc import Sequence
 
 import flexstage
+from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Diagram, SignalKind, signal_kinds
 from flexstage.export.diagram.legend import LINES, foot
-from flexstage.export.diagram.markup import SMALL, text
-from flexstage.export.diagram.page import Frame, PageLayout, PlacedBlock, PlacedLine, layout
-from flexstage.export.diagram.shapes import branches
+from flexstage.export.diagram.page import Frame, PageLayout, Segment, layout
 from flexstage.export.diagram.stage_diagram import stage_diagram
-from flexstage.export.diagram.symbols import inset, symbol
+from flexstage.export.diagram.symbols import SMALL, PlacedBlock, Point, inset, symbol, text
 from flexstage.export.request import ExportRequest
 from flexstage.export.svg import document, element, moved, number, path, wrapped
 from flexstage.files.names import file_names
@@ -26,7 +27,7 @@ _LEAST_WIDTH = 900.0
 
 
 def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
-    """Draw a diagram on white ground.
+    """Draw the diagram of an axis on white ground.
 
     Nothing from outside (fonts, scripts) is needed, no name can clash with those of another drawing
     on the same page, and no letter is smaller than 9 px.
@@ -35,12 +36,12 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
     --------
     >>> from flexstage.designs import design
     >>> from flexstage.export.diagram.stage_diagram import stage_diagram
-    >>> diagram_svg(stage_diagram(design("parallelogram")))[:5]
+    >>> diagram_svg(stage_diagram(design("parallelogram"), axis="x"))[:5]
     b'<?xml'
     """
     where = layout(diagram) if placed is None else placed
     kinds = signal_kinds(diagram)
-    used: set[SignalKind] = {kinds[w.source] for w in where.wires if w.segments}
+    used: set[SignalKind] = {kinds[source] for source in where.wires}
     inner = max(where.width, _LEAST_WIDTH)
     titles = wrapped(diagram.title, inner, 18.0)
     head = 24.0 * len(titles) + 12.0
@@ -72,33 +73,37 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
 def diagram_files(
     stage: Stage, *, model: DynamicModel | None = None, damping: RayleighDamping | None = None
 ) -> dict[str, bytes]:
-    """Draw a stage and each of its axes that one drive moves.
+    """Draw each axis of a stage that one drive moves, as ``diagram-AXIS.svg``.
 
-    ``diagram.svg`` and, for each of these axes, ``diagram-AXIS.svg``. Where no model is given,
-    amplifiers, hysteresis, creep and sensors are those of `hysteresis.dynamic_model`; damping is
-    fitted to the two lowest modes where none is given.
+    Where no model is given, amplifiers, hysteresis, creep and sensors are those of
+    `hysteresis.dynamic_model`; damping is fitted to the two lowest modes where none is given.
+    A stage without such an axis is refused.
 
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> sorted(diagram_files(design("parallelogram")))
-    ['diagram-x.svg', 'diagram.svg']
+    >>> list(diagram_files(design("vgtu-mechanical")))
+    ['diagram-x.svg', 'diagram-y.svg']
     """
-    out = {"diagram.svg": diagram_svg(stage_diagram(stage, model=model, damping=damping))}
     safe = file_names(axis.name for axis in stage.axes)
-    for axis, name in zip(stage.axes, safe, strict=True):
-        if axis.drive is None:
-            continue
-        made = stage_diagram(stage, model=model, axis=axis.name, damping=damping)
-        out[f"diagram-{name}.svg"] = diagram_svg(made)
-    return out
+    axes = [(a.name, n) for a, n in zip(stage.axes, safe, strict=True) if a.drive is not None]
+    if not axes:
+        raise ModelError(
+            f"stage '{stage.name}' has no axis that one drive moves, so that there is no diagram "
+            "of one: a Simulink model holds the equations of the whole stage"
+        )
+    return {
+        f"diagram-{name}.svg": diagram_svg(
+            stage_diagram(stage, model=model, axis=axis, damping=damping)
+        )
+        for axis, name in axes
+    }
 
 
 def _drawing(where: PageLayout, diagram: Diagram) -> str:
     kinds = signal_kinds(diagram)
-    wide = {b.name: b.width > 1 for b in diagram.blocks}
     out = [_frame(f) for f in where.frames]
-    out += [_wire(w, kinds[w.source], wide[w.source]) for w in where.wires]
+    out += [_wire(segments, kinds[source]) for source, segments in where.wires.items()]
     sources = {(x.target, x.port): x.source for x in diagram.lines}
     for placed in where.blocks:
         out.append(symbol(placed))
@@ -112,35 +117,42 @@ def _drawing(where: PageLayout, diagram: Diagram) -> str:
 
 
 def _frame(frame: Frame) -> str:
-    edge, fill = _FRAMES.get(frame.group.kind, ("#777777", "#ffffff"))
-    if not frame.group.title:
-        return ""
-    out = [
-        element("rect", x=frame.x, y=frame.y, width=frame.width, height=frame.height, rx=6,
-                fill=fill, stroke=edge, stroke_width=1.1),
-        text(frame.group.title.replace("_", "\u2009"), frame.x + 10.0, frame.y + 18.0, size=13.0,
-             font_weight="bold", fill=edge),
-    ]  # fmt: skip
-    for k, line in enumerate(frame.subtitle):
-        out.append(
-            text(line.replace("_", "\u2009"), frame.x + 10.0, frame.y + 32.0 + 14.0 * k,
-                 size=SMALL, fill="#555555")
-        )  # fmt: skip
-    return "".join(out)
+    edge, fill = _FRAMES[frame.group.kind]
+    title = frame.group.title.replace("_", "\u2009")
+    style = {"fill": fill, "stroke": edge, "stroke_width": 1.1}
+    wide, high = frame.right - frame.x, frame.bottom - frame.y
+    box = element("rect", x=frame.x, y=frame.y, width=wide, height=high, rx=6, **style)
+    at = (frame.x + 10.0, frame.y + 18.0)
+    return box + text(title, *at, size=13.0, font_weight="bold", fill=edge)
 
 
-def _wire(wire: PlacedLine, kind: SignalKind, wide: bool) -> str:
+def _wire(segments: Sequence[Segment], kind: SignalKind) -> str:
     colour, dashes, _ = LINES[kind]
     d = "".join(
-        f"M{number(x1)} {number(y1)}L{number(x2)} {number(y2)}"
-        for (x1, y1), (x2, y2) in wire.segments
+        f"M{number(x1)} {number(y1)}L{number(x2)} {number(y2)}" for (x1, y1), (x2, y2) in segments
     )
     line = element(
-        "path", d=d, stroke=colour, stroke_width=1.9 if wide else 1.2, stroke_dasharray=dashes,
+        "path", d=d, stroke=colour, stroke_width=1.2, stroke_dasharray=dashes,
         stroke_linecap="square" if dashes is None else None, fill="none",
     )  # fmt: skip
-    dots = (element("circle", cx=x, cy=y, r=2.8, fill=colour) for x, y in branches(wire.segments))
+    dots = (element("circle", cx=x, cy=y, r=2.8, fill=colour) for x, y in branches(segments))
     return line + "".join(dots)
+
+
+def branches(segments: Sequence[Segment]) -> list[Point]:
+    """Return the points at which a line branches."""
+    points = sorted({p for s in segments for p in s})
+    out = []
+    for x, y in points:
+        ways = set()
+        for (x1, y1), (x2, y2) in segments:
+            if y1 == y2 == y and x1 <= x <= x2:
+                ways |= ({"left"} if x1 < x else set()) | ({"right"} if x < x2 else set())
+            if x1 == x2 == x and y1 <= y <= y2:
+                ways |= ({"up"} if y1 < y else set()) | ({"down"} if y < y2 else set())
+        if len(ways) > 2:
+            out.append((x, y))
+    return out
 
 
 def _arrow(placed: PlacedBlock, port: int, kind: SignalKind) -> str:

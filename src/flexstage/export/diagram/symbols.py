@@ -1,14 +1,13 @@
-"""Symbols of blocks: circles that add, boxes that integrate, springs, dampers, loops."""
+"""Blocks of a drawing: how large they are, where lines meet them, and their symbols."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from html import escape
 from typing import Any
 
 from flexstage.export.diagram.graph import Block
-from flexstage.export.diagram.markup import SMALL, text
-from flexstage.export.diagram.page import PlacedBlock
-from flexstage.export.diagram.shapes import SUM_RADIUS, shape_width
-from flexstage.export.svg import element, path
+from flexstage.export.svg import element, number, path, text_width
 
 Colour = str
 Point = tuple[float, float]
@@ -21,6 +20,147 @@ COLOURS: dict[str, tuple[Colour, Colour]] = {
     "drive": ("#a85000", "#fdf1e3"),
     "": ("#333333", "#ffffff"),
 }
+
+
+#: Sizes of letters [px].
+BASE = 12.0
+SMALL = 10.0
+_LEAST = 9.0
+
+
+def plain(text: str) -> str:
+    """Return a text as it is read, without the marks of subscripts: ``kin`` for ``k_in``."""
+    return text.replace("_", "")
+
+
+def text(
+    words: str, x: float, y: float, *, size: float = BASE, anchor: str = "start", **given: object
+) -> str:
+    """Return a line of text on a base line; an underscore lowers what follows, up to a blank.
+
+    The anchor (``start``, ``middle``, ``end``) says what of it is at (x, y) [px].
+    """
+    return element(
+        "text",
+        " ".join(_lowered(word, size) for word in words.split(" ")),
+        x=x,
+        y=y,
+        font_size=size,
+        text_anchor=None if anchor == "start" else anchor,
+        **given,
+    )
+
+
+def _lowered(word: str, size: float) -> str:
+    head, _, low = word.partition("_")
+    if not head or not low:
+        return escape(word)
+    down, small = number(0.22 * size), max(_LEAST, 0.78 * size)
+    return (
+        escape(head)
+        + element("tspan", escape(low), dy=down, font_size=small)
+        + element("tspan", "&#8203;", dy=f"-{down}")
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Pin:
+    """A pin of a cell."""
+
+    side: str
+    """``L`` or ``R``."""
+    y: float
+    """Distance below the top of the cell [px]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiagramCell:
+    """A thing in the grid."""
+
+    width: float
+    """Its width [px]."""
+    height: float
+    """Its height [px]."""
+    axis: float
+    """Distance of the line that cells of a row share below its top [px]."""
+    pins: Mapping[str, Pin]
+    """Its pins by name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedBlock:
+    """A block on the page."""
+
+    block: Block
+    """The block."""
+    x: float
+    """Left edge of its cell [px]."""
+    y: float
+    """Top of its cell [px]."""
+    cell: DiagramCell
+    """Its size and pins."""
+
+    @property
+    def right(self) -> float:
+        """Right edge of its cell [px]."""
+        return self.x + self.cell.width
+
+    def pin(self, name: str) -> Point:
+        """Return where a pin is on the page [px]."""
+        pin = self.cell.pins[name]
+        return (self.right if pin.side == "R" else self.x, self.y + pin.y)
+
+
+SUM_RADIUS = 15.0
+# Distance of the inputs of a long sum, and of the outer ones from its ends.
+_APART = 19.0
+_END = 16.0
+# Offset of the second input of a round sum below the first, which lies on its axis.
+_LOWER = 10.5
+_CAPTION = 15.0
+_HEIGHTS = {"integrator": 36.0, "input": 26.0, "output": 26.0, "gain": 34.0}
+
+
+def shape_width(block: Block) -> float:
+    """Return the width of what is drawn for a block, without its caption [px]."""
+    label = text_width(plain(block.label), BASE)
+    match block.kind:
+        case "sum":
+            return 2.0 * SUM_RADIUS
+        case "integrator":
+            return 34.0
+        case "input" | "output":
+            return label + 20.0
+        case "gain":
+            return label + (46.0 if block.role in ("spring", "damper") else 34.0)
+        case _:
+            return 56.0
+
+
+def block_cell(block: Block, *, flipped: bool = False) -> DiagramCell:
+    """Return the cell of a block, with pins ``out``, ``in0``, ``in1`` and so on.
+
+    A flipped one is drawn from right to left. A sum of one or two inputs is round, the second one
+    comes from below; one of more is long.
+    """
+    into, out = ("R", "L") if flipped else ("L", "R")
+    width, caption = shape_width(block), 0.0
+    if block.kind == "sum":
+        count = len(block.signs)
+        if count <= 2:
+            height = 2.0 * SUM_RADIUS
+            heights = [SUM_RADIUS, SUM_RADIUS + _LOWER][:count]
+        else:
+            height = _APART * (count - 1) + 2.0 * _END
+            heights = [_END + _APART * k for k in range(count)]
+    else:
+        height = _HEIGHTS.get(block.kind, 42.0)
+        heights = [0.5 * height]
+        if block.kind not in _HEIGHTS:
+            caption, width = _CAPTION, max(width, text_width(plain(block.label), SMALL))
+    pins = {"out": Pin(out, 0.5 * height)}
+    pins |= {f"in{k}": Pin(into, y) for k, y in enumerate(heights)}
+    return DiagramCell(width=width, height=height + caption, axis=0.5 * height, pins=pins)
 
 
 def symbol(placed: PlacedBlock) -> str:
@@ -127,20 +267,13 @@ def _gain(placed: PlacedBlock, x: float, width: float, style: dict[str, Any]) ->
             mark(x + 6.0, middle, str(style["stroke"])),
             text(block.label, x + 0.5 * (width + 34.0), middle + 4.0, anchor="middle"),
         ]
-    if block.matrix is not None and block.matrix.shape == (1, 1):
-        corners = [(x, y), (x + width, middle), (x, y + height)]
-        at = x + 0.35 * width
-        if placed.flipped:
-            corners = [(x + width, y), (x, middle), (x + width, y + height)]
-            at = x + 0.65 * width
-        return [
-            path(corners, closed=True, stroke_linejoin="round", **style),
-            text(block.label, at, middle + 4.0, anchor="middle"),
-        ]
     return [
-        _box(x, y, width, height, 3.0, style),
-        text(block.label, x + 0.5 * width, middle + 4.0, anchor="middle"),
-    ]
+        path(
+            [(x, y), (x + width, middle), (x, y + height)], closed=True, stroke_linejoin="round",
+            **style,
+        ),
+        text(block.label, x + 0.35 * width, middle + 4.0, anchor="middle"),
+    ]  # fmt: skip
 
 
 def _spring(x: float, y: float, colour: str) -> str:

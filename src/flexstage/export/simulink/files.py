@@ -57,9 +57,9 @@ def simulink_files(
 
     ``NAME_build.m`` is the script, ``NAME_data.mat`` has the numbers, ``NAME_hysteresis_*.m`` is a
     function for each hysteresis, and ``README.txt`` says how they are used. NAME is letters, digits
-    and underscores, 30 at most; `model_name` makes one. The exact diagram (not collapsed) shows
-    every body and hinge. The time between samples of the hysteresis [s] is a tenth of the step of
-    the model where not given, and 0.01 ms without a model; commands last for the duration [s].
+    and underscores, 30 at most; `model_name` makes one. The time between samples of the hysteresis
+    [s] is a tenth of the step of the model where not given, and 0.01 ms without a model; commands
+    last for the duration [s].
 
     Notes
     -----
@@ -73,7 +73,7 @@ def simulink_files(
     --------
     >>> from flexstage.designs import design
     >>> from flexstage.export.diagram.stage_diagram import stage_diagram
-    >>> diagram = stage_diagram(design("parallelogram"), collapse=False)
+    >>> diagram = stage_diagram(design("parallelogram"))
     >>> sorted(simulink_files(diagram, name="parallelogram"))
     ['README.txt', 'parallelogram_build.m', 'parallelogram_data.mat']
     """
@@ -230,5 +230,5 @@ def _counts(system: System) -> tuple[int, int]:
 def export(request: ExportRequest) -> dict[str, bytes]:
     """Write the format."""
     model = request.dynamic_of_bodies
-    diagram = stage_diagram(request.stage, model=model, collapse=False)
+    diagram = stage_diagram(request.stage, model=model)
     return simulink_files(diagram, name=model_name(request.stage.name), model=model)

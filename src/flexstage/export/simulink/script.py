@@ -1,9 +1,8 @@
 """The script that builds a model of Simulink, block by block, and where they stand."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from flexstage import __version__
-from flexstage.export.diagram.placing import backward_lines, longest_ways
 from flexstage.export.simulink.matlab_text import comment, identifier, plain, quoted
 from flexstage.export.simulink.system import LIBRARY, Node, System
 
@@ -266,14 +265,52 @@ def _layers(system: System) -> dict[str, int]:
     if sum(n.kind == "SubSystem" for n in system.nodes) > _MANY:
         layer = _shortest(system, after)
     else:
-        back = backward_lines(_starts(system), after)
-        layer = longest_ways(
+        back = _backward_lines(_starts(system), after)
+        layer = _longest_ways(
             {s: [t for t in targets if (s, t) not in back] for s, targets in after.items()}
         )
     last = max((layer[n.name] for n in system.nodes if n.kind != "Outport"), default=0)
     layer |= {n.name: 0 for n in system.nodes if n.kind == "Inport"}
     layer |= {n.name: last + 1 for n in system.nodes if n.kind == "Outport"}
     return layer
+
+
+def _backward_lines(names: Iterable[str], after: Mapping[str, list[str]]) -> set[tuple[str, str]]:
+    """Lines that close a loop, in a walk along the lines from the first block on."""
+    done: set[str] = set()
+    back: set[tuple[str, str]] = set()
+    for start in names:
+        if start in done:
+            continue
+        path = [(start, iter(after[start]))]
+        on_path = {start}
+        while path:
+            name, rest = path[-1]
+            step = next(rest, None)
+            if step is None:
+                path.pop()
+                on_path.discard(name)
+                done.add(name)
+            elif step in on_path:
+                back.add((name, step))
+            elif step not in done:
+                path.append((step, iter(after[step])))
+                on_path.add(step)
+    return back
+
+
+def _longest_ways(forward: Mapping[str, list[str]]) -> dict[str, int]:
+    """How many lines lie before each block, on the longest way; lines form no loop."""
+    found = dict.fromkeys(forward, 0)
+    changed = True
+    while changed:
+        changed = False
+        for name, targets in forward.items():
+            for target in targets:
+                if found[target] <= found[name]:
+                    found[target] = found[name] + 1
+                    changed = True
+    return found
 
 
 def _starts(system: System) -> list[str]:

@@ -104,7 +104,7 @@ class _Places:
         """Draw the lines between the groups, and to the outputs of the whole."""
         titles = {g.name: g for g in self._diagram.groups}
         nested = {
-            group: self._top.nest(group, w.system(), _words(titles[group].title, titles[group]))
+            group: self._top.nest(group, w.system(), titles[group].title)
             for group, w in self._inner.items()
             if any(self._group(b.name) == group for b in self._diagram.blocks)
         }
@@ -130,11 +130,6 @@ class _Places:
                     port=line.port + 1,
                     signal=self._signals.get(line.source, ""),
                 )
-
-
-def _words(title: str, group: object) -> str:
-    others = getattr(group, "stands_for", ())
-    return f"{title}; stands for {', '.join(others)} too" if others else title
 
 
 def _inport(block: Block) -> Node:
