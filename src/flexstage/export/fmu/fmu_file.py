@@ -26,7 +26,7 @@ from flexstage.stage.contour import body_contour
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_SHARED = ("fmu_export.h", "me.h", "fmu_body.h")
+_SHARED = ("fmu_export.h", "me.h", "fmu_body.h", "fmi_calls.h")
 _OWN = {"2.0": ("fmi2_types.h", "fmi2.c"), "3.0": ("fmi3_types.h", "fmi3.c")}
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip archive can hold
 _PIXELS = 256

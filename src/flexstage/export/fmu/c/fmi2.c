@@ -1,4 +1,5 @@
-/* The calls of FMI 2.0, model exchange and co-simulation. The stage itself is in fmu_body.h. */
+/* The calls of FMI 2.0, model exchange and co-simulation; those that FMI 3.0 has too are in
+ * fmi_calls.h, the stage itself in fmu_body.h. */
 #include "fmi2_types.h"
 #include "fmu_body.h"
 
@@ -6,9 +7,9 @@ typedef struct {
     fmu_instance base;
     const fmi2CallbackFunctions *callbacks;
     char *name;
-} instance;
+} fmi_stage;
 
-static void report(const instance *c, int status, const char *message)
+static void report(const fmi_stage *c, int status, const char *message)
 {
     const char *category = status == FMU_DISCARD ? "logStatusDiscard" : "logStatusError";
     const fmi2CallbackFunctions *callbacks = c->callbacks;
@@ -17,45 +18,34 @@ static void report(const instance *c, int status, const char *message)
                           "%s", message);
 }
 
-static fmi2Status answer(instance *c, int status)
-{
-    if (status != FMU_OK) report(c, status, c->base.text);
-    return (fmi2Status)status;
-}
+typedef fmi2Component fmi_handle;
+typedef fmi2ValueReference fmi_reference;
+typedef fmi2Real fmi_real;
+typedef fmi2Integer fmi_integer;
+typedef fmi2Boolean fmi_boolean;
+typedef fmi2String fmi_string;
+typedef fmi2Byte fmi_byte;
+typedef fmi2FMUstate fmi_state;
+typedef fmi2Status fmi_status;
+#define FMI_ERROR fmi2Error
+#define FMI(name) FMI2(name)
+#define FMI_TEXT(name) FMI_QUOTED(name)
+#define FMI_QUOTED(name) "fmi2" #name
+#define FMI_GET_STATE GetFMUstate
+#define FMI_SET_STATE SetFMUstate
+#define FMI_FREE_STATE FreeFMUstate
+#define FMI_STATE_SIZE SerializedFMUstateSize
+#define FMI_SERIALIZE SerializeFMUstate
+#define FMI_DESERIALIZE DeSerializeFMUstate
+#define FMI_GET_DERIVATIVES GetDerivatives
 
-static fmi2Status refuse(instance *c, const char *message)
-{
-    snprintf(c->base.text, sizeof c->base.text, "%s", message);
-    return answer(c, FMU_ERROR);
-}
-
-/* Leave with an error where the instance is missing or in another phase. */
-#define NEED(phases, call)                                                                         \
-    do {                                                                                           \
-        if (!component) return fmi2Error;                                                          \
-        if (!fmu_allowed(&((instance *)component)->base, phases, call))                            \
-            return answer((instance *)component, FMU_ERROR);                                       \
-    } while (0)
-#define INSTANCE ((instance *)component)
-#define BASE (&INSTANCE->base)
-#define BODY (&BASE->body)
+#include "fmi_calls.h"
 
 /* ---- about the library ---- */
 
 FMU_EXPORT const char *FMI2(GetTypesPlatform)(void) { return "default"; }
 
 FMU_EXPORT const char *FMI2(GetVersion)(void) { return "2.0"; }
-
-FMU_EXPORT fmi2Status FMI2(SetDebugLogging)(fmi2Component component, fmi2Boolean on, size_t count,
-                                            const fmi2String categories[])
-{
-    /* errors are always reported, and there is nothing else to say */
-    (void)on;
-    (void)count;
-    (void)categories;
-    NEED(FMU_ALIVE | FMU_FAILED, "fmi2SetDebugLogging");
-    return fmi2OK;
-}
 
 /* ---- life of an instance ---- */
 
@@ -64,7 +54,7 @@ FMU_EXPORT fmi2Component FMI2(Instantiate)(fmi2String name, fmi2Type type, fmi2S
                                            const fmi2CallbackFunctions *callbacks,
                                            fmi2Boolean visible, fmi2Boolean logging)
 {
-    instance *c = (instance *)calloc(1, sizeof *c);
+    fmi_stage *c = (fmi_stage *)calloc(1, sizeof *c);
     size_t length = name ? strlen(name) : 0;
     (void)resources;
     (void)visible;
@@ -88,14 +78,14 @@ FMU_EXPORT fmi2Component FMI2(Instantiate)(fmi2String name, fmi2Type type, fmi2S
     return c;
 }
 
-FMU_EXPORT void FMI2(FreeInstance)(fmi2Component component)
+FMU_EXPORT void FMI2(FreeInstance)(fmi2Component handle)
 {
-    if (!component) return;
+    if (!handle) return;
     free(INSTANCE->name);
-    free(component);
+    free(handle);
 }
 
-FMU_EXPORT fmi2Status FMI2(SetupExperiment)(fmi2Component component, fmi2Boolean tolerance_defined,
+FMU_EXPORT fmi2Status FMI2(SetupExperiment)(fmi2Component handle, fmi2Boolean tolerance_defined,
                                             fmi2Real tolerance, fmi2Real start,
                                             fmi2Boolean stop_defined, fmi2Real stop)
 {
@@ -108,96 +98,51 @@ FMU_EXPORT fmi2Status FMI2(SetupExperiment)(fmi2Component component, fmi2Boolean
     return fmi2OK;
 }
 
-FMU_EXPORT fmi2Status FMI2(EnterInitializationMode)(fmi2Component component)
+FMU_EXPORT fmi2Status FMI2(EnterInitializationMode)(fmi2Component handle)
 {
     NEED(FMU_INSTANTIATED, "fmi2EnterInitializationMode");
     return answer(INSTANCE, fmu_enter_initialization(BASE, BODY->start));
 }
 
-FMU_EXPORT fmi2Status FMI2(ExitInitializationMode)(fmi2Component component)
-{
-    NEED(FMU_INITIALIZATION, "fmi2ExitInitializationMode");
-    return answer(INSTANCE, fmu_exit_initialization(BASE));
-}
-
-FMU_EXPORT fmi2Status FMI2(Terminate)(fmi2Component component)
-{
-    NEED(FMU_RUNNING, "fmi2Terminate");
-    BODY->phase = FMU_TERMINATED;
-    return fmi2OK;
-}
-
-FMU_EXPORT fmi2Status FMI2(Reset)(fmi2Component component)
-{
-    NEED(FMU_ALIVE | FMU_FAILED, "fmi2Reset");
-    fmu_begin(BODY, BODY->kind);
-    return fmi2OK;
-}
-
 /* ---- variables ---- */
 
-FMU_EXPORT fmi2Status FMI2(GetReal)(fmi2Component component, const fmi2ValueReference vr[],
+FMU_EXPORT fmi2Status FMI2(GetReal)(fmi2Component handle, const fmi2ValueReference vr[],
                                     size_t count, fmi2Real value[])
 {
-    size_t k;
     NEED(FMU_ALIVE, "fmi2GetReal");
-    for (k = 0; k < count; k++) {
-        int status = fmu_get(BASE, vr[k], &value[k]);
-        if (status != FMU_OK) return answer(INSTANCE, status);
-    }
-    return fmi2OK;
+    return get_reals(INSTANCE, vr, count, value);
 }
 
-FMU_EXPORT fmi2Status FMI2(SetReal)(fmi2Component component, const fmi2ValueReference vr[],
+FMU_EXPORT fmi2Status FMI2(SetReal)(fmi2Component handle, const fmi2ValueReference vr[],
                                     size_t count, const fmi2Real value[])
 {
-    size_t k;
     NEED(FMU_STARTING | FMU_RUNNING, "fmi2SetReal");
-    for (k = 0; k < count; k++) {
-        int status = fmu_set(BASE, vr[k], value[k]);
-        if (status != FMU_OK) return answer(INSTANCE, status);
-    }
-    return fmi2OK;
+    return set_reals(INSTANCE, vr, count, value);
 }
 
-FMU_EXPORT fmi2Status FMI2(GetInteger)(fmi2Component component, const fmi2ValueReference vr[],
+FMU_EXPORT fmi2Status FMI2(GetInteger)(fmi2Component handle, const fmi2ValueReference vr[],
                                        size_t count, fmi2Integer value[])
 {
-    size_t k;
     NEED(FMU_ALIVE, "fmi2GetInteger");
-    for (k = 0; k < count; k++) {
-        if (vr[k] != FMU_INTERPOLATION)
-            return refuse(INSTANCE, "the only integer variable is interpolation");
-        value[k] = BODY->interpolation;
-    }
-    return fmi2OK;
+    return get_integers(INSTANCE, vr, count, value);
 }
 
-FMU_EXPORT fmi2Status FMI2(SetInteger)(fmi2Component component, const fmi2ValueReference vr[],
+FMU_EXPORT fmi2Status FMI2(SetInteger)(fmi2Component handle, const fmi2ValueReference vr[],
                                        size_t count, const fmi2Integer value[])
 {
-    size_t k;
     NEED(FMU_STARTING | FMU_RUNNING, "fmi2SetInteger");
-    for (k = 0; k < count; k++) {
-        int status;
-        if (vr[k] != FMU_INTERPOLATION)
-            return refuse(INSTANCE, "the only integer variable is interpolation");
-        status = fmu_set_interpolation(BASE, value[k]);
-        if (status != FMU_OK) return answer(INSTANCE, status);
-    }
-    return fmi2OK;
+    return set_integers(INSTANCE, vr, count, value);
 }
 
 /* There are no variables of these types: only an empty list of them can be asked for. */
 #define NONE_OF(call, type, constant)                                                              \
-    FMU_EXPORT fmi2Status FMI2(call)(fmi2Component component, const fmi2ValueReference vr[],       \
+    FMU_EXPORT fmi2Status FMI2(call)(fmi2Component handle, const fmi2ValueReference vr[],          \
                                      size_t count, constant type value[])                          \
     {                                                                                              \
         (void)vr;                                                                                  \
         (void)value;                                                                               \
         NEED(FMU_ALIVE, "fmi2" #call);                                                             \
-        return count ? refuse(INSTANCE, "fmi2" #call ": there are no variables of this type")      \
-                     : fmi2OK;                                                                     \
+        return none_of(INSTANCE, "fmi2" #call ": there are no variables of this type", count);     \
     }
 #define EITHER
 NONE_OF(GetBoolean, fmi2Boolean, EITHER)
@@ -205,63 +150,8 @@ NONE_OF(GetString, fmi2String, EITHER)
 NONE_OF(SetBoolean, fmi2Boolean, const)
 NONE_OF(SetString, fmi2String, const)
 
-/* ---- saved states ---- */
-
-FMU_EXPORT fmi2Status FMI2(GetFMUstate)(fmi2Component component, fmi2FMUstate *state)
-{
-    NEED(FMU_ALIVE, "fmi2GetFMUstate");
-    return answer(INSTANCE, fmu_save(BASE, state));
-}
-
-FMU_EXPORT fmi2Status FMI2(SetFMUstate)(fmi2Component component, fmi2FMUstate state)
-{
-    NEED(FMU_ALIVE | FMU_FAILED, "fmi2SetFMUstate");
-    return answer(INSTANCE, fmu_restore(BASE, state));
-}
-
-FMU_EXPORT fmi2Status FMI2(FreeFMUstate)(fmi2Component component, fmi2FMUstate *state)
-{
-    (void)component;
-    if (state) {
-        free(*state);
-        *state = NULL;
-    }
-    return fmi2OK;
-}
-
-FMU_EXPORT fmi2Status FMI2(SerializedFMUstateSize)(fmi2Component component, fmi2FMUstate state,
-                                                   size_t *size)
-{
-    (void)state;
-    NEED(FMU_ALIVE, "fmi2SerializedFMUstateSize");
-    *size = sizeof(fmu_saved);
-    return fmi2OK;
-}
-
-FMU_EXPORT fmi2Status FMI2(SerializeFMUstate)(fmi2Component component, fmi2FMUstate state,
-                                              fmi2Byte bytes[], size_t size)
-{
-    NEED(FMU_ALIVE, "fmi2SerializeFMUstate");
-    if (!state || size < sizeof(fmu_saved))
-        return refuse(INSTANCE, "the buffer for the state is too small: ask "
-                                "fmi2SerializedFMUstateSize for its size");
-    memcpy(bytes, state, sizeof(fmu_saved));
-    return fmi2OK;
-}
-
-FMU_EXPORT fmi2Status FMI2(DeSerializeFMUstate)(fmi2Component component, const fmi2Byte bytes[],
-                                                size_t size, fmi2FMUstate *state)
-{
-    NEED(FMU_ALIVE, "fmi2DeSerializeFMUstate");
-    if (!fmu_is_state(BASE, bytes, size)) return answer(INSTANCE, FMU_ERROR);
-    if (!*state) *state = malloc(sizeof(fmu_saved));
-    if (!*state) return refuse(INSTANCE, "no memory for the state");
-    memcpy(*state, bytes, sizeof(fmu_saved));
-    return fmi2OK;
-}
-
 FMU_EXPORT fmi2Status FMI2(GetDirectionalDerivative)(
-    fmi2Component component, const fmi2ValueReference unknown[], size_t unknowns,
+    fmi2Component handle, const fmi2ValueReference unknown[], size_t unknowns,
     const fmi2ValueReference known[], size_t knowns, const fmi2Real seed[], fmi2Real sensitivity[])
 {
     (void)unknown;
@@ -290,7 +180,7 @@ static int set_slope(fmu_instance *c, unsigned reference, int order, double valu
     return FMU_OK;
 }
 
-FMU_EXPORT fmi2Status FMI2(SetRealInputDerivatives)(fmi2Component component,
+FMU_EXPORT fmi2Status FMI2(SetRealInputDerivatives)(fmi2Component handle,
                                                     const fmi2ValueReference vr[], size_t count,
                                                     const fmi2Integer order[],
                                                     const fmi2Real value[])
@@ -304,7 +194,7 @@ FMU_EXPORT fmi2Status FMI2(SetRealInputDerivatives)(fmi2Component component,
     return fmi2OK;
 }
 
-FMU_EXPORT fmi2Status FMI2(GetRealOutputDerivatives)(fmi2Component component,
+FMU_EXPORT fmi2Status FMI2(GetRealOutputDerivatives)(fmi2Component handle,
                                                      const fmi2ValueReference vr[], size_t count,
                                                      const fmi2Integer order[], fmi2Real value[])
 {
@@ -312,10 +202,10 @@ FMU_EXPORT fmi2Status FMI2(GetRealOutputDerivatives)(fmi2Component component,
     (void)order;
     (void)value;
     NEED(FMU_ALIVE, "fmi2GetRealOutputDerivatives");
-    return count ? refuse(INSTANCE, "this model gives no derivatives of outputs") : fmi2OK;
+    return none_of(INSTANCE, "this model gives no derivatives of outputs", count);
 }
 
-FMU_EXPORT fmi2Status FMI2(DoStep)(fmi2Component component, fmi2Real from, fmi2Real size,
+FMU_EXPORT fmi2Status FMI2(DoStep)(fmi2Component handle, fmi2Real from, fmi2Real size,
                                    fmi2Boolean no_return)
 {
     (void)no_return;
@@ -323,13 +213,13 @@ FMU_EXPORT fmi2Status FMI2(DoStep)(fmi2Component component, fmi2Real from, fmi2R
     return answer(INSTANCE, fmu_do_step(BASE, from, size));
 }
 
-FMU_EXPORT fmi2Status FMI2(CancelStep)(fmi2Component component)
+FMU_EXPORT fmi2Status FMI2(CancelStep)(fmi2Component handle)
 {
     NEED(FMU_ALIVE, "fmi2CancelStep");
     return refuse(INSTANCE, "steps are done at once: there is none to cancel");
 }
 
-FMU_EXPORT fmi2Status FMI2(GetStatus)(fmi2Component component, const fmi2StatusKind kind,
+FMU_EXPORT fmi2Status FMI2(GetStatus)(fmi2Component handle, const fmi2StatusKind kind,
                                       fmi2Status *value)
 {
     NEED(FMU_ALIVE, "fmi2GetStatus");
@@ -338,7 +228,7 @@ FMU_EXPORT fmi2Status FMI2(GetStatus)(fmi2Component component, const fmi2StatusK
     return fmi2OK;
 }
 
-FMU_EXPORT fmi2Status FMI2(GetRealStatus)(fmi2Component component, const fmi2StatusKind kind,
+FMU_EXPORT fmi2Status FMI2(GetRealStatus)(fmi2Component handle, const fmi2StatusKind kind,
                                           fmi2Real *value)
 {
     NEED(FMU_ALIVE, "fmi2GetRealStatus");
@@ -348,7 +238,7 @@ FMU_EXPORT fmi2Status FMI2(GetRealStatus)(fmi2Component component, const fmi2Sta
     return fmi2OK;
 }
 
-FMU_EXPORT fmi2Status FMI2(GetIntegerStatus)(fmi2Component component, const fmi2StatusKind kind,
+FMU_EXPORT fmi2Status FMI2(GetIntegerStatus)(fmi2Component handle, const fmi2StatusKind kind,
                                              fmi2Integer *value)
 {
     (void)kind;
@@ -357,7 +247,7 @@ FMU_EXPORT fmi2Status FMI2(GetIntegerStatus)(fmi2Component component, const fmi2
     return refuse(INSTANCE, "fmi2GetIntegerStatus: no such status");
 }
 
-FMU_EXPORT fmi2Status FMI2(GetBooleanStatus)(fmi2Component component, const fmi2StatusKind kind,
+FMU_EXPORT fmi2Status FMI2(GetBooleanStatus)(fmi2Component handle, const fmi2StatusKind kind,
                                              fmi2Boolean *value)
 {
     NEED(FMU_ALIVE, "fmi2GetBooleanStatus");
@@ -366,7 +256,7 @@ FMU_EXPORT fmi2Status FMI2(GetBooleanStatus)(fmi2Component component, const fmi2
     return fmi2OK;
 }
 
-FMU_EXPORT fmi2Status FMI2(GetStringStatus)(fmi2Component component, const fmi2StatusKind kind,
+FMU_EXPORT fmi2Status FMI2(GetStringStatus)(fmi2Component handle, const fmi2StatusKind kind,
                                             fmi2String *value)
 {
     NEED(FMU_ALIVE, "fmi2GetStringStatus");
@@ -377,83 +267,10 @@ FMU_EXPORT fmi2Status FMI2(GetStringStatus)(fmi2Component component, const fmi2S
 
 /* ---- model exchange ---- */
 
-FMU_EXPORT fmi2Status FMI2(EnterEventMode)(fmi2Component component)
-{
-    NEED(FMU_CONTINUOUS | FMU_EVENT, "fmi2EnterEventMode");
-    BODY->phase = FMU_EVENT;
-    return fmi2OK;
-}
-
-FMU_EXPORT fmi2Status FMI2(NewDiscreteStates)(fmi2Component component, fmi2EventInfo *info)
+FMU_EXPORT fmi2Status FMI2(NewDiscreteStates)(fmi2Component handle, fmi2EventInfo *info)
 {
     NEED(FMU_EVENT, "fmi2NewDiscreteStates");
     memset(info, 0, sizeof *info);
     return answer(INSTANCE, fmu_update_events(BASE));
 }
 
-FMU_EXPORT fmi2Status FMI2(EnterContinuousTimeMode)(fmi2Component component)
-{
-    NEED(FMU_EVENT, "fmi2EnterContinuousTimeMode");
-    BODY->phase = FMU_CONTINUOUS;
-    return fmi2OK;
-}
-
-FMU_EXPORT fmi2Status FMI2(CompletedIntegratorStep)(fmi2Component component, fmi2Boolean no_return,
-                                                    fmi2Boolean *enter_event_mode,
-                                                    fmi2Boolean *terminate)
-{
-    (void)no_return;
-    NEED(FMU_CONTINUOUS, "fmi2CompletedIntegratorStep");
-    *enter_event_mode = *terminate = 0;
-    return answer(INSTANCE, fmu_commit(BASE));
-}
-
-FMU_EXPORT fmi2Status FMI2(SetTime)(fmi2Component component, fmi2Real time)
-{
-    NEED(FMU_EVENT | FMU_CONTINUOUS, "fmi2SetTime");
-    BODY->time = time;
-    BODY->me.fresh = 0;
-    return fmi2OK;
-}
-
-FMU_EXPORT fmi2Status FMI2(SetContinuousStates)(fmi2Component component, const fmi2Real x[],
-                                                size_t count)
-{
-    NEED(FMU_EVENT | FMU_CONTINUOUS, "fmi2SetContinuousStates");
-    if (count != FMU_STATES) return refuse(INSTANCE, "fmi2SetContinuousStates: wrong number");
-    return answer(INSTANCE, fmu_set_states(BASE, x));
-}
-
-FMU_EXPORT fmi2Status FMI2(GetContinuousStates)(fmi2Component component, fmi2Real x[],
-                                                size_t count)
-{
-    NEED(FMU_INITIALIZATION | FMU_EVENT | FMU_CONTINUOUS | FMU_TERMINATED,
-         "fmi2GetContinuousStates");
-    if (count != FMU_STATES) return refuse(INSTANCE, "fmi2GetContinuousStates: wrong number");
-    return answer(INSTANCE, fmu_states(BASE, x));
-}
-
-FMU_EXPORT fmi2Status FMI2(GetDerivatives)(fmi2Component component, fmi2Real x[], size_t count)
-{
-    NEED(FMU_INITIALIZATION | FMU_EVENT | FMU_CONTINUOUS | FMU_TERMINATED, "fmi2GetDerivatives");
-    if (count != FMU_STATES) return refuse(INSTANCE, "fmi2GetDerivatives: wrong number");
-    return answer(INSTANCE, fmu_derivatives(BASE, x));
-}
-
-FMU_EXPORT fmi2Status FMI2(GetEventIndicators)(fmi2Component component, fmi2Real z[], size_t count)
-{
-    NEED(FMU_INITIALIZATION | FMU_EVENT | FMU_CONTINUOUS | FMU_TERMINATED,
-         "fmi2GetEventIndicators");
-    if (count != FMU_INDICATORS) return refuse(INSTANCE, "fmi2GetEventIndicators: wrong number");
-    return answer(INSTANCE, fmu_indicators(BASE, z));
-}
-
-FMU_EXPORT fmi2Status FMI2(GetNominalsOfContinuousStates)(fmi2Component component, fmi2Real x[],
-                                                          size_t count)
-{
-    NEED(FMU_ALIVE, "fmi2GetNominalsOfContinuousStates");
-    if (count != FMU_STATES)
-        return refuse(INSTANCE, "fmi2GetNominalsOfContinuousStates: wrong number");
-    memcpy(x, fmu_nominal, count * sizeof *x);
-    return fmi2OK;
-}

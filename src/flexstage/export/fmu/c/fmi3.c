@@ -1,4 +1,5 @@
-/* The calls of FMI 3.0, model exchange and co-simulation. The stage itself is in fmu_body.h. */
+/* The calls of FMI 3.0, model exchange and co-simulation; those that FMI 2.0 has too are in
+ * fmi_calls.h, the stage itself in fmu_body.h. */
 #include "fmi3_types.h"
 #include "fmu_body.h"
 
@@ -6,59 +7,48 @@ typedef struct {
     fmu_instance base;
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback log;
-} stage_instance;
+} fmi_stage;
 
-static void report(const stage_instance *c, int status, const char *message)
+static void report(const fmi_stage *c, int status, const char *message)
 {
     if (c->log)
         c->log(c->environment, (fmi3Status)status,
                status == FMU_DISCARD ? "logStatusDiscard" : "logStatusError", message);
 }
 
-static fmi3Status answer(stage_instance *c, int status)
-{
-    if (status != FMU_OK) report(c, status, c->base.text);
-    return (fmi3Status)status;
-}
+typedef fmi3Instance fmi_handle;
+typedef fmi3ValueReference fmi_reference;
+typedef fmi3Float64 fmi_real;
+typedef fmi3Int32 fmi_integer;
+typedef fmi3Boolean fmi_boolean;
+typedef fmi3String fmi_string;
+typedef fmi3Byte fmi_byte;
+typedef fmi3FMUState fmi_state;
+typedef fmi3Status fmi_status;
+#define FMI_ERROR fmi3Error
+#define FMI(name) FMI3(name)
+#define FMI_TEXT(name) FMI_QUOTED(name)
+#define FMI_QUOTED(name) "fmi3" #name
+#define FMI_GET_STATE GetFMUState
+#define FMI_SET_STATE SetFMUState
+#define FMI_FREE_STATE FreeFMUState
+#define FMI_STATE_SIZE SerializedFMUStateSize
+#define FMI_SERIALIZE SerializeFMUState
+#define FMI_DESERIALIZE DeserializeFMUState
+#define FMI_GET_DERIVATIVES GetContinuousStateDerivatives
 
-static fmi3Status refuse(stage_instance *c, const char *message)
-{
-    snprintf(c->base.text, sizeof c->base.text, "%s", message);
-    return answer(c, FMU_ERROR);
-}
-
-/* Leave with an error where the instance is missing or in another phase. */
-#define NEED(phases, call)                                                                         \
-    do {                                                                                           \
-        if (!instance) return fmi3Error;                                                           \
-        if (!fmu_allowed(&((stage_instance *)instance)->base, phases, call))                       \
-            return answer((stage_instance *)instance, FMU_ERROR);                                  \
-    } while (0)
-#define INSTANCE ((stage_instance *)instance)
-#define BASE (&INSTANCE->base)
-#define BODY (&BASE->body)
+#include "fmi_calls.h"
 
 /* ---- about the library ---- */
 
 FMU_EXPORT const char *FMI3(GetVersion)(void) { return "3.0"; }
-
-FMU_EXPORT fmi3Status FMI3(SetDebugLogging)(fmi3Instance instance, fmi3Boolean on, size_t count,
-                                            const fmi3String categories[])
-{
-    /* errors are always reported, and there is nothing else to say */
-    (void)on;
-    (void)count;
-    (void)categories;
-    NEED(FMU_ALIVE | FMU_FAILED, "fmi3SetDebugLogging");
-    return fmi3OK;
-}
 
 /* ---- life of an instance ---- */
 
 static fmi3Instance made(int kind, fmi3String token, fmi3InstanceEnvironment environment,
                          fmi3LogMessageCallback log)
 {
-    stage_instance *c = (stage_instance *)calloc(1, sizeof *c);
+    fmi_stage *c = (fmi_stage *)calloc(1, sizeof *c);
     if (!c) return NULL;
     c->environment = environment;
     c->log = log;
@@ -128,9 +118,9 @@ FMU_EXPORT fmi3Instance FMI3(InstantiateScheduledExecution)(
     return NULL;
 }
 
-FMU_EXPORT void FMI3(FreeInstance)(fmi3Instance instance) { free(instance); }
+FMU_EXPORT void FMI3(FreeInstance)(fmi3Instance handle) { free(handle); }
 
-FMU_EXPORT fmi3Status FMI3(EnterInitializationMode)(fmi3Instance instance,
+FMU_EXPORT fmi3Status FMI3(EnterInitializationMode)(fmi3Instance handle,
                                                     fmi3Boolean tolerance_defined,
                                                     fmi3Float64 tolerance, fmi3Float64 start,
                                                     fmi3Boolean stop_defined, fmi3Float64 stop)
@@ -143,100 +133,52 @@ FMU_EXPORT fmi3Status FMI3(EnterInitializationMode)(fmi3Instance instance,
     return answer(INSTANCE, fmu_enter_initialization(BASE, start));
 }
 
-FMU_EXPORT fmi3Status FMI3(ExitInitializationMode)(fmi3Instance instance)
-{
-    NEED(FMU_INITIALIZATION, "fmi3ExitInitializationMode");
-    return answer(INSTANCE, fmu_exit_initialization(BASE));
-}
-
-FMU_EXPORT fmi3Status FMI3(EnterEventMode)(fmi3Instance instance)
-{
-    NEED(FMU_CONTINUOUS | FMU_EVENT, "fmi3EnterEventMode");
-    BODY->phase = FMU_EVENT;
-    return fmi3OK;
-}
-
-FMU_EXPORT fmi3Status FMI3(Terminate)(fmi3Instance instance)
-{
-    NEED(FMU_RUNNING, "fmi3Terminate");
-    BODY->phase = FMU_TERMINATED;
-    return fmi3OK;
-}
-
-FMU_EXPORT fmi3Status FMI3(Reset)(fmi3Instance instance)
-{
-    NEED(FMU_ALIVE | FMU_FAILED, "fmi3Reset");
-    fmu_begin(BODY, BODY->kind);
-    return fmi3OK;
-}
-
 /* ---- variables ---- */
 
-FMU_EXPORT fmi3Status FMI3(GetFloat64)(fmi3Instance instance, const fmi3ValueReference vr[],
+FMU_EXPORT fmi3Status FMI3(GetFloat64)(fmi3Instance handle, const fmi3ValueReference vr[],
                                        size_t count, fmi3Float64 value[], size_t values)
 {
-    size_t k;
     NEED(FMU_ALIVE, "fmi3GetFloat64");
     if (values != count) return refuse(INSTANCE, "fmi3GetFloat64: every variable is one number");
-    for (k = 0; k < count; k++) {
-        int status = fmu_get(BASE, vr[k], &value[k]);
-        if (status != FMU_OK) return answer(INSTANCE, status);
-    }
-    return fmi3OK;
+    return get_reals(INSTANCE, vr, count, value);
 }
 
-FMU_EXPORT fmi3Status FMI3(SetFloat64)(fmi3Instance instance, const fmi3ValueReference vr[],
+FMU_EXPORT fmi3Status FMI3(SetFloat64)(fmi3Instance handle, const fmi3ValueReference vr[],
                                        size_t count, const fmi3Float64 value[], size_t values)
 {
-    size_t k;
     NEED(FMU_STARTING | FMU_RUNNING, "fmi3SetFloat64");
     if (values != count) return refuse(INSTANCE, "fmi3SetFloat64: every variable is one number");
-    for (k = 0; k < count; k++) {
-        int status = fmu_set(BASE, vr[k], value[k]);
-        if (status != FMU_OK) return answer(INSTANCE, status);
-    }
-    return fmi3OK;
+    return set_reals(INSTANCE, vr, count, value);
 }
 
-FMU_EXPORT fmi3Status FMI3(GetInt32)(fmi3Instance instance, const fmi3ValueReference vr[],
+FMU_EXPORT fmi3Status FMI3(GetInt32)(fmi3Instance handle, const fmi3ValueReference vr[],
                                      size_t count, fmi3Int32 value[], size_t values)
 {
-    size_t k;
     NEED(FMU_ALIVE, "fmi3GetInt32");
-    for (k = 0; k < count; k++) {
-        if (vr[k] != FMU_INTERPOLATION || values != count)
-            return refuse(INSTANCE, "the only integer variable is interpolation");
-        value[k] = BODY->interpolation;
-    }
-    return fmi3OK;
+    if (count && values != count)
+        return refuse(INSTANCE, "the only integer variable is interpolation");
+    return get_integers(INSTANCE, vr, count, value);
 }
 
-FMU_EXPORT fmi3Status FMI3(SetInt32)(fmi3Instance instance, const fmi3ValueReference vr[],
+FMU_EXPORT fmi3Status FMI3(SetInt32)(fmi3Instance handle, const fmi3ValueReference vr[],
                                      size_t count, const fmi3Int32 value[], size_t values)
 {
-    size_t k;
     NEED(FMU_STARTING | FMU_RUNNING, "fmi3SetInt32");
-    for (k = 0; k < count; k++) {
-        int status;
-        if (vr[k] != FMU_INTERPOLATION || values != count)
-            return refuse(INSTANCE, "the only integer variable is interpolation");
-        status = fmu_set_interpolation(BASE, value[k]);
-        if (status != FMU_OK) return answer(INSTANCE, status);
-    }
-    return fmi3OK;
+    if (count && values != count)
+        return refuse(INSTANCE, "the only integer variable is interpolation");
+    return set_integers(INSTANCE, vr, count, value);
 }
 
 /* There are no variables of these types: only an empty list of them can be asked for. */
 #define NONE_OF(call, type, constant)                                                              \
-    FMU_EXPORT fmi3Status FMI3(call)(fmi3Instance instance, const fmi3ValueReference vr[],         \
+    FMU_EXPORT fmi3Status FMI3(call)(fmi3Instance handle, const fmi3ValueReference vr[],           \
                                      size_t count, constant type value[], size_t values)           \
     {                                                                                              \
         (void)vr;                                                                                  \
         (void)value;                                                                               \
         (void)values;                                                                              \
         NEED(FMU_ALIVE, "fmi3" #call);                                                             \
-        return count ? refuse(INSTANCE, "fmi3" #call ": there are no variables of this type")      \
-                     : fmi3OK;                                                                     \
+        return none_of(INSTANCE, "fmi3" #call ": there are no variables of this type", count);     \
     }
 #define EITHER
 NONE_OF(GetFloat32, fmi3Float32, EITHER)
@@ -261,7 +203,7 @@ NONE_OF(SetBoolean, fmi3Boolean, const)
 NONE_OF(SetString, fmi3String, const)
 
 #define NO_BINARY(call, sizes_type, constant)                                                      \
-    FMU_EXPORT fmi3Status FMI3(call)(fmi3Instance instance, const fmi3ValueReference vr[],         \
+    FMU_EXPORT fmi3Status FMI3(call)(fmi3Instance handle, const fmi3ValueReference vr[],           \
                                      size_t count, sizes_type sizes[], constant fmi3Binary value[],\
                                      size_t values)                                                \
     {                                                                                              \
@@ -270,15 +212,14 @@ NONE_OF(SetString, fmi3String, const)
         (void)value;                                                                               \
         (void)values;                                                                              \
         NEED(FMU_ALIVE, "fmi3" #call);                                                             \
-        return count ? refuse(INSTANCE, "fmi3" #call ": there are no variables of this type")      \
-                     : fmi3OK;                                                                     \
+        return none_of(INSTANCE, "fmi3" #call ": there are no variables of this type", count);     \
     }
 NO_BINARY(GetBinary, size_t, EITHER)
 NO_BINARY(SetBinary, const size_t, const)
 
 /* ---- clocks, of which there are none ---- */
 
-static fmi3Status no_clocks(stage_instance *c, const char *call, size_t count)
+static fmi3Status no_clocks(fmi_stage *c, const char *call, size_t count)
 {
     if (!c) return fmi3Error;
     if (!count) return fmi3OK;
@@ -287,7 +228,7 @@ static fmi3Status no_clocks(stage_instance *c, const char *call, size_t count)
 }
 
 #define NO_CLOCK_1(call, type)                                                                     \
-    FMU_EXPORT fmi3Status FMI3(call)(fmi3Instance instance, const fmi3ValueReference vr[],         \
+    FMU_EXPORT fmi3Status FMI3(call)(fmi3Instance handle, const fmi3ValueReference vr[],           \
                                      size_t count, type value[])                                   \
     {                                                                                              \
         (void)vr;                                                                                  \
@@ -295,7 +236,7 @@ static fmi3Status no_clocks(stage_instance *c, const char *call, size_t count)
         return no_clocks(INSTANCE, "fmi3" #call, count);                                           \
     }
 #define NO_CLOCK_2(call, first_type, second_type)                                                  \
-    FMU_EXPORT fmi3Status FMI3(call)(fmi3Instance instance, const fmi3ValueReference vr[],         \
+    FMU_EXPORT fmi3Status FMI3(call)(fmi3Instance handle, const fmi3ValueReference vr[],           \
                                      size_t count, first_type first[], second_type second[])       \
     {                                                                                              \
         (void)vr;                                                                                  \
@@ -313,7 +254,7 @@ NO_CLOCK_2(GetShiftFraction, fmi3UInt64, fmi3UInt64)
 NO_CLOCK_2(SetShiftFraction, const fmi3UInt64, const fmi3UInt64)
 NO_CLOCK_2(SetIntervalFraction, const fmi3UInt64, const fmi3UInt64)
 
-FMU_EXPORT fmi3Status FMI3(GetIntervalFraction)(fmi3Instance instance,
+FMU_EXPORT fmi3Status FMI3(GetIntervalFraction)(fmi3Instance handle,
                                                 const fmi3ValueReference vr[], size_t count,
                                                 fmi3UInt64 counters[], fmi3UInt64 resolutions[],
                                                 fmi3IntervalQualifier qualifiers[])
@@ -325,7 +266,7 @@ FMU_EXPORT fmi3Status FMI3(GetIntervalFraction)(fmi3Instance instance,
     return no_clocks(INSTANCE, "fmi3GetIntervalFraction", count);
 }
 
-FMU_EXPORT fmi3Status FMI3(ActivateModelPartition)(fmi3Instance instance, fmi3ValueReference clock,
+FMU_EXPORT fmi3Status FMI3(ActivateModelPartition)(fmi3Instance handle, fmi3ValueReference clock,
                                                    fmi3Float64 time)
 {
     (void)clock;
@@ -335,7 +276,7 @@ FMU_EXPORT fmi3Status FMI3(ActivateModelPartition)(fmi3Instance instance, fmi3Va
 
 /* ---- dependencies and derivatives, which are in modelDescription.xml or not given ---- */
 
-FMU_EXPORT fmi3Status FMI3(GetNumberOfVariableDependencies)(fmi3Instance instance,
+FMU_EXPORT fmi3Status FMI3(GetNumberOfVariableDependencies)(fmi3Instance handle,
                                                             fmi3ValueReference vr, size_t *count)
 {
     (void)vr;
@@ -345,7 +286,7 @@ FMU_EXPORT fmi3Status FMI3(GetNumberOfVariableDependencies)(fmi3Instance instanc
 }
 
 FMU_EXPORT fmi3Status FMI3(GetVariableDependencies)(
-    fmi3Instance instance, fmi3ValueReference dependent, size_t dependent_elements[],
+    fmi3Instance handle, fmi3ValueReference dependent, size_t dependent_elements[],
     fmi3ValueReference independents[], size_t independent_elements[], fmi3DependencyKind kinds[],
     size_t count)
 {
@@ -361,7 +302,7 @@ FMU_EXPORT fmi3Status FMI3(GetVariableDependencies)(
 
 #define NO_DERIVATIVE(call)                                                                        \
     FMU_EXPORT fmi3Status FMI3(call)(                                                              \
-        fmi3Instance instance, const fmi3ValueReference unknown[], size_t unknowns,                \
+        fmi3Instance handle, const fmi3ValueReference unknown[], size_t unknowns,                  \
         const fmi3ValueReference known[], size_t knowns, const fmi3Float64 seed[], size_t seeds,   \
         fmi3Float64 sensitivity[], size_t sensitivities)                                           \
     {                                                                                              \
@@ -379,7 +320,7 @@ FMU_EXPORT fmi3Status FMI3(GetVariableDependencies)(
 NO_DERIVATIVE(GetDirectionalDerivative)
 NO_DERIVATIVE(GetAdjointDerivative)
 
-FMU_EXPORT fmi3Status FMI3(GetOutputDerivatives)(fmi3Instance instance,
+FMU_EXPORT fmi3Status FMI3(GetOutputDerivatives)(fmi3Instance handle,
                                                  const fmi3ValueReference vr[], size_t count,
                                                  const fmi3Int32 orders[], fmi3Float64 value[],
                                                  size_t values)
@@ -389,85 +330,30 @@ FMU_EXPORT fmi3Status FMI3(GetOutputDerivatives)(fmi3Instance instance,
     (void)value;
     (void)values;
     NEED(FMU_ALIVE, "fmi3GetOutputDerivatives");
-    return count ? refuse(INSTANCE, "this model gives no derivatives of outputs") : fmi3OK;
-}
-
-/* ---- saved states ---- */
-
-FMU_EXPORT fmi3Status FMI3(GetFMUState)(fmi3Instance instance, fmi3FMUState *state)
-{
-    NEED(FMU_ALIVE, "fmi3GetFMUState");
-    return answer(INSTANCE, fmu_save(BASE, state));
-}
-
-FMU_EXPORT fmi3Status FMI3(SetFMUState)(fmi3Instance instance, fmi3FMUState state)
-{
-    NEED(FMU_ALIVE | FMU_FAILED, "fmi3SetFMUState");
-    return answer(INSTANCE, fmu_restore(BASE, state));
-}
-
-FMU_EXPORT fmi3Status FMI3(FreeFMUState)(fmi3Instance instance, fmi3FMUState *state)
-{
-    (void)instance;
-    if (state) {
-        free(*state);
-        *state = NULL;
-    }
-    return fmi3OK;
-}
-
-FMU_EXPORT fmi3Status FMI3(SerializedFMUStateSize)(fmi3Instance instance, fmi3FMUState state,
-                                                   size_t *size)
-{
-    (void)state;
-    NEED(FMU_ALIVE, "fmi3SerializedFMUStateSize");
-    *size = sizeof(fmu_saved);
-    return fmi3OK;
-}
-
-FMU_EXPORT fmi3Status FMI3(SerializeFMUState)(fmi3Instance instance, fmi3FMUState state,
-                                              fmi3Byte bytes[], size_t size)
-{
-    NEED(FMU_ALIVE, "fmi3SerializeFMUState");
-    if (!state || size < sizeof(fmu_saved))
-        return refuse(INSTANCE, "the buffer for the state is too small: ask "
-                                "fmi3SerializedFMUStateSize for its size");
-    memcpy(bytes, state, sizeof(fmu_saved));
-    return fmi3OK;
-}
-
-FMU_EXPORT fmi3Status FMI3(DeserializeFMUState)(fmi3Instance instance, const fmi3Byte bytes[],
-                                                size_t size, fmi3FMUState *state)
-{
-    NEED(FMU_ALIVE, "fmi3DeserializeFMUState");
-    if (!fmu_is_state(BASE, bytes, size)) return answer(INSTANCE, FMU_ERROR);
-    if (!*state) *state = malloc(sizeof(fmu_saved));
-    if (!*state) return refuse(INSTANCE, "no memory for the state");
-    memcpy(*state, bytes, sizeof(fmu_saved));
-    return fmi3OK;
+    return none_of(INSTANCE, "this model gives no derivatives of outputs", count);
 }
 
 /* ---- modes that this model does not have or passes through ---- */
 
-FMU_EXPORT fmi3Status FMI3(EnterConfigurationMode)(fmi3Instance instance)
+FMU_EXPORT fmi3Status FMI3(EnterConfigurationMode)(fmi3Instance handle)
 {
     NEED(FMU_ALIVE, "fmi3EnterConfigurationMode");
     return refuse(INSTANCE, "this model has no structural parameters to configure");
 }
 
-FMU_EXPORT fmi3Status FMI3(ExitConfigurationMode)(fmi3Instance instance)
+FMU_EXPORT fmi3Status FMI3(ExitConfigurationMode)(fmi3Instance handle)
 {
     NEED(FMU_ALIVE, "fmi3ExitConfigurationMode");
     return refuse(INSTANCE, "this model has no structural parameters to configure");
 }
 
-FMU_EXPORT fmi3Status FMI3(EnterStepMode)(fmi3Instance instance)
+FMU_EXPORT fmi3Status FMI3(EnterStepMode)(fmi3Instance handle)
 {
     NEED(FMU_ALIVE, "fmi3EnterStepMode");
     return refuse(INSTANCE, "co-simulation of this model has no event mode to come back from");
 }
 
-FMU_EXPORT fmi3Status FMI3(EvaluateDiscreteStates)(fmi3Instance instance)
+FMU_EXPORT fmi3Status FMI3(EvaluateDiscreteStates)(fmi3Instance handle)
 {
     NEED(FMU_INITIALIZATION | FMU_EVENT, "fmi3EvaluateDiscreteStates");
     return fmi3OK;
@@ -475,7 +361,7 @@ FMU_EXPORT fmi3Status FMI3(EvaluateDiscreteStates)(fmi3Instance instance)
 
 /* ---- co-simulation ---- */
 
-FMU_EXPORT fmi3Status FMI3(DoStep)(fmi3Instance instance, fmi3Float64 from, fmi3Float64 size,
+FMU_EXPORT fmi3Status FMI3(DoStep)(fmi3Instance handle, fmi3Float64 from, fmi3Float64 size,
                                    fmi3Boolean no_return, fmi3Boolean *event_needed,
                                    fmi3Boolean *terminate, fmi3Boolean *early_return,
                                    fmi3Float64 *last_time)
@@ -491,7 +377,7 @@ FMU_EXPORT fmi3Status FMI3(DoStep)(fmi3Instance instance, fmi3Float64 from, fmi3
 
 /* ---- model exchange ---- */
 
-FMU_EXPORT fmi3Status FMI3(UpdateDiscreteStates)(fmi3Instance instance, fmi3Boolean *again,
+FMU_EXPORT fmi3Status FMI3(UpdateDiscreteStates)(fmi3Instance handle, fmi3Boolean *again,
                                                  fmi3Boolean *terminate, fmi3Boolean *nominals,
                                                  fmi3Boolean *values, fmi3Boolean *next_defined,
                                                  fmi3Float64 *next)
@@ -502,85 +388,14 @@ FMU_EXPORT fmi3Status FMI3(UpdateDiscreteStates)(fmi3Instance instance, fmi3Bool
     return answer(INSTANCE, fmu_update_events(BASE));
 }
 
-FMU_EXPORT fmi3Status FMI3(EnterContinuousTimeMode)(fmi3Instance instance)
-{
-    NEED(FMU_EVENT, "fmi3EnterContinuousTimeMode");
-    BODY->phase = FMU_CONTINUOUS;
-    return fmi3OK;
-}
-
-FMU_EXPORT fmi3Status FMI3(CompletedIntegratorStep)(fmi3Instance instance, fmi3Boolean no_return,
-                                                    fmi3Boolean *enter_event_mode,
-                                                    fmi3Boolean *terminate)
-{
-    (void)no_return;
-    NEED(FMU_CONTINUOUS, "fmi3CompletedIntegratorStep");
-    *enter_event_mode = *terminate = false;
-    return answer(INSTANCE, fmu_commit(BASE));
-}
-
-FMU_EXPORT fmi3Status FMI3(SetTime)(fmi3Instance instance, fmi3Float64 time)
-{
-    NEED(FMU_EVENT | FMU_CONTINUOUS, "fmi3SetTime");
-    BODY->time = time;
-    BODY->me.fresh = 0;
-    return fmi3OK;
-}
-
-FMU_EXPORT fmi3Status FMI3(SetContinuousStates)(fmi3Instance instance, const fmi3Float64 x[],
-                                                size_t count)
-{
-    NEED(FMU_EVENT | FMU_CONTINUOUS, "fmi3SetContinuousStates");
-    if (count != FMU_STATES) return refuse(INSTANCE, "fmi3SetContinuousStates: wrong number");
-    return answer(INSTANCE, fmu_set_states(BASE, x));
-}
-
-FMU_EXPORT fmi3Status FMI3(GetContinuousStates)(fmi3Instance instance, fmi3Float64 x[],
-                                                size_t count)
-{
-    NEED(FMU_INITIALIZATION | FMU_EVENT | FMU_CONTINUOUS | FMU_TERMINATED,
-         "fmi3GetContinuousStates");
-    if (count != FMU_STATES) return refuse(INSTANCE, "fmi3GetContinuousStates: wrong number");
-    return answer(INSTANCE, fmu_states(BASE, x));
-}
-
-FMU_EXPORT fmi3Status FMI3(GetContinuousStateDerivatives)(fmi3Instance instance, fmi3Float64 x[],
-                                                          size_t count)
-{
-    NEED(FMU_INITIALIZATION | FMU_EVENT | FMU_CONTINUOUS | FMU_TERMINATED,
-         "fmi3GetContinuousStateDerivatives");
-    if (count != FMU_STATES)
-        return refuse(INSTANCE, "fmi3GetContinuousStateDerivatives: wrong number");
-    return answer(INSTANCE, fmu_derivatives(BASE, x));
-}
-
-FMU_EXPORT fmi3Status FMI3(GetEventIndicators)(fmi3Instance instance, fmi3Float64 z[],
-                                               size_t count)
-{
-    NEED(FMU_INITIALIZATION | FMU_EVENT | FMU_CONTINUOUS | FMU_TERMINATED,
-         "fmi3GetEventIndicators");
-    if (count != FMU_INDICATORS) return refuse(INSTANCE, "fmi3GetEventIndicators: wrong number");
-    return answer(INSTANCE, fmu_indicators(BASE, z));
-}
-
-FMU_EXPORT fmi3Status FMI3(GetNominalsOfContinuousStates)(fmi3Instance instance, fmi3Float64 x[],
-                                                          size_t count)
-{
-    NEED(FMU_ALIVE, "fmi3GetNominalsOfContinuousStates");
-    if (count != FMU_STATES)
-        return refuse(INSTANCE, "fmi3GetNominalsOfContinuousStates: wrong number");
-    memcpy(x, fmu_nominal, count * sizeof *x);
-    return fmi3OK;
-}
-
-FMU_EXPORT fmi3Status FMI3(GetNumberOfEventIndicators)(fmi3Instance instance, size_t *count)
+FMU_EXPORT fmi3Status FMI3(GetNumberOfEventIndicators)(fmi3Instance handle, size_t *count)
 {
     NEED(FMU_ALIVE, "fmi3GetNumberOfEventIndicators");
     *count = FMU_INDICATORS;
     return fmi3OK;
 }
 
-FMU_EXPORT fmi3Status FMI3(GetNumberOfContinuousStates)(fmi3Instance instance, size_t *count)
+FMU_EXPORT fmi3Status FMI3(GetNumberOfContinuousStates)(fmi3Instance handle, size_t *count)
 {
     NEED(FMU_ALIVE, "fmi3GetNumberOfContinuousStates");
     *count = FMU_STATES;
