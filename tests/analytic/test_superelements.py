@@ -12,20 +12,29 @@ import scipy.sparse
 from netgen.meshing import Element1D, Element2D, FaceDescriptor, Mesh, MeshPoint, Pnt
 
 from flexstage.designs import design
+from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import mesh as plane_meshes
 from flexstage.fem.condensation import Condensed, condense, recover
-from flexstage.fem.constrained import Constrained, PlanePart, factorised
+from flexstage.fem.constrained import Constrained
 from flexstage.fem.coupling import join, lowest
 from flexstage.fem.cutting import Placed, cut_free
-from flexstage.fem.geometry import exactly, neck_edge, patch_edge, stage_faces
+from flexstage.fem.geometry import (
+    either,
+    exactly,
+    neck_edge,
+    notch_region,
+    patch_edge,
+    stage_faces,
+)
+from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals, factorised
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel
-from flexstage.fem.necks import neck_points, neck_stress
+from flexstage.fem.necks import IN_PLANE, layered_stress, neck_points, neck_stress
 from flexstage.fem.plane import plane_model
+from flexstage.fem.substructure import Substructure
 from flexstage.fem.superelement import SuperelementModel, superelement_model
-from flexstage.fem.surface_stress import surface_stress
 from flexstage.stage import Body, Circle, Loop, Screw
 from flexstage.system import (
     analyse_axis,
@@ -69,7 +78,8 @@ def rigid_coordinates(placed: Placed) -> np.ndarray:
     rows = []
     for neck in placed.part.necks:
         c, s, (x, y) = np.cos(neck.direction), np.sin(neck.direction), neck.at
-        rows += [[c, s, s * x - c * y], [-s, c, c * x + s * y], [0.0, 0.0, 1.0]]
+        turn = [0.0, 0.0, 0.5 * neck.profile.neck_thickness]
+        rows += [[c, s, s * x - c * y], turn, [-s, c, c * x + s * y]]
     for patch in placed.part.patches:
         c, s, (x, y) = np.cos(patch.direction), np.sin(patch.direction), patch.at
         rows.append([c, s, s * x - c * y])
@@ -121,8 +131,8 @@ def test_stress_is_that_of_the_forces_on_the_own_neck(bars: SuperelementModel) -
             points = neck_points(field.continuum.mesh, part.stage())
             u = np.asarray(field.displacement.vec.FV().NumPy())[:, None]
             modulus = bars.stage.material.youngs_modulus / 1e11
-            expected = modulus * surface_stress(field.continuum, points, u)[:, :, 0]
-            found = own[at[i] : at[i + 1], [0, 1, 2, 5]]
+            expected = modulus * neck_stress(field.continuum, points, u)[:, IN_PLANE, 0]
+            found = own[at[i] : at[i + 1], IN_PLANE]
             for k, neck in enumerate(part.necks):
                 mine, theirs = body.neck == k, points.owner == k
                 aside = 0.5 * neck.profile.neck_thickness
@@ -163,6 +173,7 @@ def small(lying: tuple[Placed, Condensed]) -> tuple[Constrained, np.ndarray, np.
         rows += [continuum.mean(edge, c) for c in unit]
         rows.append(continuum.mean(edge, (arm - 0.001) * (unit[0] + unit[1])))
     rows.append(continuum.mean(exactly(patch_edge("0", 0)), direction))
+    plate = plane_plate(part, continuum)
     u, v = continuum.space.TnT()
     energy = continuum.lame * ng.div(u) * ng.div(v)
     energy += (
@@ -174,8 +185,23 @@ def small(lying: tuple[Placed, Condensed]) -> tuple[Constrained, np.ndarray, np.
     i, j, values = (np.asarray(a) for a in form.mat.COO())
     stiffness = np.zeros((continuum.size, continuum.size))
     stiffness[i, j] = values
-    body = Constrained(PlanePart(continuum), np.array(rows), [(0, 0), (0, 0)], floating=True)
-    return body, stiffness, continuum.mass_times(np.eye(continuum.size))
+    # the same unknowns in another order and of another size
+    turn = plate.in_middle(np.eye(plate.size))
+    stiffness, mass = (turn.T @ m for m in (stiffness @ turn, continuum.mass_times(turn)))
+    np.testing.assert_allclose(
+        plate.stiffness.toarray(), stiffness, atol=1e-12 * np.abs(stiffness).max()
+    )
+    body = Constrained(plate, np.array([plate.mean(row) for row in rows]), floating=True)
+    return body, stiffness, mass
+
+
+def plane_plate(part: Substructure, continuum: Continuum) -> LayeredPlate:
+    """A floating body of a plane model on the mesh of its continuum."""
+    strain = either(
+        notch_region(str(i), n.which) for i, n in enumerate(part.necks) if n.plane == "strain"
+    )
+    plane = PlaneIntegrals(continuum.mesh, order=continuum.order, held="", strain=strain)
+    return LayeredPlate(plane, part.material(), part.through, [])
 
 
 def test_condensed_stiffness_of_a_floating_body(
@@ -225,9 +251,11 @@ def test_stress_of_many_displacements_at_once(lying: tuple[Placed, Condensed]) -
     points = neck_points(back.continuum.mesh, part.stage())
     chosen = back.basis[:, [0, 2, 4]]
     expected = neck_stress(back.continuum, points, chosen)
-    found = surface_stress(back.continuum, points, chosen)
+    plate = plane_plate(part, back.continuum)
+    columns = np.array([plate.mean(column) for column in chosen.T]).T * plate.through.thickness
+    found = layered_stress(plate, points, columns)[0]
     scale = np.abs(expected).max()
-    np.testing.assert_allclose(found, expected[:, [0, 1, 2, 5]], atol=1e-9 * scale)
+    np.testing.assert_allclose(found, expected[:, IN_PLANE], atol=1e-9 * scale)
     assert np.abs(expected[:, 2]).max() > 0.1 * scale  # a notch in plane strain is among them
 
 

@@ -98,7 +98,7 @@ def test_a_body_weighs_what_it_is(parallelogram: SuperelementModel) -> None:
             continue
         along = np.zeros(len(body.mass))
         for i, neck in enumerate(placed.part.necks):
-            along[3 * i : 3 * i + 2] = math.cos(neck.direction), -math.sin(neck.direction)
+            along[3 * i : 3 * i + 3] = math.cos(neck.direction), 0.0, -math.sin(neck.direction)
         for i, patch in enumerate(placed.part.patches, start=3 * len(placed.part.necks)):
             along[i] = math.cos(patch.direction)
         assert body.inertia[0] == pytest.approx(other.inertia[0], rel=1e-6)

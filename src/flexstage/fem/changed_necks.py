@@ -81,11 +81,10 @@ def _changed_neck(before: Substructure, new: Profile, number: int) -> ChangedNec
         (x, y), (edge, most) = hinge.from_plane(end), hinge.from_plane(corner)
         if abs(x - edge) > TOLERANCE or side * (y - most) > TOLERANCE:
             raise StageError("the notch does not end within the edge of its body")
-    plate = before.thickness if before.through is None else before.through.thickness
     return ChangedNeck(
         number=number,
         thicker=thicker,
-        gain=REFERENCE.density * plate * (_area(new) - _area(old)),
+        gain=REFERENCE.density * before.through.thickness * (_area(new) - _area(old)),
         halves=_halves(before, number, made),
     )
 

@@ -1,35 +1,45 @@
 """A floating or held body condensed to its interfaces: flexibility, modes, stress."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
-from flexstage.fem.constrained import Constrained, PlanePart
-from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
-from flexstage.fem.half_notch import stress_of_necks
-from flexstage.fem.mesh import sound_mesh
-from flexstage.fem.neck_rows import edge_means, neck_rows
-from flexstage.fem.ports import body_motion, drive_vector
-from flexstage.fem.substructure import BODY, PointReading, Substructure
-from flexstage.stage import mass_properties
-
-#: Loads inside a body: forces and moment on its mean motion, one kelvin, one kelvin by metre.
-LOADS = ("x", "y", "rotation", "temperature", "temperature gradient x", "temperature gradient y")
+from flexstage.fem.constrained import Constrained
+from flexstage.fem.freedom import LOADS
+from flexstage.fem.geometry import (
+    MOUNTING,
+    StageFaces,
+    either,
+    exactly,
+    notch_region,
+    stage_faces,
+)
+from flexstage.fem.half_notch import REACH, NotchBlock, neck_tractions, stress_of_necks
+from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
+from flexstage.fem.mesh import MESHER, sound_mesh
+from flexstage.fem.neck_motions import edge_means, motion_rows, neck_mix, neck_motions
+from flexstage.fem.ports import drive_vector, rigid_regions
+from flexstage.fem.substructure import BODY, CutNeck, PointReading, Substructure
+from flexstage.fem.through_thickness import ThroughThickness
+from flexstage.stage import MassProperties, mass_properties
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Condensed:
     r"""A body in a few coordinates, :math:`u = T q + \Phi \eta + U p`.
 
-    The coordinates are the motions of its interfaces (3 for each neck, then 1 for each patch), its
-    modes with held interfaces, and its responses to loads inside it with held interfaces.
+    The coordinates are the motions of its interfaces (those of `flexstage.fem.freedom.freedom` for
+    each neck, then 1 for each patch), its modes with held interfaces, and its responses to loads
+    inside it with held interfaces.
     """
 
     stiffness: Array
@@ -37,9 +47,10 @@ class Condensed:
     mass: Array
     """Mass of the coordinates, shape (r, r)."""
     loads: Array
-    """Forces on the coordinates, shape (l, r), of each of `LOADS` and of a unit force at each
-    reading. So the first three rows are the mean displacement x, y of the body at its centre of
-    mass and its rotation too, and the last ones the readings.
+    """Forces on the coordinates, shape (l, r), of each of `flexstage.fem.freedom.LOADS` and of a
+    unit force at each reading. So the first three rows are the mean displacement x, y of the body
+    at its centre of mass and its rotation too, and the last ones the readings. Out of the plane
+    they are of `LOADS_OUT_OF_PLANE`.
     """
     reactions: Array
     """Forces that hold the interfaces while the other coordinates move, shape (i, r - i)."""
@@ -103,19 +114,21 @@ class DisplacementRecovery:
 
 
 def condense(part: Substructure) -> Condensed:
-    r"""Condense a body to the mean motions of its interfaces.
+    r"""Condense a body of a plate to the mean motions of its necks, as `part.through` has it.
 
-    Each neck has three: displacement along and across its hinge and rotation, each the mean that
-    does work with its traction. These are the tractions of a beam, uniform and linear along the
-    hinge and parabolic across, with what `flexstage.fem.neck_rows.shaped` adds to them so that
-    the neck stays plane where it must. With the rows P of these means, the body under interface
-    forces obeys
+    The motions of a neck are those of a beam: along and across its hinge and rotation, in space
+    each with the lowest functions through the thickness, and the displacement through the plate and
+    its slope over the neck. Each is the mean that does work with its traction, uniform and linear
+    along the hinge and parabolic across; with these tractions go others without resultant, of
+    higher powers over the neck and of the other functions, so that the neck stays plane where it
+    must (`flexstage.fem.neck_motions.neck_mix`). With the rows P of these means, the body under
+    interface forces obeys
 
     .. math:: K u = P^T\lambda, \quad P u = q, \quad K_c = \partial\lambda/\partial q
 
     and `flexstage.fem.constrained.Constrained` solves it, floating bodies as well as held ones.
 
-    The matrices are for the `REFERENCE` material.
+    The matrices are for the `REFERENCE` material and the thickness of `part.through`.
 
     Notes
     -----
@@ -127,8 +140,8 @@ def condense(part: Substructure) -> Condensed:
 
 
 def recover(part: Substructure, condensed: Condensed) -> DisplacementRecovery:
-    """Return to the displacements of a body that was condensed before."""
-    again, recovery = _condense(part)
+    """Return to the displacements of a body of a plane model that was condensed before."""
+    again, basis, flat = _condense(part)
     # Modes may have come with other signs, and equal ones mixed: both know how the interfaces and
     # the loads move them.
     m, modes = again.interfaces, again.modes
@@ -139,43 +152,21 @@ def recover(part: Substructure, condensed: Condensed) -> DisplacementRecovery:
         for c in (condensed, again)
     )
     left, _, right = np.linalg.svd(now.T @ was)
-    basis = recovery.basis.copy()
     basis[:, modes] = basis[:, modes] @ (left @ right)
-    return DisplacementRecovery(continuum=recovery.continuum, basis=basis)
+    return DisplacementRecovery(continuum=flat, basis=basis)
 
 
-def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
-    stage = part.stage()
-    faces = stage_faces(stage, [BODY])
-    mesh = sound_mesh(stage, faces, part.mesh)
-    strained = (
-        notch_region(str(i), n.which) for i, n in enumerate(part.necks) if n.plane == "strain"
-    )
-    properties = mass_properties(stage)[BODY]
-    continuum = Continuum(
-        mesh,
-        part.material(),
-        order=part.mesh.order,
-        thickness=part.thickness,
-        strain=either(strained),
-        held=MOUNTING if part.held else "",
-    )
-    rows, blocks = [np.zeros((0, continuum.size))], []
-    for neck, means in zip(part.necks, edge_means(mesh, part.mesh.order, part.necks), strict=True):
-        beam, normal, shear = neck_rows(neck, means)
-        rows += [beam, normal, shear]
-        blocks.append((len(normal), len(shear)))
-    for drive in stage.drives:
-        rows.append(drive_vector(continuum, stage, drive, faces.patches, "elastic")[None])
-    body = Constrained(PlanePart(continuum), np.concatenate(rows), blocks, floating=not part.held)
-    centre = properties.centre
-    motion = body_motion(continuum, stage, BODY, centre)
-    thermal = (continuum.thermal(c) for c in (1.0, ng.x / METRE, ng.y / METRE))
-    readings = (reading_row(continuum, r, centre, motion) for r in part.readings)
-    inner = np.array([*motion, *thermal, *readings])
-    basis, K, interfaces = body.reduced(inner, part.modes)
-    mass = basis.T @ continuum.mass_times(basis)
-    loads = inner @ basis
+def _condense(part: Substructure) -> tuple[Condensed, Array, Continuum]:
+    """Condense a body; return besides its displacement along the middle plane, and that plane."""
+    tractions = [_tractions(part, neck) for neck in part.necks] if part.through.in_space else None
+    with MESHER:
+        ready = _prepared(part, tractions)
+    plate, loads = ready.plate, ready.loads
+    mixed = None if tractions else partial(_mixed, part, plate.plane.order)
+    body = Constrained(plate, ready.rows, mixed, floating=not part.held)
+    basis, K, interfaces = body.reduced(loads, part.modes)
+    mass = basis.T @ plate.mass_times(basis)
+    loads = loads @ basis
     condensed = Condensed(
         stiffness=K,
         mass=0.5 * (mass + mass.T),
@@ -183,12 +174,123 @@ def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
         reactions=reactions(K, mass, loads, interfaces),
         **stress_of_necks(part)._asdict(),
         interfaces=interfaces,
-        inertia=(properties.mass, *properties.centre, properties.inertia),
-        elements=int(mesh.ne),
-        unknowns=continuum.size,
+        inertia=(ready.properties.mass, *ready.properties.centre, ready.properties.inertia),
+        elements=int(plate.plane.mesh.ne),
+        # of a plane model with those that are held
+        unknowns=plate.size if part.through.in_space else ready.flat.size,
+        held=ready.held,
+    )
+    return condensed, plate.in_middle(basis), ready.flat
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Ready:
+    """A body on its mesh, before anything is factorised."""
+
+    plate: LayeredPlate
+    flat: Continuum
+    """Its plane, on the same mesh."""
+    rows: Array
+    """Motions of its interfaces, shape (m, n)."""
+    loads: Array
+    """Loads inside it, shape (l, n)."""
+    properties: MassProperties
+    """Its mass."""
+    held: str
+    """What holds it, in words."""
+
+
+@lru_cache(maxsize=2)
+def _meshed(part: Substructure) -> tuple[StageFaces, PlaneIntegrals, list[Array]]:
+    """Mesh a body, for all its motions: its faces, integrals over its plane, means over necks."""
+    faces = stage_faces(part.stage(), [BODY])
+    mesh = sound_mesh(part.stage(), faces, part.mesh)
+    plane = PlaneIntegrals(
+        mesh, order=part.mesh.order, held=MOUNTING if part.held else "", strain=_strained(part)
+    )
+    return faces, plane, edge_means(mesh, part.mesh.order, part.necks)
+
+
+def _strained(part: Substructure) -> str:
+    names = (notch_region(str(i), n.which) for i, n in enumerate(part.necks) if n.plane == "strain")
+    return either(names)
+
+
+def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
+    through, stage = part.through, part.stage()
+    in_plane = ThroughThickness(thickness=part.thickness)
+    faces, plane, means = _meshed(replace(part, through=in_plane, readings=(), modes=0))
+    plate = LayeredPlate(
+        plane,
+        part.material(),
+        through,
+        notches=[
+            (
+                exactly(notch_region(str(i), n.which)),
+                n.at,
+                n.profile.length / 2.0 + REACH * n.profile.root_height,
+            )
+            for i, n in enumerate(part.necks)
+        ],
+    )
+    flat = Continuum(
+        plane.mesh,
+        part.material(),
+        order=plane.order,
+        thickness=through.thickness,
+        strain=_strained(part),
+        held=MOUNTING if part.held else "",
+    )
+    passed, rest, _, _ = neck_motions(through, plane.order)
+    rows = [np.zeros((0, plate.size))]
+    for neck, own, mix in zip(part.necks, means, tractions or [None] * len(means), strict=True):
+        direction = math.cos(neck.direction), math.sin(neck.direction)
+        rows.append(motion_rows(plate, own, (*passed, *rest), direction, mix))
+    # the thickness of the part is one for its mesh; it weighs as much as it is thick
+    properties = mass_properties(replace(stage, thickness=through.thickness))[BODY]
+    motion = plate.motion(rigid_regions(stage, BODY), properties.centre)
+    if through.out_of_plane:
+        loads = [*motion, plate.thermal(1.0, 1)]
+    else:
+        pushed = (drive_vector(flat, stage, d, faces.patches, "elastic") for d in stage.drives)
+        rows += [plate.mean(row)[None] for row in pushed]
+        thermal = (plate.thermal(c, 0) for c in (1.0, ng.x / METRE, ng.y / METRE))
+        readings = (
+            _reading_row(flat, r, properties.centre, motion, plate.middle) for r in part.readings
+        )
+        loads = [*motion, *thermal, *readings]
+    return _Ready(
+        plate=plate,
+        flat=flat,
+        rows=np.concatenate(rows),
+        loads=np.array(loads),
+        properties=properties,
         held=faces.held,
     )
-    return condensed, DisplacementRecovery(continuum=continuum, basis=basis)
+
+
+def _tractions(part: Substructure, neck: CutNeck) -> Array:
+    """Return what makes up each motion of a neck in space: of the half notch alone."""
+    half = NotchBlock(
+        profile=neck.profile,
+        wide=False,
+        plane=neck.plane,
+        through=part.through,
+        mesh=part.mesh,
+        poissons_ratio=part.poissons_ratio,
+        powers=part.mesh.order,
+    )
+    return neck_tractions(half)
+
+
+def _mixed(part: Substructure, degree: int, flexibility: Array) -> Array:
+    """Return what makes up each motion of an interface in a plane model: of the body itself."""
+    each = sum(map(len, neck_motions(part.through, degree)[:2]))
+    count = len(part.necks)
+    blocks = [
+        neck_mix(flexibility[each * i :, each * i :], part.through, degree) for i in range(count)
+    ]
+    return np.asarray(block_diag(*blocks, np.eye(len(flexibility) - count * each)))
 
 
 def reactions(stiffness: Array, mass: Array, loads: Array, interfaces: int) -> Array:
@@ -202,12 +304,12 @@ def reactions(stiffness: Array, mass: Array, loads: Array, interfaces: int) -> A
     return np.hstack((-coupling * squares, coupling @ loads[:, m:inner].T - loads[:, :m].T))
 
 
-def reading_row(
+def _reading_row(
     continuum: Continuum,
     reading: PointReading,
     centre: tuple[float, float],
     motion: Array,
-    lifted: Callable[[Array], Array] = lambda row: row,
+    lifted: Callable[[Array], Array],
 ) -> Array:
     """Displacement of a point, or rotation of the body.
 

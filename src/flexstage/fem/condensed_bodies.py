@@ -1,7 +1,7 @@
 """All bodies of a stage condensed, each once, or found in the cache."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from functools import lru_cache
@@ -19,7 +19,6 @@ from flexstage.fem.changed_necks import (
     with_other_necks,
 )
 from flexstage.fem.condensation import Condensed, condense
-from flexstage.fem.plate_condensation import condense_plate
 from flexstage.fem.substructure import Substructure
 
 # bodies in space whose factors are in memory at once, some hundred megabytes each
@@ -47,7 +46,7 @@ def condense_all(
     families = {}
     with (
         progress.subtask(0.5 if changes else 1.0, 1.0),
-        ThreadPoolExecutor(_workers(p.through is not None for p in changes)) as workers,
+        ThreadPoolExecutor(_threads()) as workers,
     ):
         for i, (own, family) in enumerate(zip(halves, workers.map(_family, halves), strict=True)):
             progress.update("necks", i / len(halves))
@@ -81,8 +80,8 @@ def _condense_missing(
             ready[part] = _from_arrays(entry)
     # the largest first, so that no thread waits long for another at the end
     largest_first = sorted(missing, key=lambda part: -len(part.necks))
-    with ThreadPoolExecutor(_workers(p.through is not None for p in missing)) as workers:
-        made = workers.map(_condense, largest_first)
+    with ThreadPoolExecutor(_threads()) as workers:
+        made = workers.map(condense, largest_first)
         for i, (part, found) in enumerate(zip(largest_first, made, strict=True)):
             progress.update("bodies", i / len(missing))
             ready[part] = found
@@ -101,14 +100,6 @@ def _threads() -> int:
     """
     single = any(os.environ.get(f"{name}_NUM_THREADS") == "1" for name in ("OPENBLAS", "OMP"))
     return min(os.cpu_count() or 1, _THREADS) if single else 1
-
-
-def _workers(in_space: Iterable[bool]) -> int:
-    return _threads() if any(in_space) else 1
-
-
-def _condense(part: Substructure) -> Condensed:
-    return condense(part) if part.through is None else condense_plate(part)
 
 
 def _to_arrays(condensed: Condensed) -> dict[str, NDArray]:

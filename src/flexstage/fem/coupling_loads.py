@@ -41,9 +41,8 @@ class WholeBody:
 
 def reference_scales(stage: Stage, placed: Placed) -> tuple[float, float, float]:
     """How much more than the reference stiffness, mass and expansion are."""
-    part = placed.part
-    # bodies in space are condensed as thick as they are
-    thickness = stage.thickness / part.thickness if part.through is None else 1.0
+    # a plane model is condensed with a thickness near that of the stage, one in space with its own
+    thickness = stage.thickness / placed.part.through.thickness
     material = stage.material
     return (
         thickness * material.youngs_modulus / REFERENCE.youngs_modulus,

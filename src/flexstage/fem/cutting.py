@@ -100,6 +100,7 @@ def cut_free(
             thickness=thickness,
             mesh=settings,
             modes=modes,
+            through=ThroughThickness(thickness=thickness),
         )
         cut.append(
             Placed(

@@ -1,4 +1,4 @@
-"""In which ways the bodies of a stage move: in a plane model, in the plane in space, or out."""
+"""In which ways the bodies of a stage move: in its plane, or out of it."""
 
 from dataclasses import dataclass
 
@@ -6,18 +6,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.fem.condensation import LOADS
-from flexstage.fem.plate_condensation import LOADS_OUT_OF_PLANE, neck_coordinates
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.stage import ExtraMass
 from flexstage.stage.outline import Point
 
+#: Loads inside a body: forces and moment on its mean motion, one kelvin, one kelvin by metre.
+LOADS = ("x", "y", "rotation", "temperature", "temperature gradient x", "temperature gradient y")
+#: The same out of its plane.
+LOADS_OUT_OF_PLANE = ("z", "rotation x", "rotation y", "temperature gradient z")
+
 _TURNS = ("rotation by", "slope of it")
+
+
+def neck_coordinates(through: ThroughThickness) -> tuple[str, ...]:
+    """Name the motions of a neck, in order: each is a mean over its width and its thickness."""
+    plane, across = (("z", "z^3"), ("1", "z^2")) if through.out_of_plane else (("1", "z^2"), ("z",))
+    plane, across = (
+        names[: through.functions[kind].passed]
+        for names, kind in ((plane, "plane"), (across, "across"))
+    )
+    return (
+        *(f"{motion} by {k}" for k in plane for motion in ("along", "rotation")),
+        *(f"across by {k}" for k in plane),
+        *(f"{motion} by {k}" for k in across for motion in ("through the plate", "slope of it")),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Freedom:
-    """In which way the bodies of a stage move: in a plane model, in the plane in space, or out."""
+    """In which way the bodies of a stage move: in its plane, or out of it."""
 
     necks: tuple[str, ...]
     """Name and unit of each motion of a neck."""
@@ -60,17 +77,11 @@ class Freedom:
         return np.array(out if self.out_of_plane else (extra.mass, extra.mass, extra.inertia))
 
 
-#: Motion in a plane model: along and across each hinge, and rotation.
-PLANE = Freedom(necks=("along [m]", "across [m]", "rotation [rad]"), loads=LOADS)
-
-
-def freedom(through: ThroughThickness | None) -> Freedom:
+def freedom(through: ThroughThickness) -> Freedom:
     """Return in which way bodies move that are condensed with functions through the thickness."""
-    if through is None:
-        return PLANE
     out = through.out_of_plane
     return Freedom(
-        necks=tuple(f"{name} [m]" for name in neck_coordinates(out_of_plane=out)),
+        necks=tuple(f"{name} [m]" for name in neck_coordinates(through)),
         loads=LOADS_OUT_OF_PLANE if out else LOADS,
         axes="z" if out else "xy",
     )

@@ -1,4 +1,4 @@
-"""Half of a notch in space, alone with a block of its body: its tractions, and its stress."""
+"""Half of a notch, alone with a block of its body: its tractions, and its stress."""
 
 import math
 import threading
@@ -13,18 +13,21 @@ from netgen.occ import Glue, TopoDS_Shape
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.elasticity import Continuum, face
+from flexstage.elasticity import face
 from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE
-from flexstage.fem.constrained import PlanePart, factorised
 from flexstage.fem.geometry import STRAINED, neck_edge, surface_edge
-from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
+from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals, factorised
 from flexstage.fem.mesh import MESHER, MeshSettings, face_mesh
-from flexstage.fem.neck_rows import edge_means, neck_rows, shaped
-from flexstage.fem.necks import surface_points
-from flexstage.fem.notch_tractions import NeckMotion, motion_rows, neck_motions
+from flexstage.fem.neck_motions import (
+    NeckMotion,
+    edge_means,
+    motion_rows,
+    neck_mix,
+    neck_motions,
+)
+from flexstage.fem.necks import IN_PLANE, layered_stress, surface_points
 from flexstage.fem.substructure import REFERENCE, CutNeck, Substructure
-from flexstage.fem.surface_stress import layered_stress, surface_stress
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile
 from flexstage.hinges.arcs import CurvedProfile
@@ -34,7 +37,6 @@ from flexstage.stage.contour import half_notch, inner_notch
 from flexstage.stage.hinge_attachment import Root, hinge_root
 
 _NAME, _BODY, _NOTCH, _CUT, _ROOT = "0", "body", "notch", "cut", "root"
-_IN_PLANE = ((0, 0), (1, 1), (2, 2), (0, 1))  # components of stress in a plane
 _NEAR = 1e-9  # two points are one [m]
 
 #: How far from the mouth of a notch its functions reach into its body, in widths of the mouth.
@@ -82,11 +84,9 @@ class NotchBlock:
     wide: bool
     """Whether the body is wider than the root."""
     plane: PlaneState
-    """``stress`` or ``strain``, in a plane."""
-    thickness: float
-    """Thickness of the plate [m]."""
-    through: ThroughThickness | None
-    """How displacements run through it; None in a plane."""
+    """``stress`` or ``strain``, in a plane model."""
+    through: ThroughThickness
+    """How displacements run through the thickness of the plate."""
     mesh: MeshSettings
     """How fine the body is meshed."""
     poissons_ratio: float
@@ -119,8 +119,9 @@ class NeckStress:
 
         `which` is 0 for the half on the first body, 1 for that on the second.
         """
-        components = COMPONENTS if self.stress.shape[2] == 6 else _IN_PLANE
-        stress = self.stress
+        stress, components = self.stress, COMPONENTS
+        if stress.shape[2] == len(IN_PLANE):
+            components = tuple(COMPONENTS[k] for k in IN_PLANE)
         if which:  # mirrored, and so are forces along the hinge
             odd = np.array([(i == 0) != (j == 0) for i, j in components])
             stress = np.where(odd[:, None] != self.lengthwise, -stress, stress)
@@ -168,72 +169,47 @@ def stress_of_necks(part: Substructure) -> StressOfNecks:
         used += count * levels
     nothing = np.zeros(0, dtype=np.int64)
     return StressOfNecks(
-        np.concatenate(stresses) if stresses else np.zeros((0, len(_IN_PLANE), 0)),
+        np.concatenate(stresses) if stresses else np.zeros((0, len(IN_PLANE), 0)),
         *(np.concatenate((nothing, *found)).astype(np.int64) for found in (owner, points, seams)),
     )
 
 
 def half_of(part: Substructure, number: int, root: Root) -> NotchBlock:
     """Return the half notch at a neck of a body, which grows from it at a root."""
-    neck, through = part.necks[number], part.through
+    neck = part.necks[number]
     return NotchBlock(
         profile=neck.profile,
         wide=any(
             math.dist(end, corner) > _WIDER * neck.profile.root_height
             for end, corner in zip(root.ends, root.edge, strict=True)
         ),
-        plane=neck.plane if through is None else "stress",
-        thickness=part.thickness if through is None else through.thickness,
-        through=through,
+        plane=neck.plane,
+        through=part.through,
         mesh=part.mesh,
         poissons_ratio=part.poissons_ratio,
         powers=max(part.mesh.order, _POWERS),
     )
 
 
-@_once(64)
-def neck_tractions(
-    profile: Profile,
-    through: ThroughThickness,
-    mesh: MeshSettings,
-    poissons_ratio: float,
-    powers: int,
-) -> Array:
-    r"""Return the part of tractions without resultant in each traction that a neck passes on.
+def neck_tractions(half: NotchBlock) -> Array:
+    """Return what makes up each motion of a neck, as `neck_mix` has it, shape (r, r + e).
 
-    The neck stays plane about a notch that is the same on both sides: a pull or a moment leaves it
-    plane, a shear force moves all of it alike. Of the flexibility F of the half notch with a block
-    of its body, held at its far end, it is :math:`\lambda_e = -F_{ee}^{-1} F_{er}\lambda_r`, for
-    pulled and sheared motions by themselves; shape (r, e).
+    Of the half notch alone in a body as wide as its root, held at its far end.
     """
+    return _narrow_tractions(replace(half, wide=False, widest=None))
+
+
+@_once(64)
+def _narrow_tractions(half: NotchBlock) -> Array:
     # out of the plane the same half notch gives its stress, by tractions of more powers
-    highest = max(powers, _POWERS) if through.out_of_plane else powers
-    _, rows, responses = _narrow(
-        NotchBlock(
-            profile=profile,
-            wide=False,
-            plane="stress",
-            thickness=through.thickness,
-            through=through,
-            mesh=mesh,
-            poissons_ratio=poissons_ratio,
-            powers=highest,
-        )
+    highest = max(half.powers, _POWERS) if half.through.out_of_plane else half.powers
+    _, rows, responses = _narrow(replace(half, powers=highest))
+    wanted, every = (
+        [_bare(m) for motions in neck_motions(half.through, powers)[:2] for m in motions]
+        for powers in (half.powers, highest)
     )
-    passed, rest, pulled, pulled_more = neck_motions(through, powers)
-    every = [_bare(m) for motions in neck_motions(through, highest)[:2] for m in motions]
-    kept = [every.index(_bare(m)) for m in (*passed, *rest)]
-    flexibility = rows[kept] @ responses[:, kept]
-    found = np.zeros((len(passed), len(rest)))
-    r, e = len(passed), len(rest)
-    for mine, others in (
-        (np.arange(pulled), np.arange(pulled_more)),
-        (np.arange(pulled, r), np.arange(pulled_more, e)),
-    ):
-        inner = flexibility[np.ix_(r + others, r + others)]
-        right = flexibility[np.ix_(r + others, mine)]
-        found[np.ix_(mine, others)] = -np.linalg.lstsq(inner, right, rcond=1e-10)[0].T
-    return found
+    kept = [every.index(motion) for motion in wanted]
+    return neck_mix(rows[kept] @ responses[:, kept], half.through, half.powers)
 
 
 def _bare(motion: NeckMotion) -> NeckMotion:
@@ -244,7 +220,7 @@ def _bare(motion: NeckMotion) -> NeckMotion:
 @_once(128)
 def neck_stress(half: NotchBlock) -> NeckStress:
     """Return the stress of half a notch by unit forces on its neck."""
-    if half.through is not None and not half.through.out_of_plane:
+    if half.through.in_space and not half.through.out_of_plane:
         half = replace(half, through=replace(half.through, fine=True))
     return neck_response(half)[1]
 
@@ -256,15 +232,17 @@ def neck_response(half: NotchBlock, like: Profile | None = None) -> tuple[Array,
     as through that of the notch `like`, where one is given.
     """
     through = half.through
-    if through is None:
-        return _plane_response(half)
-    mix = neck_tractions(like or half.profile, through, half.mesh, half.poissons_ratio, half.powers)
-    mix = np.hstack((np.eye(len(mix)), mix))
-    if half.wide or half.widest is not None:
+    if not through.in_space:
         plate, rows = _block(half)
-        rows = mix @ rows
+        responses = _responses(plate, rows)
+        mix = neck_mix(rows @ responses, through, half.powers)
+        rows, u = mix @ rows, responses @ mix.T
+    elif half.wide or half.widest is not None:
+        plate, rows = _block(half)
+        rows = neck_tractions(replace(half, profile=like or half.profile)) @ rows
         u = _responses(plate, rows)
     else:
+        mix = neck_tractions(replace(half, profile=like or half.profile))
         plate, rows, responses = _narrow(half)
         rows, u = mix @ rows, responses @ mix.T
     with MESHER:
@@ -278,32 +256,6 @@ def neck_response(half: NotchBlock, like: Profile | None = None) -> tuple[Array,
     )
 
 
-def _plane_response(half: NotchBlock) -> tuple[Array, NeckStress]:
-    order = half.mesh.order
-    meshed, neck = _meshed(half)
-    continuum = Continuum(
-        meshed,
-        replace(REFERENCE, poissons_ratio=half.poissons_ratio),
-        order=order,
-        thickness=half.thickness,
-        strain=_NOTCH if half.plane == "strain" else "",
-        held=_ROOT,
-    )
-    beam, normal, shear = neck_rows(neck, edge_means(meshed, order, [neck], half.powers)[0])
-    rows = np.concatenate((beam, normal, shear))
-    part = PlanePart(continuum)
-    responses = np.zeros((part.size, len(rows)))
-    responses[part.free] = factorised(part.stiffness).solve(rows.T[part.free])
-    rows, responses = shaped(rows, responses, [(len(normal), len(shear))])
-    points = surface_points(meshed, (_NAME,))
-    return rows @ responses, NeckStress(
-        place=points.position[:, :2],
-        point=points.point,
-        stress=surface_stress(continuum, points, responses)[None],
-        lengthwise=np.array([True, False, True]),
-    )
-
-
 @_once(6)
 def _narrow(half: NotchBlock) -> tuple[LayeredPlate, Array, Array]:
     """Return a half notch in a body as wide as its root, with motions of its neck, responses."""
@@ -312,15 +264,14 @@ def _narrow(half: NotchBlock) -> tuple[LayeredPlate, Array, Array]:
 
 
 def _responses(plate: LayeredPlate, rows: Array) -> Array:
-    factor = factorised(plate.stiffness, ordered=plate.ordered)
-    return factor.solve(np.ascontiguousarray(rows.T))
+    return factorised(plate.stiffness).solve(np.ascontiguousarray(rows.T))
 
 
 def _block(half: NotchBlock) -> tuple[LayeredPlate, Array]:
     """Return half a notch with a block of its body, and the motions of its neck."""
-    assert half.through is not None
+    in_plane = ThroughThickness(thickness=half.through.thickness)
     with MESHER:
-        plane, means = _integrals(replace(half, through=None, poissons_ratio=0.0))
+        plane, means = _integrals(replace(half, through=in_plane, poissons_ratio=0.0))
     material = replace(REFERENCE, poissons_ratio=half.poissons_ratio)
     reach = half.profile.length / 2.0 + REACH * half.profile.root_height
     plate = LayeredPlate(plane, material, half.through, [(_NOTCH, (0.0, 0.0), reach)])
@@ -332,7 +283,8 @@ def _block(half: NotchBlock) -> tuple[LayeredPlate, Array]:
 def _integrals(half: NotchBlock) -> tuple[PlaneIntegrals, Array]:
     meshed, neck = _meshed(half)
     order = half.mesh.order
-    plane = PlaneIntegrals(meshed, order=order, held=_ROOT)
+    strain = _NOTCH if half.plane == "strain" else ""
+    plane = PlaneIntegrals(meshed, order=order, held=_ROOT, strain=strain)
     return plane, edge_means(meshed, order, [neck], half.powers)[0]
 
 
@@ -342,9 +294,8 @@ def _meshed(half: NotchBlock) -> tuple[ng.Mesh, CutNeck]:
     neck = CutNeck(
         at=(0.0, 0.0), direction=0.0, which=0, profile=profile, contour=(), plane="stress"
     )
-    return face_mesh(
-        _shape(half, fine.neck_size * profile.neck_thickness), half.thickness, fine
-    ), neck
+    shape = _shape(half, fine.neck_size * profile.neck_thickness)
+    return face_mesh(shape, half.through.thickness, fine), neck
 
 
 def notch_of(profile: Profile) -> Hinge:

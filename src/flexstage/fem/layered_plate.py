@@ -1,4 +1,4 @@
-"""A part of a plate in space on a mesh of its plane: stiffness, mass, loads, readings."""
+"""A part of a plate on a mesh of its plane: stiffness, mass, loads, readings."""
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -9,10 +9,11 @@ import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.sparse.linalg import SuperLU, splu
 
 from flexstage.arrays import Array
 from flexstage.elasticity.shapes import METRE
-from flexstage.fem.constrained import elimination_order, plane_pins
+from flexstage.errors import ModelError
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.material import Material
 
@@ -20,11 +21,42 @@ _AT_ONCE = 1024  # blocks of the stiffness
 _ROUNDING = 1e-12  # of two functions' integral, in parts of what it could be
 
 
-class PlaneIntegrals:
-    """Integrals over the plane of a part, which all motions of the plate share."""
+def factorised(stiffness: sp.csc_matrix, *, ordered: bool = True) -> SuperLU:
+    """Factorise the stiffness of a part; what next to nothing holds has none that can be.
 
-    def __init__(self, mesh: ng.Mesh, *, order: int, held: str) -> None:
+    `ordered` says whether its unknowns come in the order in which they are to be eliminated.
+    """
+    try:
+        return splu(
+            stiffness,
+            permc_spec="NATURAL" if ordered else "MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError as error:
+        if "singular" not in str(error):
+            raise
+        raise ModelError(
+            "the stiffness of a body is singular, as a part of it hangs by next to nothing or can "
+            "move freely: look at `flexstage check`, and for thin walls about holes"
+        ) from None
+
+
+class PlaneIntegrals:
+    """Integrals over the plane of a part, which all motions of the plate share.
+
+    `strain` is the regular expression of the regions in plane strain, for a plane model.
+    """
+
+    def __init__(self, mesh: ng.Mesh, *, order: int, held: str, strain: str = "") -> None:
         self.mesh, self.order = mesh, order
+        #: 1 in regions in plane strain, 0 elsewhere; None where there is no such region.
+        self.strained: ng.CoefficientFunction | None = None
+        if strain:
+            wide = mesh.Materials(strain).Mask()
+            self.strained = ng.CoefficientFunction(
+                [float(wide[i]) for i in range(len(mesh.GetMaterials()))]
+            )
         self.scalar = ng.H1(mesh, order=order, dirichlet=held)
         self.width = int(self.scalar.ndof)
         # at once, as the mesh is used by one thread at a time
@@ -39,36 +71,46 @@ class PlaneIntegrals:
         """Return integrals of derivatives of shape functions: rows, columns, values.
 
         Values 3 m + n are of derivative m of the test function and n of the trial function, in
-        metres; the third is no derivative. Shapes (k,), (k,) and (k, 9).
+        metres; the third is no derivative. Nine more are of the regions in plane strain alone, if
+        there are any. Shapes (k,), (k,) and (k, 9) or (k, 18).
         """
         p, q = self.scalar.TnT()
         tests = (ng.Grad(q)[0], ng.Grad(q)[1], q)
         trials = (ng.Grad(p)[0], ng.Grad(p)[1], p)
         shape = (self.width, self.width)
-        found: list[Array] = [np.zeros(0)] * 9
+        weights = (1.0,) if self.strained is None else (1.0, self.strained)
+        pairs = [(m, n) for m in range(3) for n in range(m, 3)]
+        found: dict[int, Array] = {}
         matrix = sp.csr_matrix(shape)
-        for m in range(3):
-            for n in range(m, 3):
-                form = ng.BilinearForm(self.scalar)
-                form += tests[m] * trials[n] * ng.dx
-                form.Assemble()
-                rows, columns, values = (np.asarray(a) for a in form.mat.COO())
-                scale = METRE ** -((m == 2) + (n == 2))
-                matrix = sp.csr_matrix((scale * values, (rows, columns)), shape=shape)
-                matrix.sort_indices()
-                found[3 * m + n] = np.asarray(matrix.data, dtype=float)
-                if n != m:  # the pattern is that of its transpose
-                    turned = matrix.T.tocsr()
-                    turned.sort_indices()
-                    found[3 * n + m] = np.asarray(turned.data, dtype=float)
+        for (w, weight), (m, n) in product(enumerate(weights), pairs):
+            if w and n == 2:  # plane strain adds nothing to what is no derivative
+                continue
+            form = ng.BilinearForm(self.scalar)
+            form += weight * tests[m] * trials[n] * ng.dx
+            form.Assemble()
+            rows, columns, values = (np.asarray(a) for a in form.mat.COO())
+            scale = METRE ** -((m == 2) + (n == 2))
+            matrix = sp.csr_matrix((scale * values, (rows, columns)), shape=shape)
+            matrix.sort_indices()
+            found[9 * w + 3 * m + n] = np.asarray(matrix.data, dtype=float)
+            if n != m:  # the pattern is that of its transpose
+                turned = matrix.T.tocsr()
+                turned.sort_indices()
+                found[9 * w + 3 * n + m] = np.asarray(turned.data, dtype=float)
+        nothing = np.zeros_like(found[0])
         rows = np.repeat(np.arange(self.width), np.diff(matrix.indptr))
-        return rows, matrix.indices.astype(np.int64), np.column_stack(found)
+        every = [found.get(i, nothing) for i in range(9 * len(weights))]
+        return rows, matrix.indices.astype(np.int64), np.column_stack(every)
 
     def _sorted(self) -> NDArray[np.intp]:
-        """Sort the pattern by rows and columns in order of elimination; return that order."""
+        """Sort the pattern by rows and columns in order of elimination; return that order.
+
+        The order of the shape functions is one for all fields on them, found in a twentieth of the
+        time.
+        """
         rows, columns, values = self.pattern
         mass = sp.csc_matrix((values[:, 8], (rows, columns)), shape=(self.width,) * 2)
-        order = elimination_order(mass)
+        order = np.argsort(factorised(mass, ordered=False).perm_c)
         rank = np.argsort(order)
         by = np.lexsort((rank[columns], rank[rows]))
         self.pattern = rows[by], columns[by], values[by]
@@ -119,9 +161,6 @@ class LayeredPlate:
     and these in order of elimination.
     """
 
-    #: Whether elimination in the order of the unknowns fills little.
-    ordered = True
-
     def __init__(
         self,
         plane: PlaneIntegrals,
@@ -134,15 +173,15 @@ class LayeredPlate:
         in_bodies = np.array(
             [k < through.functions[kind].in_bodies for _, kind, k in through.components]
         )
-        there = loose & (in_bodies[:, None] | plane.inside(notches))
+        there = loose & in_bodies[:, None]
+        if not in_bodies.all():
+            there |= loose & plane.inside(notches)
         # at each place the fields that bodies have come first
         self._fields = np.argsort(~in_bodies, kind="stable")
         order = plane.order_of_elimination
         places, fields = np.nonzero(there[self._fields][:, order].T)
         #: Number of unknowns.
         self.size = places.size
-        #: Which of them nothing holds: what is held is no unknown.
-        self.free = np.ones(self.size, dtype=bool)
         # of each unknown its field and place, in one number; and back, or -1
         self._field_and_place = self._fields[fields] * plane.width + order[places]
         numbers = np.full(there.size, -1)
@@ -166,14 +205,39 @@ class LayeredPlate:
         found[self._field_and_place] = u
         return found.reshape(*self._numbers.shape, u.shape[1])
 
+    def in_middle(self, u: Array) -> Array:
+        """Return displacements of the middle plane, x before y, shape (n, k) to (2 w, k)."""
+        values, fields = self.through.values_at(np.zeros(1)), self.expanded(u)
+        found = np.zeros((2, *fields.shape[1:]))
+        for field, (direction, kind, k) in zip(fields, self.through.components, strict=True):
+            if direction < 2:
+                found[direction] += values[kind][0][k, 0] * field
+        return found.reshape(2 * self.plane.width, -1)
+
     # ------------------------------------------------------------------ matrices
 
     @property
-    def _through(self) -> Array:
-        """Factors of the integrals over the plane between two fields, shape (f, f, 9)."""
+    def shear_modulus(self) -> float:
+        """Shear modulus [Pa]."""
+        return self.material.youngs_modulus / (2.0 * (1.0 + self.material.poissons_ratio))
+
+    @property
+    def lame(self) -> tuple[float, float]:
+        """First Lamé constant, and what it is more by in regions in plane strain [Pa].
+
+        Plane stress is three-dimensional elasticity with another one.
+        """
         modulus, poisson = self.material.youngs_modulus, self.material.poissons_ratio
-        shear = modulus / (2.0 * (1.0 + poisson))
-        lame = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+        first = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+        if self.through.in_space:
+            return first, 0.0
+        flat = modulus * poisson / (1.0 - poisson**2)
+        return flat, first - flat
+
+    @property
+    def _through(self) -> Array:
+        """Factors of the integrals over the plane between two fields, shape (f, f, 9) or more."""
+        shear = self.shear_modulus
         _, weights = self.through.rule
         parts = self.through.components
         functions = self.through.functions
@@ -184,18 +248,19 @@ class LayeredPlate:
             ]
         )
         through = np.einsum("amq,bnq,q->abmn", derived, derived, weights)
-        factors = np.zeros((len(parts), len(parts), 3, 3))
+        regions = self.plane.pattern[2].shape[1] // 9
+        factors = np.zeros((regions, len(parts), len(parts), 3, 3))
         for i, (a, _, _) in enumerate(parts):
             for j, (b, _, _) in enumerate(parts):
-                factors[i, j, a, b] += lame
-                factors[i, j, b, a] += shear
+                factors[:, i, j, a, b] += self.lame[:regions]
+                factors[0, i, j, b, a] += shear
                 if a == b:
-                    factors[i, j] += shear * np.eye(3)
+                    factors[0, i, j] += shear * np.eye(3)
         # functions that are orthogonal leave rounding, which would fill the matrix
         size = np.sqrt(np.einsum("aamm->am", through))
         largest = size[:, None, :, None] * size[None, :, None, :]
         found = np.where(np.abs(through) > _ROUNDING * largest, factors * through, 0.0)
-        return found.reshape(len(parts), len(parts), 9)
+        return np.moveaxis(found, 0, 2).reshape(len(parts), len(parts), -1)
 
     @property
     def stiffness(self) -> sp.csc_matrix:
@@ -222,7 +287,7 @@ class LayeredPlate:
         for a, b in product(np.unique(height[height > 0]).tolist(), repeat=2):
             every = np.flatnonzero((height[of_row] == a) & (width == b))
             rows, columns = np.arange(a)[:, None], np.arange(b)
-            factors = through[:a, :b].reshape(-1, 9).T
+            factors = through[:a, :b].reshape(a * b, -1).T
             # some at a time, so that what is between stays in the processor's memory
             for kept in np.split(every, range(_AT_ONCE, every.size, _AT_ONCE)):
                 at = corner[kept, None, None] + length[of_row[kept], None, None] * rows + columns
@@ -315,10 +380,11 @@ class LayeredPlate:
         """Three unknowns that hold it if nothing else does."""
         x, y = self.plane.places[: self.plane.mesh.nv, 1:].T
         first = [d for d, _, _ in self.through.components].index
-        if not self.through.out_of_plane:
-            along, vertex = np.divmod(plane_pins(x, y, x.size), x.size)
-            return self._numbers[np.array([first(0), first(1)])[along], vertex]
+        # a vertex, and others from turning about it
         far = int(np.argmax(np.hypot(x - x[0], y - y[0])))
+        if not self.through.out_of_plane:
+            along = 0 if abs(y[far] - y[0]) > abs(x[far] - x[0]) else 1
+            return self._numbers[[first(0), first(1), first(along)], [0, 0, far]]
         aside = (x - x[0]) * (y[far] - y[0]) - (y - y[0]) * (x[far] - x[0])
         return self._numbers[first(2), [0, far, int(np.argmax(np.abs(aside)))]]
 
@@ -359,9 +425,16 @@ class LayeredPlate:
         return np.asarray(np.linalg.solve(square, np.array(means)), dtype=float)
 
     def thermal(self, plane: ng.CoefficientFunction | float, power: int) -> Array:
-        r"""Return the load :math:`\int\alpha T (3\lambda + 2G)\nabla\cdot v` of T(x, y) z^p."""
-        modulus, poisson = self.material.youngs_modulus, self.material.poissons_ratio
-        pressure = modulus / (1.0 - 2.0 * poisson) * (self.material.thermal_expansion or 0.0)
+        r"""Return the load :math:`\int\alpha T (3\lambda + 2G)\nabla\cdot v` of T(x, y) z^p.
+
+        In a plane model 2 stands for 3, and the thickness of what is in plane strain counts as free
+        to grow with the temperature.
+        """
+        (lame, more), dimension = self.lame, 3 if self.through.in_space else 2
+        pressure = dimension * lame + 2.0 * self.shear_modulus
+        if self.plane.strained is not None:
+            plane = plane * (1.0 + dimension * more / pressure * self.plane.strained)
+        pressure *= self.material.thermal_expansion or 0.0
         z, weights = self.through.rule
         slopes = [
             self.plane.linear(lambda v, d=d: plane * ng.Grad(v)[d]) / METRE for d in (0, 1)

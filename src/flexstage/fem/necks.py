@@ -12,8 +12,11 @@ from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.resources import parallel
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import exactly, surface_edge
+from flexstage.fem.layered_plate import LayeredPlate
 from flexstage.stage import Stage
 
+#: Which of the components of stress a plane model has: xx, yy, zz and xy.
+IN_PLANE = (0, 1, 2, 5)
 #: Points along an edge; its ends lie on vertices, where the elements beside it are averaged.
 ALONG = (0.0, 0.25, 0.5, 0.75, 1.0)
 
@@ -98,3 +101,58 @@ def neck_stress(
     six = ng.CoefficientFunction(tuple(stress[i, j] for i, j in COMPONENTS))
     with parallel():
         return np.asarray(ng.BoundaryFromVolumeCF(six)(points.places))
+
+
+def layered_stress(plate: LayeredPlate, points: NeckPoints, basis: Array) -> Array:
+    """Return the stress of displacements of a plate at the points of its notches, level by level.
+
+    Components [Pa] are those of `COMPONENTS`, of a plane model those of `IN_PLANE`; shape
+    (l, m, c, r).
+    """
+    r = basis.shape[1]
+    through, strained = plate.through, plate.plane.strained
+    parts, z = through.components, through.levels
+    kept = range(len(COMPONENTS)) if through.in_space else IN_PLANE
+    if not len(points.places):
+        return np.zeros((z.size, 0, len(kept), r))
+    fields = plate.expanded(basis)
+    values, slopes = _slopes_at(points, plate.plane.mesh, plate.plane.order, fields)
+    functions = through.values_at(z)
+    gradient = np.zeros((z.size, len(values), 3, 3, r))  # of displacement i along j
+    for i, (d, kind, k) in enumerate(parts):
+        value, slope = (f[k][:, None, None] for f in functions[kind])
+        gradient[:, :, d, 0] += value * slopes[None, :, i, :, 0]
+        gradient[:, :, d, 1] += value * slopes[None, :, i, :, 1]
+        gradient[:, :, d, 2] += slope * values[None, :, i]
+    gradient = gradient.reshape(-1, 3, 3, r)
+    shear, (lame, more) = plate.shear_modulus, plate.lame
+    where: Array | float = 0.0
+    if strained is not None:
+        where = np.asarray(ng.BoundaryFromVolumeCF(strained)(points.places)).reshape(-1, 1)
+    volume = (lame + more * where) * np.einsum("miir->mr", gradient)
+    # a plane model strains nothing across the plate, and is stressed there in plane strain alone
+    across = volume if through.in_space else where * volume
+    found = np.stack(
+        [
+            ((across if i == 2 else volume) if i == j else 0.0)
+            + shear * (gradient[:, i, j] + gradient[:, j, i])
+            for i, j in (COMPONENTS[k] for k in kept)
+        ],
+        axis=1,
+    )
+    return found.reshape(z.size, -1, len(kept), r)
+
+
+def _slopes_at(points: NeckPoints, mesh: ng.Mesh, order: int, u: Array) -> tuple[Array, Array]:
+    """Return fields in a plane and their derivatives [1/m] at the points of notches.
+
+    Of c components of r displacements, shape (c, n, r): shapes (m, c, r) and (m, c, r, 2).
+    """
+    c, _, r = u.shape
+    # all fields as the components of one function: they are evaluated at once
+    function = ng.GridFunction(ng.H1(mesh, order=order, dim=c * r))
+    function.vec.FV().NumPy()[:] = u.transpose(1, 0, 2).reshape(-1)
+    found = []
+    for field in (function, ng.Grad(function)):
+        found.append(np.asarray(ng.BoundaryFromVolumeCF(field)(points.places)))
+    return found[0].reshape(-1, c, r), METRE * found[1].reshape(-1, c, r, 2)

@@ -101,8 +101,8 @@ class Substructure:
     """How fine it is meshed."""
     modes: int
     """Number of modes with held interfaces."""
-    through: ThroughThickness | None = None
-    """How displacements run through its thickness; None in plane stress and plane strain."""
+    through: ThroughThickness
+    """How displacements run through its thickness."""
 
     def __hash__(self) -> int:
         # of a part of it: bodies are looked up by the hundred

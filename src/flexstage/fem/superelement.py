@@ -120,7 +120,7 @@ class SuperelementModel:
         ModelError
             The bodies are those of a plate in space.
         """
-        if any(p.part.through is not None for p in self.placed):
+        if any(p.part.through.in_space for p in self.placed):
             raise ModelError(
                 "superelements in space keep no displacement on a mesh: take the solid model for "
                 "pictures in space, or the plane superelements for those in the plane"

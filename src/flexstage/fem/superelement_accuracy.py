@@ -67,7 +67,7 @@ def with_estimates(
     coarse, rich = (
         analyse(model.stage, model.of_other_bodies(bodies)) for bodies in _coarser(model, cache)
     )
-    in_space = any(p.part.through is not None for p in model.placed)
+    in_space = any(p.part.through.in_space for p in model.placed)
     least = _LEAST_IN_SPACE if in_space else _LEAST
     stress = model.system.stress
     unseen = 0.0

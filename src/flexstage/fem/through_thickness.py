@@ -13,6 +13,9 @@ from flexstage.errors import ModelError
 _POINTS = 16  # of each piece: exact for products of the functions of every piece
 _THINNER = 0.25  # the second layer, in parts of the first
 _LARGEST_LAYER = 0.5  # of half the thickness
+# Where the stress is looked for through half of the thickness, in parts of it, and below the faces
+# of the plate, in depths of the layer there. The largest is where plane strain ends.
+_INSIDE, _BELOW = (0.0, 0.5), (0.5, 0.25, 0.125, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +47,10 @@ class ThroughThickness:
     the faces of the plate, and passes from one to the other within about two thicknesses of it, a
     linear and a quadratic function of that layer.
 
+    A plane model is that of one function: the displacement along the plane is constant through the
+    thickness and there is none across it, in plane stress, or in plane strain at notches that say
+    so.
+
     Raises
     ------
     ModelError
@@ -56,25 +63,47 @@ class ThroughThickness:
 
     thickness: float
     """Thickness of the plate [m]."""
-    layer: float
-    """Depth below its faces in which plane stress goes over into plane strain [m]."""
-    out_of_plane: bool
+    layer: float | None = None
+    """Depth below its faces in which plane stress goes over into plane strain [m]; None in a plane
+    model.
+    """
+    out_of_plane: bool = False
     """Whether the motion is that out of the plane."""
     fine: bool = False
     """Whether a second layer, a quarter as deep, has functions too, for stress near the faces."""
 
     def __post_init__(self) -> None:
+        if self.layer is None:
+            return
         if not 0.0 < self.layer <= _LARGEST_LAYER * self.thickness / 2.0 * (1.0 + 1e-9):
             raise ModelError(
                 "the layer below the faces of a plate must be above 0 and up to a quarter of its "
                 f"thickness deep, {self.thickness / 4.0:g} m, got {self.layer!r}"
             )
 
+    @property
+    def in_space(self) -> bool:
+        """Whether the displacement changes through the thickness."""
+        return self.layer is not None
+
+    @property
+    def _layers(self) -> tuple[float, ...]:
+        """Depths of the layers [m]."""
+        return () if self.layer is None else (self.layer, *((_THINNER * self.layer,) * self.fine))
+
+    @property
+    def levels(self) -> Array:
+        """Where stress is looked for, from the middle plane on [m]."""
+        if self.layer is None:
+            return np.zeros(1)
+        half = self.thickness / 2.0
+        return np.concatenate((half * np.array(_INSIDE), half - self.layer * np.array(_BELOW)))
+
     @cached_property
     def rule(self) -> tuple[Array, Array]:
         """Points of integration of the upper half [m] and weights for the whole, shapes (q,)."""
         half = self.thickness / 2.0
-        nodes = (0.0, half - self.layer, *((half - _THINNER * self.layer,) * self.fine), half)
+        nodes = (0.0, *(half - layer for layer in self._layers), half)
         x, w = leggauss(_POINTS)
         z, weights = [], []
         for low, high in pairwise(nodes):
@@ -97,17 +126,20 @@ class ThroughThickness:
             beyond = np.where(s > edge, s - edge, 0.0)
             return [(beyond**p, p * beyond ** (p - 1) * (s > edge)) for p in (1, 2)]
 
-        if self.out_of_plane:
+        layers = [part for layer in self._layers for part in outer(layer)]
+        if not self.in_space:
+            plane, across = [power(0)], []
+        elif self.out_of_plane:
             plane, across = [power(1), power(3), power(5)], [power(0), power(2), power(4)]
         else:
-            layers = outer(self.layer)
-            if self.fine:
-                layers += outer(_THINNER * self.layer)
             plane = [power(0), power(2), power(4), *layers]
             across = [power(1), power(3), *layers]
         scale = 2.0 / self.thickness
         return {
-            name: (np.array([v for v, _ in parts]), scale * np.array([d for _, d in parts]))
+            name: (
+                np.array([v for v, _ in parts]).reshape(len(parts), z.size),
+                scale * np.array([d for _, d in parts]).reshape(len(parts), z.size),
+            )
             for name, parts in (("plane", plane), ("across", across))
         }
 
@@ -119,8 +151,8 @@ class ThroughThickness:
             name: DepthFunctions(
                 values=mix @ values,
                 slopes=mix @ slopes,
-                in_bodies=3 if self.out_of_plane else 2 if name == "plane" else 1,
-                passed=2 if self.out_of_plane or name == "plane" else 1,
+                in_bodies=min(3 if self.out_of_plane else 2 if name == "plane" else 1, len(values)),
+                passed=min(2 if self.out_of_plane or name == "plane" else 1, len(values)),
             )
             for (name, (values, slopes)), mix in zip(
                 self.at(z).items(), self._mixes.values(), strict=True

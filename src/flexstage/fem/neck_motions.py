@@ -1,0 +1,183 @@
+"""Motions of necks as rows over the unknowns of a plate: means that do work with tractions."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import ngsolve as ng
+import numpy as np
+from numpy.polynomial import Legendre, Polynomial
+
+from flexstage.arrays import Array
+from flexstage.elasticity.shapes import METRE
+from flexstage.fem.geometry import exactly, neck_edge
+from flexstage.fem.layered_plate import LayeredPlate
+from flexstage.fem.substructure import CutNeck
+from flexstage.fem.through_thickness import ThroughThickness
+
+# Tractions without resultant go up to this degree; a neck is often one element wide.
+_HIGHEST = 6
+
+
+def edge_means(
+    mesh: ng.Mesh, order: int, necks: Sequence[CutNeck], highest: int | None = None
+) -> list[Array]:
+    """Return the means over necks of the powers of eta, -1 to 1 across, times a displacement.
+
+    For each neck for each unknown of one component, up to the highest power p, the order of the
+    space where none is given, shape (p + 1, n); the necks are named by their number.
+    """
+    highest = order if highest is None else highest
+    scalar = ng.H1(mesh, order=order)
+    names = [exactly(neck_edge(str(i))) for i in range(len(necks))]
+    eta = {}
+    for name, neck in zip(names, necks, strict=True):
+        c, s = math.cos(neck.direction), math.sin(neck.direction)
+        across = (ng.y / METRE - neck.at[1]) * c - (ng.x / METRE - neck.at[0]) * s
+        eta[name] = across * (2.0 / neck.profile.neck_thickness)
+    coordinate = mesh.BoundaryCF(eta, default=0.0)
+    powers = [ng.CoefficientFunction(1.0)]
+    while len(powers) <= highest:
+        powers.append(powers[-1] * coordinate)
+    v = scalar.TestFunction()
+    rows = []
+    for power in powers:
+        form = ng.LinearForm(scalar)
+        form += power * v * ng.ds("|".join(names), bonus_intorder=highest)
+        form.Assemble()
+        rows.append(form.vec.FV().NumPy().copy())
+    of_all = np.array(rows)
+    means = []
+    for name, neck in zip(names, necks, strict=True):
+        own = np.array(scalar.GetDofs(mesh.Boundaries(name)), dtype=bool)
+        means.append(np.where(own, of_all, 0.0) / (METRE * neck.profile.neck_thickness))
+    return means
+
+
+@lru_cache(maxsize=16)
+def neck_weights(degree: int) -> tuple[Array, Array, Array]:
+    """Weights over a neck, by the powers of eta up to a degree: of a beam, normal and shear.
+
+    Those of a beam are for displacement along and across and for rotation times half the neck.
+    Those without resultant are the Legendre polynomials from the second on for the normal
+    displacement and, for the other one, the shear tractions (1 - eta^2) P'_k, which vanish at the
+    surfaces as the parabola does.
+    """
+    highest = min(degree, _HIGHEST)
+    bubble = Polynomial([1.0, 0.0, -1.0])
+    legendre = [Legendre.basis(k).convert(kind=Polynomial) for k in range(highest + 1)]
+    parabola = 1.5 * bubble if degree > 1 else Polynomial([1.0])
+    beam = [Polynomial([1.0]), parabola, Polynomial([0.0, -3.0])]
+    normal, shear = legendre[2:], [bubble * p.deriv() for p in legendre[2:-1]]
+
+    def table(weights: Sequence[Polynomial]) -> Array:
+        rows = np.zeros((len(weights), degree + 1))
+        for row, weight in zip(rows, weights, strict=True):
+            row[: len(weight.coef)] = weight.coef
+        return rows
+
+    return table(beam), table(normal), table(shear)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NeckMotion:
+    """A mean over a neck: of one displacement with a function through the thickness."""
+
+    direction: int
+    """0 along the hinge, 1 across it, 2 through the plate."""
+    function: int
+    """Number of the function through the thickness."""
+    weight: tuple[float, ...]
+    """Weight over the neck by the powers of eta, -1 to 1 across."""
+
+
+@lru_cache(maxsize=64)
+def neck_motions(
+    through: ThroughThickness, degree: int
+) -> tuple[tuple[NeckMotion, ...], tuple[NeckMotion, ...], int, int]:
+    """Return the motions that necks pass on, and those without resultant, each pulled then sheared.
+
+    Pulled are those along the hinge, sheared the others; the numbers say how many of each are
+    pulled. The motions that are passed on come in the order of
+    `flexstage.fem.freedom.neck_coordinates`.
+    """
+    beam, normal, shear = (table.tolist() for table in neck_weights(degree))
+    mean, parabola, turn = beam
+    slope = [-w for w in turn]
+    plane, across = through.functions["plane"], through.functions["across"]
+
+    def motions(direction: int, numbers: range, weights: list[list[float]]) -> list[NeckMotion]:
+        return [
+            NeckMotion(direction=direction, function=k, weight=tuple(w))
+            for k in numbers
+            for w in weights
+        ]
+
+    both, more = range(plane.passed), range(plane.passed, len(plane.values))
+    own, others = range(across.passed), range(across.passed, len(across.values))
+    pulled = motions(0, both, [mean, turn])
+    sheared = motions(1, both, [parabola]) + motions(2, own, [mean, slope])
+    pulled_more = motions(0, range(len(plane.values)), normal) + motions(0, more, [mean, turn])
+    sheared_more = (
+        motions(1, range(len(plane.values)), shear)
+        + motions(1, more, [parabola])
+        + motions(2, range(len(across.values)), normal)
+        + motions(2, others, [mean, slope])
+    )
+    return (
+        (*pulled, *sheared),
+        (*pulled_more, *sheared_more),
+        len(pulled),
+        len(pulled_more),
+    )
+
+
+def neck_mix(flexibility: Array, through: ThroughThickness, degree: int) -> Array:
+    r"""Return what makes up each motion that a neck passes on, of all `neck_motions`.
+
+    About a notch that is the same on both sides a pull or a moment leaves the neck plane and its
+    shear traction nothing, and a shear force moves all of the neck alike and leaves its normal
+    traction nothing. The tractions without resultant that make it so are a part of each, for pulled
+    and sheared motions by themselves: :math:`\lambda_e = -F_{ee}^{-1} F_{er}\lambda_r` with the
+    flexibility F of the neck, shape (r + e, r + e). Shape (r, r + e).
+    """
+    passed, rest, pulled, pulled_more = neck_motions(through, degree)
+    r, e = len(passed), len(rest)
+    mix = np.eye(r, r + e)
+    for mine, others in (
+        (np.arange(pulled), r + np.arange(pulled_more)),
+        (np.arange(pulled, r), r + np.arange(pulled_more, e)),
+    ):
+        inner, right = flexibility[np.ix_(others, others)], flexibility[np.ix_(others, mine)]
+        mix[np.ix_(mine, others)] = -np.linalg.lstsq(inner, right, rcond=1e-10)[0].T
+    return mix
+
+
+def motion_rows(
+    plate: LayeredPlate,
+    means: Array,
+    motions: tuple[NeckMotion, ...],
+    direction: tuple[float, float] = (1.0, 0.0),
+    mix: Array | None = None,
+) -> Array:
+    """Return motions of a neck as rows of a plate, or what is mixed of them, shape (m, n).
+
+    `means` are those of `edge_means`, `direction` is the hinge's.
+    """
+    c, s = direction
+    axes = (((0, c), (1, s)), ((0, -s), (1, c)), ((2, 1.0),))
+    field = {(d, k): i for i, (d, _, k) in enumerate(plate.through.components)}
+    near = np.flatnonzero(means.any(axis=0))
+    local = np.zeros((len(motions), len(field), near.size))
+    for row, motion in zip(local, motions, strict=True):
+        weights = np.array(motion.weight) @ means[:, near] / np.sqrt(plate.through.thickness)
+        for d, factor in axes[motion.direction]:
+            row[field[d, motion.function]] += factor * weights
+    if mix is not None:
+        local = np.tensordot(mix, local, axes=1)
+    number = plate.numbers(near)
+    free = number >= 0
+    found = np.zeros((len(local), plate.size))
+    found[:, number[free]] = local[:, free]
+    return found
