@@ -46,7 +46,7 @@ from flexstage.hysteresis.identification.model_fit import (
 from flexstage.hysteresis.identification.projection import normal_equations, solve
 from flexstage.hysteresis.identification.refined_fit import RefinedFit
 from flexstage.hysteresis.identification.searched_fit import SearchedFit
-from flexstage.hysteresis.models import source_code
+from flexstage.hysteresis.models import registry
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.records import Channel, Record
@@ -809,9 +809,9 @@ def test_a_law_from_elsewhere_is_known_and_one_without_a_fit_is_not_identified()
         with pytest.raises(ModelError, match="'elsewhere' is not known: choose from auto"):
             identify([], "u", "y", model="elsewhere")
         with pytest.raises(ModelError, match="no C for hysteresis of the kind 'elsewhere'"):
-            source_code.hysteresis_code(law)
+            registry.hysteresis_code(law)
         with pytest.raises(ModelError, match="elsewhere model is not written for Simulink"):
-            source_code.matlab_code(law)
+            registry.matlab_code(law)
     finally:
         del MODELS["elsewhere"]
     assert "elsewhere" not in MODELS

@@ -9,7 +9,15 @@ import numpy as np
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.play import fixed, rising
-from flexstage.hysteresis.models.play_model import PlayModel, Sum, terms
+from flexstage.hysteresis.models.play_model import (
+    PlayModel,
+    Sum,
+    play_parameters,
+    plays_matlab_code,
+    sum_numbers,
+    terms,
+)
+from flexstage.hysteresis.models.source_code import HysteresisCode, code_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -95,3 +103,12 @@ class PrandtlIshlinskii(PlayModel):
 
     def play_terms(self) -> Sum:
         return terms(self.gain, self.thresholds, np.empty(0), self.weights[:, None])
+
+
+def c_code(model: PrandtlIshlinskii) -> HysteresisCode:
+    """Return the code in C, whose gain and weights can be changed."""
+    tunable = play_parameters(model, model.thresholds)
+    return code_of(model, sum_numbers(model.play_terms()), tunable, model.thresholds.size + 1)
+
+
+matlab_code = plays_matlab_code

@@ -11,7 +11,17 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.play import fixed, play_columns, rising
-from flexstage.hysteresis.models.play_model import PlayModel, Sum, terms
+from flexstage.hysteresis.models.play_model import (
+    THRESHOLD,
+    PlayModel,
+    Sum,
+    elements,
+    largest_pieces,
+    plays_matlab_code,
+    sum_numbers,
+    terms,
+)
+from flexstage.hysteresis.models.source_code import HysteresisCode, code_of, tunable_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -151,3 +161,21 @@ def _inside(p: float, knots: Array, j: int) -> int:
     while j > 0 and p < knots[j]:
         j -= 1
     return j
+
+
+def c_code(model: Preisach) -> HysteresisCode:
+    """Return the code in C; the gain alone can be changed, as tables hold knots and slopes."""
+    total = model.play_terms()
+    tunable = [
+        tunable_of(model, "gain", 2, "part of the voltage itself"),
+        *elements(model, "thresholds", model.thresholds, THRESHOLD),
+        *elements(model, "knots", model.knots, "mean where the density changes"),
+        *(
+            tunable_of(model, f"slopes[{i},{j}]", None, "density of the memory")
+            for i, j in np.ndindex(*model.slopes.shape)
+        ),
+    ]
+    return code_of(model, sum_numbers(total), tunable, largest_pieces(total))
+
+
+matlab_code = plays_matlab_code
