@@ -16,6 +16,7 @@ from flexstage.hysteresis.model import (
     ModelProperty,
     Response,
     Segments,
+    checked,
     samples,
 )
 from flexstage.hysteresis.models.bouc_wen_steps import (
@@ -125,13 +126,8 @@ class BoucWenModel(HysteresisModel):
     def _check(self, numbers: Mapping[str, Any], *above_zero: str) -> None:
         """Refuse parameters that are not finite, or not above zero where they must be."""
         for name, value in numbers.items():
-            if not math.isfinite(value):
-                raise ModelError(f"the {name} of {self.title} must be a finite number, got {value}")
-        for name in above_zero:
-            if numbers[name] <= 0.0:
-                raise ModelError(
-                    f"the {name} of {self.title} must be above zero, got {numbers[name]}"
-                )
+            kind = "positive and finite" if name in above_zero else "finite"
+            checked(value, f"{name} of {self.title}", kind)
 
     def _check_exponent(self) -> None:
         """Refuse an exponent below one."""

@@ -16,6 +16,7 @@ from flexstage.hysteresis.model import (
     ModelProperty,
     Response,
     Segments,
+    checked,
     samples,
 )
 from flexstage.hysteresis.models.play import ROUNDING, fixed
@@ -88,8 +89,6 @@ class Duhem(HysteresisModel):
     """
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.rate) and self.rate > 0.0):
-            raise ModelError(f"the rate must be positive and finite, got {self.rate}")
         for name in ("anhysteretic", "tangent"):
             given = fixed(getattr(self, name), f"coefficients of the {name}", (-1,))
             if not 1 <= given.size <= TERMS:
@@ -104,7 +103,7 @@ class Duhem(HysteresisModel):
                 f"the input range must rise and hold zero, where the model rests, "
                 f"got {low:g} to {high:g}"
             )
-        object.__setattr__(self, "rate", float(self.rate))
+        object.__setattr__(self, "rate", checked(self.rate, "rate", "positive and finite"))
         object.__setattr__(self, "input_range", (low, high))
 
     @property

@@ -14,6 +14,7 @@ from flexstage.hysteresis.model import (
     ModelProperty,
     Response,
     Segments,
+    checked,
     samples,
 )
 from flexstage.hysteresis.models import play_sum
@@ -94,9 +95,7 @@ class GeneralisedMaxwellSlip(HysteresisModel):
         d = rising(self.dead_zones, "dead zones", least=0)
         k = fixed(self.element_stiffness, "stiffnesses of elements", r.shape)
         v = fixed(self.dead_zone_weights, "weights of dead zones", d.shape)
-        if not np.isfinite(self.stiffness):
-            raise ModelError(f"the stiffness must be finite, got {self.stiffness}")
-        object.__setattr__(self, "stiffness", float(self.stiffness))
+        object.__setattr__(self, "stiffness", checked(self.stiffness, "stiffness"))
         for name, value in (
             ("thresholds", r),
             ("element_stiffness", k),

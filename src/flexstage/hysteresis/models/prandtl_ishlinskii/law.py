@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.model import Array, checked
 from flexstage.hysteresis.models.play import fixed, rising
 from flexstage.hysteresis.models.play_model import (
     PlayModel,
@@ -67,9 +67,7 @@ class PrandtlIshlinskii(PlayModel):
 
     def __post_init__(self) -> None:
         r = rising(self.thresholds, "thresholds of plays", above=0.0)
-        if not np.isfinite(self.gain):
-            raise ModelError(f"the gain must be finite, got {self.gain}")
-        object.__setattr__(self, "gain", float(self.gain))
+        object.__setattr__(self, "gain", checked(self.gain, "gain"))
         object.__setattr__(self, "thresholds", r)
         object.__setattr__(self, "weights", fixed(self.weights, "weights of plays", r.shape))
 

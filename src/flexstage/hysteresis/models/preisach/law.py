@@ -7,9 +7,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.model import Array, checked
 from flexstage.hysteresis.models.play import fixed, play_columns, rising
 from flexstage.hysteresis.models.play_model import (
     THRESHOLD,
@@ -88,11 +87,9 @@ class Preisach(PlayModel):
         r = rising(self.thresholds, "thresholds of plays", lowest=0.0)
         k = rising(self.knots, "knots", least=2)
         slopes = fixed(self.slopes, "slopes", (r.size, k.size - 1))
-        if not np.isfinite(self.gain):
-            raise ModelError(f"the gain must be finite, got {self.gain}")
         for name, value in (("thresholds", r), ("knots", k), ("slopes", slopes)):
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "gain", float(self.gain))
+        object.__setattr__(self, "gain", checked(self.gain, "gain"))
 
     def play_terms(self) -> Sum:
         # The outermost slopes go on, so only the knots between them matter.
