@@ -148,7 +148,7 @@ def auto(count: int = SAMPLES) -> Iterator[Row]:
     seconds, found = _least(lambda: identify(given, "voltage", "displacement"))
     best = f"{found.kind}, {found.heldout_rms_percent:.3g} % on cycles held out"
     taken = [
-        Taken(name="flexstage, nine models, chain, cross-validation", seconds=seconds, words=best)
+        Taken(name="flexstage, four models, chain, cross-validation", seconds=seconds, words=best)
     ]
     for name, work in (
         ("scipy differential_evolution, Bouc-Wen", lambda: _evolved(problem, np.full(4, 0.5))),

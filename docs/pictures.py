@@ -217,13 +217,12 @@ def card_twin() -> "Figure":
 
 def card_control() -> "Figure":
     """A spiral of both axes."""
-    from flexstage.control import spiral
-
-    path = spiral(
-        ("x", "y"), (35e-6, 32e-6), 25e-6, 5e-6, sample_rate_hz=1000.0, turn_rate_hz=2.0
-    )  # fmt: skip
+    turns = np.linspace(0.0, 5.0, 2000)
+    radius, angle = 5.0 * turns, 2.0 * np.pi * turns
     figure, axes = card()
-    axes.plot(1e6 * path.positions["x"], 1e6 * path.positions["y"], color=CYCLE[0], linewidth=1.2)
+    axes.plot(
+        35.0 + radius * np.cos(angle), 32.0 + radius * np.sin(angle), color=CYCLE[0], linewidth=1.2
+    )
     axes.set_aspect("equal")
     return figure
 

@@ -22,7 +22,8 @@ from flexstage.hysteresis import (
     Preisach,
 )
 from flexstage.hysteresis.model import HysteresisModel, Segments
-from flexstage.hysteresis.models.source_code import HysteresisCode, hysteresis_code, source_file
+from flexstage.hysteresis.models.registry import hysteresis_code
+from flexstage.hysteresis.models.source_code import HysteresisCode, source_file
 from tests.c_compiler import EXACT, load_library
 from tests.hysteresis_vectors import VECTORS
 

@@ -9,7 +9,7 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis import MODELS, BoucWen, Dahl
 from flexstage.hysteresis.chain.stage_modes import values_at_samples
 from flexstage.hysteresis.model import Array, HysteresisModel
-from flexstage.hysteresis.models.source_code import hysteresis_code
+from flexstage.hysteresis.models.registry import hysteresis_code
 from tests.c_hysteresis import (
     CASES,
     Compiled,

@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 
 from flexstage.hysteresis import BoucWen, Dahl, Duhem
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.source_code import hysteresis_code, source_file
+from flexstage.hysteresis.models.registry import hysteresis_code
+from flexstage.hysteresis.models.source_code import source_file
 from tests.c_compiler import EXACT, compile_program, load_library
 from tests.c_hysteresis import CASES, Array, Compiled, bouc_wen, headers, prandtl, program, walk
 

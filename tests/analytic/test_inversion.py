@@ -325,7 +325,7 @@ def test_out_of_reach_is_refused_with_the_range():
         ({"band_hz": 0.0}, "band"),
         ({"band_hz": math.inf}, "band"),
         ({"periods": -1}, "once or more, or 0"),
-        ({"periods": 2, "band_hz": -3.0}, "a band must be positive"),
+        ({"periods": 2, "band_hz": -3.0}, "the band must be positive"),
         ({"band_hz": 1e-9}, "leaves nothing of a sequence of 3 s"),
         ({"limits": (math.nan, 5.0)}, "must rise"),
         ({"state": [1.0]}, "a state of dahl"),

@@ -536,7 +536,7 @@ def test_least_slope_inside_the_range() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"hysteresis_gain": 0.0}, "above zero"),
+        ({"hysteresis_gain": 0.0}, "positive and finite"),
         ({"exponent": 0.7}, "at least 1"),
         ({"beta": math.nan}, "finite"),
     ],

@@ -88,8 +88,10 @@ def identify(
         COLUMN: Number or name of the output column (default: the one in a unit of length or angle,
         or called so).
     hysteresis_model
-        NAME: A hysteresis model, such as bouc-wen or preisach, or several separated by commas; auto
-        tries all. The simplest model is chosen that predicts held-out cycles as well as the best.
+        NAME: A hysteresis model, or several separated by commas, of bouc-wen, maxwell-slip,
+        modified-prandtl-ishlinskii, preisach (auto tries these four), asymmetric-bouc-wen, dahl,
+        duhem, generalised-bouc-wen, prandtl-ishlinskii. The simplest model is chosen that predicts
+        held-out cycles as well as the best.
     train
         START:STOP: Samples to fit, numbered as for --rows; all others are held out (default: all
         are fitted, and held-out errors come from cross-validation over whole cycles).

@@ -11,23 +11,16 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.control.delay_calibration import trimmed_model
     from flexstage.control.design import Requirements, ServoDesign, tune
-    from flexstage.control.feedforward import (
-        Compensation,
-        compensate,
-    )
+    from flexstage.control.feedforward import Compensation, compensate, trimmed_model
     from flexstage.control.learning import learn
     from flexstage.control.learning_axis import Learning, LearningSettings, Trial
     from flexstage.control.loop_plant import loop_margins
     from flexstage.control.tracking_run import evaluate_record
     from flexstage.control.trajectories.from_file import trajectory_of
-    from flexstage.control.trajectories.lissajous import lissajous
     from flexstage.control.trajectories.raster import raster
     from flexstage.control.trajectories.sine import sine
-    from flexstage.control.trajectories.spiral import spiral
-    from flexstage.control.trajectories.staircase import staircase
-    from flexstage.control.trajectories.trajectory import Trajectory, band_limited
+    from flexstage.control.trajectories.trajectory import Trajectory
     from flexstage.control.trajectories.triangle import triangle
     from flexstage.control.two_degree_of_freedom import (
         Way,
@@ -45,18 +38,14 @@ __all__ = [
     "Trajectory",
     "Trial",
     "Way",
-    "band_limited",
     "carry_out",
     "compensate",
     "control_run",
     "evaluate_record",
     "learn",
-    "lissajous",
     "loop_margins",
     "raster",
     "sine",
-    "spiral",
-    "staircase",
     "trajectory_of",
     "triangle",
     "trimmed_model",

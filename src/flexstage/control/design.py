@@ -292,7 +292,6 @@ def _worst(margins: list[Margins]) -> Margins:
         gain_margin=min(m.gain_margin for m in margins),
         phase_margin=min(m.phase_margin for m in margins),
         sensitivity_peak=max(m.sensitivity_peak for m in margins),
-        complementary_peak=max(m.complementary_peak for m in margins),
         crossover_hz=min(m.crossover_hz for m in margins),
         bandwidth_hz=min(m.bandwidth_hz for m in margins),
     )

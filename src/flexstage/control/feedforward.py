@@ -5,23 +5,24 @@ cycles over the whole range, which wipe out what was, and the inverse begins wit
 remembers then: the loops of its hysteresis and the lags of its creep.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
+from flexstage.control.tracking_run import whole_periods
 from flexstage.control.trajectories.trajectory import Trajectory, smooth_step
-from flexstage.errors import LimitError, ModelError
-from flexstage.hysteresis import DriveModel, Feedforward, feedforward
+from flexstage.errors import LimitError, ModelError, RecordError
+from flexstage.hysteresis import DriveModel, Feedforward, Lag, feedforward
 from flexstage.hysteresis.limited_inverse import command_limits
 from flexstage.instruments.waveform import Waveform
 from flexstage.stage.limits import AxisLimits
 
-#: How a drive is conditioned: rate of the cycles [Hz], their number, and the way to the start [s].
-_RATE_HZ = 1.0
-_CYCLES = 3
-_APPROACH = 0.25
+#: Cycles that condition a drive, one a second, and the time of the way to the start [s].
+_CYCLES, _APPROACH = 3, 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,8 +53,6 @@ def conditioning_waveform(
     sample_rate_hz: float,
     end: Mapping[str, float] | None = None,
     start: Mapping[str, float] | None = None,
-    rate_hz: float = _RATE_HZ,
-    cycles: int = _CYCLES,
 ) -> Waveform:
     """Return voltages that bring drives to a known state of their memory.
 
@@ -66,14 +65,10 @@ def conditioning_waveform(
     >>> made.duration, round(made.largest_rate("x"))
     (3.75, 377)
     """
-    count = round(sample_rate_hz / rate_hz) if rate_hz > 0.0 else 0
-    approach = round(_APPROACH * sample_rate_hz)
-    if cycles < 1 or count < 8 or approach < 4:
-        raise ModelError(
-            f"conditioning takes one cycle or more of 8 samples at least, got {cycles} cycles at "
-            f"{rate_hz!r} Hz and {sample_rate_hz!r} samples a second"
-        )
-    swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(cycles * count) / count)
+    count, approach = round(sample_rate_hz), round(_APPROACH * sample_rate_hz)
+    if approach < 4:
+        raise ModelError(f"conditioning takes 16 samples a second or more, got {sample_rate_hz!r}")
+    swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(_CYCLES * count) / count)
     way = smooth_step(np.arange(approach) / approach)
     values = {}
     for axis, (low, high) in voltage_range.items():
@@ -97,7 +92,6 @@ def compensate(
     periods: int = 0,
     limits: Mapping[str, AxisLimits] | None = None,
     band_hz: float | None = None,
-    cycles: int = _CYCLES,
     history: Waveform | None = None,
 ) -> Compensation:
     r"""Return the voltages that make a stage follow a trajectory.
@@ -121,8 +115,6 @@ def compensate(
         identified on where not given.
     band_hz : float, optional
         Highest frequency that is undone [Hz].
-    cycles : int
-        Conditioning cycles of the lead-in.
     history : Waveform, optional
         Voltages that the drives had before the lead-in, as far back as is known, at any rate: the
         creep of them goes on. The drives have rested where not given.
@@ -172,11 +164,11 @@ def compensate(
     # the way to the first voltage is part of what the drive remembers: found in two rounds
     ends = {a: ranges[a][0] for a in trajectory.axes}
     for _ in range(3):
-        lead_in = conditioning_waveform(ranges, sample_rate_hz=rate, end=ends, cycles=cycles)
+        lead_in = conditioning_waveform(ranges, sample_rate_hz=rate, end=ends)
         for a, own in made.items():
             found[a] = own.follow(trajectory.positions[a], periods, lead_in.values[a], band_hz)
             ends[a] = float(found[a].command[0])
-    lead_in = conditioning_waveform(ranges, sample_rate_hz=rate, end=ends, cycles=cycles)
+    lead_in = conditioning_waveform(ranges, sample_rate_hz=rate, end=ends)
     voltage = {a: own.command for a, own in found.items()}
     whole = Waveform(values=voltage, sample_rate_hz=rate, quantity="voltage")
     _check_slew(whole, limits or {}, closed=periods == 0)
@@ -196,6 +188,83 @@ def compensate(
 def shifted_model(model: DriveModel, by: float) -> DriveModel:
     """Return a drive whose sensor reads more by a constant [unit of output]: its zero has moved."""
     return replace(model, offset=model.offset + by)
+
+
+def trimmed_model(
+    model: DriveModel,
+    trajectory: Trajectory,
+    axis: str,
+    reading: ArrayLike,
+    *,
+    skip: int = 0,
+) -> DriveModel:
+    r"""Return a drive with the delay that a run by its inverse shows.
+
+    Hysteresis is a lag as well, so that an identification tells the delay of a drive only to some
+    microseconds. A fast motion shows what is left: the phases of wanted motion and reading at the
+    first harmonic, frequency f, differ by :math:`2 \pi f` times what the delay of the model lacks.
+
+    Parameters
+    ----------
+    model : DriveModel
+        The drive whose inverse was run.
+    trajectory : Trajectory
+        What was wanted; a sine at the highest rate that is to be followed is best.
+    axis : str
+        The axis.
+    reading : array_like
+        What the sensor read in open loop, feedforward alone, from the first sample of the
+        trajectory on and at its rate [m], shape (n,).
+    skip : int
+        First periods that are left out.
+
+    Returns
+    -------
+    DriveModel
+        The drive, with another delay.
+
+    Raises
+    ------
+    RecordError
+        There is no whole period, or the reading does not move with the trajectory.
+    ModelError
+        The delay would be negative.
+
+    Notes
+    -----
+    Validity: what the sensor picks up at the rate of the motion, such as mains at 50 Hz of an
+    amplitude a, is taken for an angle of up to a over the amplitude of the motion. What an
+    amplifier does beyond a pure delay is one only at this rate.
+
+    Examples
+    --------
+    >>> from flexstage.control.trajectories.sine import sine
+    >>> from flexstage.hysteresis import PrandtlIshlinskii
+    >>> drive = DriveModel(
+    ...     hysteresis=PrandtlIshlinskii(gain=5e-7, thresholds=[5.0], weights=[1e-7]),
+    ...     lag=Lag(delay=2.36e-4))
+    >>> wanted = sine("x", 10e-6, 60e-6, 50.0, sample_rate_hz=10e3)
+    >>> t = np.arange(600) / 10e3
+    >>> late = 35e-6 - 25e-6 * np.cos(2.0 * np.pi * 50.0 * (t - 6e-6))
+    >>> print(f"{1e6 * trimmed_model(drive, wanted, 'x', late).lag.delay:.2f} us")
+    242.00 us
+    """
+    late = whole_periods(reading, trajectory.size, skip).mean(axis=0)
+    wanted = np.fft.rfft(trajectory.positions[axis])[1]
+    came = np.fft.rfft(late)[1]
+    if not 0.5 * abs(wanted) < abs(came) < 2.0 * abs(wanted):
+        raise RecordError(
+            f"the reading moves {abs(came) / max(abs(wanted), 1e-300):.3g} times as far as the "
+            f"trajectory of axis '{axis}' at its first harmonic: give the run that followed it"
+        )
+    by = float(-np.angle(came / wanted)) / (2.0 * math.pi) * trajectory.period
+    lag = model.lag or Lag()
+    if lag.delay + by < 0.0:
+        raise ModelError(
+            f"the reading is {-by:.3g} s ahead of the trajectory, more than the model's delay of "
+            f"{lag.delay:.3g} s: does its first sample belong to that of the trajectory?"
+        )
+    return replace(model, lag=replace(lag, delay=lag.delay + by))
 
 
 class _Axis:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array, Complex
 from flexstage.control.loop_plant import loop_plant
-from flexstage.control.tracking_run import at_times
+from flexstage.control.tracking_run import at_times, samples_of_period
 from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel
@@ -144,13 +144,7 @@ def mean_error(
     the record is the first sample of a period; the reading is late by `lag` [s].
     """
     rate = record.sample_rate_hz
-    count = reference.period * rate
-    size = round(count)
-    if abs(count - size) > 1e-6 * count or size < 8:
-        raise RecordError(
-            f"a period of {reference.period:g} s is {count:.6g} samples at {rate:g} Hz: record "
-            "with a whole number of samples in a period"
-        )
+    size = samples_of_period(reference, rate)
     values = record.channel(column).values
     if values.size < periods * size:
         raise RecordError(

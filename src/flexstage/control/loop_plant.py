@@ -22,18 +22,28 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel, StageModes
 from flexstage.system.servo import ServoSettings
 
-#: Frequencies at which a loop is looked at: over this part of half the rate, and this many.
-_LOWEST = 1e-5
-_POINTS = 1500
-#: About every mode and notch, this many more, over this many half widths.
-_NEAR, _WIDTHS = 300, 12.0
 
+@dataclass(frozen=True, slots=True)
+class _Grid:
+    """Where a loop, and the hysteresis in it, are looked at."""
+
+    lowest: float = 1e-5
+    """Lowest frequency, over half the rate."""
+    points: int = 1500
+    """Frequencies from there to half the rate."""
+    near: int = 300
+    """Frequencies more about every mode and notch, ..."""
+    widths: float = 12.0
+    """... over so many of its half widths."""
+    steps: int = 200
+    """Steps over the range at which the slope of a hysteresis is looked at."""
+    cycles: int = 3
+    """Cycles before the slope is looked at."""
+
+
+_GRID = _Grid()
 #: Poles closer together than this share of their size count as one, and are moved apart.
 _APART = 1e-6
-#: Steps over the range at which the slope of a hysteresis is looked at.
-_STEPS = 200
-#: Cycles before the slope is looked at.
-_CYCLES = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,9 +150,9 @@ def local_gains(model: DriveModel) -> tuple[float, float, float]:
         raise ModelError("the slope of a drive is looked at over its range: give it a validity")
     low, high = model.validity.input_range
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    line = middle + half * np.linspace(-1.0, 1.0, _STEPS + 1)
+    line = middle + half * np.linspace(-1.0, 1.0, _GRID.steps + 1)
     cycle = np.concatenate((line[:-1], line[::-1][:-1]))
-    u = np.concatenate((np.tile(cycle, _CYCLES), line[:1]))
+    u = np.concatenate((np.tile(cycle, _GRID.cycles), line[:1]))
     y = model.hysteresis.simulate(u, model.conditioned()).values
     late = slice(-cycle.size - 1, None)
     slope = np.diff(y[late]) / np.diff(u[late])
@@ -214,8 +224,6 @@ class Margins:
     """Phase that may still be lost [rad]; infinite where the gain is below one throughout."""
     sensitivity_peak: float
     """Largest of the sensitivity ``1/|1 + L|`` [1], Ms."""
-    complementary_peak: float
-    """Largest of ``|L/(1 + L)|`` [1], Mt."""
     crossover_hz: float
     """Lowest frequency at which the gain of the loop is one [Hz]."""
     bandwidth_hz: float
@@ -225,7 +233,7 @@ class Margins:
 def loop_frequencies(plant: LoopPlant, settings: ServoSettings | None = None) -> Array:
     """Return frequencies up to half the rate, dense about modes and notches, to look at a loop."""
     half = 0.5 * plant.sample_rate_hz
-    parts = [np.geomspace(_LOWEST * half, half, _POINTS)]
+    parts = [np.geomspace(_GRID.lowest * half, half, _GRID.points)]
     peaks: list[tuple[float, float]] = []
     if plant.modes is not None:
         peaks += list(zip(plant.modes.frequency_hz, plant.modes.damping_ratio, strict=True))
@@ -233,8 +241,8 @@ def loop_frequencies(plant: LoopPlant, settings: ServoSettings | None = None) ->
         peaks += [(n.frequency_hz, min(n.pole_damping, 0.05)) for n in settings.notches]
     for f, zeta in peaks:
         if f < half:
-            reach = min(_WIDTHS * max(zeta, 1e-3), 0.9)
-            s = np.sinh(np.linspace(-4.0, 4.0, _NEAR)) / np.sinh(4.0)
+            reach = min(_GRID.widths * max(zeta, 1e-3), 0.9)
+            s = np.sinh(np.linspace(-4.0, 4.0, _GRID.near)) / np.sinh(4.0)
             parts.append(f * (1.0 + reach * s))
     every = np.unique(np.concatenate(parts))
     return every[(every > 0.0) & (every <= half)]
@@ -282,7 +290,6 @@ def loop_margins(plant: LoopPlant, settings: ServoSettings) -> Margins:
         gain_margin=_gain_margin(loop),
         phase_margin=_phase_margin(loop) if high.any() else math.inf,
         sensitivity_peak=1.0 / worst if worst > 0.0 else math.inf,
-        complementary_peak=float(np.max(np.abs(loop) / np.maximum(distance, 1e-300))),
         crossover_hz=_first_fall(f, np.abs(loop)),
         bandwidth_hz=float(upto),
     )

@@ -26,8 +26,6 @@ class RunTracking:
     """What came [m], shape (n,)."""
     whole: Tracking
     """Loop width of the mean period, errors over all periods [m]."""
-    linear_rms: float
-    """Root mean square of the error on the linear part of the trajectory [m]."""
     per_period_rms: tuple[float, ...]
     """Root mean square of the error of each period [m]."""
     repeatable_rms: float
@@ -68,30 +66,14 @@ def evaluate_run(
     (True, 355)
     """
     rate = trajectory.sample_rate_hz if sample_rate_hz is None else float(sample_rate_hz)
-    came = np.asarray(output, dtype=np.float64)
-    count = trajectory.period * rate
-    size = round(count)
-    if size < 8 or abs(count - size) > 1e-6 * count:
-        raise RecordError(
-            f"a period of {trajectory.period:g} s is {count:.6g} samples at {rate:g} Hz: record "
-            "with a whole number of samples in a period"
-        )
-    periods = came.size // size - skip
-    if periods < 1:
-        raise RecordError(
-            f"the output has {came.size} samples, and {skip} periods of {size} are left out: there "
-            "is no whole one to look at; record more periods"
-        )
-    came = came[skip * size : (skip + periods) * size]
+    size = samples_of_period(trajectory, rate)
+    came = whole_periods(output, size, skip).ravel()
+    periods = came.size // size
     wanted_period = at_times(trajectory, axis, np.arange(size) / rate - lag)
     wanted = np.tile(wanted_period, periods)
     offset = float(np.mean(came - wanted)) if free_offset else 0.0
     error = (came - offset - wanted).reshape(periods, size)
     mean = error.mean(axis=0)
-    linear = np.interp(
-        np.mod(np.arange(size) / rate - lag, trajectory.period), trajectory.time,
-        trajectory.linear.astype(np.float64),
-    ) > 0.999  # fmt: skip
     random = float(np.sqrt(np.mean((error - mean) ** 2) * periods / max(periods - 1, 1)))
     return RunTracking(
         axis=axis,
@@ -99,7 +81,6 @@ def evaluate_run(
         reference=wanted + offset,
         output=came,
         whole=_cycles_of(wanted + offset, came, size, error),
-        linear_rms=float(np.sqrt(np.mean(error[:, linear] ** 2))) if linear.any() else float("nan"),
         per_period_rms=tuple(float(r) for r in np.sqrt(np.mean(error**2, axis=1))),
         repeatable_rms=float(np.sqrt(np.mean(mean**2))),
         random_rms=random if periods > 1 else float("nan"),
@@ -155,6 +136,30 @@ def evaluate_record(
         skip=skip,
         free_offset=free_offset,
     )
+
+
+def samples_of_period(trajectory: Trajectory, sample_rate_hz: float) -> int:
+    """Return the whole number of samples of a period at a rate; a RecordError where it is none."""
+    count = trajectory.period * sample_rate_hz
+    size = round(count)
+    if size < 8 or abs(count - size) > 1e-6 * count:
+        raise RecordError(
+            f"a period of {trajectory.period:g} s is {count:.6g} samples at {sample_rate_hz:g} Hz: "
+            "record with a whole number of samples in a period"
+        )
+    return size
+
+
+def whole_periods(reading: ArrayLike, size: int, skip: int) -> Array:
+    """Return the whole periods of a reading after the first ones, shape (periods, size)."""
+    came = np.asarray(reading, dtype=np.float64)
+    periods = came.size // size - skip
+    if periods < 1:
+        raise RecordError(
+            f"the reading has {came.size} samples, and {skip} periods of {size} are left out: "
+            "there is no whole one to look at; record more periods"
+        )
+    return came[skip * size : (skip + periods) * size].reshape(periods, size)
 
 
 def at_times(trajectory: Trajectory, axis: str, time: Array) -> Array:

@@ -240,8 +240,8 @@ def made_ready(
     """
     from flexstage.instruments.record_run import run_waveform
 
-    axes = [instrument.axes[_known(instrument, a)] for a in run.trajectory.axes]
     _require(instrument, run)
+    axes = [instrument.axes[a] for a in run.trajectory.axes]
     before = {axis.name: axis.closed_loop for axis in axes}
     named = dict(zip(run.trajectory.axes, axes, strict=True))
     try:
@@ -268,28 +268,31 @@ def made_ready(
                 axis.set_closed_loop(before[axis.name])
 
 
-def _known(instrument: Instrument, axis: str) -> str:
-    if axis not in instrument.axes:
-        raise ModelError(has_no("the instrument", "axis", axis, instrument.axes))
-    return axis
-
-
 def _require(instrument: Instrument, run: ControlRun) -> None:
+    """Refuse a run that an axis of the instrument cannot do."""
+    ways = {
+        Capability.OPEN_LOOP: (
+            run.way is not Way.FEEDBACK, "axis '{}' takes no voltages: feedforward needs them"
+        ),
+        Capability.CLOSED_LOOP: (
+            run.way is not Way.FEEDFORWARD,
+            "axis '{}' has no position control: feedback needs it",
+        ),
+        Capability.FEEDFORWARD_TABLE: (
+            run.way is Way.BOTH,
+            "axis '{}' takes no voltages under control, so that feedforward and feedback cannot be "
+            "joined on this instrument: choose one of them, or learn the targets",
+        ),
+    }  # fmt: skip
     for name in run.trajectory.axes:
+        if name not in instrument.axes:
+            raise ModelError(has_no("the instrument", "axis", name, instrument.axes))
         able = instrument.axes[name].capabilities | instrument.capabilities
-        if run.way is not Way.FEEDBACK and Capability.OPEN_LOOP not in able:
-            raise ModelError(f"axis '{name}' takes no voltages: feedforward needs them")
-        if run.way is not Way.FEEDFORWARD and Capability.CLOSED_LOOP not in able:
-            raise ModelError(f"axis '{name}' has no position control: feedback needs it")
-        if run.way is Way.BOTH and Capability.FEEDFORWARD_TABLE not in able:
-            raise ModelError(
-                f"axis '{name}' takes no voltages under control, so that feedforward and feedback "
-                "cannot be joined on this instrument: choose one of them, or learn the targets"
-            )
-        if run.servo.get(name) is not None and Capability.SERVO_TUNING not in able:
-            raise ModelError(
-                f"the control of axis '{name}' cannot be set from here: leave its settings out"
-            )
+        tuned = "the control of axis '{}' cannot be set from here: leave its settings out"
+        needs = {**ways, Capability.SERVO_TUNING: (run.servo.get(name) is not None, tuned)}
+        for capability, (needed, sentence) in needs.items():
+            if needed and capability not in able:
+                raise ModelError(sentence.format(name))
 
 
 def with_feedforward(run: ControlRun, voltage: Waveform) -> ControlRun:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
     from flexstage.hysteresis.excitations.design import excitation
     from flexstage.hysteresis.excitations.excitation import Excitation, memory_coverage
-    from flexstage.hysteresis.identification.amplifier import identify_amplifier
     from flexstage.hysteresis.identification.chain_search import find_chain
     from flexstage.hysteresis.identification.cycles import Cycles, cycles
     from flexstage.hysteresis.identification.identify import Identification, identify
@@ -84,7 +83,6 @@ __all__ = [
     "feedforward",
     "find_chain",
     "identify",
-    "identify_amplifier",
     "loop_width",
     "measurement",
     "memory_coverage",

@@ -8,9 +8,10 @@ from scipy.ndimage import gaussian_filter1d
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
+from flexstage.hysteresis.chain.element import positive_step
 from flexstage.hysteresis.drive_model import DriveModel, Start, creep_start, unsuited
 from flexstage.hysteresis.limited_inverse import command_limits, limited_inverse
-from flexstage.hysteresis.model import Array, samples
+from flexstage.hysteresis.model import Array, checked, samples
 from flexstage.hysteresis.periodic import (
     HIGHEST,
     steady_displacement,
@@ -136,8 +137,7 @@ def feedforward(
         The reference is no finite sequence or wholly out of reach, or the model has no inverse.
     """
     given = samples(reference, "reference")
-    if not (dt > 0.0 and np.isfinite(dt)):
-        raise ModelError(f"the step between samples must be positive and finite, got {dt!r} s")
+    positive_step(dt)
     if periods is not None and periods < 0:
         raise ModelError(f"a motion is repeated once or more, or 0 for without end, got {periods}")
     if start is None:
@@ -307,8 +307,7 @@ def smoothed(values: ArrayLike, dt: float, band_hz: float) -> Array:
     2.089
     """
     given = samples(values, "sequence")
-    if not (band_hz > 0.0 and np.isfinite(band_hz)):
-        raise ModelError(f"a band must be positive and finite, got {band_hz!r} Hz")
+    checked(band_hz, "band", "positive and finite", "Hz")
     duration = given.size * dt
     if band_hz * duration < 0.1:
         raise ModelError(

@@ -1,8 +1,9 @@
 """What every hysteresis model is: frozen parameters, an explicit state, one step."""
 
 import dataclasses
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -231,6 +232,28 @@ class HysteresisModel(ABC):
                 f"a state of {self.kind} is {rest.size} finite numbers, got shape {given.shape}"
             )
         return given
+
+
+#: What a number may be asked to be beside finite, in the words of the refusal.
+_NUMBERS: Mapping[str, Callable[[float], bool]] = {
+    "finite": lambda value: True,
+    "finite, not 0": lambda value: value != 0.0,
+    "finite and not negative": lambda value: value >= 0.0,
+    "positive and finite": lambda value: value > 0.0,
+}
+
+
+def checked(value: float, what: str, kind: str = "finite", unit: str = "") -> float:
+    """Return a number after checking that it is finite, and of a kind such as "finite, not 0".
+
+    Examples
+    --------
+    >>> checked(2, "rate", "positive and finite", "Hz")
+    2.0
+    """
+    if not (math.isfinite(value) and _NUMBERS[kind](value)):
+        raise ModelError(f"the {what} must be {kind}, got {value} {unit}".rstrip())
+    return float(value)
 
 
 def samples(values: ArrayLike, what: str) -> Array:

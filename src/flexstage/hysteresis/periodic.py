@@ -4,9 +4,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array, Complex
-from flexstage.errors import ConvergenceError, ModelError
+from flexstage.errors import ConvergenceError
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.limited_inverse import LimitedInverse, command_limits, limited_inverse
+from flexstage.hysteresis.model import checked
 
 #: Harmonics above this part of the rate of samples are left out.
 HIGHEST = 0.4
@@ -49,8 +50,7 @@ def steady_displacement(
 
 def within_band(values: Array, sample_rate_hz: float, band_hz: float) -> Array:
     """Return one period without its harmonics above a band."""
-    if not (band_hz > 0.0 and np.isfinite(band_hz)):
-        raise ModelError(f"a band must be positive and finite, got {band_hz!r} Hz")
+    checked(band_hz, "band", "positive and finite", "Hz")
     spectrum = np.fft.rfft(values)
     spectrum[np.fft.rfftfreq(values.size, 1.0 / sample_rate_hz) > band_hz] = 0.0
     return np.asarray(np.fft.irfft(spectrum, values.size))

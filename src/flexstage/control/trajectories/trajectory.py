@@ -33,8 +33,8 @@ class Trajectory:
     sample_rate_hz: float
     """Samples in a second [Hz]."""
     linear: NDArray[np.bool_]
-    """True where the motion is what it is run for: constant speed of a triangle or a raster,
-    standing still of a staircase; True throughout for sines. Shape (n,).
+    """True where the motion is what it is run for: constant speed of a triangle or a raster; True
+    throughout for sines. Shape (n,).
     """
     kind: str
     """What it is."""
@@ -76,38 +76,6 @@ class Trajectory:
         """Share of the time in the linear part [1]."""
         return float(np.mean(self.linear))
 
-    def speed(self, axis: str) -> Array:
-        """Return the speed of an axis.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        numpy.ndarray
-            Central differences over the closed period [m/s], shape (n,).
-        """
-        x = self._of(axis)
-        return (np.roll(x, -1) - np.roll(x, 1)) * (0.5 * self.sample_rate_hz)
-
-    def acceleration(self, axis: str) -> Array:
-        """Return the acceleration of an axis.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        numpy.ndarray
-            Second differences over the closed period [m/s^2], shape (n,).
-        """
-        x = self._of(axis)
-        return (np.roll(x, -1) - 2.0 * x + np.roll(x, 1)) * self.sample_rate_hz**2
-
     def largest_speed(self, axis: str) -> float:
         """Return the largest speed from one sample to the next, from the end to the start too.
 
@@ -121,66 +89,18 @@ class Trajectory:
         float
             The speed [m/s].
         """
-        self._of(axis)
         return self.waveform().largest_rate(axis, closed=True)
 
-    def largest_acceleration(self, axis: str) -> float:
-        """Return the largest acceleration.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        float
-            The acceleration [m/s^2].
-        """
-        return float(np.max(np.abs(self.acceleration(axis))))
-
-    def waveform(self, periods: int = 1) -> Waveform:
-        """Return the positions as a waveform.
-
-        Parameters
-        ----------
-        periods : int
-            How many periods, one after the other.
+    def waveform(self) -> Waveform:
+        """Return one period of the positions as a waveform.
 
         Returns
         -------
         Waveform
             The positions [m].
-
-        Raises
-        ------
-        ModelError
-            The number of periods is not positive.
         """
-        if periods < 1:
-            raise ModelError(f"a waveform needs one period or more, got {periods}")
-        return Waveform(
-            values={a: np.tile(np.asarray(x, np.float64), periods)
-                    for a, x in self.positions.items()},
-            sample_rate_hz=self.sample_rate_hz,
-            quantity="position",
-        )  # fmt: skip
-
-    def shifted(self, by: Mapping[str, float]) -> "Trajectory":
-        """Return the same motion elsewhere.
-
-        Parameters
-        ----------
-        by : Mapping
-            What is added, by axis [m].
-
-        Returns
-        -------
-        Trajectory
-            The trajectory.
-        """
-        moved = {a: x + by.get(a, 0.0) for a, x in self.positions.items()}
-        return replace(self, positions=moved)
+        positions = {a: np.asarray(x, dtype=np.float64) for a, x in self.positions.items()}
+        return Waveform(values=positions, sample_rate_hz=self.sample_rate_hz, quantity="position")
 
     def check(self, limits: Mapping[str, AxisLimits]) -> None:
         """Refuse a trajectory that leaves the limits of its axes.
@@ -213,12 +133,6 @@ class Trajectory:
                     f"allowed are {1e6 * own.speed:.4g} um/s: lower its rate, or make it smaller"
                 )
 
-    def _of(self, axis: str) -> Array:
-        if axis not in self.positions:
-            known = ", ".join(self.positions)
-            raise ModelError(f"the trajectory has no axis '{axis}': it moves {known}")
-        return np.asarray(self.positions[axis], dtype=np.float64)
-
 
 def period_samples(rate_hz: float, sample_rate_hz: float) -> tuple[int, tuple[str, ...]]:
     """Return the whole number of samples of a period, and a note where that changes the rate.
@@ -243,54 +157,6 @@ def period_samples(rate_hz: float, sample_rate_hz: float) -> tuple[int, tuple[st
     return count, (
         f"the rate is {made:.6g} Hz instead of {rate_hz:g} Hz, for a whole number of samples",
     )
-
-
-def band_limited(trajectory: Trajectory, band_hz: float) -> Trajectory:
-    """Return a trajectory with no harmonics above a band, whose corners are round by that.
-
-    Harmonics up to half of the band are kept whole, those above it fall off as a cosine: no
-    overshoot by more than some percent of what a corner loses, and no delay.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The trajectory.
-    band_hz : float
-        Highest frequency that is left [Hz].
-
-    Returns
-    -------
-    Trajectory
-        The trajectory; samples that moved by more than 1e-4 of its range are no longer linear.
-
-    Raises
-    ------
-    ModelError
-        The band holds no harmonic of the trajectory.
-
-    Examples
-    --------
-    >>> from flexstage.control.trajectories.triangle import triangle
-    >>> sharp = triangle("x", 0.0, 59.5e-6, 2.0, sample_rate_hz=2e3, turn_time=1e-3)
-    >>> soft = band_limited(sharp, 100.0)
-    >>> round(soft.linear_share, 2), round(float(np.ptp(soft.positions["x"])) * 1e6, 2)
-    (0.85, 58.93)
-    """
-    if not band_hz * trajectory.period >= 1.0:
-        raise ModelError(
-            f"a band of {band_hz:g} Hz leaves nothing of a motion that repeats every "
-            f"{trajectory.period:g} s: take {1.0 / trajectory.period:.3g} Hz or more"
-        )
-    n = trajectory.size
-    f = np.fft.rfftfreq(n, 1.0 / trajectory.sample_rate_hz)
-    kept = 0.5 * (1.0 + np.cos(np.pi * np.clip(2.0 * f / band_hz - 1.0, 0.0, 1.0)))
-    linear = np.array(trajectory.linear, dtype=np.bool_)
-    positions = {}
-    for axis, x in trajectory.positions.items():
-        soft = np.fft.irfft(np.fft.rfft(x) * kept, n)
-        linear &= np.abs(soft - x) <= 1e-4 * max(float(np.ptp(x)), 1e-300)
-        positions[axis] = np.asarray(soft, dtype=np.float64)
-    return replace(trajectory, positions=positions, linear=linear)
 
 
 def delayed(trajectory: Trajectory, delay: float) -> Trajectory:

@@ -30,7 +30,6 @@ def there_and_back(phase: Array, turn: float) -> Array:
     >>> there_and_back(np.array([0.0, 0.25, 0.5]), 0.2).round(6).tolist()
     [0.0, 0.5, 1.0]
     """
-    _check_turn(turn)
     # counted in half periods; the motion is odd about a quarter and even about a half
     t = 2.0 * np.abs(np.asarray(phase, dtype=np.float64) - np.round(phase))
     rising = np.minimum(t, 1.0 - t)
@@ -59,11 +58,6 @@ def turn_share(turn_time: float | None, half_period: float) -> float:
             f"{turn_time!r} s"
         )
     return min(turn_time / half_period, 1.0)
-
-
-def _check_turn(turn: float) -> None:
-    if not 0.0 < turn <= 1.0:
-        raise ModelError(f"a turn takes a share above 0 and at most 1 of a way, got {turn!r}")
 
 
 def triangle(

@@ -6,7 +6,8 @@ from typing import Any
 from flexstage import __version__
 from flexstage.export.simulink.matlab_text import comment, identifier, literal, valid_name
 from flexstage.hysteresis import HysteresisModel
-from flexstage.hysteresis.models.source_code import matlab_code, source_file
+from flexstage.hysteresis.models.registry import matlab_code
+from flexstage.hysteresis.models.source_code import source_file
 
 
 class Functions:

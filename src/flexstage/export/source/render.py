@@ -5,11 +5,8 @@ from importlib.resources import files
 from flexstage.errors import ModelError
 from flexstage.export.source.model_numbers import form_of, model_data
 from flexstage.hysteresis.dynamic_model import DynamicModel
-from flexstage.hysteresis.models.source_code import (
-    HysteresisCode,
-    hysteresis_code,
-    source_file,
-)
+from flexstage.hysteresis.models.registry import hysteresis_code
+from flexstage.hysteresis.models.source_code import HysteresisCode, source_file
 
 # Every header, each after those that it includes.
 _CORE = ("real.h", "piece.h", "amplifier.h", "sensor.h")

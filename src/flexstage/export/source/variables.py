@@ -7,7 +7,7 @@ from typing import Literal
 
 from flexstage.hysteresis import Sensor
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
-from flexstage.hysteresis.models.source_code import hysteresis_code
+from flexstage.hysteresis.models.registry import hysteresis_code
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,12 +11,9 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.element import ChainElement, Complex, positive_step
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import Array, Response, samples
+from flexstage.hysteresis.model import Array, Response, checked, samples
 
 _LINEAR, _SLEW, _RAIL = 0, 1, 2
-
-# where a wanted output is met to this part of its range, no limit has acted
-_MET = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,17 +67,10 @@ class Amplifier(ChainElement):
     def __post_init__(self) -> None:
         for name in ("bandwidth_hz", "current_limit", "slew_limit"):
             value = getattr(self, name)
-            if value is not None and not (value > 0.0 and math.isfinite(value)):
-                raise ModelError(
-                    f"the {name} of an amplifier must be positive and finite, got {value!r}"
-                )
-        if not (self.capacitance >= 0.0 and math.isfinite(self.capacitance)):
-            raise ModelError(
-                "the capacitance of a load must be finite and not negative, got "
-                f"{self.capacitance!r} F"
-            )
-        if self.gain == 0.0 or not math.isfinite(self.gain):
-            raise ModelError(f"the gain of an amplifier must be finite, not 0, got {self.gain!r}")
+            if value is not None:
+                checked(value, f"{name} of an amplifier", "positive and finite")
+        checked(self.capacitance, "capacitance of a load", "finite and not negative", "F")
+        checked(self.gain, "gain of an amplifier", "finite, not 0")
         if self.voltage_range is not None and not self.voltage_range[0] < self.voltage_range[1]:
             raise ModelError(
                 f"the voltage range of an amplifier must rise, got {self.voltage_range!r} V"
@@ -122,70 +112,6 @@ class Amplifier(ChainElement):
         )
         return Response(values=y, state=np.array([command[-1], y[-1]]))
 
-    def inverse(self, y: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        """Return the command that gives a sequence of outputs, exact to rounding.
-
-        The output is met at the samples by a command of straight lines; `lead` gives a smooth one
-        for a smooth output.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs [V], shape (n,).
-        dt : float
-            Step between samples [s].
-        state : array_like, optional
-            State one step before the first of them; settled at the first where not given.
-
-        Returns
-        -------
-        Response
-            The commands [V], and the state at the last sample.
-
-        Raises
-        ------
-        ModelError
-            The range or the largest rate does not allow the output.
-        """
-        wanted = samples(y, "output of the amplifier")
-        h = positive_step(dt)
-        now = self._started(wanted[0] / self.gain, h, state, "an amplifier")
-        before = wanted[0] if state is None else now[1]
-        self._refuse_range(wanted)
-        self._refuse_rate(np.diff(wanted, prepend=before) / h)
-        found = self._lag().inverse(wanted, h, [self.gain * now[0], now[1]]).values / self.gain
-        met = self.simulate(found, h, now).values
-        self._refuse_miss(met - wanted, float(np.ptp(wanted)) + abs(float(wanted[0])), h)
-        return Response(values=found, state=np.array([found[-1], wanted[-1]]))
-
-    def lead(self, y: ArrayLike, dt: float) -> Array:
-        r"""Return the smooth command that gives a smooth output.
-
-        .. math:: c = (u + T \dot u)/g
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs [V], shape (n,), n at least 6; between them a spline of fifth degree.
-        dt : float
-            Step between samples [s].
-
-        Returns
-        -------
-        numpy.ndarray
-            Commands [V], shape (n,).
-
-        Raises
-        ------
-        ModelError
-            The range or the largest rate does not allow the output, or there are less than 6.
-        """
-        wanted = samples(y, "output of the amplifier")
-        self._refuse_range(wanted)
-        command = self._lag().lead(wanted, dt)
-        self._refuse_rate((command - wanted) / self.time_constant)
-        return command / self.gain
-
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
         return self.gain * self._lag().frequency_response(frequency_hz)
 
@@ -194,32 +120,6 @@ class Amplifier(ChainElement):
 
     def _range(self) -> tuple[float, float]:
         return (-math.inf, math.inf) if self.voltage_range is None else self.voltage_range
-
-    def _refuse_range(self, y: Array) -> None:
-        low, high = self._range()
-        bad = np.flatnonzero((y < low) | (y > high))
-        if bad.size:
-            raise ModelError(
-                f"the amplifier cannot give {y[bad[0]]:g} V at sample {bad[0]}: its range is "
-                f"{low:g} to {high:g} V"
-            )
-
-    def _refuse_rate(self, rate: Array) -> None:
-        bad = np.flatnonzero(np.abs(rate) > self.largest_rate * (1.0 + _MET))
-        if bad.size:
-            raise ModelError(
-                f"the amplifier cannot follow {rate[bad[0]]:g} V/s at sample {bad[0]}: its largest "
-                f"rate is {self.largest_rate:g} V/s; slow the output down or make it smaller"
-            )
-
-    def _refuse_miss(self, miss: Array, size: float, dt: float) -> None:
-        bad = np.flatnonzero(np.abs(miss) > _MET * size)
-        if bad.size:
-            raise ModelError(
-                f"inside the step to sample {bad[0]} the output would have to be faster than "
-                f"{self.largest_rate:g} V/s to be met there: make it smooth, or sample it at more "
-                f"than every {dt:g} s"
-            )
 
 
 @compiled

@@ -18,7 +18,7 @@ from flexstage.hysteresis.chain.element import (
 )
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import Array, Response, samples
+from flexstage.hysteresis.model import Array, Response, checked, samples
 
 
 class Creep(ChainElement):
@@ -191,10 +191,7 @@ class LogCreep(Creep):
     """Number of lags in a decade p."""
 
     def __post_init__(self) -> None:
-        if not (self.rate_per_decade >= 0.0 and math.isfinite(self.rate_per_decade)):
-            raise ModelError(
-                f"the rate of creep must be finite and not negative, got {self.rate_per_decade!r}"
-            )
+        checked(self.rate_per_decade, "rate of creep", "finite and not negative")
         if not SHORTEST <= self.shortest < self.longest <= LONGEST:
             raise ModelError(
                 f"the times of creep must rise and be between {SHORTEST:g} and {LONGEST:g} s, got "

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Complex
 from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import Array, Response
+from flexstage.hysteresis.model import Array, Response, checked
 
 #: Most derivatives that a step takes into account.
 ORDERS = 12
@@ -61,9 +61,7 @@ class ChainElement(ABC):
 
 def positive_step(dt: float) -> float:
     """Return a step between samples after checking it."""
-    if not (dt > 0.0 and np.isfinite(dt)):
-        raise ModelError(f"the step between samples must be positive and finite, got {dt!r} s")
-    return float(dt)
+    return checked(dt, "step between samples", "positive and finite", "s")
 
 
 def checked_state(state: ArrayLike, size: int, what: str) -> Array:

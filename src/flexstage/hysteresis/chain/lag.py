@@ -235,43 +235,6 @@ class Lag(ChainElement):
         newest = line[line.size - 1 - whole :][::-1]
         return Response(values=y, state=np.append(newest, end))
 
-    def inverse(self, y: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        """Return the input that gives a sequence of outputs, exact to rounding.
-
-        The output is met at the samples by an input of straight lines. Where it turns sharply the
-        input found swings from sample to sample about the one that `lead` gives.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs, shape (n,).
-        dt : float
-            Step between samples [s].
-        state : array_like, optional
-            State one step before the first of them; settled at the first where not given.
-
-        Returns
-        -------
-        Response
-            The inputs, and the state at the last sample.
-
-        Raises
-        ------
-        ModelError
-            There is a delay.
-        """
-        if self.delay > 0.0:
-            raise ModelError(
-                f"a delay of {self.delay:g} s cannot be undone sample by sample: use `lead`, "
-                "which knows the whole output"
-            )
-        wanted = samples(y, "output of a lag")
-        now = self._started(wanted[0], dt, state, "a lag")
-        x = np.empty_like(wanted)
-        ratio = self._ratio(dt)
-        _undo_lag(wanted, now, float(decay_share(ratio)), float(ramp_share(ratio)), x)
-        return Response(values=x, state=now)
-
     def lead(self, y: ArrayLike, dt: float) -> Array:
         r"""Return the smooth input that gives a smooth output.
 
@@ -341,13 +304,3 @@ def _lag(
         y[k] = lag + away * part_decay + rise * part_ramp
         lag += away * decay + rise * ramp
     return lag
-
-
-@compiled
-def _undo_lag(y: Array, state: Array, decay: float, ramp: float, x: Array) -> None:
-    last, lag = state[0], state[1]
-    for k in range(y.size):
-        last += (y[k] - lag - (last - lag) * decay) / ramp
-        lag = y[k]
-        x[k] = last
-    state[0], state[1] = last, lag

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.element import ChainElement, Complex, positive_step
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.model import Array, Response, samples
+from flexstage.hysteresis.model import Array, Response, checked, samples
 
 # Noise is drawn in blocks of samples, each from a stream of its own: a record does not depend on
 # how it is cut.
@@ -65,19 +65,12 @@ class Sensor(ChainElement):
     """Seed of the noise; two sensors need two."""
 
     def __post_init__(self) -> None:
-        if self.gain == 0.0 or not math.isfinite(self.gain):
-            raise ModelError(f"the gain of a sensor must be finite, not 0, got {self.gain!r}")
+        checked(self.gain, "gain of a sensor", "finite, not 0")
         for name in ("noise_rms", "quantisation", "mains_frequency_hz"):
-            value = getattr(self, name)
-            if not (value >= 0.0 and math.isfinite(value)):
-                raise ModelError(
-                    f"the {name} of a sensor must be finite and not negative, got {value!r}"
-                )
-        if self.bandwidth_hz is not None and not 0.0 < self.bandwidth_hz < math.inf:
-            raise ModelError(
-                f"the bandwidth of a sensor must be positive and finite, got {self.bandwidth_hz!r}"
-                " Hz: leave it out for none"
-            )
+            checked(getattr(self, name), f"{name} of a sensor", "finite and not negative")
+        if self.bandwidth_hz is not None:
+            hint = "Hz: leave it out for none"
+            checked(self.bandwidth_hz, "bandwidth of a sensor", "positive and finite", hint)
         if self.seed < 0:
             raise ModelError(f"the seed of a sensor must not be negative, got {self.seed!r}")
 
@@ -101,28 +94,6 @@ class Sensor(ChainElement):
         if self.quantisation > 0.0:
             y = self.quantisation * np.round(y / self.quantisation)
         return Response(values=y, state=np.append(lagged.state, float(count + given.size)))
-
-    def inverse(self, y: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        """Return the input that gives a sequence of readings, as if they had no noise.
-
-        Parameters
-        ----------
-        y : array_like
-            Readings, shape (n,).
-        dt : float
-            Step between samples [s].
-        state : array_like, optional
-            State one step before the first of them; settled at the first where not given.
-
-        Returns
-        -------
-        Response
-            The inputs, and the state at the last sample.
-        """
-        lagged = (samples(y, "reading of a sensor") - self.offset) / self.gain
-        now = self._started(lagged[0], positive_step(dt), state, "a sensor")
-        found = self._lag().inverse(lagged, dt, now[:2])
-        return Response(values=found.values, state=np.append(found.state, now[2] + lagged.size))
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
         return self.gain * self._lag().frequency_response(frequency_hz)

@@ -136,14 +136,7 @@ class StageModes(ChainElement):
         end = np.array([value_at(force, force.samples - 1)])
         return Response(values=y[0], state=np.concatenate((end, z, v / dt)))
 
-    def inverse(
-        self,
-        y: ArrayLike,
-        dt: float,
-        *,
-        rate: ArrayLike | None = None,
-        curvature: ArrayLike | None = None,
-    ) -> Response:
+    def inverse(self, y: ArrayLike, dt: float) -> Response:
         r"""Return the input that gives a smooth output.
 
         For one mode
@@ -158,14 +151,10 @@ class StageModes(ChainElement):
         Parameters
         ----------
         y : array_like
-            Outputs, shape (n,), n at least 6; the stage rests at the first of them.
+            Outputs, shape (n,), n at least 6; the stage rests at the first of them. Between them it
+            is a spline of fifth degree.
         dt : float
             Step between samples [s].
-        rate : array_like, optional
-            First derivative of the output [1/s], shape (n,); that of a spline of fifth degree where
-            not given.
-        curvature : array_like, optional
-            Second derivative of the output [1/s^2], shape (n,); given with `rate` or not at all.
 
         Returns
         -------
@@ -179,13 +168,7 @@ class StageModes(ChainElement):
             The stage is not minimum phase, or the output has less than 6 samples.
         """
         h = positive_step(dt)
-        x = stage_inverse(
-            self,
-            samples(y, "output of the stage"),
-            h,
-            None if rate is None else samples(rate, "rate of the output"),
-            None if curvature is None else samples(curvature, "curvature of the output"),
-        )
+        x = _stage_inverse(self, samples(y, "output of the stage"), h)
         return Response(values=x, state=self.simulate(x, h).state)
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
@@ -258,18 +241,8 @@ def _polynomials(stage: StageModes) -> tuple[Array, Array, float]:
     return np.asarray(above[first:], np.float64), np.asarray(below, np.float64), unit
 
 
-def stage_inverse(
-    stage: StageModes,
-    y: Array,
-    dt: float,
-    rate: Array | None = None,
-    curvature: Array | None = None,
-) -> Array:
-    """Return the input that gives a smooth output.
-
-    At least six outputs; the stage rests at the first. Rate [1/s] and curvature [1/s^2] are given
-    both or not at all: a spline of fifth degree then makes them.
-    """
+def _stage_inverse(stage: StageModes, y: Array, dt: float) -> Array:
+    """Return the input that gives a smooth output; the stage rests at the first."""
     above, below, unit = _polynomials(stage)
     if below.size - above.size > 2:
         raise ModelError(
@@ -284,7 +257,7 @@ def stage_inverse(
             "inverse is unstable; leave out the mode of opposite sign, or close the loop"
         )
     quotient, rest = np.polydiv(below, above)
-    derivatives = _derivatives(y, dt, rate, curvature)
+    derivatives = _derivatives(y)
     x = np.zeros_like(y)
     for power, c in enumerate(quotient[::-1]):
         x += c * derivatives[power] / (unit * dt) ** power
@@ -293,33 +266,14 @@ def stage_inverse(
     return x
 
 
-def _derivatives(y: Array, dt: float, rate: Array | None, curvature: Array | None) -> Array:
+def _derivatives(y: Array) -> Array:
     """Return derivatives 0 to 5 [per sample] to the right of each sample, shape (6, n)."""
+    from scipy.interpolate import make_interp_spline
+
     if y.size < 6:
         raise ModelError(f"the inverse of a stage needs 6 samples or more, got {y.size}")
-    if (rate is None) != (curvature is None):
-        raise ModelError("give both derivatives of the reference, or neither")
-    at = np.arange(y.size, dtype=np.float64)
-    if rate is None or curvature is None:
-        from scipy.interpolate import make_interp_spline
-
-        spline = make_interp_spline(at, y, k=5)
-        return np.array([spline(at, nu) for nu in range(6)])
-    if rate.shape != y.shape or curvature.shape != y.shape:
-        raise ModelError(
-            f"the derivatives of the reference must have {y.size} samples as it has, got "
-            f"{rate.shape} and {curvature.shape}"
-        )
-    v, c = rate * dt, curvature * dt**2
-    out = np.zeros((6, y.size))
-    out[:3] = y, v, c
-    # polynomial of fifth degree that has value, rate and curvature at both ends of a step
-    gap = np.diff(y) - v[:-1] - 0.5 * c[:-1]
-    gap1, gap2 = np.diff(v) - c[:-1], np.diff(c)
-    out[3, :-1] = 6.0 * (10.0 * gap - 4.0 * gap1 + 0.5 * gap2)
-    out[4, :-1] = 24.0 * (-15.0 * gap + 7.0 * gap1 - gap2)
-    out[5, :-1] = 120.0 * (6.0 * gap - 3.0 * gap1 + 0.5 * gap2)
-    return out
+    spline = make_interp_spline(np.arange(y.size, dtype=np.float64), y, k=5)
+    return np.array([spline(np.arange(y.size, dtype=np.float64), nu) for nu in range(6)])
 
 
 def _remainder(rest: Array, above: Array, h: float, derivatives: Array) -> Array:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.excitations.excitation import Movement
+from flexstage.hysteresis.model import checked
 
 #: Rate of the fastest loops where nobody asks for one [Hz], and how many times slower others are.
 _USUAL_RATE = 5.0
@@ -277,8 +278,8 @@ def checked_rest(rest: float | None, low: float, high: float) -> float:
 def require_positive(given: dict[str, tuple[float | None, str]]) -> None:
     """Refuse numbers that are not positive and finite; None passes."""
     for name, (value, unit) in given.items():
-        if value is not None and not 0.0 < value < math.inf:
-            raise ModelError(f"the {name} must be positive and finite, got {value!r} {unit}")
+        if value is not None:
+            checked(value, name, "positive and finite", unit)
 
 
 def safe_slope(

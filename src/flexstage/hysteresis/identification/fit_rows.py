@@ -1,6 +1,5 @@
 """What a fit looks at of a record: means or samples of it, and columns behind the linear chain."""
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -8,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
@@ -19,6 +17,7 @@ from flexstage.hysteresis.identification.measurement import (
     with_history,
     without_history,
 )
+from flexstage.hysteresis.model import checked
 from flexstage.records.quality import difference_noise
 
 #: From mean to mean a signal runs in a straight line, within this share of its range, rms, ...
@@ -142,11 +141,7 @@ class ChainValues:
 
     def __post_init__(self) -> None:
         for name in ("delay", "creep_per_decade", "resonance_hz"):
-            value = getattr(self, name)
-            if not (value >= 0.0 and math.isfinite(value)):
-                raise ModelError(
-                    f"the {name} of a chain must be finite and not negative, got {value:g}"
-                )
+            checked(getattr(self, name), f"{name} of a chain", "finite and not negative")
 
     @property
     def creep(self) -> Creep:

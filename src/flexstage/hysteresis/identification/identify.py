@@ -39,7 +39,13 @@ from flexstage.hysteresis.identification.model_choice import (
     passed_over,
     prediction_errors,
 )
-from flexstage.hysteresis.identification.model_fit import FitData, behind_chain, fit_data, fits
+from flexstage.hysteresis.identification.model_fit import (
+    FitData,
+    automatic,
+    behind_chain,
+    fit_data,
+    fits,
+)
 from flexstage.hysteresis.identification.verdict import Verdict, remarks, stands_still, verdict
 from flexstage.hysteresis.models.registry import MODELS
 from flexstage.records import Record
@@ -144,8 +150,9 @@ def identify(
     output_column : str or int
         The column that follows.
     model : str or sequence of str
-        Name of a model, or of several; ``auto`` is all of them. Of several, the simplest one is
-        taken that is as good as the best on held-out cycles, within noise.
+        Name of a model, or of several; ``auto`` is `bouc-wen`, `maxwell-slip`,
+        `modified-prandtl-ishlinskii`, `preisach`, and any of your own. Of several, the simplest one
+        is taken that is as good as the best on held-out cycles, within noise.
     chain : ChainValues, optional
         The chain where it is known; found where not given.
     train : tuple of int, optional
@@ -173,7 +180,7 @@ def identify(
         There is no such model.
     """
     wanted = (model,) if isinstance(model, str) else tuple(model)
-    names = tuple(fits()) if wanted == ("auto",) else wanted
+    names = automatic() if wanted == ("auto",) else wanted
     if not names:
         raise ModelError(f"no model is named: choose from auto, {', '.join(fits())}")
     for name in names:

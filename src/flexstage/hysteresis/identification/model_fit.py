@@ -115,6 +115,8 @@ class ModelFit(ABC):
     law: ClassVar[type[HysteresisModel]]
     #: Number of parameters.
     size: int
+    #: Whether it is tried where no model is named.
+    automatic: bool = True
 
     @property
     def kind(self) -> str:
@@ -339,6 +341,14 @@ def moves(columns: Sequence[Array], share: float = 0.0) -> NDArray[np.bool_]:
 def fits() -> Mapping[str, ModelFit]:
     """Return how each model that can be fitted is, by its name, from few parameters to many."""
     return _fits(tuple(MODELS.items()))
+
+
+def automatic() -> tuple[str, ...]:
+    """Return the models that are tried where none is named.
+
+    The others are tried when they are named: where these fitted, they were the best of no record.
+    """
+    return tuple(kind for kind, fit in fits().items() if fit.automatic)
 
 
 @functools.cache

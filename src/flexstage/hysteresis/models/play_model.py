@@ -1,6 +1,7 @@
 """What models that sum functions of plays have in common."""
 
 from abc import abstractmethod
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +17,11 @@ from flexstage.hysteresis.model import (
 )
 from flexstage.hysteresis.models import play_sum
 from flexstage.hysteresis.models.play import play_state
+from flexstage.hysteresis.models.source_code import MatlabCode, TunableParameter, tunable_of
 
+#: What is said of a threshold and of a list of them.
+THRESHOLD = "half the gap of a play"
+_THRESHOLDS = "half the gap of each play [unit of u]"
 #: Gain, thresholds, knots, slopes and offsets of a sum of functions of plays.
 Sum = tuple[float, Array, Array, Array, Array]
 
@@ -169,3 +174,57 @@ def segments_of(values: Array, terms: Sum, state: Array, *, backward: bool) -> S
         samples=values.size,
         state=after,
     )
+
+
+def sum_numbers(total: Sum) -> Array:
+    """Return a sum of functions of plays as C takes it."""
+    gain, thresholds, knots, slopes, offsets = total
+    sizes = [thresholds.size, knots.size, gain]
+    return np.concatenate([sizes, thresholds, knots, slopes.ravel(), offsets.ravel()])
+
+
+def largest_pieces(total: Sum) -> int:
+    """Return the largest number of pieces: each play may start, and pass each knot."""
+    return total[1].size * (total[2].size + 1) + 1
+
+
+def play_parameters(model: HysteresisModel, thresholds: Array) -> list[TunableParameter]:
+    """Return gain, thresholds and weights; the weights stand after the thresholds.
+
+    Thresholds cannot be changed, since the memory belongs to them.
+    """
+    m = thresholds.size
+    return [
+        tunable_of(model, "gain", 2, "slope just after the voltage turns back"),
+        *elements(model, "thresholds", thresholds, THRESHOLD),
+        *(tunable_of(model, f"weights[{i}]", 3 + m + i, "weight of a play") for i in range(m)),
+    ]
+
+
+def elements(
+    model: HysteresisModel, name: str, values: Array, description: str
+) -> Iterable[TunableParameter]:
+    """Return the elements of a list that cannot be changed."""
+    return [tunable_of(model, f"{name}[{i}]", None, description) for i in range(values.size)]
+
+
+def plays_matlab_code(model: PlayModel) -> MatlabCode:
+    """Return the code in MATLAB of a sum of functions of plays."""
+    line = play_sum.PiecewiseLinear(knots=np.zeros(0), slopes=np.ones(1))
+    return plays_and_line_matlab_code(model.play_terms(), line)
+
+
+def plays_and_line_matlab_code(total: Sum, line: play_sum.PiecewiseLinear) -> MatlabCode:
+    """Return the code in MATLAB of a sum of functions of plays, and of a line after it."""
+    gain, thresholds, inner, by_play, constants = total
+    numbers = {
+        "gain": (gain, "part of the input itself [unit of y per unit of u]"),
+        "thresholds": (thresholds, _THRESHOLDS),
+        "knots": (inner, "where the functions of the plays change their slope [unit of u]"),
+        "slopes": (by_play, "slopes of these functions, one row a play [unit of y per unit of u]"),
+        "offsets": (constants, "their values at zero, continued from each interval [unit of y]"),
+        "line_knots": (line.knots, "where the line after them has kinks"),
+        "line_slopes": (line.slopes, "slopes of this line [1]"),
+        "line_offsets": (line.offsets(), "its values at zero"),
+    }
+    return MatlabCode(parts=("plays",), parameters=numbers)

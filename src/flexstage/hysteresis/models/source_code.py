@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, HysteresisModel
-from flexstage.hysteresis.models.registry import MODELS, part
 
 _INPUT, _OUTPUT = "V", "m"
 _INCLUDE = re.compile(r'^#include "([\w.]+)"', re.MULTILINE)
@@ -134,50 +132,3 @@ class MatlabCode:
     """Names of the texts that it is made of: the body of the function, then what that calls."""
     parameters: Mapping[str, tuple[Any, str]]
     """Numbers by name, and what is said of each."""
-
-
-def _written(model: HysteresisModel, name: str) -> bool:
-    return model.kind in MODELS and hasattr(part(model.kind, "code"), name)
-
-
-def hysteresis_code(model: HysteresisModel) -> HysteresisCode:
-    """Return what C needs to compute a hysteresis model from volts to metres.
-
-    Notes
-    -----
-    Validity: in double precision, without contraction of products and sums, the C functions do the
-    operations of the model in their order. Results are the same bits where both take exponentials
-    and logarithms from one mathematical library; elsewhere they differ by its rounding. In single
-    precision they are within 1e-6 of the stroke (Duhem 2e-6) where the voltage moves by turns.
-    Very slow motion one way, 10 uV a step, costs models that keep a displacement as memory
-    (Bouc-Wen, Dahl) 1e-4 of the stroke over 3 V, and Duhem 7e-3; sums of plays lose nothing.
-    Exponents above 6 do not fit into single precision for lengths in metres.
-
-    Examples
-    --------
-    >>> from flexstage.hysteresis import BoucWen
-    >>> stack = BoucWen(gain=0.593e-6, hysteresis_gain=0.441e-6, beta=0.05, gamma=0.03)
-    >>> code = hysteresis_code(stack)
-    >>> code.header, code.function, code.memory, code.pieces
-    ('hysteresis_bouc_wen.h', 'fs_bouc_wen', 2, 2)
-    >>> [f"{p.name} [{p.unit}] = p[{p.index}]" for p in code.tunable][:2]
-    ['gain [m/V] = p[0]', 'hysteresis_gain [m/V] = p[1]']
-    """
-    if not _written(model, "c_code"):
-        raise ModelError(
-            f"there is no C for hysteresis of the kind '{model.kind}': take one of "
-            f"{', '.join(MODELS)}"
-        )
-    code: HysteresisCode = part(model.kind, "code").c_code(model)
-    return code
-
-
-def matlab_code(model: HysteresisModel) -> MatlabCode:
-    """Return what MATLAB needs to compute a hysteresis model."""
-    if not _written(model, "matlab_code"):
-        raise ModelError(
-            f"a {model.kind} model is not written for Simulink: identify the record with one of "
-            f"{', '.join(sorted(MODELS))}"
-        )
-    code: MatlabCode = part(model.kind, "code").matlab_code(model)
-    return code

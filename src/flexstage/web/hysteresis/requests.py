@@ -74,7 +74,7 @@ class Search:
     """What is identified, and what is known before."""
 
     models: tuple[str, ...] = ()
-    """Kinds of hysteresis models; none for all."""
+    """Kinds of hysteresis models; none for those that are tried unless named."""
     train: str = ""
     """Samples to fit; empty for all."""
     drift: bool = False

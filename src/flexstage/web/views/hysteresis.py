@@ -26,8 +26,9 @@ _PURPOSES = (
     "Drop what was measured of a drive: its command, usually a voltage, and the position that "
     "followed, over time. Text, CSV, MATLAB, HDF5, TDMS, NumPy, LabVIEW and universal files are "
     "read. Without a record of your own take the example, a simulated piezo stack.",
-    "Identify finds hysteresis, creep, delay and resonance in it by nine models, and says how far "
-    "each can be trusted: by its error on cycles that it was not fitted to.",
+    "Identify finds hysteresis, creep, delay and resonance in it by four models, or by those that "
+    "you choose of nine, and says how far each can be trusted: by its error on cycles that it was "
+    "not fitted to.",
     "The inverse of the model makes the command that lets the drive follow a sine, a triangle or a "
     "path of your own: a file for the controller, with what it leaves.",
     "A model proves itself on a record that it was not identified from, at another rate or on "
@@ -110,8 +111,8 @@ class HysteresisView:
         search = self._state.search
         kinds = {kind: model.title for kind, model in MODELS.items()}
         ui.select(
-            kinds, label="Hysteresis model (all where none is chosen)", value=list(search.models),
-            multiple=True, clearable=True,
+            kinds, label="Hysteresis model (four are tried where none is chosen)",
+            value=list(search.models), multiple=True, clearable=True,
         ).props("outlined dense options-dense stack-label use-chips").classes("full-width"
         ).on_value_change(lambda event: self._set("models", tuple(event.value or ())))  # fmt: skip
         known = replace(search, models=()) != type(search)()

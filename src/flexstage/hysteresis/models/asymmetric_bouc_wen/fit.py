@@ -16,6 +16,7 @@ class AsymmetricBoucWenFit(SearchedFit):
 
     law = AsymmetricBoucWen
     size = 6
+    automatic = False
     grid = (8, 6)
     free = np.array([False, True, True, False])
 

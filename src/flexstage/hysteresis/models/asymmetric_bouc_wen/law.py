@@ -11,10 +11,13 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, HysteresisModel, ModelProperty, Response, samples
 from flexstage.hysteresis.models.bouc_wen_common import (
     BoucWenModel,
+    bouc_wen_c_code,
+    bouc_wen_matlab_code,
     classical_law,
     classical_properties,
     simulate_runs,
 )
+from flexstage.hysteresis.models.source_code import HysteresisCode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,3 +159,12 @@ class AsymmetricBoucWen(BoucWenModel):
     def _compiled(self) -> tuple[Array, Array]:
         law = classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)
         return np.array([self.gain, self.quadratic, self.cubic]), law
+
+
+def c_code(model: AsymmetricBoucWen) -> HysteresisCode:
+    """Return the code in C, without pieces and without limits of the input."""
+    names = ("gain", "quadratic", "cubic", "hysteresis_gain", "beta", "gamma")
+    return bouc_wen_c_code(model, names, 0)
+
+
+matlab_code = bouc_wen_matlab_code

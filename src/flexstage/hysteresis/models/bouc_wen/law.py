@@ -12,10 +12,13 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, ModelProperty, Response, samples
 from flexstage.hysteresis.models.bouc_wen_common import (
     BoucWenModel,
+    bouc_wen_c_code,
+    bouc_wen_matlab_code,
     classical_law,
     classical_properties,
     simulate_runs,
 )
+from flexstage.hysteresis.models.source_code import HysteresisCode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,3 +104,12 @@ class BoucWen(BoucWenModel):
     def _compiled(self) -> tuple[Array, Array]:
         law = classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)
         return np.array([self.gain, 0.0, 0.0]), law
+
+
+def c_code(model: BoucWen) -> HysteresisCode:
+    """Return the code in C, with pieces where the exponent is 1."""
+    names = ("gain", "hysteresis_gain", "beta", "gamma")
+    return bouc_wen_c_code(model, names, 2 if model.exponent == 1.0 else 0)
+
+
+matlab_code = bouc_wen_matlab_code

@@ -17,6 +17,7 @@ class DahlFit(SearchedFit):
 
     law = Dahl
     size = 3
+    automatic = False
     grid = (16,)
 
     def columns(self, section: RecordSection, place: Array, data: FitData) -> Array:

@@ -22,6 +22,7 @@ class DuhemFit(SearchedFit):
 
     law = Duhem
     size = 1 + _CURVE + _TANGENT
+    automatic = False
     grid = (16,)
     free = np.ones(_CURVE + _TANGENT, dtype=bool)
     penalty = np.diag([_CONSTANT, *[0.0] * (_CURVE + _TANGENT - 1)])

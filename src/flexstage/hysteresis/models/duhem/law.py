@@ -16,10 +16,12 @@ from flexstage.hysteresis.model import (
     ModelProperty,
     Response,
     Segments,
+    checked,
     samples,
 )
 from flexstage.hysteresis.models.play import ROUNDING, fixed
 from flexstage.hysteresis.models.play_model import sampled
+from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
 
 #: Inputs at which the conditions are looked at.
 GRID = 513
@@ -87,8 +89,6 @@ class Duhem(HysteresisModel):
     """
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.rate) and self.rate > 0.0):
-            raise ModelError(f"the rate must be positive and finite, got {self.rate}")
         for name in ("anhysteretic", "tangent"):
             given = fixed(getattr(self, name), f"coefficients of the {name}", (-1,))
             if not 1 <= given.size <= TERMS:
@@ -103,7 +103,7 @@ class Duhem(HysteresisModel):
                 f"the input range must rise and hold zero, where the model rests, "
                 f"got {low:g} to {high:g}"
             )
-        object.__setattr__(self, "rate", float(self.rate))
+        object.__setattr__(self, "rate", checked(self.rate, "rate", "positive and finite"))
         object.__setattr__(self, "input_range", (low, high))
 
     @property
@@ -115,7 +115,7 @@ class Duhem(HysteresisModel):
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
         given, before = samples(u, "input"), self._state(state)
-        y = _simulate(given, self.rate, self._f(), self._g(), before)
+        y = _simulate(given, self.rate, *self.padded(), before)
         return Response(values=y, state=np.array([given[-1], y[-1]]))
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
@@ -144,11 +144,11 @@ class Duhem(HysteresisModel):
         # An end of the range is reached even where the output for it is rounded.
         edge = ROUNDING * (high - low)
         ends = (low - edge, high + edge)
-        u, missed = _invert(wanted, self.rate, self._f(), self._g(), *ends, before)
+        u, missed = _invert(wanted, self.rate, *self.padded(), *ends, before)
         return Response(values=u, state=before), missed
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
-        f, g = self._f(), self._g()
+        f, g = self.padded()
         if np.any(f[2:] != 0.0) or np.any(g[1:] != 0.0):
             return None
         given = sampled(u)
@@ -179,7 +179,7 @@ class Duhem(HysteresisModel):
         low, high = self.input_range
         least, largest = self._extremes()
         u = np.linspace(low, high, GRID)
-        curve, tangent = np.polynomial.Polynomial(self._f()), np.polynomial.Polynomial(self._g())
+        curve, tangent = map(np.polynomial.Polynomial, self.padded())
         excess = curve.deriv() - tangent
         d, change = excess(u), excess.deriv()(u)
         margin = float(np.min(2.0 * self.rate * d - np.abs(change)))
@@ -206,17 +206,21 @@ class Duhem(HysteresisModel):
             ),
         )
 
-    def _f(self) -> Array:
-        return np.pad(self.anhysteretic, (0, TERMS - self.anhysteretic.size))
+    def padded(self) -> tuple[Array, Array]:
+        """Return the coefficients of f and g, four each.
 
-    def _g(self) -> Array:
-        return np.pad(self.tangent, (0, TERMS - self.tangent.size))
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Those that are not given are zero, shape (4,) each.
+        """
+        f, g = (np.pad(own, (0, TERMS - own.size)) for own in (self.anhysteretic, self.tangent))
+        return f, g
 
     def _extremes(self) -> tuple[float, float]:
         """Return the least slope and the largest output, either way, on the outermost branches."""
         u = np.linspace(*self.input_range, GRID)
-        f = np.polynomial.Polynomial(self._f())(u)
-        g = np.polynomial.Polynomial(self._g())(u)
+        f, g = (np.polynomial.Polynomial(own)(u) for own in self.padded())
         branches = self._outermost(u)
         # Order is kept: an output between two others stays between them, on every path.
         rising = self.rate * (f - np.max(branches, axis=0)) + g
@@ -408,3 +412,41 @@ def _invert(
         u[n] = x
     state[0], state[1] = x, here
     return u, missed
+
+
+def c_code(model: Duhem) -> HysteresisCode:
+    """Return the code in C, without the range of the input.
+
+    It has one piece where the curve is straight and the tangent constant; then only the
+    coefficients of these can be changed.
+    """
+    curve, tangent = model.padded()
+    closed = not (np.any(curve[2:] != 0.0) or np.any(tangent[1:] != 0.0))
+    tunable = [tunable_of(model, "rate", 0, "how fast the output comes to its curve")]
+    for name, what, first, last in (
+        ("anhysteretic", "curve to which the output tends", 1, 2),
+        ("tangent", "slope of the output on its curve", 1 + TERMS, 1),
+    ):
+        for k in range(getattr(model, name).size):
+            slope = f"/V^{k + (name == 'tangent')}".removesuffix("^1")
+            tunable.append(
+                tunable_of(
+                    model,
+                    f"{name}[{k}]",
+                    first + k if k < last or not closed else None,
+                    f"coefficient {k} of the {what}",
+                    "m" if slope == "/V^0" else f"m{slope}",
+                )
+            )
+    return code_of(model, [model.rate, *curve, *tangent], tunable, 1 if closed else 0)
+
+
+def matlab_code(model: Duhem) -> MatlabCode:
+    """Return the code in MATLAB."""
+    curve, tangent = model.padded()
+    numbers = {
+        "rate": (model.rate, "how fast the output comes to its curve [per unit of u]"),
+        "f": (curve, "coefficients of the curve, from the constant up"),
+        "g": (tangent, "coefficients of the slope on the curve, from the constant up"),
+    }
+    return MatlabCode(parts=("duhem",), parameters=numbers)

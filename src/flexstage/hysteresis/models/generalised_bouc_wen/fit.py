@@ -28,6 +28,7 @@ class GeneralisedBoucWenFit(RefinedFit):
 
     law = GeneralisedBoucWen
     size = 8
+    automatic = False
 
     def begin(self, data: FitData) -> Array:
         # the two gains, the shape function where loaded, two differences

@@ -10,8 +10,13 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, ModelProperty, Response, samples
-from flexstage.hysteresis.models.bouc_wen_common import BoucWenModel
+from flexstage.hysteresis.models.bouc_wen_common import (
+    BoucWenModel,
+    bouc_wen_c_code,
+    bouc_wen_matlab_code,
+)
 from flexstage.hysteresis.models.bouc_wen_steps import law_of
+from flexstage.hysteresis.models.source_code import HysteresisCode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,3 +147,12 @@ class GeneralisedBoucWen(BoucWenModel):
     def _compiled(self) -> tuple[Array, Array]:
         law = law_of(self.hysteresis_gain, self.exponent, self.centre, self.shape_function())
         return np.array([self.gain, 0.0, 0.0]), law
+
+
+def c_code(model: GeneralisedBoucWen) -> HysteresisCode:
+    """Return the code in C, with pieces where the exponent is 1."""
+    names = ("gain", "hysteresis_gain", *(f"shape[{k}]" for k in range(6)), "centre")
+    return bouc_wen_c_code(model, names, 4 if model.exponent == 1.0 else 0)
+
+
+matlab_code = bouc_wen_matlab_code

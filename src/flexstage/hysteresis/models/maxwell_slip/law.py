@@ -14,12 +14,23 @@ from flexstage.hysteresis.model import (
     ModelProperty,
     Response,
     Segments,
+    checked,
     samples,
 )
 from flexstage.hysteresis.models import play_sum
 from flexstage.hysteresis.models.play import ROUNDING, fixed, play_state, rising
-from flexstage.hysteresis.models.play_model import Sum, least_slope, sampled, segments_of, terms
+from flexstage.hysteresis.models.play_model import (
+    Sum,
+    elements,
+    largest_pieces,
+    least_slope,
+    sampled,
+    segments_of,
+    sum_numbers,
+    terms,
+)
 from flexstage.hysteresis.models.play_sum import PiecewiseLinear, dead_zone_line
+from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,9 +95,7 @@ class GeneralisedMaxwellSlip(HysteresisModel):
         d = rising(self.dead_zones, "dead zones", least=0)
         k = fixed(self.element_stiffness, "stiffnesses of elements", r.shape)
         v = fixed(self.dead_zone_weights, "weights of dead zones", d.shape)
-        if not np.isfinite(self.stiffness):
-            raise ModelError(f"the stiffness must be finite, got {self.stiffness}")
-        object.__setattr__(self, "stiffness", float(self.stiffness))
+        object.__setattr__(self, "stiffness", checked(self.stiffness, "stiffness"))
         for name, value in (
             ("thresholds", r),
             ("element_stiffness", k),
@@ -214,3 +223,29 @@ def _inner(state: Array) -> Array:
 def _outer(u: float, plays: Array) -> Array:
     """Return the state of the model: voltage, displacement, sliders."""
     return np.concatenate([[u], plays[1:]])
+
+
+def c_code(model: GeneralisedMaxwellSlip) -> HysteresisCode:
+    """Return the code in C, all fixed: the state must fit to every parameter."""
+    total, sliders, zones = model.play_terms(), model.thresholds, model.dead_zones
+    tunable = [
+        tunable_of(model, "stiffness", None, "stiffness of the spring that never slides"),
+        *elements(model, "thresholds", sliders, "displacement from which an element slides"),
+        *elements(model, "element_stiffness", sliders, "stiffness of an element before it slides"),
+        *elements(model, "dead_zones", zones, "where the stiffness of the spring changes"),
+        *elements(model, "dead_zone_weights", zones, "by how much it changes there"),
+    ]
+    return code_of(model, sum_numbers(total), tunable, largest_pieces(total))
+
+
+def matlab_code(model: GeneralisedMaxwellSlip) -> MatlabCode:
+    """Return the code in MATLAB."""
+    gain, thresholds, knots, slopes, offsets = model.play_terms()
+    numbers = {
+        "gain": (gain, "slope of all elements together [V/m]"),
+        "thresholds": (thresholds, "displacement from which each element slides [m]"),
+        "knots": (knots, "where the bent spring changes its slope [m]"),
+        "slopes": (slopes, "slopes of the bent spring, and of the elements, negative [V/m]"),
+        "offsets": (offsets, "their values at zero, continued from each interval [V]"),
+    }
+    return MatlabCode(parts=("maxwell_slip",), parameters=numbers)

@@ -16,9 +16,16 @@ from flexstage.hysteresis.model import (
     samples,
 )
 from flexstage.hysteresis.models.play import fixed, rising
-from flexstage.hysteresis.models.play_model import Sum
+from flexstage.hysteresis.models.play_model import (
+    Sum,
+    elements,
+    play_parameters,
+    plays_and_line_matlab_code,
+    sum_numbers,
+)
 from flexstage.hysteresis.models.play_sum import PiecewiseLinear, dead_zone_line
 from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
+from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -176,3 +183,24 @@ def _through(line: PiecewiseLinear, pieces: Segments) -> Segments:
         samples=pieces.samples,
         state=pieces.state,
     )
+
+
+def c_code(model: ModifiedPrandtlIshlinskii) -> HysteresisCode:
+    """Return the code in C; gain and weights of plays can be changed."""
+    line, zones = model.line(), model.dead_zones
+    count = line.knots.size
+    numbers = np.concatenate(
+        [sum_numbers(model.play_terms()), [count], line.knots, line.slopes, line.offsets()]
+    )
+    tunable = [
+        *play_parameters(model, model.thresholds),
+        *elements(model, "dead_zones", zones, "where the slope of the second function changes"),
+        *elements(model, "dead_zone_weights", zones, "by how much it changes there"),
+    ]
+    # Each piece of the plays may meet each knot, since the weights may have any sign.
+    return code_of(model, numbers, tunable, (model.thresholds.size + 1) * (count + 1))
+
+
+def matlab_code(model: ModifiedPrandtlIshlinskii) -> MatlabCode:
+    """Return the code in MATLAB."""
+    return plays_and_line_matlab_code(model.play_terms(), model.line())

@@ -29,6 +29,7 @@ class PrandtlIshlinskiiFit(LinearFit):
 
     law = PrandtlIshlinskii
     size = 1 + PLAYS
+    automatic = False
 
     def columns(self, section: RecordSection, data: FitData) -> Iterator[Array]:
         yield np.column_stack((section.u, play_columns(section.u, _thresholds(data))))

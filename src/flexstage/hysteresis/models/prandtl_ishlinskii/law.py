@@ -7,9 +7,17 @@ from typing import ClassVar
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.model import Array, checked
 from flexstage.hysteresis.models.play import fixed, rising
-from flexstage.hysteresis.models.play_model import PlayModel, Sum, terms
+from flexstage.hysteresis.models.play_model import (
+    PlayModel,
+    Sum,
+    play_parameters,
+    plays_matlab_code,
+    sum_numbers,
+    terms,
+)
+from flexstage.hysteresis.models.source_code import HysteresisCode, code_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,9 +67,7 @@ class PrandtlIshlinskii(PlayModel):
 
     def __post_init__(self) -> None:
         r = rising(self.thresholds, "thresholds of plays", above=0.0)
-        if not np.isfinite(self.gain):
-            raise ModelError(f"the gain must be finite, got {self.gain}")
-        object.__setattr__(self, "gain", float(self.gain))
+        object.__setattr__(self, "gain", checked(self.gain, "gain"))
         object.__setattr__(self, "thresholds", r)
         object.__setattr__(self, "weights", fixed(self.weights, "weights of plays", r.shape))
 
@@ -95,3 +101,12 @@ class PrandtlIshlinskii(PlayModel):
 
     def play_terms(self) -> Sum:
         return terms(self.gain, self.thresholds, np.empty(0), self.weights[:, None])
+
+
+def c_code(model: PrandtlIshlinskii) -> HysteresisCode:
+    """Return the code in C, whose gain and weights can be changed."""
+    tunable = play_parameters(model, model.thresholds)
+    return code_of(model, sum_numbers(model.play_terms()), tunable, model.thresholds.size + 1)
+
+
+matlab_code = plays_matlab_code

@@ -7,11 +7,20 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.model import Array, checked
 from flexstage.hysteresis.models.play import fixed, play_columns, rising
-from flexstage.hysteresis.models.play_model import PlayModel, Sum, terms
+from flexstage.hysteresis.models.play_model import (
+    THRESHOLD,
+    PlayModel,
+    Sum,
+    elements,
+    largest_pieces,
+    plays_matlab_code,
+    sum_numbers,
+    terms,
+)
+from flexstage.hysteresis.models.source_code import HysteresisCode, code_of, tunable_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,11 +87,9 @@ class Preisach(PlayModel):
         r = rising(self.thresholds, "thresholds of plays", lowest=0.0)
         k = rising(self.knots, "knots", least=2)
         slopes = fixed(self.slopes, "slopes", (r.size, k.size - 1))
-        if not np.isfinite(self.gain):
-            raise ModelError(f"the gain must be finite, got {self.gain}")
         for name, value in (("thresholds", r), ("knots", k), ("slopes", slopes)):
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "gain", float(self.gain))
+        object.__setattr__(self, "gain", checked(self.gain, "gain"))
 
     def play_terms(self) -> Sum:
         # The outermost slopes go on, so only the knots between them matter.
@@ -151,3 +158,21 @@ def _inside(p: float, knots: Array, j: int) -> int:
     while j > 0 and p < knots[j]:
         j -= 1
     return j
+
+
+def c_code(model: Preisach) -> HysteresisCode:
+    """Return the code in C; the gain alone can be changed, as tables hold knots and slopes."""
+    total = model.play_terms()
+    tunable = [
+        tunable_of(model, "gain", 2, "part of the voltage itself"),
+        *elements(model, "thresholds", model.thresholds, THRESHOLD),
+        *elements(model, "knots", model.knots, "mean where the density changes"),
+        *(
+            tunable_of(model, f"slopes[{i},{j}]", None, "density of the memory")
+            for i, j in np.ndindex(*model.slopes.shape)
+        ),
+    ]
+    return code_of(model, sum_numbers(total), tunable, largest_pieces(total))
+
+
+matlab_code = plays_matlab_code
