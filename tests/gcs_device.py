@@ -8,7 +8,7 @@ from flexstage.instruments.pi.simulated.clock import FastTime
 from flexstage.instruments.pi.simulated.device import AxisDescription, Refusal, RefusedError
 from flexstage.instruments.pi.simulated.gcs_state import OWN
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
-from flexstage.instruments.pi.simulated.session import ServerSession
+from flexstage.instruments.pi.simulated.server import ServerSession
 from flexstage.instruments.protocol import Capability, Identity
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import Notch, ServoSettings
@@ -196,14 +196,6 @@ class FormulaDevice:
     def line_now(self, axis):
         return float(self.line(axis, np.array([self.now]))[0])
 
-    def rename(self, names):
-        self.state = {names.get(name, name): axis for name, axis in self.state.items()}
-        self.gain = {names.get(name, name): gain for name, gain in self.gain.items()}
-        self.axes = {
-            names.get(name, name): dataclasses.replace(axis, name=names.get(name, name))
-            for name, axis in self.axes.items()
-        }
-
     def reboot(self):
         self.calls.append("reboot")
         self.fresh()
@@ -256,7 +248,7 @@ class FormulaDevice:
             if self.state[name].servo:
                 refuse(Refusal.SERVO_ON)
             if not low <= value <= high:
-                refuse(Refusal.OUT_OF_LIMITS)
+                refuse(Refusal.VOLTAGE_OUT_OF_LIMITS)
         self.calls.append(("commands", dict(commands)))
         self.trigger("move")
         for name, value in commands.items():
@@ -277,7 +269,7 @@ class FormulaDevice:
             if self.state[name].wave is not None:
                 refuse(Refusal.WAVE_RUNNING)
             if value is not None and not low <= value <= high:
-                refuse(Refusal.OUT_OF_LIMITS)
+                refuse(Refusal.VOLTAGE_OUT_OF_LIMITS)
         for name in voltages:
             if self.state[name].servo:
                 self.set_servo(name, False)
@@ -346,9 +338,6 @@ class FormulaDevice:
 
     def choose_wave(self, axis, table, feedforward=0):
         self.state[axis].choice = (table, feedforward)
-
-    def wave_cycles(self, axis):
-        return self.state[axis].cycles
 
     def set_wave_cycles(self, axis, cycles):
         if self.state[axis].wave is not None:

@@ -141,7 +141,7 @@ def test_it_starts_once_with_what_it_was_armed_for(device: VirtualController) ->
 
 def test_a_refused_command_starts_nothing(device: VirtualController) -> None:
     device.arm_recorder("move")
-    assert refusal(device.set_commands, {"1": 500.0}) is Refusal.OUT_OF_LIMITS
+    assert refusal(device.set_commands, {"1": 500.0}) is Refusal.VOLTAGE_OUT_OF_LIMITS
     device.advance(0.01)
     assert device.recorder.recorded == 0
 

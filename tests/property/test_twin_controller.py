@@ -85,7 +85,7 @@ def say(device: VirtualController, command: Command) -> str:
 def state(device: VirtualController) -> list[Any]:
     """Everything that can be asked."""
     per_axis = ["servo_on", "target", "position", "on_target", "moving", "speed", "wave_choice",
-                "wave_cycles", "wave_running"]  # fmt: skip
+                "wave_running"]  # fmt: skip
     if device.axes["1"].kind == "piezo":
         per_axis += ["command", "voltage", "servo"]
     answers: list[Any] = [[getattr(device, ask)(a) for a in device.axes] for ask in per_axis]

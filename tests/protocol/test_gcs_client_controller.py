@@ -38,7 +38,7 @@ def opened(
 
 def moved(log: list[str]) -> list[str]:
     """Commands that move something, or could."""
-    return [line for line in log if line.split()[0] in ("MOV", "SVA", "SVO", "WGO", "MVR", "SVR")]
+    return [line for line in log if line.split()[0] in ("MOV", "SVA", "SVO", "WGO", "MVR")]
 
 
 def without_checks(log: list[str]) -> list[str]:

@@ -13,12 +13,12 @@ from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.profile import TransferLimits
+from flexstage.instruments.pi.simulated.address import Loopback
 from flexstage.instruments.pi.simulated.clock import FastTime
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN, ControllerModel
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import GcsServer
-from flexstage.instruments.pi.simulated.session import Loopback
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.ramp import lead_to
 from flexstage.instruments.transport import InProcess, TcpLink

@@ -12,12 +12,12 @@ import pytest
 
 from flexstage.instruments.pi.simulated.clock import FastTime
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
-from flexstage.instruments.pi.simulated.session import ServerSession
+from flexstage.instruments.pi.simulated.server import ServerSession
 from tests.gcs_device import FormulaDevice
 from tests.tiers import sizes
 
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?"
-PAIRS = re.compile(rf" *(MOV|MVR|SVA|SVR)((?: +[12] +{NUMBER})+) *\r?", re.IGNORECASE)
+PAIRS = re.compile(rf" *(MOV|MVR|SVA)((?: +[12] +{NUMBER})+) *\r?", re.IGNORECASE)
 #: How a waveform is started or stopped, and the way to the zero of the sensors.
 MODE = r"(?:0*(?:0|1|257)|0x0*(?:0|1|101))"
 ZERO = rf" *ATZ(?: +[12] +(?:NAN|{NUMBER}))* *\r?"
@@ -35,18 +35,18 @@ OTHERS = {
 EXAMPLES = """\
 *IDN?|CSV?|VER?|HLP?|HPA?|SPA?|SAI? ALL|TPC?|TSC?|ERR?|STP|HLT 1|SVO 1 1 2 1|SVO 2 0|SVO?
 MOV 1 10 2 5.5|MOV 2 -3e0|MVR 1 0.5|MVR 2 -.25|MOV? 1|POS?|ONT? 1 2|VEL 1 500|VEL? 2|VOL?
-SVA 1 20|SVA 2 3 1 7|SVR 1 -1.5|SVA?|TMN?|TMX? 1|PUN?|VMI?|VMA?|NLM?|PLM?|FRF?|HDR?
-DRC 1 1 1 2 1 2|DRC 3 3 20|DRC?|DRT 0 1 0|DRT 0 0 0|DRT 0 4 0|DRT?|DRR? 1 5 1 2|DRR? 1 1
+SVA 1 20|SVA 2 3 1 7|SVA?|TMN?|TMX? 1|PUN?|VMI?|VMA?|NLM?|PLM?|FRF?|HDR?
+DRC 1 1 1 2 1 2|DRC 3 3 20|DRT 0 1 0|DRT 0 0 0|DRT 0 4 0|DRR? 1 5 1 2|DRR? 1 1
 DRL? 1|RTR 20|RTR?|TNR?|WAV 1 X SIN_P 200 10 5 200 0 100|WAV 2 X PNT 1 5 1 2 3 4 5
-WAV 2 & PNT 6 2 5 6|WAV 3 X LIN 100 -4 10 90 5 20|WAV 1 + RAMP 50 2 0 50 0 5 25
-WAV 4 X PNT 1 1 3|WAV?|WCL 2|WSL 1 1 2 3|WSL 1 4|WSL?|WGC 1 2|WGC 1 0|WGC?|WGO 1 1
-WGO 1 1 2 1|WGO 1 0|WGO?|WGR|WTR 0 3 1|WTR?|WMS?|TWG?|GWD? 1 5 2|GWD?|TSP? 3|CST?
+WAV 2 & PNT 6 2 5 6|WAV 3 X LIN 100 -4 10 90 5 20|WAV 1 X RAMP 50 2 0 50 0 5 25
+WAV 4 X PNT 1 1 3|WCL 2|WSL 1 1 2 3|WSL 1 4|WGC 1 2|WGC 1 0|WGO 1 1
+WGO 1 1 2 1|WGO 1 0|WGO?|WTR 0 3 1|GWD? 1 5 2|GWD?|TSP? 3|CST?
 CCL 1 advanced|CCL?|SEP?|SPA 1 0x07000300 3|SPA 1 0x08000100 700 1 0x08000200 .1
 SPA? 1 369099265|SPA 1 0x7F000003 1|SPA 1 0x7F000003 0|IMP 1|RBT|SPA 2 0x7F000011 3
-SPA 1 0x7F000001 0.01|STP 1|ATZ|ATZ 1 NAN 2 5|ATZ?|WGO 1 0x101|WGO 2 257|WOS 1 2.5|WOS?|OVF?
+SPA 1 0x7F000001 0.01|STP 1|ATZ|ATZ 1 NAN 2 5|ATZ?|WGO 1 0x101|WGO 2 257|WOS 1 2.5|OVF?
 SRG? 1 1|TAD?|TNS? 3|IFC?|IFC? IPADR|SSN?|IDN?|AOS?|LIM?|TRS?|ONL 1 0|ONL 1 1 2 1|ONL?|EAX 1 0
 EAX 1 1|EAX?|FRF 1|FNL|FPL 2|RON 1 0|RON?|DCO 1 1|DCO?|VCO 1 0|VCO 1 1|VCO?|VMA 1 90|VMI 1 2
-NLM 1 3|PLM 1 55|TWC|TWS 1 10 1|TWS?|CTO 1 3 4|CTO?|DRT 1 1 0 2 1 0|SPA 1 0x16000300 2"""
+NLM 1 3|PLM 1 55|TWC|TWS 1 10 1|CTO 1 3 4|CTO?|DRT 1 1 0 2 1 0|SPA 1 0x16000300 2"""
 SEEDS = [line.encode() for line in EXAMPLES.replace("\n", "|").split("|")]
 WORDS = [
     b"1",
@@ -121,7 +121,7 @@ def allowed(line, call, before, running):
     words = found[2].split()
     values = dict(zip(words[::2], map(float, words[1::2]), strict=True))
     scale = 1e-6 if kind == "targets" else 1.0
-    relative = word in ("MVR", "SVR")
+    relative = word == "MVR"
     if relative and running:  # the wave may have ended in the time of the command
         return set(call[1]) == set(values)
     wanted = {a: v * scale + (before[kind][a] if relative else 0.0) for a, v in values.items()}

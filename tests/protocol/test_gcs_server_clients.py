@@ -5,9 +5,10 @@ import threading
 import pytest
 
 from flexstage.errors import NotConnectedError
+from flexstage.instruments.pi.simulated.address import Loopback
 from flexstage.instruments.pi.simulated.clock import FastTime
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
-from flexstage.instruments.pi.simulated.session import LONGEST_LINE, Loopback, ServerSession
+from flexstage.instruments.pi.simulated.server import LONGEST_LINE, ServerSession
 from tests.gcs_device import FormulaDevice, controller, opened, talk
 
 
@@ -29,7 +30,7 @@ def test_the_first_that_changes_something_holds_control(two):
     assert talk(second, lines) == ("", [1005] * 8)
     assert interpreter.device.calls == [("servo", "1", True)]
     # reading is always allowed
-    assert talk(second, "SVO? 1\nDRL? 1\nWAV? 1\nERR?") == ("1=1\n1=0\n1 1=0\n0\n", 0)
+    assert talk(second, "SVO? 1\nDRL? 1\nERR?") == ("1=1\n1=0\n0\n", 0)
 
 
 def test_control_is_free_when_its_client_leaves(two):

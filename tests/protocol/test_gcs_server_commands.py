@@ -4,8 +4,6 @@ import re
 
 import pytest
 
-from flexstage.instruments.pi.simulated.device import Refusal
-from flexstage.instruments.pi.simulated.errors_gcs import CODES
 from tests.gcs_device import controller, opened, talk
 
 E = "{:.9e}".format
@@ -20,11 +18,9 @@ GOOD = {
     "CSV?": "2.0\n",
     "csv?": "2.0\n",
     "  CSV?  ": "2.0\n",
-    "DRC 2 3 20 1 2 7\nDRC? 2 1": "2=3 20 \n1=2 7\n",
-    "DRC 2 3 20\nDRC 2 0 0\nDRC? 2": "2=0 0\n",
+    "DRC 2 3 20 1 2 7\nDRT 0 4 0\nDRL?": "1=2000 \n2=2000 \n3=0\n",
+    "DRC 2 3 20\nDRC 2 0 0\nDRT 0 4 0\nDRL? 2": "2=0\n",
     "DRL?": "1=0 \n2=0 \n3=0\n",
-    "DRT 2 2 0\nDRT?": "1=0 0 \n2=0 0 \n3=0 0\n",  # the next command resets it
-    "DRT 0 1 0\nDRT? 3": "3=1 0\n",
     "AOS? 1": f"1={E(0)}\n",
     "ATZ\nATZ?\nATZ?": "1=1 \n2=1\n" * 2,
     "SVO 1 1\nMOV 1 20\nATZ 1 5 2 NAN\nONT?\nSVO?\nVOL? 1": (f"1=1 \n2=1\n1=0 \n2=0\n1={E(5)}\n"),
@@ -44,20 +40,16 @@ GOOD = {
     "TAD? 1": "1=-81743\n",  # 29 um below the middle of 62 um, of 93 um
     "TNS? 3": f"3={E(3)}\n",
     "TRS?": "1=0 \n2=0\n",
-    "TWS 1 10 1 1 12 0\nTWS?\nTWC\nTWS?": "1 10=1 \n1 12=0\n0\n",
+    "TWS 1 10 1 1 12 0\nTWC": "",
     "VCO 1 0\nVCO?\nVEL 1 5\nVEL? 1\nVCO 1 1\nVEL? 1": f"1=0 \n2=1\n1={E(5)}\n1={E(5)}\n",
     "VMA 1 90\nVMI 1 2\nVMA? 1\nVMI?": f"1={E(90)}\n1={E(2)} \n2={E(0)}\n",
-    "WOS 1 -2.5\nWOS?": f"1={E(-2.5)} \n2={E(0)}\n",
+    "WOS 1 -2.5 2 0": "",
     "ACC 1 2.5\nACC?": f"1={E(2.5)} \n2={E(1)}\n",
     "DEC 2 30\nDEC? 2": f"2={E(30)}\n",
     "SVO 1 1\nMOV 1 5\nONT?\nDFH 1\nMOV 1 9\nGOH 1\nMOV? 1\nDFH?": (
         f"1=1 \n2=1\n1={E(5)}\n1={E(5)} \n2={E(0)}\n"
     ),
     "TCV? 1": f"1={E(2000)}\n",
-    "SAI 1 X 2 yaw\nSAI?\nPOS? yaw\nTPC?": f"X \nyaw\nyaw={E(0)}\n2\n",
-    "SAI 1 2 2 1\nCST?": "2=x \n1=y\n",
-    "MAC?": "\n",
-    "RMC?": "\n",
     "ERR?": "0\n",
     "FRF? 1": "1=1\n",
     "HLT 1": "",
@@ -80,16 +72,16 @@ GOOD = {
         f"1 0xe000200={E(1e-4)} \n1 0X0E000200={E(1e-4)} \n1 234881536={E(1e-4)}\n"
     ),
     "SPA? 0 0x16000000": "0 0x16000000=1\n",
-    "SPA 1 0x16000300 2\nTNR?\nDRC?": "2\n1=0 0 \n2=0 0\n",
+    "SPA 1 0x16000300 2\nTNR?\nDRL?": "2\n1=0 \n2=0\n",
     "SPA 1 0x06000500 0\nSPA? 1 0x6000500": "1 0x6000500=0\n",
-    "DRT 1 1 0 2 1 0 3 1 0\nDRT?": "1=1 0 \n2=1 0 \n3=1 0\n",
+    "DRT 1 1 0 2 1 0 3 1 0": "",
     "SPA 0 0x16000000 9\nRTR?": "9\n",
-    "SPA 1 0x13000109 9\nWTR? 0": "1=9 1 \n2=9 1\n",
+    "SPA 1 0x13000109 9\nSPA? 1 0x13000109": "1 0x13000109=9\n",
     "SPA 2 0x7F000011 3\nSPA? 2 0x7F000011 1 0x7F000011": "2 0x7F000011=3 \n1 0x7F000011=0\n",
     "SPA? 1 0x7F000012 2 0x7F000012": "1 0x7F000012=x \n2 0x7F000012=y\n",
     "SPA? 3 0x7F000020 3 0x7F000021": "3 0x7F000020=x.yaw \n3 0x7F000021=urad\n",
     "SPA? 2 0x07000601": "2 0x07000601=um\n",
-    "SVA 1 8\nSVR 1 -3 2 4\nSVA?": f"1={E(5)} \n2={E(4)}\n",
+    "SVA 1 5 2 4\nSVA?": f"1={E(5)} \n2={E(4)}\n",
     "SVO 1 1\nSVO? 1": "1=1\n",
     "TMN? 1": f"1={E(-2)}\n",
     "TMX? 1": f"1={E(60)}\n",
@@ -97,21 +89,17 @@ GOOD = {
     "TPC?": "2\n",
     "TSC?": "3\n",
     "TSP? 3": f"3={E(3)}\n",
-    "TWG?": "2\n",
     "VEL 1 500 2 125.5\nVEL?": f"1={E(500)} \n2={E(125.5)}\n",
     "VMA? 2": f"2={E(100)}\n",
     "VMI?": f"1={E(-5)} \n2={E(0)}\n",
     "VOL? 2": f"2={E(0)}\n",
-    "WAV 1 X PNT 1 3 1 2 3\nWAV 1 X PNT 1 2 1 2\nWAV?": "1 1=2 \n2 1=0 \n3 1=0 \n4 1=0\n",
-    "WAV 1 X PNT 1 3 1 2 3\nWCL 1 4\nWAV? 1": "1 1=0\n",
-    "WAV 3 + PNT 1 2 1 1\nWAV 3 + PNT 1 1 2\nWAV? 3 1": "3 1=2\n",
-    "WGC 1 0 2 7\nWGC?": "1=0 \n2=7\n",
+    "WAV 1 X PNT 1 3 1 2 3\nWAV 1 X PNT 1 2 1 2": "",
+    "WAV 1 X PNT 1 3 1 2 3\nWCL 1 4": "",
+    "WGC 1 0 2 7": "",
     "WGO? 2": "2=0\n",
-    "WAV 2 X PNT 1 600 " + "1 " * 600 + "\nWMS? 2 1": "2=5000 \n1=4400\n",
-    "WSL 1 4 2 1\nWSL?": "1=4 \n2=1\n",
-    "WSL 1 4\nWSL 1 0\nWSL? 1": "1=0\n",
-    "WTR 0 12 1\nWTR? 2": "2=12 1\n",
-    "WTR 1 5 1 2 5 1\nWTR? 1": "1=5 1\n",
+    "WSL 1 4 2 1\nWSL 1 0": "",
+    "WTR 0 12 1\nSPA? 1 0x13000109": "1 0x13000109=12\n",
+    "WTR 1 5 1 2 5 1\nSPA? 1 0x13000109": "1 0x13000109=5\n",
     "STP": "",
 }
 
@@ -120,6 +108,8 @@ BAD = {
     "": 0,
     "  ": 0,
     "XYZ": 2,
+    "WAV? 1": 2,
+    "SAI 1 X": 2,
     "POS": 2,
     "MOV1 2": 2,
     "é": 1,
@@ -141,9 +131,6 @@ BAD = {
     "MAC END": 1002,
     "MAC END A": 24,
     "MAC XYZ A": 1003,
-    "MAC? A": 20,
-    "MAC? A B": 24,
-    "RMC? A": 24,
     "SSN? 1": 24,
     "TWC 1": 24,
     **{f"{name}? 3": 15 for name in ("AOS", "ATZ", "DCO", "EAX", "LIM", "OVF", "RON", "TRS")},
@@ -153,11 +140,6 @@ BAD = {
     "DFH 3": 15,
     "GOH 3": 15,
     "GOH 1": 5,
-    "SAI 1": 24,
-    "SAI 3 X": 15,
-    "SAI 1 a-b": 23,
-    "SAI 1 abcdefghi": 23,
-    "SAI 1 2": 22,
     "ATZ 1": 24,
     "ATZ 3 0": 15,
     "ATZ 1 130": 302,
@@ -193,14 +175,12 @@ BAD = {
     "TWS 9 10 1": 17,
     "TWS 1 0 1": 17,
     "TWS 1 1 2": 17,
-    "TWS? 9": 17,
     "VCO 1 2": 17,
     "VMA 3 5": 14,
     "VMA 1 130": 27,
     "VMI 1 -6": 27,
     "WOS 1": 24,
     "WOS 3 1": 15,
-    "WOS? 3": 15,
     "SPA 1 0x06000500 2": 17,
     "SPA 1 0x16000300 4": 17,
     "SPA 1 0x16000300 0": 17,
@@ -210,7 +190,6 @@ BAD = {
     "TNR? 1": 24,
     "TPC? 1": 24,
     "TSC? 1": 24,
-    "TWG? 1": 24,
     "RTR?  1": 24,
     "CCL? 1": 24,
     "SAI? 1": 1,
@@ -248,7 +227,6 @@ BAD = {
     "SVA 1 121": 302,
     "SVA 2 -0.001": 302,
     "SVA 1 1 2 101": 302,
-    "SVR 1 500": 302,
     "SVA 1": 24,
     "HLT 3": 15,
     "VEL 1 0": 8,
@@ -287,11 +265,9 @@ BAD = {
     "DRC 1 1 99": 58,
     "DRC 1 3 1": 59,
     "DRC 1 4 20": 59,
-    "DRC? 9": 57,
     "DRT 0 1": 24,
     "DRT 9 1 0": 57,
     "DRT 0 3 0": 17,
-    "DRT? 9": 57,
     "DRL? 4": 57,
     "DRR? 1": 24,
     "DRR?": 77,
@@ -307,6 +283,7 @@ BAD = {
     "WAV 5 X PNT 1 1 0": 400,
     "WAV 0 X PNT 1 1 0": 400,
     "WAV 1 Y PNT 1 1 0": 1,
+    "WAV 1 + PNT 1 1 0": 1,
     "WAV 1 X SAW 1 1 0": 402,
     "WAV 1 X PNT 1 2 0": 404,
     "WAV 1 X PNT 1": 404,
@@ -325,23 +302,18 @@ BAD = {
     "WAV 1 X RAMP 10 1 0 10 0 2": 404,
     "WAV 1 X LIN 10 1 0 10 0 6": 405,
     "WAV 1 X LIN 5001 1 0 10 0 1": 403,
-    "WAV? 5": 400,
-    "WAV? 1 2": 24,
     "WCL": 24,
     "WCL 5": 400,
     "GWD?": 401,
     "GWD? 1": 24,
     "GWD? 1 1 1": 401,
     "GWD? 1 1 7": 400,
-    "WMS? 7": 400,
     "WSL 1": 24,
     "WSL 3 1": 15,
     "WSL 1 5": 400,
-    "WSL? 3": 15,
     "WGC 1": 24,
     "WGC 3 1": 15,
     "WGC 1 -1": 25,
-    "WGC? 3": 15,
     "WGO": 24,
     "WGO 1 1": 75,
     "WGO 3 1": 15,
@@ -352,8 +324,6 @@ BAD = {
     "WGO 1 0x10": 406,
     "WGO 1 x": 25,
     "WGO? 3": 15,
-    "WGR": 75,
-    "WGR 1": 24,
     "WTR 1 5": 24,
     "WTR 3 5 1": 15,
     "WTR 0 0 1": 17,
@@ -361,7 +331,6 @@ BAD = {
     "WTR 0 5 2": 17,
     "WTR 1 5 1 2 6 1": 17,
     "WTR 0 99999 1": 17,
-    "WTR? 3": 15,
     "IMP": 24,
     "IMP 3": 15,
     "IMP 1": 34,
@@ -392,7 +361,7 @@ def test_bad_arguments(line):
 
 def test_every_command_has_a_good_and_a_bad_example():
     names = set(controller().commands)
-    elsewhere = {"VER?", "HLP?", "HPA?", "HDR?", "SPA?", "DRR?", "GWD?", "WGO", "WGR", "IMP", "MOV"}
+    elsewhere = {"VER?", "HLP?", "HPA?", "HDR?", "SPA?", "DRR?", "GWD?", "WGO", "IMP", "MOV"}
     elsewhere |= {"FNL", "FPL", "FRF", "MAC", "SRG?"}
     good = {line.split(" ")[0] for lines in GOOD for line in lines.strip().upper().split("\n")}
     bad = {line.split(" ")[0] for line in BAD if line.strip()}
@@ -410,9 +379,3 @@ def test_help_lists_every_command_once_with_its_name_first():
     for name in listed[5:]:
         session.feed(f"{name} ? ? ?\n".encode())
         assert session.feed(b"ERR?\n") != b"2\n"
-
-
-def test_every_refusal_has_a_number():
-    assert set(CODES) == set(Refusal)
-    assert CODES[Refusal.OUT_OF_LIMITS] == 7
-    assert all(number > 0 for number in CODES.values())

@@ -2,7 +2,7 @@
 
 from flexstage.instruments.pi.simulated.clock import FastTime
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
-from flexstage.instruments.pi.simulated.session import ServerSession
+from flexstage.instruments.pi.simulated.server import ServerSession
 from tests.gcs_device import FormulaDevice, opened, talk
 
 
@@ -12,17 +12,6 @@ def test_a_refused_move_starts_no_record_later():
     assert talk(session, "DRC 1 1 7\nDRT 0 1 0\nSVA 1 999\nDRT 0 0 0\nSVA 1 5") == ("", [302])
     assert not device.recorder.recording
     assert device.recorder.recorded == 0
-
-
-def test_a_wave_that_runs_is_recorded_again():
-    session = opened()
-    device = session._interpreter.device
-    talk(session, "DRC 1 1 7\nWAV 1 X PNT 1 2 1 2\nWSL 1 1\nWGC 1 0\nWTR 0 50 1\nWGO 1 1")
-    # the error was asked for 1 ms later: ten samples of the loop
-    assert device.recorder.recorded == 10
-    assert talk(session, "POS?\nPOS?\nWGR")[1] == 0
-    assert device.recorder.recorded == 10
-    assert device.now > 8e-3
 
 
 def test_what_was_recorded_is_read_as_what_it_was():

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from flexstage.instruments.pi.simulated.session import ServerSession
+from flexstage.instruments.pi.simulated.server import ServerSession
 from flexstage.system.servo import Notch, ServoSettings
 from tests.gcs_device import controller, opened, talk
 
@@ -80,8 +80,8 @@ def test_commands_while_a_wave_runs():
     talk(session, "WAV 1 X PNT 1 3 1 2 3\nWAV 2 X PNT 1 1 1\nWSL 1 1\nWGC 1 0\nWGO 1 1")
     lines = "SVA 1 5\nWGO 1 1\nWSL 1 2\nWGC 1 2\nWAV 1 X PNT 1 1 0\nWCL 2 1\nWTR 0 2 1\nSVO 1 1"
     assert talk(session, lines) == ("", [73] * 8)
-    assert talk(session, "WAV? 2\nWGO 1 0\nWGO?\nSVA 1 5\nONT?\nSVA? 1") == (
-        f"2 1=1\n1=0 \n2=0\n1=1 \n2=1\n1={E(5)}\n",
+    assert talk(session, "WGO 1 0\nWGO?\nSVA 1 5\nONT?\nSVA? 1") == (
+        f"1=0 \n2=0\n1=1 \n2=1\n1={E(5)}\n",
         0,
     )
 

@@ -79,15 +79,14 @@ def numbers(text):
     return [float(line) for line in text.split("END_HEADER \n")[1].split(" \n")]
 
 
-def test_segments_are_replaced_appended_and_added():
+def test_segments_are_replaced_and_appended():
     session = opened()
     talk(
         session,
         "WAV 1 X PNT 1 2 9 9\nWAV 1 X LIN 3 3 1 3 0 0\nWAV 1 & PNT 4 1 4\nwav 1 & pnt 1 1 5",
     )
     assert numbers(talk(session, "GWD? 1 5 1")[0]) == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0])
-    talk(session, "WAV 1 + PNT 1 2 10 20")
-    assert numbers(talk(session, "GWD?")[0]) == pytest.approx([11.0, 22.0, 3.0, 4.0, 5.0])
+    assert numbers(talk(session, "GWD?")[0]) == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0])
     assert talk(session, "GWD? 1 6 1\nGWD? 0 1 1\nGWD? 2 0 1") == ("", [405, 405, 405])
 
 
@@ -98,7 +97,8 @@ def test_tables_share_their_memory():
         "",
         [403] * 3,
     )
-    assert talk(session, "WCL 2\nWAV 1 & LIN 2000 1 0 10 0 0\nWAV? 1") == ("1 1=5000\n", 0)
+    assert talk(session, "WCL 2\nWAV 1 & LIN 2000 1 0 10 0 0") == ("", 0)
+    assert talk(session, "WAV 3 X PNT 1 1 0") == ("", [403])
 
 
 def test_long_arrays_come_in_rows_without_loss():

@@ -11,7 +11,7 @@ from flexstage.errors import ControllerError, LimitError
 from flexstage.instruments import FlyScan, MotionStatus, ScanAxis, Signal, Waveform
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.profile import TransferLimits
-from flexstage.instruments.pi.simulated.session import Loopback
+from flexstage.instruments.pi.simulated.address import Loopback
 from flexstage.instruments.transport import InProcess
 from tests.gcs_device import controller
 

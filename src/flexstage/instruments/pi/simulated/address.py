@@ -1,17 +1,18 @@
 """A simulated controller by its address, in this process."""
 
+import threading
 from collections.abc import Mapping
 from urllib.parse import urlsplit
 
 from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.errors import ModelError, NotConnectedError
 from flexstage.instruments.address import flag, longest_silence, number, one_of, options_of
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.profile import TransferLimits
 from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
-from flexstage.instruments.pi.simulated.session import Loopback
+from flexstage.instruments.pi.simulated.server import STOP, ServerSession
 from flexstage.instruments.transport import InProcess
 from flexstage.stage import Stage
 from flexstage.virtual.build import virtual_stage
@@ -60,3 +61,54 @@ def open_twin(
     link = InProcess(conversation, name=f"twin of {stage.name}")
     transfer = TransferLimits(line_limit=_LONG_LINES)
     return PiController.open(link, stage, axes=axes, timeout=silence, transfer=transfer)
+
+
+class Loopback:
+    """Takes what a client sends, and has the answer ready at once.
+
+    Any thread may send; a stop (character 24) does not wait for what another thread does. With
+    `ends_time` the clock of the controller ends with the conversation.
+    """
+
+    def __init__(self, interpreter: Interpreter, *, ends_time: bool = False) -> None:
+        self._interpreter, self._ends_time = interpreter, ends_time
+        self._session = ServerSession(interpreter)
+        self._answers = bytearray()
+        self._lock = threading.Lock()
+        self._closed = False
+
+    @property
+    def name(self) -> str:
+        """Where it leads."""
+        return self._interpreter.device.identity.model
+
+    def send(self, data: bytes) -> None:
+        """Send bytes; they are carried out before this returns."""
+        self._open()
+        if STOP in data:
+            self._session.stop()
+        with self._lock:
+            self._answers += self._session.feed(data)
+
+    def receive(self, timeout: float = 0.0) -> bytes:
+        """Return what the controller has said; nothing is waited for, since it is said already."""
+        self._open()
+        with self._lock:
+            said, self._answers = bytes(self._answers), bytearray()
+        return said
+
+    def another(self) -> "Loopback":
+        """Open a second conversation with the same controller."""
+        return Loopback(self._interpreter)
+
+    def close(self) -> None:
+        """End the conversation; calling it again changes nothing."""
+        if not self._closed:
+            self._closed = True
+            self._session.close()
+            if self._ends_time:
+                self._interpreter.pace.close()
+
+    def _open(self) -> None:
+        if self._closed:
+            raise NotConnectedError("the conversation with the simulated controller was closed")

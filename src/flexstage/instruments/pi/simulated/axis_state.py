@@ -10,7 +10,11 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.compiled import compiled
-from flexstage.instruments.pi.simulated.device import AxisDescription, Refusal, RefusedError
+from flexstage.instruments.pi.simulated.device import (
+    AxisDescription,
+    Refusal,
+    require,
+)
 from flexstage.instruments.pi.simulated.wave_tables import WaveRun
 
 #: Time constant with which the reading is smoothed before it is compared with the target [s].
@@ -228,26 +232,33 @@ _VALUE, _SLOPE = 1e-6, 1e-3
 
 
 def require_within(
-    axis: str, values: Array, bounds: tuple[float, float] | None, unit: str
+    axis: str,
+    values: Array,
+    bounds: tuple[float, float] | None,
+    unit: str,
+    reason: Refusal = Refusal.OUT_OF_LIMITS,
 ) -> Array:
     """Refuse values [m, or V] outside a range; return them, led to its ends where rounding missed.
 
     Nothing is refused where the range is not known.
     """
-    scale, shown = (1e6, "um") if unit == "m" else (1.0, unit)
-    if not np.isfinite(values).all():
-        raise RefusedError(Refusal.BAD_VALUE, f"axis '{axis}' cannot be sent to what is no number")
+    scale, shown = _shown(unit)
+    require(
+        np.isfinite(values).all(),
+        Refusal.BAD_VALUE,
+        f"axis '{axis}' cannot be sent to what is no number",
+    )
     if bounds is None:
         return values
     low, high = bounds
     slack = _VALUE * (high - low)
     worst = values[np.argmax(np.maximum(low - values, values - high))]
-    if not low - slack <= worst <= high + slack:
-        raise RefusedError(
-            Refusal.OUT_OF_LIMITS,
-            f"axis '{axis}' cannot be sent to {worst * scale:g} {shown}: its limits are "
-            f"{low * scale:g} to {high * scale:g} {shown}",
-        )
+    require(
+        low - slack <= worst <= high + slack,
+        reason,
+        f"axis '{axis}' cannot be sent to {worst * scale:g} {shown}: its limits are "
+        f"{low * scale:g} to {high * scale:g} {shown}",
+    )
     return np.clip(values, low, high)
 
 
@@ -272,24 +283,23 @@ def check_wave(
     limits = state.description.limits
     bounds = limits.position if state.servo else limits.voltage
     samples = require_within(axis, samples, bounds, unit)
-    if shift and not cycles:
-        raise RefusedError(
-            Refusal.OUT_OF_LIMITS,
-            f"the waveform of axis '{axis}' goes further with each cycle, and has no last one",
-        )
+    require(
+        cycles or not shift,
+        Refusal.OUT_OF_LIMITS,
+        f"the waveform of axis '{axis}' goes further with each cycle, and has no last one",
+    )
     if shift:
         require_within(axis, samples + shift * (cycles - 1), bounds, unit)
     largest = state.largest_rate * state.period
     joined = cycles if not shift else 1  # a cycle begins where the one before has ended
     _check_steps(axis, samples, joined, largest * divider, unit)
-    jump = abs(float(samples[0]) - present)
-    if jump > largest * (1.0 + _SLOPE):
-        scale, shown = _shown(unit)
-        raise RefusedError(
-            Refusal.OUT_OF_LIMITS,
-            f"axis '{axis}' stands at {present * scale:g} {shown}, and its waveform begins at "
-            f"{samples[0] * scale:g} {shown}: move it there first",
-        )
+    jump, (scale, shown) = abs(float(samples[0]) - present), _shown(unit)
+    require(
+        jump <= largest * (1.0 + _SLOPE),
+        Refusal.OUT_OF_LIMITS,
+        f"axis '{axis}' stands at {present * scale:g} {shown}, and its waveform begins at "
+        f"{samples[0] * scale:g} {shown}: move it there first",
+    )
     return samples
 
 
@@ -298,18 +308,18 @@ def check_feedforward(
 ) -> Array:
     """Check the voltages [V] beside a waveform of positions, of as many samples."""
     axis = state.description.name
-    if not state.servo:
-        raise RefusedError(
-            Refusal.SERVO_OFF,
-            f"axis '{axis}' has a feedforward table chosen, which runs only beside its control: "
-            "switch that on, or choose no feedforward",
-        )
-    if voltages.size != size:
-        raise RefusedError(
-            Refusal.BAD_VALUE,
-            f"the feedforward of axis '{axis}' has {voltages.size} samples and its waveform "
-            f"{size}: they must be as many",
-        )
+    require(
+        state.servo,
+        Refusal.SERVO_OFF,
+        f"axis '{axis}' has a feedforward table chosen, which runs only beside its control: "
+        "switch that on, or choose no feedforward",
+    )
+    require(
+        voltages.size == size,
+        Refusal.BAD_VALUE,
+        f"the feedforward of axis '{axis}' has {voltages.size} samples and its waveform "
+        f"{size}: they must be as many",
+    )
     voltages = require_within(axis, voltages, state.description.limits.voltage, "V")
     _check_steps(axis, voltages, cycles, state.largest_slew * state.period * divider, "V")
     return voltages
@@ -317,12 +327,13 @@ def check_feedforward(
 
 def _check_steps(axis: str, values: Array, cycles: int, largest: float, unit: str) -> None:
     steps = np.abs(np.diff(values if cycles == 1 else np.append(values, values[0])))
-    if not steps.size or (worst := float(steps.max())) <= largest * (1.0 + _SLOPE):
+    if not steps.size:
         return
-    k = int(steps.argmax())
+    k, worst = int(steps.argmax()), float(steps.max())
     scale, shown = _shown(unit)
     where = f"sample {k + 1}" if k + 1 < values.size else "its last sample, to the first,"
-    raise RefusedError(
+    require(
+        worst <= largest * (1.0 + _SLOPE),
         Refusal.OUT_OF_LIMITS,
         f"axis '{axis}' cannot follow a step of {worst * scale:g} {shown} from {where} on: "
         f"{largest * scale:g} {shown} is the most in the time of one sample",

@@ -1,19 +1,24 @@
-"""Commands of the command set: what one is, its words, and how numbers and arrays are answered."""
+"""Words of the command set: what one takes, how that is read, and how it is answered.
+
+A word is a row of a table. What it takes is written as ``HLP?`` lists it, and read by that text: in
+braces what may be repeated, in brackets what may be left out, and each argument by its name.
+"""
 
 import re
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.instruments.pi.simulated import errors_gcs as code
-from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.pi.simulated.gcs_state import ControllerState
 
 #: Lines of an answer; pieces of text that are made after the command, as they are sent; or nothing.
 Reply = Sequence[str] | Iterator[str] | None
+#: Carries a command out, given the state and what was read of its arguments.
+Run = Callable[[ControllerState, Any], Reply]
 
 
 class Client(Protocol):
@@ -23,32 +28,6 @@ class Client(Protocol):
     error: int
     #: Command level, 0 or 1.
     level: int
-
-
-#: Carries a command out, given state, session and words.
-Run = Callable[[ControllerState, Client, Sequence[str]], Reply]
-
-
-@dataclass(frozen=True, slots=True)
-class GcsCommand:
-    """A command."""
-
-    name: str
-    """Its word."""
-    arguments: str
-    """Its arguments, as it is listed."""
-    text: str
-    """What it does, as it is listed."""
-    run: Run
-    """Carries it out, given state, session and words."""
-    _: KW_ONLY
-    changes: bool = False
-    """Whether it moves or changes something, and a client that holds control keeps it from others.
-    """
-    moves: bool = False
-    """Whether it can start a motion; one that was given before a stop is not carried out after."""
-    poll: bool = False
-    """Whether a client repeats it while it waits for a motion, a waveform or a record."""
 
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
@@ -68,18 +47,15 @@ def number(word: str) -> float:
     -15.0
     """
     # no number of a client has more digits, and the time to read one grows with them
-    if len(word) > 64 or _NUMBER.fullmatch(word) is None:
-        raise GcsError(code.BAD_NUMBER)
+    require(len(word) <= 64 and _NUMBER.fullmatch(word), Refusal.BAD_NUMBER)
     value = float(word)
-    if not abs(value) <= LARGEST:
-        raise GcsError(code.BAD_NUMBER)
+    require(abs(value) <= LARGEST, Refusal.BAD_NUMBER)
     return value
 
 
 def unsigned(word: str) -> int:
     """Return a whole number from 0."""
-    if _WHOLE.fullmatch(word) is None:
-        raise GcsError(code.BAD_NUMBER)
+    require(_WHOLE.fullmatch(word), Refusal.BAD_NUMBER)
     return int(word)
 
 
@@ -91,63 +67,172 @@ def unsigned_or_hex(word: str) -> int:
     >>> unsigned_or_hex("0x16000201"), unsigned_or_hex("369099265")
     (369099265, 369099265)
     """
-    if _HEXADECIMAL.fullmatch(word) is not None:
-        return int(word, 16)
-    return unsigned(word)
+    return int(word, 16) if _HEXADECIMAL.fullmatch(word) else unsigned(word)
 
 
 def switch(word: str) -> bool:
     """Return what 0 or 1 says."""
     value = unsigned(word)
-    if value > 1:
-        raise GcsError(code.OUT_OF_RANGE)
+    require(value <= 1, Refusal.BAD_VALUE)
     return value == 1
 
 
-def nothing(words: Sequence[str]) -> None:
-    """Refuse arguments."""
-    if words:
-        raise GcsError(code.NUMBER_OF_PARAMETERS)
+def within(value: int, known: range, reason: Refusal = Refusal.BAD_VALUE) -> int:
+    """Return a number; refuse one that there is not."""
+    require(value in known, reason)
+    return value
 
 
-def fact(value: Callable[[ControllerState], str]) -> Run:
-    """Return a command without arguments that tells one thing."""
+class Argument(NamedTuple):
+    """What stands for an argument in a line."""
 
-    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-        nothing(words)
-        return [value(state)]
-
-    return run
-
-
-def one(words: Sequence[str], known: Container[str], unknown: int = code.UNKNOWN_AXIS) -> str:
-    """Return the only word, an identifier."""
-    if len(words) != 1:
-        raise GcsError(code.NUMBER_OF_PARAMETERS)
-    if words[0] not in known:
-        raise GcsError(unknown)
-    return words[0]
+    read: Callable[[ControllerState, str], Any]
+    """Returns its value, from the state and a word."""
+    all: Callable[[ControllerState], Iterable[Any]] = lambda _: ()
+    """What is meant where none is named."""
+    names: bool = False
+    """Whether it names what the words behind it are for: no order names one twice."""
 
 
-def chosen(words: Sequence[str], known: Mapping[str, T], unknown: int) -> list[tuple[str, T]]:
-    """Return what identifiers stand for; everything where there are none."""
-    for word in words:
-        if word not in known:
-            raise GcsError(unknown)
-    return [(word, known[word]) for word in (words or known)]
+def _named(all_: Callable[[ControllerState], Mapping[str, Any]], unknown: Refusal) -> Argument:
+    def read(state: ControllerState, word: str) -> str:
+        require(word in all_(state), unknown)
+        return word
+
+    return Argument(read, all_, names=True)
 
 
-def pairs(words: Sequence[str], known: Container[str], unknown: int) -> list[tuple[str, str]]:
-    """Return identifiers, each with the word behind it."""
-    if not words or len(words) % 2:
-        raise GcsError(code.NUMBER_OF_PARAMETERS)
-    names = words[::2]
-    for name in names:
-        if name not in known:
-            raise GcsError(unknown)
-    if len(set(names)) < len(names):
-        raise GcsError(code.AXIS_TWICE)
-    return list(zip(names, words[1::2], strict=True))
+def _lowest_voltage(_: ControllerState, word: str) -> float | None:
+    return None if word.upper() == "NAN" else number(word)
+
+
+def _number_as_said(_: ControllerState, word: str) -> str:
+    number(word)
+    return word
+
+
+def _whole(known: Callable[[ControllerState], range], reason: Refusal) -> Argument:
+    return Argument(lambda state, word: within(unsigned(word), known(state), reason), known)
+
+
+_CHANNELS = _named(lambda s: s.channels, Refusal.UNKNOWN_CHANNEL)
+_AS_SAID = Argument(lambda _, word: word)
+_SWITCH = Argument(lambda _, word: switch(word))
+_UNSIGNED = Argument(lambda _, word: unsigned(word))
+#: Digital outputs, and settings of one: width, axis, kind, lowest and highest position, polarity,
+#: offset and others.
+_LINES, _SETTINGS = range(1, 4), range(1, 12)
+#: Arguments by their names; all others are numbers.
+_ARGUMENTS = {
+    "AxisID": _named(lambda s: s.axes, Refusal.UNKNOWN),
+    "OutputID": _named(lambda s: s.outputs, Refusal.UNKNOWN_CHANNEL),
+    "WaveGenID": _named(lambda s: s.generators, Refusal.UNKNOWN),
+    "InputID": _CHANNELS._replace(all=lambda s: list(s.channels)[: s.model.inputs]),
+    "InterfacePam": _named(lambda s: s.interface, Refusal.UNKNOWN_PARAMETER),
+    "RecTableID": _whole(lambda s: range(1, s.recorder.tables + 1), Refusal.UNKNOWN_RECORD_TABLE),
+    # 0 is none
+    "WaveTableID": _whole(lambda s: range(s.device.wave_tables + 1), Refusal.UNKNOWN_WAVE_TABLE),
+    "PointNumber": _whole(lambda s: range(1, s.device.wave_capacity + 1), Refusal.BAD_VALUE),
+    "RecTableRate": _whole(lambda _: range(1, 10**10), Refusal.BAD_VALUE),
+    "RegisterID": _whole(lambda _: range(1, 2), Refusal.BAD_VALUE),
+    "TrigOutID": _whole(lambda _: _LINES, Refusal.BAD_VALUE),
+    "CTOPam": _whole(lambda _: _SETTINGS, Refusal.BAD_VALUE),
+    "Value": Argument(_number_as_said),
+    "LowValue": Argument(_lowest_voltage),
+    "StartMode": Argument(lambda _, word: unsigned_or_hex(word)),
+    **dict.fromkeys(("State", "ServoState", "Switch"), _SWITCH),
+    **dict.fromkeys(("Cycles", "RecOption"), _UNSIGNED),
+    **dict.fromkeys(("ItemID", "PamID", "PamValue", "Source"), _AS_SAID),
+}
+_PLAIN = Argument(lambda _, word: number(word))
+
+
+@dataclass(frozen=True, slots=True)
+class GcsCommand:
+    """A command."""
+
+    name: str
+    """Its word."""
+    arguments: str
+    """Its arguments, as it is listed and read."""
+    text: str
+    """What it does, as it is listed."""
+    run: Run
+    """Carries it out, given the state and what it takes: nothing for no argument, a list of one
+    argument that may be repeated, a dict of pairs of an order, else a list of tuples.
+    """
+    _: KW_ONLY
+    changes: bool = False
+    """Whether it moves or changes something, and a client that holds control keeps it from others.
+    """
+    moves: bool = False
+    """Whether it can start a motion; one that was given before a stop is not carried out after."""
+    poll: bool = False
+    """Whether a client repeats it while it waits for a motion, a waveform or a record."""
+    free: bool = False
+    """Whether it reads its words itself, since they are of no regular form."""
+
+    def carry_out(self, state: ControllerState, words: Sequence[str]) -> Reply:
+        """Read the words behind the name, refuse wrong ones, and do what they say."""
+        return self.run(state, words if self.free else self._read(state, words))
+
+    def _read(self, state: ControllerState, words: Sequence[str]) -> Any:
+        names = re.findall(r"<(\w+)>", self.arguments)
+        if not names:
+            require(not words, Refusal.NUMBER_OF_PARAMETERS)
+            return None
+        arguments = [_ARGUMENTS.get(name, _PLAIN) for name in names]
+        optional, repeated = self.arguments.startswith("["), "{" in self.arguments
+        rows = groups(words, len(names), optional=optional)
+        require(repeated or len(rows) == 1, Refusal.NUMBER_OF_PARAMETERS)
+        if len(arguments) == 1:
+            read = [arguments[0].read(state, word) for word in words]
+            return read or list(arguments[0].all(state))
+        if not arguments[0].names or self.name.endswith("?"):
+            return [
+                tuple(a.read(state, word) for a, word in zip(arguments, row, strict=True))
+                for row in rows
+            ]
+        first, second = arguments
+        named = [first.read(state, name) for name, _ in rows]
+        require(len(set(named)) == len(named), Refusal.AXIS_TWICE)
+        return {name: second.read(state, word) for name, word in rows}
+
+
+def groups(words: Sequence[str], size: int, *, optional: bool = False) -> list[Sequence[str]]:
+    """Return words in groups; refuse a number of them that makes none."""
+    require((words or optional) and not len(words) % size, Refusal.NUMBER_OF_PARAMETERS)
+    return [words[i : i + size] for i in range(0, len(words), size)]
+
+
+def question(
+    name: str,
+    arguments: str,
+    text: str,
+    value: Callable[[ControllerState, Any], Any],
+    *,
+    poll: bool = False,
+) -> GcsCommand:
+    """Return a command that tells something: of all that is named, or of the controller."""
+
+    def run(state: ControllerState, named: Any) -> Reply:
+        if named is None:
+            return [value_text(value(state, None))]
+        return [f"{item}={value_text(value(state, item))}" for item in named]
+
+    return GcsCommand(name, arguments, text, run, poll=poll)
+
+
+def order(
+    name: str,
+    arguments: str,
+    text: str,
+    run: Callable[[ControllerState, Any], None],
+    *,
+    moves: bool = False,
+) -> GcsCommand:
+    """Return a command that changes something, and answers nothing."""
+    return GcsCommand(name, arguments, text, run, changes=True, moves=moves)
 
 
 def printed(value: float) -> str:
@@ -159,6 +244,13 @@ def printed(value: float) -> str:
     '1.250000000e+01'
     """
     return f"{value:.9e}"
+
+
+def value_text(value: float | int | str) -> str:
+    """Return a value as it is sent."""
+    if isinstance(value, float):
+        return printed(value)
+    return str(int(value) if isinstance(value, bool | np.bool_) else value)
 
 
 #: Rows of a piece: small enough that a client that reads slowly holds little memory.

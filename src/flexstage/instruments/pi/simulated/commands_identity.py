@@ -1,43 +1,28 @@
-"""Commands about the controller itself: identity, help, errors, parameters, reboot, and state."""
+"""Commands about the controller itself: identity, parameters, reboot, state, digital outputs."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from flexstage import __version__
-from flexstage.instruments.pi.simulated import errors_gcs as code
 from flexstage.instruments.pi.simulated.command import (
-    Client,
     GcsCommand,
     Reply,
-    chosen,
-    fact,
-    nothing,
     number,
-    pairs,
-    printed,
-    unsigned,
+    order,
+    question,
     unsigned_or_hex,
+    value_text,
 )
-from flexstage.instruments.pi.simulated.commands_motion import of_axes, of_inputs
-from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.pi.simulated.gcs_state import MICRO, ControllerState, ServoDraft
 from flexstage.instruments.pi.simulated.parameters import (
     PARAMETERS,
     SIMULATED_TIME,
     items_of,
     listing,
-    value_text,
 )
 
 #: Longest simulated time that one command leads on by [s].
 _LONGEST = 3600.0
-#: Characters that are commands of their own, as they are listed.
-_CHARACTERS = (
-    "#4 Request Status Register",
-    "#5 Request Motion Status",
-    "#7 Request Controller Ready Status",
-    "#9 Get Wave Generator Status",
-    "#24 Stop All Axes",
-)
 
 
 def identity_line(state: ControllerState) -> str:
@@ -56,80 +41,40 @@ def identity_line(state: ControllerState) -> str:
     return ", ".join(field.replace(",", " ").replace("\n", " ") for field in fields)
 
 
-def _versions(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
+def _versions(state: ControllerState, _: None) -> Reply:
     return [
         f"FW: {state.device.identity.firmware or __version__}",
         f"SIMULATION: flexstage {__version__}",
     ]
 
 
-def help_lines(commands: Iterable[GcsCommand]) -> list[str]:
-    """Return what ``HLP?`` answers."""
-    listed = [f"{c.name} {c.arguments} {c.text}".replace("  ", " ") for c in commands]
-    return ["The following commands are valid:", *_CHARACTERS, *listed, "end of help"]
-
-
-def _parameters(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return listing(state)
-
-
-def _read_error(_: ControllerState, client: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    number_of_error, client.error = client.error, code.NO_ERROR
-    return [str(number_of_error)]
-
-
-def _level(_: ControllerState, client: Client, words: Sequence[str]) -> Reply:
-    if len(words) not in (1, 2):
-        raise GcsError(code.NUMBER_OF_PARAMETERS)
-    level = unsigned(words[0])
-    if level > 1:
-        raise GcsError(code.OUT_OF_RANGE)
-    if level == 1 and words[1:] != ["advanced"]:
-        raise GcsError(code.WRONG_PASSWORD)
-    client.level = level
-    return None
-
-
-def _read_level(_: ControllerState, client: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
-    return [str(client.level)]
-
-
-def _reboot(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
+def _reboot(state: ControllerState, _: None) -> None:
     state.device.reboot()
     state.forget()
-    return None
 
 
-def _asked(state: ControllerState, words: Sequence[str]) -> list[tuple[str, str, int]]:
+Rows = Sequence[tuple[str, ...]]
+
+
+def _asked(state: ControllerState, given: Rows) -> list[tuple[str, str, int]]:
     """Return how parameters are called in the answer, as they were asked for, item and number.
 
     All of them where none is asked for.
     """
-    if not words:
+    if not given:
         every = ((item, key) for key, p in PARAMETERS.items() for item in items_of(state, p))
         return [(f"{item} 0x{key:08X}", item, key) for item, key in every]
-    if len(words) % 2:
-        raise GcsError(code.NUMBER_OF_PARAMETERS)
-    given = zip(words[::2], words[1::2], strict=True)
     return [(f"{item} {word}", *_found(state, item, word)) for item, word in given]
 
 
 def _found(state: ControllerState, item: str, word: str) -> tuple[str, int]:
     key = unsigned_or_hex(word)
-    parameter = PARAMETERS.get(key)
-    if parameter is None:
-        raise GcsError(code.UNKNOWN_PARAMETER)
-    items = items_of(state, parameter)
+    require(key in PARAMETERS, Refusal.UNKNOWN_PARAMETER)
+    parameter = PARAMETERS[key]
     # the system is item 0 or 1, to different clients
     item = "1" if parameter.item == "system" and item == "0" else item
-    if item not in items:
-        channel = parameter.item == "channel"
-        raise GcsError(code.UNKNOWN_CHANNEL if channel else code.UNKNOWN_AXIS)
+    unknown = Refusal.UNKNOWN_CHANNEL if parameter.item == "channel" else Refusal.UNKNOWN
+    require(item in items_of(state, parameter), unknown)
     return item, key
 
 
@@ -144,35 +89,28 @@ def delivered(state: ControllerState) -> dict[tuple[str, int], str]:
     }
 
 
-def _read_parameters(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+def _read_parameters(state: ControllerState, given: Rows) -> Reply:
     return [
         f"{called}={value_text(PARAMETERS[key].get(state, item))}"
-        for called, item, key in _asked(state, words)
+        for called, item, key in _asked(state, given)
     ]
 
 
-def _read_delivered(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    return [f"{called}={state.delivered[item, key]}" for called, item, key in _asked(state, words)]
+def _read_delivered(state: ControllerState, given: Rows) -> Reply:
+    return [f"{called}={state.delivered[item, key]}" for called, item, key in _asked(state, given)]
 
 
-def _set_parameters(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    if not words or len(words) % 3:
-        raise GcsError(code.NUMBER_OF_PARAMETERS)
-    given = [
-        (*_found(state, words[i], words[i + 1]), words[i + 2]) for i in range(0, len(words), 3)
-    ]
+def _set_parameters(state: ControllerState, rows: Rows) -> Reply:
+    given = [(*_found(state, item, key), word) for item, key, word in rows]
     drafts: dict[str, ServoDraft] = {}
     seconds = 0.0
     for item, key, word in given:
         parameter = PARAMETERS[key]
-        if parameter.set is None and parameter.edit is None:
-            raise GcsError(code.READ_ONLY)
+        require(parameter.writable, Refusal.READ_ONLY)
         if key == SIMULATED_TIME:
             seconds += number(word)
-            if not 0.0 <= seconds <= _LONGEST:
-                raise GcsError(code.OUT_OF_RANGE)
-            if not state.pace.fast:
-                raise GcsError(code.NOT_POSSIBLE)
+            require(0.0 <= seconds <= _LONGEST, Refusal.BAD_VALUE)
+            require(state.pace.fast, Refusal.NOT_ABLE)
         elif parameter.edit is not None:
             if item not in drafts:
                 drafts[item] = state.servo_draft(item)
@@ -187,54 +125,12 @@ def _set_parameters(state: ControllerState, _: Client, words: Sequence[str]) -> 
     return state.pass_time(seconds) if seconds else None
 
 
-def _axis_names(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    if words not in ([], ["ALL"]):
-        raise GcsError(code.NUMBER_OF_PARAMETERS if len(words) > 1 else code.SYNTAX)
+def _axis_names(state: ControllerState, words: Sequence[str]) -> Reply:
+    require(len(words) <= 1, Refusal.NUMBER_OF_PARAMETERS)
+    require(words in ([], ["ALL"]), Refusal.SYNTAX)
     return ["".join(state.axes)] if state.model.one_line else list(state.axes)
 
 
-def _name_axes(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    given = dict(pairs(words, state.axes, code.UNKNOWN_AXIS))
-    if not all(name.isalnum() and len(name) <= 8 for name in given.values()):
-        raise GcsError(code.BAD_AXIS_NAME)
-    after = [given.get(name, name) for name in state.device.axes]
-    if len(set(after)) < len(after):
-        raise GcsError(code.AXIS_TWICE)
-    state.name_axes(given)
-    state.delivered = {
-        (given.get(item, item) if PARAMETERS[key].item not in ("system", "channel") else item, key):
-        text for (item, key), text in state.delivered.items()
-    }  # fmt: skip
-    return None
-
-
-def _stage_names(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    axes = chosen(words, state.axes, code.UNKNOWN_AXIS)
-    return [f"{name}={axis.stage_axis}" for name, axis in axes]
-
-
-#: Commands about the controller; ``HLP?`` is made from the list of all of them.
-IDENTITY = (
-    GcsCommand("*IDN?", "", "Get Device Identification", fact(identity_line)),
-    GcsCommand("CCL", "<Level> [<PSWD>]", "Set Command Level", _level),
-    GcsCommand("CCL?", "", "Get Command Level", _read_level),
-    GcsCommand("CST?", "[{<AxisID>}]", "Get Stage Of Axis", _stage_names),
-    GcsCommand("CSV?", "", "Get Current Syntax Version", fact(lambda s: s.model.syntax)),
-    GcsCommand("ERR?", "", "Get Error Number", _read_error),
-    GcsCommand("HPA?", "", "Get List Of Available Parameters", _parameters),
-    GcsCommand("IDN?", "", "Get Device Identification", fact(identity_line)),
-    GcsCommand("RBT", "", "Reboot System", _reboot, changes=True, moves=True),
-    GcsCommand("SAI", "{<AxisID> <NewIdentifier>}", "Set Axis Identifiers", _name_axes,
-               changes=True),
-    GcsCommand("SAI?", "[ALL]", "Get Axis Identifiers", _axis_names),
-    GcsCommand("SEP?", "[{<ItemID> <PamID>}]", "Get Parameters As Delivered", _read_delivered),
-    GcsCommand("SPA", "{<ItemID> <PamID> <PamValue>}", "Set Volatile Memory Parameters",
-               _set_parameters, changes=True),
-    GcsCommand("SPA?", "[{<ItemID> <PamID>}]", "Get Volatile Memory Parameters", _read_parameters),
-    GcsCommand("TPC?", "", "Get Number Of Output Channels", fact(lambda s: str(len(s.outputs)))),
-    GcsCommand("TSC?", "", "Get Number Of Input Channels", fact(lambda s: str(len(s.channels)))),
-    GcsCommand("VER?", "", "Get Versions", _versions),
-)  # fmt: skip
 #: Bits of the status register.
 _SERVO, _MOVING, _ON_TARGET = 1 << 12, 1 << 13, 1 << 15
 #: Largest number of the converter of an input, 18 bits with sign.
@@ -261,66 +157,83 @@ def status_register(state: ControllerState) -> str:
     return "0x" + "".join(f"{_bits(state, axis):04X}" for axis in state.axes)
 
 
-def _registers(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    if len(words) % 2:
-        raise GcsError(code.NUMBER_OF_PARAMETERS)
-    given = list(zip(words[::2], words[1::2], strict=True)) or [(a, "1") for a in state.axes]
-    for axis, register in given:
-        if axis not in state.axes:
-            raise GcsError(code.UNKNOWN_AXIS)
-        if unsigned(register) != 1:
-            raise GcsError(code.OUT_OF_RANGE)
-    return [f"{axis} {register}=0x{_bits(state, axis):04X}" for axis, register in given]
+def _registers(state: ControllerState, given: Sequence[tuple[str, int]]) -> Reply:
+    rows = given or [(axis, 1) for axis in state.axes]
+    return [f"{axis} {register}=0x{_bits(state, axis):04X}" for axis, register in rows]
 
 
-def _overflow(state: ControllerState, axis: str) -> str:
+def _overflow(state: ControllerState, axis: str) -> bool:
     """Say whether position control asks for more voltage than there is."""
     if state.axes[axis].kind != "piezo" or not state.device.servo_on(axis):
-        return "0"
+        return False
     low, high = state.voltage_range(axis)
     slack = _AT_END * (high - low)
-    return str(int(not low + slack < state.device.voltage(axis) < high - slack))
+    return not low + slack < state.device.voltage(axis) < high - slack
 
 
-def _normalized(state: ControllerState, channel: int) -> float:
+def _normalized(state: ControllerState, channel: str) -> float:
     """Return a reading as a part of the largest one [%], 0 in the middle of its range."""
-    reading = state.device.channel(channel) / MICRO
+    reading = state.device.channel(int(channel)) / MICRO
     axes = list(state.axes)
-    if channel > len(axes):
+    if int(channel) > len(axes):
         return 100.0 * reading / _FULL_SCALE
-    low, high = (end / MICRO for end in state.position_range(axes[channel - 1]))
+    low, high = (end / MICRO for end in state.position_range(axes[int(channel) - 1]))
     return 100.0 * (2.0 * reading - high - low) / (_SENSOR_SPAN * (high - low))
 
 
-def _digits(state: ControllerState, channel: int) -> str:
-    return str(max(-_DIGITS, min(_DIGITS, round(_DIGITS * _normalized(state, channel) / 100.0))))
+def _digits(state: ControllerState, channel: str) -> int:
+    return max(-_DIGITS, min(_DIGITS, round(_DIGITS * _normalized(state, channel) / 100.0)))
 
 
-def _interfaces(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    facts = {
-        "RSBAUD": "0",  # no serial line
-        "IPADR": f"{state.host}:{state.port}",
-        "IPSTART": "0",
-        "IPMASK": "255.255.255.255",
-        "MACADR": "00-00-00-00-00-00",
-    }
-    return [f"{name}={value}" for name, value in chosen(words, facts, code.UNKNOWN_PARAMETER)]
+def _set_line(state: ControllerState, given: Sequence[tuple[int, int, str]]) -> None:
+    """Keep settings of digital outputs, which nothing is connected to."""
+    state.trigger_settings.update({(line, key): word for line, key, word in given})
 
 
-_SWITCHES = of_axes(lambda state, axis: str(int(state.has_switch(axis))))
-#: Commands of the controller's state; inputs for the target are none.
-STATUS = (
-    GcsCommand("AOS?", "[{<AxisID>}]", "Get Analog Input Offset",
-               of_axes(lambda _, __: printed(0.0))),
-    GcsCommand("IFC?", "[{<InterfacePam>}]", "Get Interface Parameters", _interfaces),
-    GcsCommand("LIM?", "[{<AxisID>}]", "Indicate Limit Switches", _SWITCHES),
-    GcsCommand("OVF?", "[{<AxisID>}]", "Get Overflow State", of_axes(_overflow)),
+def _settings(state: ControllerState, asked: Sequence[tuple[int, int]]) -> Reply:
+    known = asked or sorted(state.trigger_settings)
+    return [f"{n} {key}={state.trigger_settings.get((n, key), '0')}" for n, key in known] or ["0"]
+
+
+def _unseen(_: ControllerState, __: object) -> None:
+    """Do nothing: no output shows it, and no command asks for it."""
+
+
+_AXES = "[{<AxisID>}]"
+_PARAMETERS = "[{<ItemID> <PamID>}]"
+#: Commands about the controller; ``HLP?`` is made from the list of all of them.
+IDENTITY = (
+    question("*IDN?", "", "Get Device Identification", lambda s, _: identity_line(s)),
+    question("AOS?", _AXES, "Get Analog Input Offset", lambda *_: 0.0),
+    question("CST?", _AXES, "Get Stage Of Axis", lambda s, a: s.axes[a].stage_axis),
+    question("CSV?", "", "Get Current Syntax Version", lambda s, _: s.model.syntax),
+    order("CTO", "{<TrigOutID> <CTOPam> <Value>}", "Set Configuration Of Trigger Output",
+          _set_line),
+    GcsCommand("CTO?", "[{<TrigOutID> <CTOPam>}]", "Get Configuration Of Trigger Output",
+               _settings),
+    GcsCommand("HPA?", "", "Get List Of Available Parameters", lambda s, _: listing(s)),
+    question("IDN?", "", "Get Device Identification", lambda s, _: identity_line(s)),
+    question("IFC?", "[{<InterfacePam>}]", "Get Interface Parameters",
+             lambda s, name: s.interface[name]),
+    question("LIM?", _AXES, "Indicate Limit Switches", lambda s, a: s.has_switch(a)),
+    question("OVF?", _AXES, "Get Overflow State", _overflow),
+    order("RBT", "", "Reboot System", _reboot, moves=True),
+    GcsCommand("SAI?", "[ALL]", "Get Axis Identifiers", _axis_names, free=True),
+    GcsCommand("SEP?", _PARAMETERS, "Get Parameters As Delivered", _read_delivered),
+    GcsCommand("SPA", "{<ItemID> <PamID> <PamValue>}", "Set Volatile Memory Parameters",
+               _set_parameters, changes=True),
+    GcsCommand("SPA?", _PARAMETERS, "Get Volatile Memory Parameters", _read_parameters),
     GcsCommand("SRG?", "[{<AxisID> <RegisterID>}]", "Query Status Register Value", _registers,
                poll=True),
-    GcsCommand("SSN?", "", "Get Device Serial Number",
-               fact(lambda s: s.device.identity.serial_number or "0")),
-    GcsCommand("TAD?", "[{<InputID>}]", "Get ADC Value Of Input Signal", of_inputs(_digits)),
-    GcsCommand("TNS?", "[{<InputID>}]", "Get Normalized Input Signal Value",
-               of_inputs(lambda s, n: printed(_normalized(s, n)))),
-    GcsCommand("TRS?", "[{<AxisID>}]", "Indicate Reference Switch", _SWITCHES),
+    question("SSN?", "", "Get Device Serial Number",
+             lambda s, _: s.device.identity.serial_number or "0"),
+    question("TAD?", "[{<InputID>}]", "Get ADC Value Of Input Signal", _digits),
+    question("TNS?", "[{<InputID>}]", "Get Normalized Input Signal Value", _normalized),
+    question("TPC?", "", "Get Number Of Output Channels", lambda s, _: len(s.outputs)),
+    question("TRS?", _AXES, "Indicate Reference Switch", lambda s, a: s.has_switch(a)),
+    question("TSC?", "", "Get Number Of Input Channels", lambda s, _: len(s.channels)),
+    order("TWC", "", "Clear All Wave Related Triggers", _unseen),
+    order("TWS", "{<TrigOutID> <PointNumber> <Switch>}",
+          "Set Trigger Line Actions To Waveform Points", _unseen),
+    GcsCommand("VER?", "", "Get Versions", _versions),
 )  # fmt: skip

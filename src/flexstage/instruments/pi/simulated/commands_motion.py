@@ -1,32 +1,28 @@
-"""Commands of motion: targets, voltages, position control, speed, limits, stop."""
+"""Commands of motion: targets, voltages, position control, speed, limits, references, stop."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
-from flexstage.instruments.pi.simulated import errors_gcs as code
 from flexstage.instruments.pi.simulated.command import (
-    Client,
     GcsCommand,
     Reply,
-    Run,
-    chosen,
-    nothing,
-    number,
-    one,
-    pairs,
-    printed,
+    groups,
+    order,
+    question,
     switch,
 )
-from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
-from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError, require
 from flexstage.instruments.pi.simulated.gcs_state import MICRO, ControllerState
 
+#: Part of the widest range by which a limit of a client may pass it because texts are rounded.
+_ROUNDING = 1e-6
+Value = Callable[[ControllerState, str], Any]
 
-def halt(state: ControllerState, client: Client, words: Sequence[str] = ()) -> None:
-    """Stop axes, and tell the client."""
-    axes = [name for name, _ in chosen(words, state.axes, code.UNKNOWN_AXIS)]
-    state.device.stop(axes if words else None)
-    state.stops += 1
-    client.error = code.STOPPED
+
+def halt(state: ControllerState, axes: Sequence[str] | None = None) -> Reply:
+    """Stop axes, all where none is named, and tell the client."""
+    state.stop(axes)
+    raise RefusedError(Refusal.STOPPED)
 
 
 def moving_bits(state: ControllerState) -> str:
@@ -34,188 +30,236 @@ def moving_bits(state: ControllerState) -> str:
     return f"{sum(1 << i for i, axis in enumerate(state.axes) if state.device.moving(axis)):X}"
 
 
-def _stop(state: ControllerState, client: Client, words: Sequence[str]) -> Reply:
+def _stop(state: ControllerState, words: Sequence[str]) -> Reply:
     """Stop first, whatever was said with it, and complain then."""
-    halt(state, client)
-    nothing(words)
-    return None
+    state.stop()
+    require(not words, Refusal.NUMBER_OF_PARAMETERS)
+    raise RefusedError(Refusal.STOPPED)
 
 
-def _halt(state: ControllerState, client: Client, words: Sequence[str]) -> Reply:
-    halt(state, client, words)
-    return None
-
-
-def _move(relative: bool) -> Run:
-    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-        given = pairs(words, state.axes, code.UNKNOWN_AXIS)
-        targets = {axis: number(word) * state.model.scale for axis, word in given}
+def _move(relative: bool) -> Callable[[ControllerState, Mapping[str, float]], None]:
+    def run(state: ControllerState, given: Mapping[str, float]) -> None:
+        device = state.device
+        targets = {axis: value * state.model.scale for axis, value in given.items()}
         if relative:
-            targets = {axis: state.device.target(axis) + v for axis, v in targets.items()}
+            targets = {axis: device.target(axis) + v for axis, v in targets.items()}
         state.require_ready(targets)
-        state.recorder.move(lambda: state.device.set_targets(targets))
-        return None
+        state.recorder.move(lambda: device.set_targets(targets))
 
     return run
 
 
-def _set_voltage(relative: bool) -> Run:
-    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-        given = pairs(words, state.axes, code.UNKNOWN_AXIS)
-        voltages = {axis: number(word) for axis, word in given}
-        if relative:
-            voltages = {axis: state.device.command(axis) + v for axis, v in voltages.items()}
-        state.require_ready(voltages, voltages=True)
-        try:
-            state.recorder.move(lambda: state.device.set_commands(voltages))
-        except RefusedError as error:
-            if error.reason is Refusal.OUT_OF_LIMITS:
-                raise GcsError(code.VOLTAGE_OUT_OF_LIMITS) from error
-            raise
-        return None
-
-    return run
+def _set_voltage(state: ControllerState, voltages: Mapping[str, float]) -> None:
+    state.require_ready(voltages, voltages=True)
+    state.recorder.move(lambda: state.device.set_commands(voltages))
 
 
-def _switch_servo(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    given = [(axis, switch(w)) for axis, w in pairs(words, state.axes, code.UNKNOWN_AXIS)]
-    for axis, on in given:
-        if on and axis in state.disabled:
-            raise GcsError(code.SWITCHED_OFF)
-    for axis, on in given:
+def _set_zero(state: ControllerState, given: Mapping[str, float | None]) -> None:
+    """Go through the range with control off, and count from where a low voltage leads to."""
+    lowest = given or dict.fromkeys(state.axes)
+    require(all(state.axes[axis].kind == "piezo" for axis in lowest), Refusal.NOT_ABLE)
+    state.require_ready(
+        {axis: state.voltage_range(axis)[0] if v is None else v for axis, v in lowest.items()},
+        voltages=True,
+    )
+    state.device.set_zero(lowest)
+
+
+def _switch_servo(state: ControllerState, given: Mapping[str, bool]) -> None:
+    off = {axis for axis, on in given.items() if on} & state.disabled
+    require(not off, Refusal.SWITCHED_OFF)
+    for axis, on in given.items():
         if on != state.device.servo_on(axis):
             state.device.set_servo(axis, on)
-    return None
 
 
-def _set_speed(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    scale = state.model.scale
-    given = [(axis, number(w) * scale) for axis, w in pairs(words, state.axes, code.UNKNOWN_AXIS)]
-    for axis, speed in given:
+def _set_speed(state: ControllerState, given: Mapping[str, float]) -> None:
+    speeds = {axis: value * state.model.scale for axis, value in given.items()}
+    for axis, speed in speeds.items():
         largest = state.axes[axis].limits.speed
-        if not speed > 0.0 or (largest is not None and speed > largest * (1.0 + 1e-9)):
-            raise GcsError(code.SPEED_OUT_OF_LIMITS)
-    for axis, speed in given:
+        allowed = speed > 0.0 and (largest is None or speed <= largest * (1.0 + 1e-9))
+        require(allowed, Refusal.SPEED_OUT_OF_LIMITS)
+    for axis, speed in speeds.items():
         if axis in state.free_speeds:
             state.free_speeds[axis] = speed
         else:
             state.device.set_speed(axis, speed)
+
+
+def _set_speed_control(state: ControllerState, given: Mapping[str, bool]) -> None:
+    """Let moves keep to the speed of the axis, or be as fast as the axis can."""
+    for axis, on in given.items():
+        if on and axis in state.free_speeds:
+            state.device.set_speed(axis, state.free_speeds.pop(axis))
+        elif not on and axis not in state.free_speeds:
+            state.free_speeds[axis] = state.device.speed(axis)
+            state.device.set_speed(axis, state.device.largest_speed(axis))
+
+
+def _soft_limit(of_voltage: bool, end: int) -> Callable[[ControllerState, Any], None]:
+    def run(state: ControllerState, given: Mapping[str, float]) -> None:
+        changed = {}
+        for name, value in given.items():
+            axis = state.outputs[name] if of_voltage else name
+            widest = state.voltage_range(axis) if of_voltage else state.position_range(axis)
+            soft = list(state.soft(axis, of_voltage))
+            soft[end] = value * (1.0 if of_voltage else state.model.scale)
+            low, high = soft
+            slack = _ROUNDING * (widest[1] - widest[0])
+            inside = widest[0] - slack <= low < high <= widest[1] + slack
+            require(inside, Refusal.SOFT_LIMIT_OUT_OF_RANGE)
+            changed[axis] = (low, high)
+        (state.soft_voltages if of_voltage else state.soft_positions).update(changed)
+
+    return run
+
+
+def _set_online(state: ControllerState, words: Sequence[str]) -> Reply:
+    """Take commands over the interface: of one channel, or of all where none is named."""
+    if len(words) == 1 and state.model.one_line:
+        words = [word for name in state.outputs for word in (name, words[0])]
+    given = groups(words, 2)
+    names = [name for name, _ in given]
+    require(all(name in state.outputs for name in names), Refusal.UNKNOWN_CHANNEL)
+    require(len(set(names)) == len(names), Refusal.AXIS_TWICE)
+    state.online.update({name: switch(word) for name, word in given})
     return None
 
 
-def _strike(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    axis = one(words, state.axes)
-    if not state.device.drives_removed():
-        raise GcsError(code.NOT_POSSIBLE)
-    state.recorder.run(lambda: state.device.strike(axis))
-    return None
+def _online(state: ControllerState, words: Sequence[str]) -> Reply:
+    if state.model.one_line:
+        return [str(int(all(state.online.values())))]
+    require(all(name in state.outputs for name in words), Refusal.UNKNOWN_CHANNEL)
+    return [f"{name}={int(state.online[name])}" for name in words or state.outputs]
 
 
-def of_axes(value: Callable[[ControllerState, str], str]) -> Run:
-    """Return a command that tells something of each axis that is named, or of all."""
-
-    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-        axes = chosen(words, state.axes, code.UNKNOWN_AXIS)
-        return [f"{axis}={value(state, axis)}" for axis, _ in axes]
-
-    return run
+def _enable(state: ControllerState, given: Mapping[str, bool]) -> None:
+    """Enable axes; an axis that is switched off stops and takes no motion."""
+    off = [axis for axis, on in given.items() if not on]
+    if off:
+        state.device.stop(off)
+    state.disabled = (state.disabled - given.keys()) | set(off)
 
 
-def _of_outputs(value: Callable[[ControllerState, str], float]) -> Run:
-    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-        outputs = chosen(words, state.outputs, code.UNKNOWN_CHANNEL)
-        return [f"{name}={printed(value(state, axis))}" for name, axis in outputs]
+def _reference(share: float, missing: Refusal) -> Callable[[ControllerState, Any], None]:
+    """Go to a switch at a part of the travel; piezo axes have none, and refuse."""
 
-    return run
-
-
-def of_inputs(value: Callable[[ControllerState, int], str]) -> Run:
-    """Return a command that tells something of each input that is named, or of those listed."""
-
-    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-        names = words or list(state.channels)[: state.model.inputs]
-        channels = chosen(names, state.channels, code.UNKNOWN_CHANNEL)
-        return [f"{name}={value(state, channel.number)}" for name, channel in channels]
+    def run(state: ControllerState, axes: Sequence[str]) -> None:
+        require(all(state.has_switch(name) for name in axes), missing)
+        ends = {name: state.position_range(name) for name in axes}
+        goals = {name: low + share * (high - low) for name, (low, high) in ends.items()}
+        state.device.set_targets(goals)
+        state.referencing.update(goals)
 
     return run
 
 
-def _input(state: ControllerState, number_of_input: int) -> str:
-    return printed(state.device.channel(number_of_input) / MICRO)
+def _reference_mode(state: ControllerState, given: Mapping[str, bool]) -> None:
+    """Let axes with switches move without a reference move, or only after one."""
+    asked = [axis for axis, on in given.items() if on]
+    require(all(state.has_switch(axis) for axis in asked), Refusal.NO_REFERENCE_SENSOR)
+    state.reference_mode.update(given)
 
 
-def _length(
-    value: Callable[[ControllerState, str], float],
-) -> Callable[[ControllerState, str], str]:
-    return lambda state, axis: printed(value(state, axis) / state.model.scale)
+def _set_acceleration(name: str) -> Callable[[ControllerState, Any], None]:
+    def run(state: ControllerState, given: Mapping[str, float]) -> None:
+        require(all(value > 0.0 for value in given.values()), Refusal.BAD_VALUE)
+        state.accelerations[name].update(given)
+
+    return run
 
 
-def _flag(value: Callable[[ControllerState, str], bool]) -> Callable[[ControllerState, str], str]:
-    return lambda state, axis: str(int(value(state, axis)))
+def _go_home(state: ControllerState, axes: Sequence[str]) -> None:
+    targets = {axis: state.homes[axis] for axis in axes}
+    state.require_ready(targets)
+    state.device.set_targets(targets)
 
 
-def _speed(state: ControllerState, axis: str) -> float:
-    return state.free_speeds.get(axis, state.device.speed(axis))
+def _strike(state: ControllerState, axes: Sequence[str]) -> None:
+    require(state.device.drives_removed(), Refusal.NOT_ABLE)
+    state.recorder.run(lambda: state.device.strike(axes[0]))
 
 
-def _soft(state: ControllerState, axis: str, end: int) -> float:
-    return state.soft_positions.get(axis, state.position_range(axis))[end]
+def _length(value: Value) -> Value:
+    return lambda state, axis: value(state, axis) / state.model.scale
 
 
-def _soft_voltage(state: ControllerState, axis: str, end: int) -> float:
-    return state.soft_voltages.get(axis, state.voltage_range(axis))[end]
+def _of_axes(name: str, text: str, value: Value, *, poll: bool = False) -> GcsCommand:
+    return question(name, "[{<AxisID>}]", text, value, poll=poll)
 
 
-def _low(state: ControllerState, axis: str) -> float:
-    return state.position_range(axis)[0]
+def _of_outputs(name: str, text: str, value: Value) -> GcsCommand:
+    """Return a question about outputs, whose value is told of the axis that each drives."""
+    return question(name, "[{<OutputID>}]", text, lambda s, out: value(s, s.outputs[out]))
 
 
-def _high(state: ControllerState, axis: str) -> float:
-    return state.position_range(axis)[1]
-
-
-def _voltage_command(state: ControllerState, axis: str) -> str:
-    return printed(state.device.command(axis))
-
-
-def _question(name: str, text: str, run: Run, *, poll: bool = False) -> GcsCommand:
-    return GcsCommand(name, "[{<AxisID>}]", text, run, poll=poll)
-
-
-def _change(name: str, arguments: str, text: str, run: Run) -> GcsCommand:
-    return GcsCommand(name, arguments, text, run, changes=True, moves=True)
-
-
+_SWITCHED = "{<AxisID> <State>}"
+_AXES = "[{<AxisID>}]"
+_RATES = {"ACC": "Acceleration", "DEC": "Deceleration"}
 #: Commands of motion.
 MOTION = (
-    _question("FRF?", "Get Referencing Result", of_axes(_flag(lambda s, a: s.referenced(a)))),
-    GcsCommand("HLT", "[{<AxisID>}]", "Halt Motion Smoothly", _halt),
-    _change("IMP", "<AxisID>", "Strike The Stage With A Hammer, Drives Taken Out", _strike),
-    _change("MOV", "{<AxisID> <Position>}", "Set Target Position", _move(relative=False)),
-    _question("MOV?", "Get Target Position", of_axes(_length(lambda s, a: s.device.target(a)))),
-    _change("MVR", "{<AxisID> <Distance>}", "Set Target Relative", _move(relative=True)),
-    _question("NLM?", "Get Low Position Soft Limit", of_axes(_length(lambda s, a: _soft(s, a, 0)))),
-    _question("ONT?", "Get On-Target State", of_axes(_flag(lambda s, a: s.device.on_target(a))),
-              poll=True),
-    _question("PLM?", "Get High Position Soft Limit",
-              of_axes(_length(lambda s, a: _soft(s, a, 1)))),
-    _question("POS?", "Get Real Position", of_axes(_length(lambda s, a: s.device.position(a)))),
-    _question("PUN?", "Get Axis Unit", of_axes(lambda s, _: s.model.unit)),
-    GcsCommand("STP", "", "Stop All Axes", _stop),
-    _change("SVA", "{<AxisID> <Amplitude>}", "Set Open-Loop Voltage", _set_voltage(relative=False)),
-    _question("SVA?", "Get Open-Loop Voltage", of_axes(_voltage_command)),
-    _change("SVO", "{<AxisID> <ServoState>}", "Set Servo Mode", _switch_servo),
-    _question("SVO?", "Get Servo Mode", of_axes(_flag(lambda s, a: s.device.servo_on(a)))),
-    _change("SVR", "{<AxisID> <Difference>}", "Set Relative Open-Loop Voltage", _set_voltage(True)),
-    _question("TMN?", "Get Minimum Commandable Position", of_axes(_length(_low))),
-    _question("TMX?", "Get Maximum Commandable Position", of_axes(_length(_high))),
-    GcsCommand("TSP?", "[{<InputID>}]", "Get Input Signal Position", of_inputs(_input)),
-    _change("VEL", "{<AxisID> <Velocity>}", "Set Velocity", _set_speed),
-    _question("VEL?", "Get Velocity", of_axes(_length(_speed))),
-    GcsCommand("VMA?", "[{<OutputID>}]", "Get Maximum Output Voltage",
-               _of_outputs(lambda s, a: _soft_voltage(s, a, 1))),
-    GcsCommand("VMI?", "[{<OutputID>}]", "Get Minimum Output Voltage",
-               _of_outputs(lambda s, a: _soft_voltage(s, a, 0))),
-    GcsCommand("VOL?", "[{<OutputID>}]", "Get Voltage Of Output Channel",
-               _of_outputs(lambda s, a: s.device.voltage(a))),
+    *(order(name, f"{{<AxisID> <{text}>}}", f"Set Closed-Loop {text}", _set_acceleration(name))
+      for name, text in _RATES.items()),
+    *(_of_axes(f"{name}?", f"Get Closed-Loop {text}", lambda s, a, n=name: s.accelerations[n][a])
+      for name, text in _RATES.items()),
+    order("ATZ", "[{<AxisID> <LowValue>}]", "Set Automatic Zero Point", _set_zero, moves=True),
+    _of_axes("ATZ?", "Get Automatic Zero Point State", lambda s, a: not s.device.zeroing(a),
+             poll=True),
+    # kept without effect: the simulated amplifiers have no drift to be compensated
+    order("DCO", _SWITCHED, "Set Drift Compensation Mode",
+          lambda s, given: s.drift_compensation.update(given)),
+    _of_axes("DCO?", "Get Drift Compensation Mode", lambda s, a: s.drift_compensation[a]),
+    order("DFH", _AXES, "Define Home Position",
+          lambda s, axes: s.homes.update({axis: s.device.position(axis) for axis in axes})),
+    _of_axes("DFH?", "Get Home Position", _length(lambda s, a: s.homes[a])),
+    order("EAX", _SWITCHED, "Enable Axis", _enable),
+    _of_axes("EAX?", "Get Axis Enable State", lambda s, a: a not in s.disabled),
+    order("FNL", _AXES, "Move To Negative Limit", _reference(0.0, Refusal.NO_LIMIT_SWITCH),
+          moves=True),
+    order("FPL", _AXES, "Move To Positive Limit", _reference(1.0, Refusal.NO_LIMIT_SWITCH),
+          moves=True),
+    order("FRF", _AXES, "Move To Reference Switch", _reference(0.5, Refusal.NO_REFERENCE_SENSOR),
+          moves=True),
+    _of_axes("FRF?", "Get Referencing Result", lambda s, a: s.referenced(a)),
+    order("GOH", _AXES, "Go To Home Position", _go_home, moves=True),
+    GcsCommand("HLT", _AXES, "Halt Motion Smoothly", halt),
+    order("IMP", "<AxisID>", "Strike The Stage With A Hammer, Drives Taken Out", _strike,
+          moves=True),
+    order("MOV", "{<AxisID> <Position>}", "Set Target Position", _move(relative=False), moves=True),
+    _of_axes("MOV?", "Get Target Position", _length(lambda s, a: s.device.target(a))),
+    order("MVR", "{<AxisID> <Distance>}", "Set Target Relative", _move(relative=True), moves=True),
+    order("NLM", "{<AxisID> <LowLimit>}", "Set Low Position Soft Limit", _soft_limit(False, 0)),
+    _of_axes("NLM?", "Get Low Position Soft Limit", _length(lambda s, a: s.soft(a, False)[0])),
+    GcsCommand("ONL", "[<OutputID>] <State>", "Set Control Mode", _set_online, changes=True,
+               free=True),
+    GcsCommand("ONL?", "[{<OutputID>}]", "Get Control Mode", _online, free=True),
+    _of_axes("ONT?", "Get On-Target State", lambda s, a: s.device.on_target(a), poll=True),
+    order("PLM", "{<AxisID> <HighLimit>}", "Set High Position Soft Limit", _soft_limit(False, 1)),
+    _of_axes("PLM?", "Get High Position Soft Limit", _length(lambda s, a: s.soft(a, False)[1])),
+    _of_axes("POS?", "Get Real Position", _length(lambda s, a: s.device.position(a))),
+    _of_axes("PUN?", "Get Axis Unit", lambda s, _: s.model.unit),
+    order("RON", _SWITCHED, "Set Reference Mode", _reference_mode),
+    _of_axes("RON?", "Get Reference Mode", lambda s, a: s.reference_mode[a]),
+    GcsCommand("STP", "", "Stop All Axes", _stop, free=True),
+    order("SVA", "{<AxisID> <Amplitude>}", "Set Open-Loop Voltage", _set_voltage, moves=True),
+    _of_axes("SVA?", "Get Open-Loop Voltage", lambda s, a: s.device.command(a)),
+    order("SVO", "{<AxisID> <ServoState>}", "Set Servo Mode", _switch_servo, moves=True),
+    _of_axes("SVO?", "Get Servo Mode", lambda s, a: s.device.servo_on(a)),
+    _of_axes("TCV?", "Get Commanded Velocity", _length(lambda s, a: s.device.speed(a))),
+    _of_axes("TMN?", "Get Minimum Commandable Position",
+             _length(lambda s, a: s.position_range(a)[0])),
+    _of_axes("TMX?", "Get Maximum Commandable Position",
+             _length(lambda s, a: s.position_range(a)[1])),
+    question("TSP?", "[{<InputID>}]", "Get Input Signal Position",
+             lambda s, name: s.device.channel(int(name)) / MICRO),
+    order("VCO", _SWITCHED, "Set Velocity Control Mode", _set_speed_control),
+    _of_axes("VCO?", "Get Velocity Control Mode", lambda s, a: a not in s.free_speeds),
+    order("VEL", "{<AxisID> <Velocity>}", "Set Velocity", _set_speed, moves=True),
+    _of_axes("VEL?", "Get Velocity",
+             _length(lambda s, a: s.free_speeds.get(a, s.device.speed(a)))),
+    order("VMA", "{<OutputID> <MaxVoltage>}", "Set Maximum Output Voltage", _soft_limit(True, 1)),
+    _of_outputs("VMA?", "Get Maximum Output Voltage", lambda s, a: s.soft(a, True)[1]),
+    order("VMI", "{<OutputID> <MinVoltage>}", "Set Minimum Output Voltage", _soft_limit(True, 0)),
+    _of_outputs("VMI?", "Get Minimum Output Voltage", lambda s, a: s.soft(a, True)[0]),
+    _of_outputs("VOL?", "Get Voltage Of Output Channel", lambda s, a: s.device.voltage(a)),
 )  # fmt: skip

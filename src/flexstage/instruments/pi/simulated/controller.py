@@ -13,7 +13,7 @@ from flexstage.instruments.pi.simulated.axis_state import (
     require_within,
 )
 from flexstage.instruments.pi.simulated.controller_core import ControllerCore
-from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError, require
 from flexstage.instruments.pi.simulated.wave_tables import WaveRun
 from flexstage.system.servo import ServoSettings
 
@@ -74,10 +74,9 @@ class VirtualController(ControllerCore):
         state = self._axis(axis)
         if state.servo == on:
             return
-        if state.screw:
-            raise RefusedError(
-                Refusal.NOT_ABLE, f"axis '{axis}' is a screw, and always under control"
-            )
+        require(
+            not state.screw, Refusal.NOT_ABLE, f"axis '{axis}' is a screw, and always under control"
+        )
         self._need_drives()
         self._need_no_wave(state)
         state.switch(on)
@@ -96,7 +95,7 @@ class VirtualController(ControllerCore):
         for state, value in found.items():
             self._need_no_wave(state)
             if value is not None:
-                found[state] = _allowed(state, value, state.description.limits.voltage, "V")
+                found[state] = _allowed_voltage(state, value)
         for state in found:
             if state.servo:
                 state.switch(False)
@@ -119,13 +118,13 @@ class VirtualController(ControllerCore):
         found = {self._axis(axis): value for axis, value in targets.items()}
         for state, value in found.items():
             self._need_no_wave(state)
-            if not state.servo:
-                raise RefusedError(
-                    Refusal.SERVO_OFF,
-                    f"axis '{state.description.name}' takes no position while its control is off: "
-                    "switch it on, or command a voltage",
-                )
-            found[state] = _allowed(state, value, state.description.limits.position, "m")
+            require(
+                state.servo,
+                Refusal.SERVO_OFF,
+                f"axis '{state.description.name}' takes no position while its control is off: "
+                "switch it on, or command a voltage",
+            )
+            found[state] = _allowed_position(state, value)
         for state, value in found.items():
             state.go(value, self._sample, state.speed)
         self.recorder.trigger("move", self._sample + 1)
@@ -143,13 +142,13 @@ class VirtualController(ControllerCore):
         found = {self._piezo(axis): value for axis, value in commands.items()}
         for state, value in found.items():
             self._need_no_wave(state)
-            if state.servo:
-                raise RefusedError(
-                    Refusal.SERVO_ON,
-                    f"axis '{state.description.name}' takes no voltage while its control is on: "
-                    "switch it off, or command a position",
-                )
-            found[state] = _allowed(state, value, state.description.limits.voltage, "V")
+            require(
+                not state.servo,
+                Refusal.SERVO_ON,
+                f"axis '{state.description.name}' takes no voltage while its control is on: "
+                "switch it off, or command a position",
+            )
+            found[state] = _allowed_voltage(state, value)
         for state, value in found.items():
             state.go(value, self._sample, state.largest_slew)
         self.recorder.trigger("move", self._sample + 1)
@@ -162,12 +161,12 @@ class VirtualController(ControllerCore):
         """Set the speed of moves [m/s], from the next one on."""
         state = self._axis(axis)
         largest = self.largest_speed(axis)
-        if not 0.0 < speed <= largest * (1.0 + _ROUNDING):
-            raise RefusedError(
-                Refusal.SPEED_OUT_OF_LIMITS,
-                f"axis '{axis}' cannot move at {speed * 1e6:g} um/s: it must be above 0 and at "
-                f"most {largest * 1e6:g} um/s",
-            )
+        require(
+            0.0 < speed <= largest * (1.0 + _ROUNDING),
+            Refusal.SPEED_OUT_OF_LIMITS,
+            f"axis '{axis}' cannot move at {speed * 1e6:g} um/s: it must be above 0 and at "
+            f"most {largest * 1e6:g} um/s",
+        )
         state.speed = min(float(speed), largest)
 
     def largest_speed(self, axis: str) -> float:
@@ -230,10 +229,11 @@ class VirtualController(ControllerCore):
 
     def _channel(self, number: int) -> int:
         count = len(self.stage.channels)
-        if not 1 <= number <= count:
-            raise RefusedError(
-                Refusal.UNKNOWN, f"there is no channel {number}: they are 1 to {count}"
-            )
+        require(
+            1 <= number <= count,
+            Refusal.UNKNOWN,
+            f"there is no channel {number}: they are 1 to {count}",
+        )
         return number
 
     # waveforms ------------------------------------------------------------------------------
@@ -256,10 +256,11 @@ class VirtualController(ControllerCore):
         """Replace the samples of a table; an empty sequence clears it."""
         self._tables.known(table)
         for name, state in self._states.items():
-            if state.wave is not None and table in self._choice[name]:
-                raise RefusedError(
-                    Refusal.WAVE_RUNNING, f"wave table {table} runs on axis '{name}': stop it first"
-                )
+            require(
+                state.wave is None or table not in self._choice[name],
+                Refusal.WAVE_RUNNING,
+                f"wave table {table} runs on axis '{name}': stop it first",
+            )
         self._tables.replace(table, samples)
 
     def wave_rate_divider(self) -> int:
@@ -268,11 +269,11 @@ class VirtualController(ControllerCore):
 
     def set_wave_rate_divider(self, divider: int) -> None:
         """Set how many samples of the loop one sample of a table lasts."""
-        if divider < 1:
-            raise RefusedError(
-                Refusal.BAD_VALUE,
-                f"a sample of a table lasts 1 sample of the loop or more, got {divider}",
-            )
+        require(
+            divider >= 1,
+            Refusal.BAD_VALUE,
+            f"a sample of a table lasts 1 sample of the loop or more, got {divider}",
+        )
         for state in self._states.values():
             self._need_no_wave(state)
         self._divider = int(divider)
@@ -293,19 +294,15 @@ class VirtualController(ControllerCore):
                 self._tables.known(number)
         self._choice[axis] = (int(table), int(feedforward))
 
-    def wave_cycles(self, axis: str) -> int:
-        """Return how often the waveform of an axis is run; 0 for endlessly."""
-        self._axis(axis)
-        return self._cycles[axis]
-
     def set_wave_cycles(self, axis: str, cycles: int) -> None:
         """Set how often the waveform of an axis is run; 0 for endlessly."""
         state = self._axis(axis)
         self._need_no_wave(state)
-        if cycles < 0:
-            raise RefusedError(
-                Refusal.BAD_VALUE, f"a waveform runs 0 times (endlessly) or more, got {cycles}"
-            )
+        require(
+            cycles >= 0,
+            Refusal.BAD_VALUE,
+            f"a waveform runs 0 times (endlessly) or more, got {cycles}",
+        )
         self._cycles[axis] = int(cycles)
 
     def start_waves(self, axes: Sequence[str], onward: Collection[str] = ()) -> None:
@@ -362,15 +359,18 @@ class VirtualController(ControllerCore):
         )
 
     def _filled(self, axis: str, table: int) -> Array:
-        if not table:
-            raise RefusedError(Refusal.NO_WAVE, f"no wave table is chosen for axis '{axis}'")
+        require(table, Refusal.NO_WAVE, f"no wave table is chosen for axis '{axis}'")
         samples = self._tables.samples(table)
-        if not samples.size:
-            raise RefusedError(Refusal.NO_WAVE, f"wave table {table} of axis '{axis}' is empty")
+        require(samples.size, Refusal.NO_WAVE, f"wave table {table} of axis '{axis}' is empty")
         return samples
 
 
-def _allowed(
-    state: AxisState, value: float, bounds: tuple[float, float] | None, unit: str
-) -> float:
-    return float(require_within(state.description.name, np.array([value]), bounds, unit)[0])
+def _allowed_position(state: AxisState, value: float) -> float:
+    name, bounds = state.description.name, state.description.limits.position
+    return float(require_within(name, np.array([value]), bounds, "m")[0])
+
+
+def _allowed_voltage(state: AxisState, value: float) -> float:
+    name, bounds = state.description.name, state.description.limits.voltage
+    beyond = Refusal.VOLTAGE_OUT_OF_LIMITS
+    return float(require_within(name, np.array([value]), bounds, "V", beyond)[0])

@@ -15,8 +15,7 @@ from flexstage.instruments.pi.simulated.data_recorder import DataRecorder, Trigg
 from flexstage.instruments.pi.simulated.device import (
     AxisDescription,
     Refusal,
-    RefusedError,
-    renamed,
+    require,
 )
 from flexstage.instruments.pi.simulated.wave_tables import WaveRun, WaveTables
 from flexstage.instruments.protocol import Capability, Identity, Signal
@@ -105,18 +104,6 @@ class ControllerCore:
             name: s.description for name, s in self._states.items()
         }
 
-    def rename(self, names: Mapping[str, str]) -> None:
-        """Call axes by other identifiers; what was recorded is forgotten."""
-        for state in self._states.values():
-            name = state.description.name
-            state.description = replace(state.description, name=names.get(name, name))
-        self._states, self._delivered, self._choice, self._cycles = (
-            renamed(self._states, names), renamed(self._delivered, names),
-            renamed(self._choice, names), renamed(self._cycles, names),
-        )  # fmt: skip
-        self.axes = {name: s.description for name, s in self._states.items()}
-        self.recorder.clear()
-
     @property
     def now(self) -> float:
         """Simulated time of the latest sample since it was switched on [s]; the first is at 0."""
@@ -198,10 +185,11 @@ class ControllerCore:
 
         What was recorded before can be read until then.
         """
-        if trigger not in ("wave", "move", "now"):
-            raise RefusedError(
-                Refusal.BAD_VALUE, f"a recording starts with wave, move or now, got {trigger!r}"
-            )
+        require(
+            trigger in ("wave", "move", "now"),
+            Refusal.BAD_VALUE,
+            f"a recording starts with wave, move or now, got {trigger!r}",
+        )
         self.recorder.arm(trigger)
         if trigger == "now":
             self.recorder.trigger("now", self._sample + 1)
@@ -213,16 +201,16 @@ class ControllerCore:
     def remove_drives(self, removed: bool) -> None:
         """Take the drives out, or put them back; no axis may move or be under control."""
         for name, state in self._states.items():
-            if state.moving(self._sample):
-                reason = Refusal.WAVE_RUNNING if state.wave is not None else Refusal.NOT_ABLE
-                raise RefusedError(
-                    reason, f"axis '{name}' moves: let it come to rest before drives are handled"
-                )
-            if state.servo and not state.screw:
-                raise RefusedError(
-                    Refusal.SERVO_ON,
-                    f"the control of axis '{name}' is on: switch it off before drives are handled",
-                )
+            require(
+                not state.moving(self._sample),
+                Refusal.NOT_ABLE if state.wave is None else Refusal.WAVE_RUNNING,
+                f"axis '{name}' moves: let it come to rest before drives are handled",
+            )
+            require(
+                state.screw or not state.servo,
+                Refusal.SERVO_ON,
+                f"the control of axis '{name}' is on: switch it off before drives are handled",
+            )
         self._drives_out = bool(removed)
 
     def strike(self, axis: str) -> None:
@@ -234,10 +222,11 @@ class ControllerCore:
         is that along the axis that was struck; of another axis nothing is recorded but zeros.
         """
         state = self._axis(axis)
-        if not self._drives_out:
-            raise RefusedError(
-                Refusal.NOT_ABLE, "take the drives out before the stage is struck with a hammer"
-            )
+        require(
+            self._drives_out,
+            Refusal.NOT_ABLE,
+            "take the drives out before the stage is struck with a hammer",
+        )
         blow = self.stage.strike(state.description.stage_axis)
         rate = self.sample_rate_hz / self.recorder.divider
         force = resampled(blow.force, blow.sample_rate_hz, rate)
@@ -291,51 +280,53 @@ class ControllerCore:
         return target
 
     def _require_signal(self, signal: Signal) -> None:
-        if signal.kind not in _KINDS:
-            raise RefusedError(
-                Refusal.UNKNOWN,
-                f"nothing of the kind '{signal.kind}' is recorded: it is one of "
-                f"{', '.join(_KINDS)}",
-            )
+        require(
+            signal.kind in _KINDS,
+            Refusal.UNKNOWN,
+            f"nothing of the kind '{signal.kind}' is recorded: it is one of {', '.join(_KINDS)}",
+        )
         if signal.kind == "channel":
             numbers = {str(c.number) for c in self.stage.channels}
-            if signal.source not in numbers:
-                raise RefusedError(
-                    Refusal.UNKNOWN,
-                    f"there is no channel '{signal.source}': they are 1 to {len(numbers)}",
-                )
+            require(
+                signal.source in numbers,
+                Refusal.UNKNOWN,
+                f"there is no channel '{signal.source}': they are 1 to {len(numbers)}",
+            )
         elif signal.kind == "voltage":
             self._piezo(signal.source)
         else:
             self._axis(signal.source)
 
     def _axis(self, axis: str) -> AxisState:
-        if axis not in self._states:
-            raise RefusedError(
-                Refusal.UNKNOWN, f"there is no axis '{axis}': they are {', '.join(self._states)}"
-            )
+        require(
+            axis in self._states,
+            Refusal.UNKNOWN,
+            f"there is no axis '{axis}': they are {', '.join(self._states)}",
+        )
         return self._states[axis]
 
     def _piezo(self, axis: str) -> AxisState:
         state = self._axis(axis)
-        if state.screw:
-            raise RefusedError(
-                Refusal.NOT_ABLE, f"axis '{axis}' is a screw: it has neither voltage nor a servo"
-            )
+        require(
+            not state.screw,
+            Refusal.NOT_ABLE,
+            f"axis '{axis}' is a screw: it has neither voltage nor a servo",
+        )
         return state
 
     def _need_no_wave(self, state: AxisState) -> None:
-        if state.wave is not None:
-            raise RefusedError(
-                Refusal.WAVE_RUNNING,
-                f"a waveform runs on axis '{state.description.name}': stop it first",
-            )
+        require(
+            state.wave is None,
+            Refusal.WAVE_RUNNING,
+            f"a waveform runs on axis '{state.description.name}': stop it first",
+        )
 
     def _need_drives(self) -> None:
-        if self._drives_out:
-            raise RefusedError(
-                Refusal.NOT_ABLE, "the drives are taken out: put them back before moving the stage"
-            )
+        require(
+            not self._drives_out,
+            Refusal.NOT_ABLE,
+            "the drives are taken out: put them back before moving the stage",
+        )
 
 
 def duration(seconds: float) -> float:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
+from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.protocol import Signal
 
 Trigger = Literal["wave", "move", "now"]
@@ -51,10 +51,11 @@ class DataRecorder:
 
     def known(self, table: int) -> int:
         """Return the number of a table, from 1; refuse one that there is not."""
-        if not 1 <= table <= self.count:
-            raise RefusedError(
-                Refusal.UNKNOWN, f"there is no record table {table}: they are 1 to {self.count}"
-            )
+        require(
+            1 <= table <= self.count,
+            Refusal.UNKNOWN,
+            f"there is no record table {table}: they are 1 to {self.count}",
+        )
         return table
 
     def signal(self, table: int) -> Signal | None:
@@ -69,10 +70,11 @@ class DataRecorder:
 
     def set_divider(self, divider: int) -> None:
         """Choose the rate, from the next trigger on."""
-        if divider < 1:
-            raise RefusedError(
-                Refusal.BAD_VALUE, f"a record takes every sample or fewer, got a rate of {divider}"
-            )
+        require(
+            divider >= 1,
+            Refusal.BAD_VALUE,
+            f"a record takes every sample or fewer, got a rate of {divider}",
+        )
         self.divider = divider
 
     def arm(self, trigger: Trigger) -> None:
@@ -124,14 +126,16 @@ class DataRecorder:
 
     def read(self, table: int, first: int, count: int) -> Array:
         """Return samples of a table, from number `first`, counted from 0."""
-        if self.known(table) not in self._data:
-            raise RefusedError(Refusal.UNKNOWN, f"record table {table} has recorded nothing")
-        if first < 0 or count < 0 or first + count > self._filled:
-            raise RefusedError(
-                Refusal.BAD_VALUE,
-                f"{count} samples from number {first} on are not there: {self._filled} are "
-                "recorded",
-            )
+        require(
+            self.known(table) in self._data,
+            Refusal.UNKNOWN,
+            f"record table {table} has recorded nothing",
+        )
+        require(
+            first >= 0 and count >= 0 and first + count <= self._filled,
+            Refusal.BAD_VALUE,
+            f"{count} samples from number {first} on are not there: {self._filled} are recorded",
+        )
         return self._data[table][first : first + count].copy()
 
 

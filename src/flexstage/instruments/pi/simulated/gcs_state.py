@@ -9,16 +9,14 @@ from itertools import islice
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.instruments.pi.simulated import errors_gcs as code
 from flexstage.instruments.pi.simulated.clock import Pace
 from flexstage.instruments.pi.simulated.controller import VirtualController
-from flexstage.instruments.pi.simulated.device import AxisDescription
-from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.device import AxisDescription, Refusal, require
 from flexstage.instruments.pi.simulated.record_store import RecordStore
 from flexstage.instruments.pi.units import METRES
 from flexstage.system.servo import Notch, ServoSettings
 
-#: Commands of controllers with reference or limit switches; of stepping drives.
+#: Commands of controllers with reference or limit switches.
 _REFERENCE = frozenset({"FNL", "FPL", "FRF", "LIM?", "RON", "RON?"})
 #: Commands of controllers of motors only.
 _MOTOR = frozenset({"ACC", "ACC?", "DEC", "DEC?", "DFH", "DFH?", "GOH", "TCV?"})
@@ -27,14 +25,11 @@ _STATUS = frozenset({"SRG?", "TRS?"})
 #: Commands of analogue amplifiers with a digital interface.
 _ANALOGUE = frozenset({"DCO", "DCO?", "NLM", "ONL", "ONL?", "PLM", "VCO", "VCO?", "VMA", "VMI"})
 #: Commands of wave generators.
-_WAVES = frozenset(
-    {"GWD?", "TWC", "TWS", "TWS?", "WAV", "WAV?", "WCL", "WGC", "WGC?", "WGO", "WGO?", "WGR",
-     "WMS?", "WOS", "WOS?", "WSL", "WSL?", "WTR", "WTR?"}
-)  # fmt: skip
+_WAVES = frozenset({"GWD?", "TWC", "TWS", "WAV", "WCL", "WGC", "WGO", "WGO?", "WOS", "WSL", "WTR"})
 #: Commands of digital controllers only.
 _DIGITAL = frozenset(
     {"AOS?", "ATZ", "ATZ?", "CTO", "CTO?", "IDN?", "IFC?", "OVF?", "SSN?", "TAD?", "TNS?", "TWC",
-     "TWS", "TWS?", "WOS", "WOS?"}
+     "TWS", "WOS"}
 )  # fmt: skip
 
 
@@ -166,18 +161,16 @@ class WaveStore:
         wanted: dict[int, tuple[float, float]] = {}
         for axis in axes:
             table, feedforward = self._device.wave_choice(axis)
-            if not table:
-                raise GcsError(code.NO_WAVE_CHOSEN)
+            require(table, Refusal.NO_WAVE)
             screw = self._device.axes[axis].kind == "screw"
             unit = MICRO if screw or self._device.servo_on(axis) else 1.0
             for number, its in ((table, (unit, self.offsets[axis])), (feedforward, (1.0, 0.0))):
-                if number and not self.size(number):
-                    raise GcsError(code.WAVE_NOT_DEFINED)
-                if number and wanted.setdefault(number, its) != its:
-                    raise GcsError(code.WAVE_OUT_OF_RANGE)
+                if number:
+                    require(self.size(number), Refusal.WAVE_NOT_DEFINED)
+                    same = wanted.setdefault(number, its) == its
+                    require(same, Refusal.WAVE_OUT_OF_RANGE)
         missing = {table: how for table, how in wanted.items() if self._given.get(table) != how}
-        if any(self.in_use(table) for table in missing):
-            raise GcsError(code.WAVE_RUNNING)
+        require(not any(self.in_use(table) for table in missing), Refusal.WAVE_RUNNING)
         # what is no longer in a table must not take the room of what is in another one
         for table in range(1, self._device.wave_tables + 1):
             if table not in self._given and self._device.wave(table).size:
@@ -187,8 +180,7 @@ class WaveStore:
             self._given[table] = unit, offset
 
     def _change(self, table: int) -> None:
-        if self.in_use(table):
-            raise GcsError(code.WAVE_RUNNING)
+        require(not self.in_use(table), Refusal.WAVE_RUNNING)
         self._given.pop(table, None)
 
 
@@ -249,7 +241,12 @@ class ControllerState:
         self.channels = {str(channel.number): channel for channel in device.channels}
         #: Texts of the parameters as delivered, by item and number.
         self.delivered: dict[tuple[str, int], str] = {}
-        self.name_axes({})
+        self.axes: dict[str, AxisDescription] = dict(islice(device.axes.items(), model.axes))
+        piezo = [name for name, axis in self.axes.items() if axis.kind == "piezo"]
+        #: Axis by output channel, by wave generator.
+        self.outputs = {str(i): name for i, name in enumerate(piezo, 1)}
+        self.generators = {str(i): name for i, name in enumerate(self.axes, 1)}
+        self.forget()
 
     def forget(self) -> None:
         """Be as when it was switched on."""
@@ -275,21 +272,23 @@ class ControllerState:
         self.accelerations = {name: dict.fromkeys(self.axes, 1.0) for name in ("ACC", "DEC")}
         #: Start mode of each wave generator; settings of the digital outputs, by line and number.
         self.start_modes = dict.fromkeys(self.generators, 0)
-        self.trigger_points: dict[tuple[int, int], bool] = {}
         self.trigger_settings: dict[tuple[int, int], str] = {}
 
-    def name_axes(self, names: Mapping[str, str]) -> None:
-        """Call axes by other names, and forget what was set of them here."""
-        if names:
-            self.device.rename(names)
-        self.axes: dict[str, AxisDescription] = dict(
-            islice(self.device.axes.items(), self.model.axes)
-        )
-        piezo = [name for name, axis in self.axes.items() if axis.kind == "piezo"]
-        #: Axis by output channel, by wave generator.
-        self.outputs = {str(i): name for i, name in enumerate(piezo, 1)}
-        self.generators = {str(i): name for i, name in enumerate(self.axes, 1)}
-        self.forget()
+    @property
+    def interface(self) -> Mapping[str, str]:
+        """Parameters of its interface by name; there is no serial line."""
+        return {
+            "RSBAUD": "0",
+            "IPADR": f"{self.host}:{self.port}",
+            "IPSTART": "0",
+            "IPMASK": "255.255.255.255",
+            "MACADR": "00-00-00-00-00-00",
+        }
+
+    def stop(self, axes: Sequence[str] | None = None) -> None:
+        """Stop axes, all where none is named."""
+        self.device.stop(axes)
+        self.stops += 1
 
     # positions ------------------------------------------------------------------------------
 
@@ -300,6 +299,15 @@ class ControllerState:
     def voltage_range(self, axis: str) -> tuple[float, float]:
         """Return the voltages of an axis [V]; both 0 where it has none."""
         return self.axes[axis].limits.voltage or (0.0, 0.0)
+
+    def soft(self, axis: str, of_voltage: bool) -> Range:
+        """Return the limits of an axis's positions [m] or voltages [V], as clients have set them.
+
+        The widest ones where they have set none.
+        """
+        if of_voltage:
+            return self.soft_voltages.get(axis, self.voltage_range(axis))
+        return self.soft_positions.get(axis, self.position_range(axis))
 
     def has_switch(self, axis: str) -> bool:
         """Say whether an axis has a reference switch and limit switches."""
@@ -316,17 +324,16 @@ class ControllerState:
     def require_ready(self, targets: Mapping[str, float], *, voltages: bool = False) -> None:
         """Refuse a motion of axes that take none, or beyond limits that clients have set."""
         limits = self.soft_voltages if voltages else self.soft_positions
+        beyond = Refusal.VOLTAGE_OUT_OF_LIMITS if voltages else Refusal.OUT_OF_LIMITS
         offline = {self.outputs[name] for name, on in self.online.items() if not on}
         for axis, value in targets.items():
-            if not self.referenced(axis):
-                raise GcsError(code.SERVO_IS_OFF)  # the number of axes without a reference, too
-            if axis in self.disabled:
-                raise GcsError(code.SWITCHED_OFF)
-            if axis in offline:
-                raise GcsError(code.NOT_POSSIBLE)
+            # the number of axes without a reference, too
+            require(self.referenced(axis), Refusal.SERVO_OFF)
+            require(axis not in self.disabled, Refusal.SWITCHED_OFF)
+            require(axis not in offline, Refusal.NOT_ABLE)
             low, high = limits.get(axis, (-math.inf, math.inf))
-            if not low <= value <= high and math.isfinite(value):
-                raise GcsError(code.VOLTAGE_OUT_OF_LIMITS if voltages else code.OUT_OF_LIMITS)
+            inside = low <= value <= high or not math.isfinite(value)
+            require(inside, beyond)
 
     # position control -----------------------------------------------------------------------
 

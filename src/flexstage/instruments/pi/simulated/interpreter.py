@@ -3,32 +3,41 @@
 from collections.abc import Callable, Mapping, Sequence
 
 from flexstage.errors import ControllerError, FlexstageError
-from flexstage.instruments.pi.simulated import errors_gcs as code
 from flexstage.instruments.pi.simulated.clock import Pace
-from flexstage.instruments.pi.simulated.command import Client, GcsCommand, Reply, nothing
+from flexstage.instruments.pi.simulated.command import (
+    Client,
+    GcsCommand,
+    Reply,
+    question,
+    unsigned,
+    within,
+)
 from flexstage.instruments.pi.simulated.commands_identity import (
     IDENTITY,
-    STATUS,
     delivered,
-    help_lines,
     status_register,
 )
 from flexstage.instruments.pi.simulated.commands_motion import MOTION, halt, moving_bits
 from flexstage.instruments.pi.simulated.commands_recorder import RECORDER
-from flexstage.instruments.pi.simulated.commands_setup import SETUP, TRIGGERS
 from flexstage.instruments.pi.simulated.commands_waves import WAVES, running_bits
 from flexstage.instruments.pi.simulated.controller import VirtualController
-from flexstage.instruments.pi.simulated.device import RefusedError
-from flexstage.instruments.pi.simulated.errors_gcs import CODES, GcsError
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError, require
 from flexstage.instruments.pi.simulated.gcs_state import OWN, ControllerModel, ControllerState
 
 #: Answer to ``#7``: always ready; a controller that is not says 0xB0.
 _READY = "\xb1"
-_COMMANDS = (*IDENTITY, *MOTION, *RECORDER, *SETUP, *STATUS, *TRIGGERS, *WAVES)
+#: Characters that are commands of their own, as they are listed.
+_CHARACTERS = (
+    "#4 Request Status Register",
+    "#5 Request Motion Status",
+    "#7 Request Controller Ready Status",
+    "#9 Get Wave Generator Status",
+    "#24 Stop All Axes",
+)
 #: Commands that need an axis with a voltage.
 _OF_VOLTAGES = frozenset(
-    {"ATZ", "ATZ?", "DCO", "DCO?", "ONL", "ONL?", "SVA", "SVA?", "SVR", "VMA", "VMA?", "VMI",
-     "VMI?", "VOL?"}
+    {"ATZ", "ATZ?", "DCO", "DCO?", "ONL", "ONL?", "SVA", "SVA?", "VMA", "VMA?", "VMI", "VMI?",
+     "VOL?"}
 )  # fmt: skip
 
 
@@ -63,14 +72,16 @@ class Interpreter:
         self._hold = hold
         #: Those that have given a command that moves or changes something, in their order.
         self._commanding: list[Client] = []
-        help_command = GcsCommand("HLP?", "", "Get List Of Available Commands", self._help)
+        #: Who gives the command that is carried out; the lock is held.
+        self._client: Client
         self._macros = Macros(self.line)
-        macros = self._macros.commands()
-        commands = sorted((help_command, *macros, *_COMMANDS), key=lambda c: c.name)
+        commands = (*self._of_sessions(), *IDENTITY, *MOTION, *RECORDER, *WAVES)
         # a controller of motors does not know the commands of voltages
         unknown = model.lacks if self._state.outputs else model.lacks | _OF_VOLTAGES
         self._commands: Mapping[str, GcsCommand] = {
-            command.name: command for command in commands if command.name not in unknown
+            command.name: command
+            for command in sorted(commands, key=lambda c: c.name)
+            if command.name not in unknown
         }
 
     @property
@@ -112,7 +123,7 @@ class Interpreter:
     def stop(self, client: Client) -> None:
         """Stop all axes at once, as ``#24`` does; whoever has given commands is told, too."""
         with self.pace.lock:
-            self._attempt(client, lambda: halt(self._state, client))
+            self._attempt(client, lambda: halt(self._state))
             self._tell_others(client)
 
     def character(self, client: Client, byte: int) -> Reply:
@@ -141,7 +152,7 @@ class Interpreter:
             return None
         command = self._commands.get(words[0].upper())
         if command is None:
-            client.error = code.UNKNOWN_COMMAND
+            client.error = Refusal.UNKNOWN_COMMAND
             return None
         with self.pace.lock:
             return self._attempt(
@@ -154,16 +165,15 @@ class Interpreter:
     def _run(
         self, client: Client, command: GcsCommand, words: Sequence[str], stopped: bool
     ) -> Reply:
-        if stopped and command.moves:
-            raise GcsError(code.STOPPED)
+        require(not (stopped and command.moves), Refusal.STOPPED)
         if command.changes:
-            if self.in_control not in (None, client):
-                raise GcsError(code.BUSY)
+            require(self.in_control in (None, client), Refusal.BUSY)
             if client not in self._commanding:
                 self._commanding.append(client)
         stops = self._state.stops
+        self._client = client
         try:
-            return command.run(self._state, client, words)
+            return command.carry_out(self._state, words)
         finally:
             if self._state.stops > stops:
                 self._tell_others(client)
@@ -183,24 +193,55 @@ class Interpreter:
                 self._state.recorder.trigger = 0
                 self._state.recorder.now()
             return action()
-        except GcsError as error:
-            client.error = error.code
         except RefusedError as error:
-            client.error = CODES[error.reason]
+            client.error = error.reason
         except ControllerError:
-            client.error = code.HARDWARE
+            client.error = Refusal.HARDWARE
         except FlexstageError:
-            client.error = code.OUT_OF_RANGE
+            client.error = Refusal.BAD_VALUE
         return None
 
     def _tell_others(self, client: Client) -> None:
         for other in self._commanding:
             if other is not client:
-                other.error = code.STOPPED
+                other.error = Refusal.STOPPED
 
-    def _help(self, _: ControllerState, __: Client, words: Sequence[str]) -> Reply:
-        nothing(words)
-        return help_lines(self._commands.values())
+    def _of_sessions(self) -> tuple[GcsCommand, ...]:
+        """Return the commands that ask for, or change, what belongs to the client who gives them.
+
+        And those that need the list of all commands.
+        """
+        return (
+            GcsCommand("CCL", "<Level> [<PSWD>]", "Set Command Level", self._set_level, free=True),
+            question("CCL?", "", "Get Command Level", lambda *_: self._client.level),
+            question("ERR?", "", "Get Error Number", self._read_error),
+            GcsCommand("HLP?", "", "Get List Of Available Commands", self._help),
+            GcsCommand(
+                "MAC",
+                "<Keyword> [<MacroName> [<Value> ...]]",
+                "Call Macro Function: BEG, END, DEL, START",
+                lambda _, words: self._macros.call(self._client, words),
+                changes=True,
+                moves=True,
+                free=True,
+            ),
+        )
+
+    def _read_error(self, _: ControllerState, __: None) -> int:
+        number_of_error, self._client.error = self._client.error, 0
+        return number_of_error
+
+    def _set_level(self, _: ControllerState, words: Sequence[str]) -> Reply:
+        require(len(words) in (1, 2), Refusal.NUMBER_OF_PARAMETERS)
+        level = within(unsigned(words[0]), range(2))
+        require(level == 0 or words[1:] == ["advanced"], Refusal.WRONG_PASSWORD)
+        self._client.level = level
+        return None
+
+    def _help(self, _: ControllerState, __: None) -> Reply:
+        commands = self._commands.values()
+        listed = [f"{c.name} {c.arguments} {c.text}".replace("  ", " ") for c in commands]
+        return ["The following commands are valid:", *_CHARACTERS, *listed, "end of help"]
 
 
 #: Most characters of all macros, and longest name.
@@ -226,7 +267,7 @@ class Macros:
             return False
         line = " ".join(words)
         if self._size() + len(line) > _ROOM:
-            client.error = code.NO_ROOM_FOR_MACRO
+            client.error = Refusal.NO_ROOM_FOR_MACRO
         else:
             self._recording[2].append(line)
         return True
@@ -236,83 +277,49 @@ class Macros:
         if self._recording is not None and self._recording[0] is client:
             self._recording = None
 
-    def commands(self) -> tuple[GcsCommand, ...]:
-        """Return the commands of macros."""
-        return (
-            GcsCommand(
-                "MAC",
-                "<Keyword> [<MacroName> [<Value> ...]]",
-                "Call Macro Function: BEG, END, DEL, START",
-                self._call,
-                changes=True,
-                moves=True,
-            ),
-            GcsCommand("MAC?", "[<MacroName>]", "List Macros", self._list),
-            GcsCommand("RMC?", "", "List Running Macros", self._running),
-        )
-
     def _size(self) -> int:
         writing = [] if self._recording is None else self._recording[2]
         return sum(len(line) + 1 for lines in (*self._kept.values(), writing) for line in lines)
 
-    def _call(self, _: ControllerState, client: Client, words: Sequence[str]) -> Reply:
-        if not words:
-            raise GcsError(code.NUMBER_OF_PARAMETERS)
+    def call(self, client: Client, words: Sequence[str]) -> Reply:
+        """Begin a macro, end it, delete or start one."""
+        require(words, Refusal.NUMBER_OF_PARAMETERS)
         keyword, names = words[0].upper(), words[1:]
+        require(keyword in ("BEG", "DEL", "END", "START"), Refusal.UNKNOWN_MACRO_FUNCTION)
         if keyword == "END":
-            self._end(client, names)
+            require(not names, Refusal.NUMBER_OF_PARAMETERS)
+            self._end(client)
             return None
-        if keyword not in ("BEG", "DEL", "START"):
-            raise GcsError(code.UNKNOWN_MACRO_FUNCTION)
-        if not names or (keyword != "START" and len(names) > 1):
-            raise GcsError(code.NUMBER_OF_PARAMETERS)
+        several = keyword == "START"
+        require(len(names) == 1 or (several and names), Refusal.NUMBER_OF_PARAMETERS)
         name = names[0].upper()
         if keyword == "BEG":
-            self._begin(client, name)
-        elif name not in self._kept:
-            raise GcsError(code.UNKNOWN_MACRO)
-        elif keyword == "DEL":
-            del self._kept[name]
-        else:
+            require(name.isalnum() and len(name) <= _NAME, Refusal.BAD_MACRO_NAME)
+            free = self._recording is None and not self._depth
+            require(free, Refusal.MACRO_IS_WRITTEN)
+            self._recording = client, name, []
+            return None
+        require(name in self._kept, Refusal.UNKNOWN_MACRO)
+        if several:
             self._start(client, name, names[1:])
+        else:
+            del self._kept[name]
         return None
 
-    def _begin(self, client: Client, name: str) -> None:
-        if not (name.isalnum() and len(name) <= _NAME):
-            raise GcsError(code.BAD_MACRO_NAME)
-        if self._recording is not None or self._depth:
-            raise GcsError(code.MACRO_IS_WRITTEN)
-        self._recording = client, name, []
-
-    def _end(self, client: Client, names: Sequence[str]) -> None:
-        if names:
-            raise GcsError(code.NUMBER_OF_PARAMETERS)
+    def _end(self, client: Client) -> None:
         if self._recording is None or self._recording[0] is not client:
-            raise GcsError(code.NO_MACRO_IS_WRITTEN)
+            raise RefusedError(Refusal.NO_MACRO_IS_WRITTEN)
         self._kept[self._recording[1]] = self._recording[2]
         self._recording = None
 
     def _start(self, client: Client, name: str, values: Sequence[str]) -> None:
-        if self._depth >= _DEPTH:
-            raise GcsError(code.MACROS_TOO_DEEP)
+        require(self._depth < _DEPTH, Refusal.MACROS_TOO_DEEP)
         self._depth += 1
         try:
             for line in tuple(self._kept[name]):
                 self._carry_out(client, _filled(line, values))
         finally:
             self._depth -= 1
-
-    def _list(self, _: ControllerState, __: Client, words: Sequence[str]) -> Reply:
-        if len(words) > 1:
-            raise GcsError(code.NUMBER_OF_PARAMETERS)
-        if words and words[0].upper() not in self._kept:
-            raise GcsError(code.UNKNOWN_MACRO)
-        return (self._kept[words[0].upper()] if words else sorted(self._kept)) or [""]
-
-    def _running(self, _: ControllerState, __: Client, words: Sequence[str]) -> Reply:
-        """Name none: a macro has ended before the next line is heard."""
-        nothing(words)
-        return [""]
 
 
 def _filled(line: str, values: Sequence[str]) -> str:

@@ -9,9 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 
 from flexstage import __version__
-from flexstage.instruments.pi.simulated import errors_gcs as code
-from flexstage.instruments.pi.simulated.command import number, printed, switch, unsigned
-from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.command import number, switch, unsigned
+from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.pi.simulated.gcs_state import NOTCHES, ControllerState, ServoDraft
 from flexstage.instruments.protocol import Capability
 
@@ -44,6 +43,11 @@ class Parameter:
     edit: Edit | None = None
     """Sets a number of the position control, all of which are changed at once."""
 
+    @property
+    def writable(self) -> bool:
+        """Whether it can be set."""
+        return self.set is not None or self.edit is not None
+
 
 def items_of(state: ControllerState, parameter: Parameter) -> Sequence[str]:
     """Return the axes or channels that have a parameter, or ``"1"`` for the system."""
@@ -60,11 +64,6 @@ def items_of(state: ControllerState, parameter: Parameter) -> Sequence[str]:
     )
 
 
-def value_text(value: Value) -> str:
-    """Return a value as it is sent."""
-    return printed(value) if isinstance(value, float) else str(value)
-
-
 def listing(state: ControllerState) -> list[str]:
     """Return what ``HPA?`` answers: number, level to write it, items, type, group, name."""
     lines = ["The following parameters are valid:"]
@@ -73,11 +72,10 @@ def listing(state: ControllerState) -> list[str]:
         if items:
             value = parameter.get(state, items[0])
             kind = "FLOAT" if isinstance(value, float) else _KINDS[type(value)]
-            writable = parameter.set is not None or parameter.edit is not None
             name = parameter.name
             if parameter.item == "axis":
                 name = re.sub(r"\[um\b", "[mm" if state.model.unit == "mm" else "[um", name)
-            words = (0 if writable else 9, len(items), kind, parameter.group, name)
+            words = (0 if parameter.writable else 9, len(items), kind, parameter.group, name)
             lines.append("\t".join((f"0x{identifier:08X}=", *(str(word) for word in words))))
     return [*lines, "end of help"]
 
@@ -100,8 +98,7 @@ def _record_tables(state: ControllerState, _: str, word: str) -> None:
 
 def _no_analogue_input(_: ControllerState, __: str, word: str) -> None:
     """Accept that no input gives the target, which is how it is."""
-    if unsigned(word):
-        raise GcsError(code.OUT_OF_RANGE)
+    require(unsigned(word) == 0, Refusal.BAD_VALUE)
 
 
 def _drives(state: ControllerState, _: str, word: str) -> None:
@@ -110,10 +107,9 @@ def _drives(state: ControllerState, _: str, word: str) -> None:
 
 def _feedforward(state: ControllerState, axis: str, word: str) -> None:
     table = unsigned(word)
-    if table > state.device.wave_tables:
-        raise GcsError(code.UNKNOWN_WAVE_TABLE)
-    if Capability.FEEDFORWARD_TABLE not in state.axes[axis].capabilities:
-        raise GcsError(code.NOT_POSSIBLE)
+    require(table <= state.device.wave_tables, Refusal.UNKNOWN_WAVE_TABLE)
+    able = Capability.FEEDFORWARD_TABLE in state.axes[axis].capabilities
+    require(able, Refusal.NOT_ABLE)
     state.device.choose_wave(axis, state.device.wave_choice(axis)[0], table)
 
 

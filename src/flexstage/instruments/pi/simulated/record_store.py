@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.instruments.pi.simulated import errors_gcs as code
 from flexstage.instruments.pi.simulated.controller import VirtualController
-from flexstage.instruments.pi.simulated.errors_gcs import GcsError
+from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.protocol import Signal
 
 #: Micrometres, and microradians, of the wire in SI.
@@ -70,28 +69,20 @@ class RecordStore:
         known = {"axis": self._axes, "output": self._outputs, "channel": self._units}
         return tuple(known[option.source])
 
-    def choice(self, table: int) -> tuple[str, int]:
-        """Return source and number of the option of a table; ``"0"`` and 0 for nothing."""
-        return self.source_and_option(self._device.recorder.signal(table))
-
-    def source_and_option(self, signal: Signal | None) -> tuple[str, int]:
-        """Return by which source and option a signal is chosen."""
-        if signal is None:
-            return "0", 0
-        option = _OPTION_OF[signal.kind]
-        if RECORD_OPTIONS[option].source == "output":
-            return next(k for k, axis in self._outputs.items() if axis == signal.source), option
-        return signal.source, option
+    def title(self, signal: Signal) -> str:
+        """Return what a signal that is recorded is called: its option and its source."""
+        option, source = RECORD_OPTIONS[_OPTION_OF[signal.kind]], signal.source
+        if option.source == "output":
+            source = next(k for k, axis in self._outputs.items() if axis == source)
+        return f"{option.text} {source}"
 
     def signal(self, source: str, number: int) -> Signal | None:
         """Return the signal of a source and an option."""
         if number == 0:
             return None
-        option = RECORD_OPTIONS.get(number)
-        if option is None:
-            raise GcsError(code.UNKNOWN_RECORD_OPTION)
-        if source not in self.sources(option):
-            raise GcsError(code.UNKNOWN_RECORD_SOURCE)
+        require(number in RECORD_OPTIONS, Refusal.UNKNOWN_RECORD_OPTION)
+        option = RECORD_OPTIONS[number]
+        require(source in self.sources(option), Refusal.UNKNOWN_RECORD_SOURCE)
         unit = option.unit
         if option.source == "output":
             source = self._outputs[source]
@@ -110,8 +101,7 @@ class RecordStore:
 
     def use(self, tables: int) -> None:
         """Choose how many tables are in use; those behind them record nothing."""
-        if not 1 <= tables <= self._device.recorder.count:
-            raise GcsError(code.OUT_OF_RANGE)
+        require(1 <= tables <= self._device.recorder.count, Refusal.BAD_VALUE)
         for table in range(tables + 1, self._device.recorder.count + 1):
             self.choose(table, None)
         self.tables = tables

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
+from flexstage.instruments.pi.simulated.device import Refusal, RefusedError, require
 
 
 class WaveTables:
@@ -21,10 +21,11 @@ class WaveTables:
 
     def known(self, table: int) -> int:
         """Return the number of a table, from 1; refuse one that there is not."""
-        if not 1 <= table <= self.count:
-            raise RefusedError(
-                Refusal.UNKNOWN, f"there is no wave table {table}: they are 1 to {self.count}"
-            )
+        require(
+            1 <= table <= self.count,
+            Refusal.UNKNOWN,
+            f"there is no wave table {table}: they are 1 to {self.count}",
+        )
         return table
 
     def samples(self, table: int) -> Array:
@@ -42,12 +43,12 @@ class WaveTables:
                 f"sample {bad[0] + 1} of wave table {table} is {new[bad[0]]}: it must be finite",
             )
         others = sum(held.size for number, held in self._samples.items() if number != table)
-        if others + new.size > self.capacity:
-            raise RefusedError(
-                Refusal.TABLE_FULL,
-                f"{new.size} samples do not fit into wave table {table}: {self.capacity - others} "
-                f"of {self.capacity} are free",
-            )
+        require(
+            others + new.size <= self.capacity,
+            Refusal.TABLE_FULL,
+            f"{new.size} samples do not fit into wave table {table}: {self.capacity - others} "
+            f"of {self.capacity} are free",
+        )
         new.flags.writeable = False
         self._samples[table] = new
 
