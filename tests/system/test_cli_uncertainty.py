@@ -24,7 +24,7 @@ influences:
   - {name: l, value: 63.12 um, uncertainty: 12 nm, dof: 9, source: ten strokes}
   - {name: c, value: 0, half_width: 0.03 %, source: certificate}
   - {name: a, value: 0 deg, uncertainty: 0.6 deg}
-  - {name: d, value: 3 mm, half_width: 0.5 mm, distribution: triangular}
+  - {name: d, value: 3 mm, uncertainty: 0.2 mm}
   - {name: p, value: 4.1 urad, uncertainty: 0.8 urad}
 correlations:
   - [d, p, 0.25]
@@ -107,7 +107,7 @@ def test_tables_and_figure(file, tmp_path):
     picture = tmp_path / "budget.svg"
     done = run(file, "--trials", "20000", "--figure", picture)
     assert done.exit_code == 0
-    for word in ("stroke = l * (1 + c)", "triangular", "student", "GUM", "Monte Carlo", "shortest"):
+    for word in ("stroke = l * (1 + c)", "uniform", "student", "GUM", "Monte Carlo", "shortest"):
         assert word in done.stdout
     assert "do not agree" in done.stdout
     assert "degrees of freedom" in done.stdout

@@ -1,8 +1,10 @@
 """Arithmetic with quantities, as files write it behind an equals sign: ``= 2*R + 0.3 mm``.
 
 A text is cut into numbers, quantities, names and signs first, so that nothing but arithmetic of
-known names reaches the parser. Values are fractions: sums and products are exact, and a decimal
-number is rounded once, as if the result had been written into the file.
+known names reaches the parser; what it then says is computed by `fold` over numbers of any kind.
+In files of a stage they are fractions: sums and products are exact, and a decimal number is rounded
+once, as if the result had been written into the file. The equation of an uncertainty budget has the
+same grammar, over uncertain numbers and arrays.
 """
 
 import ast
@@ -13,14 +15,14 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from functools import lru_cache
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from flexstage.choose import did_you_mean
 from flexstage.errors import UnitError
 from flexstage.units import DIMENSIONS, dimensions, exact_quantity
 
 #: Most characters of an expression.
-LONGEST = 500
+LONGEST = 2000
 #: Deepest nesting of an expression.
 DEEPEST = 30
 #: Largest exponent of a power.
@@ -39,8 +41,8 @@ _MOST_BITS = 2_000
 _MOST_DIGITS = 60
 _MOST_OPERATIONS = 250
 
-_Powers = tuple[tuple[str, Fraction], ...]
-_ANGLE: _Powers = (("angle", Fraction(1)),)
+Powers = tuple[tuple[str, Fraction], ...]
+_ANGLE: Powers = (("angle", Fraction(1)),)
 _UNIT_WORDS = frozenset(
     word
     for dimension in DIMENSIONS.values()
@@ -60,13 +62,32 @@ class Amount:
 
     value: Fraction
     """The value [SI]."""
-    powers: _Powers = ()
+    powers: Powers = ()
     """Powers of base quantities, in alphabetical order; none for a number."""
 
     @property
     def noun(self) -> str:
         """What it is, with the article."""
         return noun_of(self.powers)
+
+
+@dataclass(frozen=True, slots=True)
+class Grammar:
+    """The names and functions that expressions of a kind of file have."""
+
+    noun: str
+    """What a name stands for, in messages."""
+    functions: tuple[str, ...]
+    """Names of the functions."""
+
+
+#: What the parameters of a file may be made of.
+PARAMETERS = Grammar(
+    "parameter",
+    ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan2", "hypot", "min", "max", "abs"),
+)
+#: Fewest and most arguments of the functions that do not take one.
+_ARGUMENTS = {"atan2": (2, 2), "hypot": (2, 100), "min": (2, 100), "max": (2, 100)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,30 +101,47 @@ class QuantityExpression:
     constants: Mapping[str, Amount]
     """Its numbers and quantities, by their names in the tree."""
     names: frozenset[str]
-    """The parameters that it needs."""
+    """The names that it needs."""
     units: frozenset[str]
     """The units of its quantities."""
 
+    def by_name(self, constants: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return values by the names that they have in the tree."""
+        return {**constants, **{f"p_{name}": values[name] for name in self.names}}
 
-def powers_of(dimension: str) -> _Powers:
+    def part(self, node: ast.expr) -> str:
+        """Return the text of a part of the tree."""
+
+        def written(word: re.Match[str]) -> str:
+            constant = self.constants.get(word[0])
+            return word[0][2:] if constant is None else f"{float(constant.value):.6g}"
+
+        return re.sub(r"\bp_\w+|\b_\d+\b", written, ast.unparse(node))
+
+
+def powers_of(dimension: str) -> Powers:
     """Return the powers of base quantities of a dimension of `flexstage.units.DIMENSIONS`."""
     if dimension in ("", "angle"):
         return _ANGLE if dimension else ()
-    found = dimensions(DIMENSIONS[dimension].si)
-    return tuple(sorted((base.strip("[]"), Fraction(power)) for base, power in found.items()))
+    return powers_in(DIMENSIONS[dimension].si)
 
 
-def dimension_named(powers: _Powers) -> str | None:
+def powers_in(si: str) -> Powers:
+    """Return the powers of base quantities of an SI unit, to which an angle is a number."""
+    return tuple(sorted((base.strip("[]"), Fraction(p)) for base, p in dimensions(si).items()))
+
+
+def dimension_named(powers: Powers) -> str | None:
     """Return the dimension of `flexstage.units.DIMENSIONS` of powers; "" for a plain number."""
     return _named().get(powers)
 
 
 @lru_cache(maxsize=1)
-def _named() -> dict[_Powers, str]:
+def _named() -> dict[Powers, str]:
     return {(): "", **{powers_of(name): name for name in reversed(DIMENSIONS)}}
 
 
-def noun_of(powers: _Powers) -> str:
+def noun_of(powers: Powers) -> str:
     """Say what has such powers, with the article."""
     name = dimension_named(powers)
     if name is not None:
@@ -119,17 +157,18 @@ def is_expression(value: object) -> bool:
     return isinstance(value, str) and value.lstrip().startswith("=")
 
 
-def check_parameter_name(name: str) -> None:
+def check_name(name: str, grammar: Grammar = PARAMETERS) -> None:
     """Refuse a name that could not stand in an expression."""
     if not _NAME.fullmatch(name) or len(name) > 80:
+        article = "an" if grammar.noun[0] in "aeiou" else "a"
         raise UnitError(
-            f"a parameter is called by letters, digits and underscores, from a letter on, such as "
-            f"leg_spacing, got {name[:80]!r}"
+            f"{article} {grammar.noun} is called by letters, digits and underscores, from a letter "
+            f"on, such as leg_spacing, got {name[:80]!r}"
         )
-    if name in _FUNCTIONS or name in _CONSTANTS:
+    if name in grammar.functions or name == "pi":
         raise UnitError(
-            f"'{name}' is a {'function' if name in _FUNCTIONS else 'constant'} of "
-            "expressions: give the parameter another name"
+            f"'{name}' is a {'constant' if name == 'pi' else 'function'} of expressions: give the "
+            f"{grammar.noun} another name"
         )
 
 
@@ -146,8 +185,8 @@ def amount_of(text: str) -> Amount:
 
 
 @lru_cache(maxsize=1024)
-def parse(text: str) -> QuantityExpression:
-    """Read an expression, which begins with an equals sign.
+def parse(text: str, grammar: Grammar = PARAMETERS) -> QuantityExpression:
+    """Read an expression, which begins with an equals sign in files of parameters.
 
     Examples
     --------
@@ -158,7 +197,7 @@ def parse(text: str) -> QuantityExpression:
     if len(body) > LONGEST:
         raise UnitError(
             f"an expression has at most {LONGEST} characters, got {len(body)}: divide it among "
-            "parameters"
+            f"{grammar.noun}s"
         )
     constants: dict[str, Amount] = {}
     names: set[str] = set()
@@ -168,7 +207,7 @@ def parse(text: str) -> QuantityExpression:
     while body[at:].strip():
         token = _TOKEN.match(body, at)
         if token is None:
-            _refuse_sign(body[at:].lstrip()[0], text)
+            _refuse_sign(body[at:].lstrip()[0], text, grammar)
         at = token.end()
         if token["number"] is not None:
             word = f"_{len(constants)}"
@@ -181,14 +220,14 @@ def parse(text: str) -> QuantityExpression:
         else:
             word = token["name"] or token["sign"]
             if token["name"] and not body[at:].lstrip().startswith("("):
-                names |= {word} - _CONSTANTS.keys()
-            elif token["name"] and word not in _FUNCTIONS:
-                _refuse_function(word)
+                names |= {word} - {"pi"}
+            elif token["name"] and word not in grammar.functions:
+                _refuse_function(word, grammar)
         depth += {"(": 1, ")": -1}.get(word, 0)
         if depth > DEEPEST:
             raise UnitError(
                 f"an expression is nested at most {DEEPEST} deep: {_shown(text)} is "
-                "deeper; divide it among parameters"
+                f"deeper; divide it among {grammar.noun}s"
             )
         words.append(word)
     if bad := next((n for n in names if not _NAME.fullmatch(n)), None):
@@ -202,9 +241,70 @@ def parse(text: str) -> QuantityExpression:
     except (SyntaxError, ValueError, MemoryError, RecursionError):
         raise UnitError(
             f"{_shown(text)} is no arithmetic: write it of + - * / ** and parentheses, with "
-            "numbers, units and names of parameters"
+            f"numbers, units and names of {grammar.noun}s"
         ) from None
+    _require_arithmetic(tree, grammar, 0)
     return QuantityExpression(text, tree, constants, frozenset(names), frozenset(units))
+
+
+def _require_arithmetic(node: ast.expr, grammar: Grammar, depth: int) -> None:
+    """Refuse a tree that holds anything but operations, names, and functions as they are called."""
+    if depth > _MOST_OPERATIONS:
+        raise UnitError(
+            f"an expression has at most {_MOST_OPERATIONS} operations in a row: divide it among "
+            f"{grammar.noun}s"
+        )
+    match node:
+        case ast.Name():
+            pass
+        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in grammar.functions:
+            least, most = _ARGUMENTS.get(name, (1, 1))
+            if not least <= len(args) <= most:
+                count = f"{least}" if least == most else f"{least} or more"
+                raise UnitError(f"{name} takes {count} values, got {len(args)}")
+        case ast.BinOp(op=op) | ast.UnaryOp(op=op) if type(op) in _OPERATIONS:
+            pass
+        case _:
+            listed = ", ".join((*grammar.functions, "pi"))
+            raise UnitError(
+                "an expression is of + - * / **, parentheses, numbers with their units, names of "
+                f"{grammar.noun}s and {listed}"
+            )
+    for part in _parts(node):
+        _require_arithmetic(part, grammar, depth + 1)
+
+
+def _parts(node: ast.expr) -> tuple[ast.expr, ...]:
+    match node:
+        case ast.BinOp(left=left, right=right):
+            return left, right
+        case ast.UnaryOp(operand=operand):
+            return (operand,)
+        case ast.Call(args=args):
+            return tuple(args)
+    return ()
+
+
+def fold(node: ast.expr, step: Callable[..., Any]) -> Any:
+    """Compute a tree from its names up: `step` takes a node and the values of its parts."""
+    return step(node, *(fold(part, step) for part in _parts(node)))
+
+
+def computing(
+    values: Mapping[str, Any],
+    operations: Mapping[type, Callable[..., Any]],
+    functions: Mapping[str, Callable[..., Any]],
+) -> Callable[..., Any]:
+    """Return the step of `fold` that computes values of any kind by operations of their own."""
+
+    def step(node: Any, *parts: Any) -> Any:
+        if isinstance(node, ast.Name):
+            return values[node.id]
+        if isinstance(node, ast.Call):
+            return functions[ast.unparse(node.func)](*parts)
+        return operations[type(node.op)](*parts)
+
+    return step
 
 
 def require_names(expression: QuantityExpression, names: Collection[str]) -> None:
@@ -237,9 +337,9 @@ def evaluate(expression: QuantityExpression, parameters: Mapping[str, Amount]) -
     0.0033
     """
     require_names(expression, parameters)
-    spelled = {f"p_{name}": parameters[name] for name in expression.names}
+    values = expression.by_name({**expression.constants, "pi": _PI}, parameters)
     try:
-        return _value(expression.tree, {**expression.constants, **spelled}, 0)
+        return fold(expression.tree, computing(values, _OPERATIONS, _FUNCTIONS))
     except OverflowError:
         raise _too_large(expression.text) from None
 
@@ -260,37 +360,7 @@ def _too_large(text: str) -> UnitError:
     return UnitError(f"{_shown(text)} is too large to be a number")
 
 
-def _value(node: ast.expr, values: Mapping[str, Amount], depth: int) -> Amount:
-    if depth > _MOST_OPERATIONS:
-        raise UnitError(
-            f"an expression has at most {_MOST_OPERATIONS} operations in a row: divide it among "
-            "parameters"
-        )
-    match node:
-        case ast.Name(id=name) if name in values:
-            return values[name]
-        case ast.Name(id=name) if name in _CONSTANTS:
-            return _CONSTANTS[name]
-        case ast.UnaryOp(op=ast.UAdd() | ast.USub(), operand=operand):
-            inner = _value(operand, values, depth + 1)
-            return Amount(-inner.value, inner.powers) if isinstance(node.op, ast.USub) else inner
-        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATIONS:
-            first, second = _value(left, values, depth + 1), _value(right, values, depth + 1)
-            made = _OPERATIONS[type(op)](first, second)
-            return Amount(_bounded(made.value), made.powers)
-        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in _FUNCTIONS:
-            function, least, most = _FUNCTIONS[name]
-            if not least <= len(args) <= most:
-                count = f"{least}" if least == most else f"{least} or more"
-                raise UnitError(f"{name} takes {count} values, got {len(args)}")
-            return function(*(_value(arg, values, depth + 1) for arg in args))
-    raise UnitError(
-        "an expression is of + - * / **, parentheses, numbers with their units, names of "
-        f"parameters and {', '.join((*_FUNCTIONS, *_CONSTANTS))}"
-    )
-
-
-def _same(what: str, *amounts: Amount) -> _Powers:
+def _same(what: str, *amounts: Amount) -> Powers:
     """Return the powers that all have; refuse others."""
     for other in amounts[1:]:
         if other.powers != amounts[0].powers:
@@ -300,16 +370,17 @@ def _same(what: str, *amounts: Amount) -> _Powers:
     return amounts[0].powers
 
 
-def _product(first: Amount, second: Amount, sign: int) -> _Powers:
-    if first.powers == () and second.powers == _ANGLE and sign < 0:
+def product(first: Powers, second: Powers, sign: int) -> Powers:
+    """Return the powers of a product; of a quotient where the sign is negative."""
+    if first == () and second == _ANGLE and sign < 0:
         raise UnitError("a number is divided by an angle, which gives no quantity of a file")
-    if () in (first.powers, second.powers):  # an angle stays one
-        return first.powers or tuple((base, sign * power) for base, power in second.powers)
-    total = {base: power for base, power in first.powers if base != "angle"}
-    for base, power in second.powers:
+    if () in (first, second):  # an angle stays one
+        return first or tuple((base, sign * p) for base, p in second)
+    total = {base: p for base, p in first if base != "angle"}
+    for base, p in second:
         if base != "angle":
-            total[base] = total.get(base, Fraction(0)) + sign * power
-    return tuple(sorted((base, power) for base, power in total.items() if power))
+            total[base] = total.get(base, Fraction(0)) + sign * p
+    return tuple(sorted((base, p) for base, p in total.items() if p))
 
 
 def _add(first: Amount, second: Amount) -> Amount:
@@ -321,16 +392,17 @@ def _subtract(first: Amount, second: Amount) -> Amount:
 
 
 def _multiply(first: Amount, second: Amount) -> Amount:
-    return Amount(first.value * second.value, _product(first, second, 1))
+    return Amount(first.value * second.value, product(first.powers, second.powers, 1))
 
 
 def _divide(first: Amount, second: Amount) -> Amount:
     if not second.value:
         raise UnitError("it divides by zero")
-    return Amount(first.value / second.value, _product(first, second, -1))
+    return Amount(first.value / second.value, product(first.powers, second.powers, -1))
 
 
-def _power(base: Amount, exponent: Amount) -> Amount:
+def power(base: Amount, exponent: Amount) -> Amount:
+    """Return a power whose exponent is a number."""
     if exponent.powers or abs(exponent.value) > LARGEST_EXPONENT:
         got = exponent.noun if exponent.powers else "a larger one"
         raise UnitError(f"an exponent is a number of at most {LARGEST_EXPONENT}, got {got}")
@@ -359,10 +431,18 @@ def _bounded(value: Fraction) -> Fraction:
     return value if bits <= _MOST_BITS else Fraction(rounded)
 
 
+def _bounding(operation: Callable[..., Amount]) -> Callable[..., Amount]:
+    def of(first: Amount, second: Amount) -> Amount:
+        made = operation(first, second)
+        return Amount(_bounded(made.value), made.powers)
+
+    return of
+
+
 def _sqrt(amount: Amount) -> Amount:
     if amount.value < 0:
         raise UnitError("sqrt takes no negative value")
-    return _power(amount, Amount(Fraction(1, 2)))
+    return power(amount, Amount(Fraction(1, 2)))
 
 
 def _turn(function: Callable[[float], float]) -> Callable[[Amount], Amount]:
@@ -410,45 +490,46 @@ def _abs(amount: Amount) -> Amount:
     return Amount(abs(amount.value), amount.powers)
 
 
-_OPERATIONS: dict[type, Callable[[Amount, Amount], Amount]] = {
+_OPERATIONS: dict[type, Callable[..., Amount]] = {
     ast.Add: _add,
     ast.Sub: _subtract,
     ast.Mult: _multiply,
     ast.Div: _divide,
-    ast.Pow: _power,
+    ast.Pow: power,
 }
-_MANY = 100
-_FUNCTIONS: dict[str, tuple[Callable[..., Amount], int, int]] = {
-    "sqrt": (_sqrt, 1, 1),
-    "sin": (_turn(math.sin), 1, 1),
-    "cos": (_turn(math.cos), 1, 1),
-    "tan": (_turn(math.tan), 1, 1),
-    "asin": (_turn_back(math.asin), 1, 1),
-    "acos": (_turn_back(math.acos), 1, 1),
-    "atan2": (_atan2, 2, 2),
-    "hypot": (_hypot, 2, _MANY),
-    "min": (_min, 2, _MANY),
-    "max": (_max, 2, _MANY),
-    "abs": (_abs, 1, 1),
+_OPERATIONS = {op: _bounding(operation) for op, operation in _OPERATIONS.items()}
+_OPERATIONS |= {ast.UAdd: lambda amount: amount, ast.USub: lambda a: Amount(-a.value, a.powers)}
+_FUNCTIONS: dict[str, Callable[..., Amount]] = {
+    "sqrt": _sqrt,
+    "sin": _turn(math.sin),
+    "cos": _turn(math.cos),
+    "tan": _turn(math.tan),
+    "asin": _turn_back(math.asin),
+    "acos": _turn_back(math.acos),
+    "atan2": _atan2,
+    "hypot": _hypot,
+    "min": _min,
+    "max": _max,
+    "abs": _abs,
 }
-_CONSTANTS: dict[str, Amount] = {"pi": Amount(Fraction(math.pi))}
+_PI = Amount(Fraction(math.pi))
 
 
-def _refuse_sign(sign: str, text: str) -> NoReturn:
+def _refuse_sign(sign: str, text: str, grammar: Grammar) -> NoReturn:
     instead = {
         "^": ": write ** for a power",
         ".": ": a name has no parts in an expression",
         ";": ": a file holds no program",
         "×": ": write * for a product",
         "·": ": write * for a product",
-    }.get(sign, ": it is arithmetic of numbers, quantities and parameters")
+    }.get(sign, f": it is arithmetic of numbers, quantities and {grammar.noun}s")
     raise UnitError(f"{sign!r} has no meaning in {_shown(text)}{instead}")
 
 
-def _refuse_function(name: str) -> NoReturn:
-    hint = did_you_mean(name, _FUNCTIONS, 0.6)
+def _refuse_function(name: str, grammar: Grammar) -> NoReturn:
+    hint = did_you_mean(name, grammar.functions, 0.6)
     raise UnitError(
-        f"there is no function '{name[:60]}' (there are: {', '.join(_FUNCTIONS)}){hint}"
+        f"there is no function '{name[:60]}' (there are: {', '.join(grammar.functions)}){hint}"
     )
 
 

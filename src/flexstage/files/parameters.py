@@ -7,7 +7,7 @@ from flexstage.errors import UnitError
 from flexstage.files.expression import (
     Amount,
     amount_of,
-    check_parameter_name,
+    check_name,
     is_expression,
     parse,
     require_names,
@@ -47,7 +47,7 @@ def read_parameters(decoder: "Decoder", node: Node) -> None:
     for name, entry in entries.items.items():
         place = Scalar(entries.key_lines.get(name, entry.line), name, name)
         try:
-            check_parameter_name(name)
+            check_name(name)
         except UnitError as error:
             decoder.refuse(place, KEY, str(error))
         given, texts[name] = _described(decoder, entry, f"{KEY}.{name}")

@@ -13,21 +13,9 @@ if TYPE_CHECKING:
     from flexstage.measure.motion.curve_extremes import curve_loop_width, curve_range
     from flexstage.measure.motion.curve_fit import fit_motion_curve
     from flexstage.measure.motion.motion_curve import MotionCurve
-    from flexstage.measure.motion.narrowest_zone import minimum_zone_cylinder
     from flexstage.measure.motion.positioning import Positioning, positioning
     from flexstage.measure.motion.rigid_body import rigid_motion
-    from flexstage.measure.motion.straightness import (
-        Straightness,
-        end_point_straightness,
-        least_squares_straightness,
-        less_noise,
-        minimum_zone,
-    )
-    from flexstage.measure.motion.workspace import (
-        Workspace,
-        workspace,
-        workspace_from_path,
-    )
+    from flexstage.measure.motion.workspace import Workspace, workspace
     from flexstage.measure.noise.allan import allan_deviation
     from flexstage.measure.noise.hold import HoldNoise, hold_noise
     from flexstage.measure.noise.mains import mains_lines
@@ -63,7 +51,6 @@ __all__ = [
     "Spectra",
     "Stabilisation",
     "Staircase",
-    "Straightness",
     "Stroke",
     "UpdateParameter",
     "Updated",
@@ -71,18 +58,13 @@ __all__ = [
     "allan_deviation",
     "curve_loop_width",
     "curve_range",
-    "end_point_straightness",
     "estimate_response",
     "fit_modes",
     "fit_motion_curve",
     "hold_noise",
-    "least_squares_straightness",
-    "less_noise",
     "linearity",
     "mains_lines",
     "measured",
-    "minimum_zone",
-    "minimum_zone_cylinder",
     "modal_assurance",
     "monte_carlo",
     "positioning",
@@ -102,7 +84,6 @@ __all__ = [
     "update_stage",
     "validate",
     "workspace",
-    "workspace_from_path",
 ]
 
 import_on_use(__name__)

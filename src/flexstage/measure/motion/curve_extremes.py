@@ -6,11 +6,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.arrays import Array, Integers
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.measure.motion.motion_curve import Direction, MotionCurve, position_weights
-from flexstage.measure.motion.narrowest_zone import narrowest_strip
 
 # curves that are simulated to find what noise adds: each takes a search of its own
 _ZONE_TRIALS = 120
@@ -291,7 +290,7 @@ def zone_contacts(position: Array, values: Array) -> tuple[float, Array]:
     """
     y = np.asarray(values, dtype=np.float64)
     flat, x = y.ravel(), np.tile(position, y.size // position.size)
-    first, second, opposite = narrowest_strip(x, flat, orthogonal=False)
+    first, second, opposite = narrowest_strip(x, flat)
     share = (x[opposite] - x[first]) / (x[second] - x[first])
     height = flat[opposite] - (1.0 - share) * flat[first] - share * flat[second]
     weights = np.zeros(flat.size)
@@ -299,3 +298,44 @@ def zone_contacts(position: Array, values: Array) -> tuple[float, Array]:
     # a point may be its own neighbour where two lie one over the other
     np.add.at(weights, [opposite, first, second], sides)
     return abs(float(height)), weights.reshape(y.shape)
+
+
+def narrowest_strip(x: Array, y: Array) -> tuple[int, int, int]:
+    """Return the three points that the strip rests on whose width along y is least.
+
+    It is the longest chord of the convex hull along y, which begins at a corner (Chebyshev's fit of
+    a line). Two of the points are on one line, from left to right, and the third is on the other.
+
+    Examples
+    --------
+    >>> narrowest_strip(np.array([0.0, 1.0, 3.0]), np.array([0.0, 0.7, 0.1]))
+    (0, 2, 1)
+    """
+    # a tilt and a scale change no hull, but the rounding of the cross products
+    a, b = x - x.mean(), y - y.mean()
+    b = b - float(a @ b / (a @ a)) * a
+    b = b / (float(np.abs(b).max()) or 1.0)
+    halves = _upper_hull(a, b), _upper_hull(a, -b)
+    i, j = (np.concatenate([half[part] for half in halves]) for part in (slice(-1), slice(1, None)))
+    slope = (y[j] - y[i]) / (x[j] - x[i])
+    # differences first, so that no large ordinate is subtracted from another
+    heights = np.abs((y - y[i, None]) - slope[:, None] * (x - x[i, None]))
+    opposite = np.argmax(heights, axis=1)
+    best = int(np.argmin(heights[np.arange(i.size), opposite]))
+    return int(i[best]), int(j[best]), int(opposite[best])
+
+
+def _upper_hull(x: Array, y: Array) -> Integers:
+    """Corners of the upper half of the convex hull, from left to right (Andrew, 1979)."""
+    order = np.lexsort((-y, x))
+    # of points one over the other the highest alone can be a corner
+    order = order[np.concatenate(([True], np.diff(x[order]) > 0.0))]
+    hull: list[int] = []
+    for k, u, v in zip(order.tolist(), x[order].tolist(), y[order].tolist(), strict=True):
+        while len(hull) > 1:
+            p, q = hull[-2], hull[-1]
+            if (x[q] - x[p]) * (v - y[p]) < (y[q] - y[p]) * (u - x[p]):
+                break
+            hull.pop()
+        hull.append(k)
+    return np.array(hull, dtype=np.intp)

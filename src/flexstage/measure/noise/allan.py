@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,49 +14,40 @@ from flexstage.estimate import Estimate, deviation_bounds
 _STRIDE = 48
 #: Averages that the autocorrelation needs to tell the kind of noise.
 _ENOUGH = 30
-Kind = Literal["overlapping", "modified", "hadamard"]
 _NAMES = {0: "white", -1: "flicker", -2: "random walk"}
 
 
-def allan_freedom(n: int, m: int, power: int, kind: str) -> float:
+def allan_freedom(n: int, m: int, power: int) -> float:
     """Return the equivalent degrees of freedom of an Allan variance of overlapping stretches.
 
     They are 2 E^2 / Var of the mean square of Gaussian differences whose covariance follows from
     the power law (Greenhall and Riley, 2003, Uncertainty of stability variances based on finite
     differences, 35th PTTI meeting). Of n readings m are averaged; `power` is that of frequency
-    which the spectral density goes with: 0 white, -1 flicker, -2 random walk. The kind is
-    overlapping, modified or hadamard.
+    which the spectral density goes with: 0 white, -1 flicker, -2 random walk.
 
     Examples
     --------
-    >>> round(allan_freedom(1000, 1, 0, "overlapping"), 0)
+    >>> round(allan_freedom(1000, 1, 0), 0)
     666.0
     """
-    order = 3 if kind == "hadamard" else 2
-    modified = kind == "modified"
     stride = min(m, _STRIDE)
-    # readings from the first to the last that one difference is made of
-    span = order * m + (m - 1 if modified else 0)
-    count = 1 + int(stride * (n - span) / m)
-    most = min(count, (order + 1) * stride)
-    z = _covariance(np.arange(most) / stride, m, power, order, modified=modified)
+    # a difference is made of 2 m readings
+    count = 1 + int(stride * (n - 2 * m) / m)
+    most = min(count, 3 * stride)
+    z = _covariance(np.arange(most) / stride, m, power)
     weight = (1.0 - np.arange(most) / count) * np.where(np.arange(most) > 0, 2.0, 1.0)
     return float(count * z[0] ** 2 / (weight @ z**2))
 
 
-def _covariance(t: Array, m: int, power: int, order: int, *, modified: bool) -> Array:
-    """Covariance of differences of running sums of noise, t averaging times apart, up to a factor.
+def _covariance(t: Array, m: int, power: int) -> Array:
+    """Covariance of second differences of running sums of noise, t averaging times apart.
 
-    The mean over m of the modified variance is one more difference, of one more sum.
+    It is up to a factor.
     """
-    total = order + modified
     out = np.zeros_like(t)
-    for k in range(-total, total + 1):
-        factor = (-1) ** k * math.comb(2 * total, total + k)
-        if power == -1:
-            out += factor * _flicker(t + k, m, filtered=not modified)
-        else:
-            out += factor * _sums(t + k, m, 1 - power // 2 + modified)
+    for k in range(-2, 3):
+        factor = (-1) ** k * math.comb(4, 2 + k)
+        out += factor * (_flicker(t + k, m) if power == -1 else _sums(t + k, m, 1 - power // 2))
     return out
 
 
@@ -69,7 +59,7 @@ def _sums(t: Array, m: int, times: int) -> Array:
     return out
 
 
-def _flicker(t: Array, m: int, *, filtered: bool) -> Array:
+def _flicker(t: Array, m: int) -> Array:
     """Generalised covariance of the integral of flicker noise, t^2 log t, averaged over a sample.
 
     An average over time is the second difference of the next integral, t^4 log t; over a sample
@@ -80,8 +70,6 @@ def _flicker(t: Array, m: int, *, filtered: bool) -> Array:
         u = np.abs(at)
         return u**4 * np.log(np.where(u > 0.0, u, 1.0))
 
-    if not filtered:
-        return law(t)
     step = 1.0 / min(m, 400)
     return (law(t + step) - 2.0 * law(t) + law(t - step)) / step**2
 
@@ -147,8 +135,6 @@ class AllanDeviation:
     """Slope of the deviation over tau, both as logarithms [1], shape (k,): -1/2 of white noise, 0
     of flicker noise, 1/2 of a random walk, 1 of a drift.
     """
-    kind: Kind
-    """Overlapping, modified or Hadamard."""
     unit: str
     """Unit of the reading."""
 
@@ -175,17 +161,13 @@ def allan_deviation(
     sample_rate_hz: float,
     *,
     samples: ArrayLike | None = None,
-    kind: Kind = "overlapping",
-    spacing: Literal["octave", "decade"] = "octave",
     unit: str = "m",
 ) -> AllanDeviation:
     """Return the Allan deviation of a reading, from all overlapping stretches of it.
 
     With a_j(m) the mean of m readings from the j-th on, the variance is half the mean of
     ``(a_(j+m) - a_j)^2`` over all j (Allan, 1966, Proceedings of the IEEE 54; overlapping: Howe,
-    Allan and Barnes, 1981). Modified (Allan and Barnes, 1981): of these differences the means over
-    m neighbours are squared. Hadamard (Baugh, 1971): a sixth of the mean of
-    ``(a_(j+2m) - 2 a_(j+m) + a_j)^2``, blind to a steady drift. Each comes from a running sum, in
+    Allan and Barnes, 1981), from a running sum, in
     O(n) for each averaging time. The degrees of freedom are those of Greenhall and Riley (2003,
     Uncertainty of stability variances based on finite differences, 35th PTTI meeting), for the kind
     of noise that the autocorrelation of neighbouring averages tells (Riley and Greenhall, 2004,
@@ -199,11 +181,7 @@ def allan_deviation(
     sample_rate_hz : float
         Readings in a second [Hz].
     samples : array_like, optional
-        How many samples to average, shape (k,); by octaves or decades where not given.
-    kind : {"overlapping", "modified", "hadamard"}
-        Which variance.
-    spacing : {"octave", "decade"}
-        Averaging times 1, 2, 4... or 1, 2, 4, 10, 20, 40... samples, where `samples` are not given.
+        How many samples to average, shape (k,); 1, 2, 4... where not given.
     unit : str
         Unit of the readings.
 
@@ -223,7 +201,7 @@ def allan_deviation(
     RecordError
         There are fewer than eight readings, or one is not finite.
     ModelError
-        The rate, the kind, the spacing or the number of samples to average is none.
+        The rate or the number of samples to average is none.
 
     Examples
     --------
@@ -242,23 +220,20 @@ def allan_deviation(
         )
     if not 0.0 < sample_rate_hz < math.inf:
         raise ModelError(f"the sample rate must be positive, got {sample_rate_hz!r} Hz")
-    if kind not in {"overlapping", "modified", "hadamard"}:
-        raise ModelError(f"the kind is 'overlapping', 'modified' or 'hadamard', got {kind!r}")
     y = y - y.mean()
-    factors = _factors(samples, y.size, kind, spacing)
+    factors = _factors(samples, y.size)
     total = np.concatenate(([0.0], np.cumsum(y)))
-    variance = np.array([_variance(total, int(m), kind) for m in factors])
+    variance = np.array([_variance(total, int(m)) for m in factors])
     powers = power_of_noise(y, factors)
     freedom = np.array(
-        [allan_freedom(y.size, int(m), p, kind) for m, p in zip(factors, powers, strict=True)]
+        [allan_freedom(y.size, int(m), p) for m, p in zip(factors, powers, strict=True)]
     )
     deviation, tau = np.sqrt(variance), factors / sample_rate_hz
     bounds = np.array([deviation_bounds(*pair) for pair in zip(deviation, freedom, strict=True)])
     slopes = _slopes(tau, deviation)
     drift = _drift_share(y, factors, variance)
     names = tuple(
-        "drift" if share > 0.5 and kind != "hadamard" else _NAMES[p]
-        for p, share in zip(powers, drift, strict=True)
+        "drift" if share > 0.5 else _NAMES[p] for p, share in zip(powers, drift, strict=True)
     )
     return AllanDeviation(
         tau=tau,
@@ -269,39 +244,25 @@ def allan_deviation(
         degrees_of_freedom=freedom,
         noise=names,
         slopes=slopes,
-        kind=kind,
         unit=unit,
     )
 
 
-def _factors(samples: ArrayLike | None, n: int, kind: str, spacing: str) -> NDArray[np.int64]:
-    most = n // (2 if kind == "overlapping" else 3)
+def _factors(samples: ArrayLike | None, n: int) -> NDArray[np.int64]:
+    most = n // 2
     if samples is not None:
         given = np.unique(np.atleast_1d(np.asarray(samples)).astype(np.int64))
         if given.size == 0 or given[0] < 1 or given[-1] > most:
             raise ModelError(
-                f"of {n} readings 1 to {most} can be averaged for the {kind} deviation, got "
-                f"{samples!r}"
+                f"of {n} readings 1 to {most} can be averaged for the deviation, got {samples!r}"
             )
         return given
-    if spacing not in {"octave", "decade"}:
-        raise ModelError(f"averaging times go by 'octave' or 'decade', got {spacing!r}")
-    if spacing == "octave":
-        every = 2 ** np.arange(int(math.log2(most)) + 1)
-    else:
-        every = np.outer(10 ** np.arange(int(math.log10(most)) + 1), [1, 2, 4]).ravel()
-    return every[every <= most].astype(np.int64)
+    return 2 ** np.arange(int(math.log2(most)) + 1)
 
 
-def _variance(total: Array, m: int, kind: str) -> float:
+def _variance(total: Array, m: int) -> float:
     """Return the variance over m samples, from the running sum of the readings, shape (n + 1,)."""
-    if kind == "hadamard":
-        d = total[3 * m :] - 3.0 * total[2 * m : -m] + 3.0 * total[m : -2 * m] - total[: -3 * m]
-        return float(d @ d) / (6.0 * m**2 * d.size)
     d = total[2 * m :] - 2.0 * total[m:-m] + total[: -2 * m]
-    if kind == "modified":
-        run = np.concatenate(([0.0], np.cumsum(d)))
-        d = (run[m:] - run[:-m]) / m
     return float(d @ d) / (2.0 * m**2 * d.size)
 
 

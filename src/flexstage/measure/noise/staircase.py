@@ -115,7 +115,7 @@ def _pooled(y: Array, spans: Integers, m: int) -> tuple[float, float]:
         d = total[2 * m :] - 2.0 * total[m:-m] + total[: -2 * m]
         power += float(d @ d)
         count += d.size
-        freedom += allan_freedom(b - a, m, kind, "overlapping")
+        freedom += allan_freedom(b - a, m, kind)
     if not power > 0.0:
         raise RecordError(
             "no reading differs from its neighbours: the sensor is dead, or too coarse"

@@ -10,10 +10,16 @@ from typing import Any, Literal, NamedTuple, cast
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError, RecordError, UnitError
 from flexstage.files.decoder import Decoder, read, read_file, show
+from flexstage.files.expression import QuantityExpression, check_name
 from flexstage.files.format import Form, Format
 from flexstage.files.nodes import Mapping, Node, Scalar
-from flexstage.measure.uncertainty.expression import Expression
-from flexstage.measure.uncertainty.influence import Influence
+from flexstage.measure.uncertainty.expression import (
+    INFLUENCES,
+    compute,
+    equation_of,
+    require_unit,
+)
+from flexstage.measure.uncertainty.influence import Influence, correlation_matrix
 from flexstage.measure.uncertainty.monte_carlo import MonteCarlo, monte_carlo
 from flexstage.measure.uncertainty.propagate import Propagated, propagate
 from flexstage.records.columns import measured_unit
@@ -34,7 +40,7 @@ class Budget:
     """How many SI units one of it is."""
     si: str
     """SI unit of the result."""
-    equation: Expression
+    equation: QuantityExpression
     """The result from its influences."""
     influences: tuple[Influence, ...]
     """The influences, values in SI."""
@@ -47,9 +53,7 @@ class Budget:
 
     def propagate(self) -> Propagated:
         """Propagate to first order; the result is in SI."""
-        names = tuple(i.name for i in self.influences)
-        function = self.equation.ordered(names)
-        return propagate(function, self.influences, self.correlations, unit=self.si)
+        return propagate(self._result, self.influences, self.correlations, unit=self.si)
 
     def monte_carlo(
         self,
@@ -63,9 +67,8 @@ class Budget:
         ``auto`` draws as many trials as two digits of the uncertainty need; the intervals hold the
         value with the confidence [1].
         """
-        names = tuple(i.name for i in self.influences)
         return monte_carlo(
-            self.equation.ordered(names),
+            self._result,
             self.influences,
             self.correlations,
             trials=trials,
@@ -73,6 +76,10 @@ class Budget:
             confidence=confidence,
             unit=self.si,
         )
+
+    def _result(self, *values: Any) -> Any:
+        names = (one.name for one in self.influences)
+        return compute(self.equation, dict(zip(names, values, strict=True)))
 
 
 def read_budget(path: Path) -> Budget:
@@ -134,7 +141,7 @@ class BudgetContent:
     """What the result is called."""
     unit: str = "1"
     """Unit that the result is shown in."""
-    equation: Expression
+    equation: QuantityExpression
     """The result from its influences."""
     influences: tuple[Influence, ...]
     """The influences."""
@@ -185,18 +192,20 @@ def _budget(decoder: Decoder, root: Mapping) -> Budget:
         factor, si = measured_unit(unit)
     except UnitError as error:
         decoder.refuse_again(places["unit"], "unit", error)
-    equation, names = content.equation, [i.name for i in content.influences]
-    if fault := _unmatched(equation, names):
+    equation, influences = content.equation, content.influences
+    if fault := _unmatched(equation, [one.name for one in influences]):
         decoder.refuse(places["equation"], "equation", fault)
     try:
-        equation.require_unit({i.name: i.unit for i in content.influences}, si)
-    except ModelError as error:
+        require_unit(equation, {one.name: one.unit for one in influences}, si)
+    except (ModelError, UnitError) as error:
         decoder.refuse_again(places["equation"], "equation", error)
     correlations: dict[tuple[str, str], float] = {}
     for k, (a, b, r) in enumerate(content.correlations):
-        if fault := _no_correlation(a, b, r, names, correlations):
+        try:
+            correlation_matrix(influences, [*correlations.items(), ((a, b), r)])
+        except ModelError as error:
             place = decoder.items(places["correlations"], "correlations", None, "entries")[k]
-            decoder.refuse(place, f"correlations[{k}]", fault)
+            decoder.refuse(place, f"correlations[{k}]", str(error))
         correlations[a, b] = r
     return Budget(
         quantity=content.quantity.strip(),
@@ -204,35 +213,20 @@ def _budget(decoder: Decoder, root: Mapping) -> Budget:
         factor=factor,
         si=si,
         equation=equation,
-        influences=content.influences,
+        influences=influences,
         correlations=correlations,
         source=decoder.source,
         notes=content.notes.strip(),
     )
 
 
-def _unmatched(equation: Expression, have: list[str]) -> str:
+def _unmatched(equation: QuantityExpression, have: list[str]) -> str:
     """Say what only one of equation and influences names; nothing where all is well."""
-    for name in equation.names:
-        if name not in have:
-            hint = did_you_mean(name, have)
-            return f"the equation names '{name}', which is no influence{hint}"
-    unused = [name for name in have if name not in equation.names]
-    return f"the equation does not use the influence '{unused[0]}'" if unused else ""
-
-
-def _no_correlation(
-    a: str, b: str, r: float, names: list[str], found: dict[tuple[str, str], float]
-) -> str:
-    """Say why a correlation cannot be; nothing where it can."""
-    for name in (a, b):
-        if name not in names:
-            hint = did_you_mean(name, names)
-            return f"a correlation names '{name}', which is no influence{hint}"
-    if not -1.0 <= r <= 1.0:
-        return f"a correlation coefficient lies from -1 to 1, got {r!r}"
-    if a == b or (a, b) in found or (b, a) in found:
-        return f"the correlation of {a} and {b} must be given once, of two"
+    for name in sorted(equation.names - set(have)):
+        return f"the equation names '{name}', which is no influence{did_you_mean(name, have)}"
+    for name in have:
+        if name not in equation.names:
+            return f"the equation does not use the influence '{name}'"
     return ""
 
 
@@ -252,9 +246,10 @@ def _read_influence(decoder: Decoder, node: Node, path: str, _base: Any) -> Infl
         decoder.refuse(node, path, sentence)
     entry: _Entry = decoder.build(_Entry, node, path)
     name = entry.name.strip()
-    if not Expression.is_name(name):
-        sentence = f"an influence needs a name of letters, got '{name[:40]}'"
-        decoder.refuse(node.items["name"], f"{path}.name", sentence)
+    try:
+        check_name(name, INFLUENCES)
+    except UnitError as error:
+        decoder.refuse_again(node.items["name"], f"{path}.name", error)
     sizes: dict[str, float] = {}
     for key in ("uncertainty", "half_width"):
         if (size := getattr(entry, key)) is not None:
@@ -320,10 +315,10 @@ def _read_quantity(decoder: Decoder, node: Node, path: str, _base: Any) -> _Quan
     return _Quantity(value, unit)
 
 
-def _read_equation(decoder: Decoder, node: Node, path: str, _base: Any) -> Expression:
+def _read_equation(decoder: Decoder, node: Node, path: str, _base: Any) -> QuantityExpression:
     try:
-        return Expression(decoder.text(node, path).strip())
-    except ModelError as error:
+        return equation_of(decoder.text(node, path).strip())
+    except UnitError as error:
         decoder.refuse_again(node, path, error)
 
 
@@ -338,7 +333,9 @@ BUDGET_FILE = Format(
             read=_read_correlation,
             schema=lambda _: {"type": "array", "minItems": 3, "maxItems": 3},
         ),
-        Expression: Form(read=_read_equation, schema=lambda _: {"type": ["string", "number"]}),
+        QuantityExpression: Form(
+            read=_read_equation, schema=lambda _: {"type": ["string", "number"]}
+        ),
         Influence: Form(
             read=_read_influence, schema=lambda builder: builder.describe(_Entry, named=True)
         ),

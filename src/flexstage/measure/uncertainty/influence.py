@@ -1,14 +1,14 @@
 """Quantities that a result depends on: how well each is known, and how two are correlated."""
 
-import itertools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 
@@ -73,33 +73,41 @@ class Influence:
     """Where its figures come from."""
 
     def __post_init__(self) -> None:
-        who = f"influence '{self.name}'"
-        if not math.isfinite(self.value):
-            raise ModelError(f"{who}: the value must be finite, got {self.value!r}")
-        if (self.uncertainty is None) == (self.half_width is None):
-            raise ModelError(f"{who}: give its uncertainty or its half-width, one of the two")
         size = self.half_width if self.uncertainty is None else self.uncertainty
-        if size is None or not 0.0 <= size < math.inf:
-            raise ModelError(f"{who}: its uncertainty must be 0 or more and finite, got {size!r}")
-        if not self.degrees_of_freedom > 0.0:
-            raise ModelError(
-                f"{who}: the degrees of freedom must be positive, got {self.degrees_of_freedom!r}"
-            )
-        if self.kind not in ("A", "B"):
-            raise ModelError(f"{who}: the kind must be A or B, got {self.kind!r}")
-        if self.distribution is not None and self.distribution not in DISTRIBUTIONS:
-            raise ModelError(
-                f"{who}: unknown distribution '{self.distribution}': expected one of "
-                f"{', '.join(DISTRIBUTIONS)}"
-            )
-        if self.half_width is not None and self.law not in _BOUNDED:
-            raise ModelError(
-                f"{who}: a {self.law} distribution has no half-width: give its uncertainty"
-            )
-        if self.law == "student" and math.isinf(self.degrees_of_freedom):
-            raise ModelError(f"{who}: a Student distribution needs degrees of freedom")
-        if not 0.0 <= self.flat_share <= 1.0:
-            raise ModelError(f"{who}: top over base lies from 0 to 1, got {self.flat_share!r}")
+        given = (self.uncertainty is None) != (self.half_width is None)
+        known = self.distribution is None or self.distribution in DISTRIBUTIONS
+        for fine, sentence in (
+            (math.isfinite(self.value), f"the value must be finite, got {self.value!r}"),
+            (given, "give its uncertainty or its half-width, one of the two"),
+            (
+                not given or 0.0 <= (size or 0.0) < math.inf,
+                f"its uncertainty must be 0 or more and finite, got {size!r}",
+            ),
+            (
+                self.degrees_of_freedom > 0.0,
+                f"the degrees of freedom must be positive, got {self.degrees_of_freedom!r}",
+            ),
+            (self.kind in ("A", "B"), f"the kind must be A or B, got {self.kind!r}"),
+            (
+                known,
+                f"unknown distribution '{self.distribution}': expected one of "
+                f"{', '.join(DISTRIBUTIONS)}",
+            ),
+            (
+                self.half_width is None or self.law in _BOUNDED,
+                f"a {self.law} distribution has no half-width: give its uncertainty",
+            ),
+            (
+                self.law != "student" or math.isfinite(self.degrees_of_freedom),
+                "a Student distribution needs degrees of freedom",
+            ),
+            (
+                0.0 <= self.flat_share <= 1.0,
+                f"top over base lies from 0 to 1, got {self.flat_share!r}",
+            ),
+        ):
+            if not fine:
+                raise ModelError(f"influence '{self.name}': {sentence}")
 
     @property
     def law(self) -> str:
@@ -127,27 +135,16 @@ class Influence:
             self.law, math.sqrt(0.5)
         )
 
-    def quantile(self, probability: Array) -> Array:
-        """Return the values, in its unit, below which it lies with given probabilities."""
-        from scipy.special import ndtri, stdtrit
-
-        p, u = probability, self.standard_uncertainty
-        if self.law == "normal":
-            return self.value + u * ndtri(p)
-        if self.law == "student":
-            # of a mean: its scale, and not its standard deviation, is u (JCGM 101:2008, 6.4.9)
-            return self.value + u * stdtrit(self.degrees_of_freedom, p)
-        a = u / self._shape
-        return self.value + a * _unit_quantile(self.law, p, self.flat_share)
-
     def draw(self, generator: np.random.Generator, count: int) -> Array:
         """Draw values at random."""
+        u = self.standard_uncertainty
         if self.law == "normal":
-            return self.value + self.standard_uncertainty * generator.standard_normal(count)
+            return self.value + u * generator.standard_normal(count)
         if self.law == "student":
-            spread = generator.standard_t(self.degrees_of_freedom, count)
-            return self.value + self.standard_uncertainty * spread
-        return self.quantile(generator.random(count))
+            # of a mean: its scale, and not its standard deviation, is u (JCGM 101:2008, 6.4.9)
+            return self.value + u * generator.standard_t(self.degrees_of_freedom, count)
+        drawn = _unit_quantile(self.law, generator.random(count), self.flat_share)
+        return self.value + u / self._shape * drawn
 
 
 def _unit_quantile(law: str, p: Array, flat: float) -> Array:
@@ -188,16 +185,16 @@ def influence_from(estimate: Estimate, name: str) -> Influence:
 
 
 def correlation_matrix(
-    influences: Sequence[Influence], correlations: Correlations | None = None
+    influences: Sequence[Influence], correlations: Iterable[tuple[tuple[str, str], float]] = ()
 ) -> Array:
     """Return the correlation matrix of influences.
 
-    Pairs are given by their names; the coefficient of all others is 0.
+    Coefficients are given with the names of two influences; those of all other pairs are 0.
 
     Examples
     --------
     >>> a, b = (Influence(name=n, value=1.0, uncertainty=0.1) for n in "ab")
-    >>> float(correlation_matrix((a, b), {("a", "b"): 0.25})[1, 0])
+    >>> float(correlation_matrix((a, b), [(("a", "b"), 0.25)])[1, 0])
     0.25
     """
     names = [i.name for i in influences]
@@ -206,29 +203,21 @@ def correlation_matrix(
             raise ModelError(f"two influences are called '{name}': give each its own name")
     matrix = np.eye(len(names))
     seen: set[frozenset[str]] = set()
-    for pair, coefficient in (correlations or {}).items():
+    for pair, coefficient in correlations:
         for name in pair:
             if name not in names:
-                raise ModelError(
-                    f"a correlation names '{name}', which is no influence (there are: "
-                    f"{', '.join(names)})"
-                )
+                hint = did_you_mean(name, names)
+                raise ModelError(f"a correlation names '{name}', which is no influence{hint}")
         if pair[0] == pair[1] or frozenset(pair) in seen:
             raise ModelError(f"the correlation of {' and '.join(pair)} must be given once, of two")
         if not -1.0 <= coefficient <= 1.0:
-            raise ModelError(
-                f"the correlation of {' and '.join(pair)} lies from -1 to 1, got {coefficient!r}"
-            )
+            raise ModelError(f"a correlation coefficient lies from -1 to 1, got {coefficient!r}")
         seen.add(frozenset(pair))
         i, j = map(names.index, pair)
         matrix[i, j] = matrix[j, i] = coefficient
-    _require_possible(matrix, "the correlations contradict one another: no quantities have all")
-    return matrix
-
-
-def _require_possible(matrix: Array, sentence: str) -> None:
     if matrix.size and float(np.linalg.eigvalsh(matrix)[0]) < -1e-9:
-        raise ModelError(sentence)
+        raise ModelError("the correlations contradict one another: no quantities have all")
+    return matrix
 
 
 def groups(matrix: Array) -> tuple[tuple[int, ...], ...]:
@@ -243,79 +232,3 @@ def groups(matrix: Array) -> tuple[tuple[int, ...], ...]:
         left -= group
         found.append(tuple(sorted(group)))
     return tuple(found)
-
-
-def normal_correlations(influences: Sequence[Influence], matrix: Array) -> Array:
-    """Return the correlations of normal variables that give influences theirs.
-
-    Each influence is its own quantile at the probability of a normal variable (a Gaussian copula).
-    Their correlation is an integral over two normal variables, done by a Gauss-Hermite rule, and
-    inverted (Cario and Nelson, 1997, "Modeling and generating random vectors with arbitrary
-    marginal distributions and correlation matrix", Northwestern University).
-
-    Notes
-    -----
-    Validity: two or fewer degrees of freedom leave a Student distribution without a variance, so
-    that no correlation is defined there.
-
-    Examples
-    --------
-    >>> a, b = (Influence(name=n, value=0.0, half_width=1.0) for n in "ab")
-    >>> matrix = normal_correlations((a, b), np.array([[1.0, 0.5], [0.5, 1.0]]))
-    >>> round(float(matrix[0, 1]), 4)  # 2 sin(pi/12)
-    0.5176
-    """
-    found = np.eye(len(influences))
-    for i, j in itertools.combinations(range(len(influences)), 2):
-        if matrix[i, j]:
-            r = _inverted(influences[i], influences[j], float(matrix[i, j]))
-            found[i, j] = found[j, i] = r
-    _require_possible(
-        found, "the correlations do not go together with the distributions of their influences"
-    )
-    return found
-
-
-def _inverted(a: Influence, b: Influence, wanted: float) -> float:
-    if a.law == b.law == "normal":
-        return wanted
-    from scipy.optimize import brentq
-    from scipy.special import ndtr
-
-    for one in (a, b):
-        if one.law == "student" and one.degrees_of_freedom <= 2.0:
-            raise ModelError(
-                f"influence '{one.name}' has {one.degrees_of_freedom:g} degrees of freedom, and a "
-                "correlation needs more than 2: declare it normal"
-            )
-    z, w = np.polynomial.hermite_e.hermegauss(96)
-    w = w / w.sum()
-
-    # a correlation depends on neither place nor scale, whose digits would be lost, or run over
-    one_a, one_b = (
-        replace(i, value=0.0, uncertainty=1.0, half_width=None, distribution=i.law) for i in (a, b)
-    )
-
-    def at_normal(one: Influence, at: Array) -> Array:
-        # where the weights are nothing, and a probability would round to 1
-        return one.quantile(ndtr(np.clip(at, -7.5, 7.5)))
-
-    first = at_normal(one_a, z)
-    spread = math.sqrt(float(w @ first**2) * float(w @ at_normal(one_b, z) ** 2))
-
-    def correlation(r: float) -> float:
-        other = at_normal(one_b, r * z[:, None] + math.sqrt(1.0 - r * r) * z[None, :])
-        return float((w * first) @ other @ w) / spread
-
-    low, high = correlation(-1.0), correlation(1.0)
-    if not low - 1e-3 <= wanted <= high + 1e-3:
-        raise ModelError(
-            f"the distributions of '{a.name}' and '{b.name}' allow a correlation from {low:.3f} to "
-            f"{high:.3f}, got {wanted!r}"
-        )
-    if wanted >= high:
-        return 1.0
-    if wanted <= low:
-        return -1.0
-    root: Any = brentq(lambda r: correlation(r) - wanted, -1.0, 1.0, xtol=1e-10)
-    return float(root)

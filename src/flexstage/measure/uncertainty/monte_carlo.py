@@ -16,7 +16,6 @@ from flexstage.measure.uncertainty.influence import (
     Influence,
     correlation_matrix,
     groups,
-    normal_correlations,
 )
 from flexstage.measure.uncertainty.propagate import Propagated
 
@@ -177,7 +176,7 @@ def monte_carlo(
         raise ModelError(f"the trials must be 1000 to {BLOCK * _MOST}, or 'auto', got {trials!r}")
     if not 1 <= digits <= 3:
         raise ModelError(f"significant digits of an uncertainty are 1 to 3, got {digits}")
-    draw = sampler(influences, correlation_matrix(influences, correlations))
+    draw = sampler(influences, correlation_matrix(influences, (correlations or {}).items()))
 
     def block(index: int, count: int) -> Array:
         stream = np.random.SeedSequence(seed, spawn_key=(index,))
@@ -306,7 +305,7 @@ def sampler(influences: Sequence[Influence], matrix: Array) -> _Draw:
 
     An influence without correlations is drawn from its own distribution. Correlated normal ones are
     drawn together; correlated Student ones of the same degrees of freedom as a multivariate t
-    distribution, since they were observed together; others by a Gaussian copula. The function takes
+    distribution, since they were observed together; no others can be correlated. The function takes
     a random generator and a number of draws m, and gives n arrays of shape (m,).
 
     Examples
@@ -335,24 +334,22 @@ def _group(members: Sequence[Influence], matrix: Array) -> _Draw:
     if len(members) == 1:
         return lambda generator, count: [members[0].draw(generator, count)]
     laws = {(m.law, m.degrees_of_freedom if m.law == "student" else 0.0) for m in members}
-    alike = len(laws) == 1 and members[0].law in {"normal", "student"}
-    root = _root(matrix if alike else normal_correlations(members, matrix))
-    freedom = members[0].degrees_of_freedom
+    law, freedom = laws.pop()
+    if laws or law not in ("normal", "student"):
+        named = " and ".join(f"'{m.name}' ({m.law})" for m in members)
+        raise ModelError(
+            f"the influences {named} are correlated, and only normal ones, or Student ones of "
+            "equal degrees of freedom, can be drawn together: give each its standard uncertainty, "
+            "with the distribution normal"
+        )
+    values, vectors = np.linalg.eigh(matrix)
+    # a root of the matrix, which may be singular
+    root = vectors * np.sqrt(np.clip(values, 0.0, None))
 
     def draw(generator: np.random.Generator, count: int) -> list[Array]:
-        from scipy.special import ndtr
-
         z = root @ generator.standard_normal((len(members), count))
-        if not alike:
-            return [m.quantile(ndtr(row)) for m, row in zip(members, z, strict=True)]
-        if members[0].law == "student":
+        if law == "student":
             z = z / np.sqrt(generator.chisquare(freedom, count) / freedom)
         return [m.value + m.standard_uncertainty * row for m, row in zip(members, z, strict=True)]
 
     return draw
-
-
-def _root(matrix: Array) -> Array:
-    """A matrix whose square is the given one, which may be singular."""
-    values, vectors = np.linalg.eigh(matrix)
-    return vectors * np.sqrt(np.clip(values, 0.0, None))

@@ -139,7 +139,7 @@ def propagate(
     """
     if not influences:
         raise ModelError("a result needs at least one influence, got none")
-    matrix = correlation_matrix(influences, correlations)
+    matrix = correlation_matrix(influences, (correlations or {}).items())
     value, c = _derivatives(function, influences)
     parts = c * np.array([i.standard_uncertainty for i in influences])
     largest = float(np.abs(parts).max())

@@ -79,8 +79,8 @@ def draw_workspace(found: Workspace, *, title: str = "") -> "Figure":
     figure = new_figure(5.0, 4.7)
     axes = figure.subplots()
     dress(axes)
-    outline, corners = 1e6 * found.outline, 1e6 * found.corners
-    closed = np.vstack((outline, outline[:1]))
+    corners = 1e6 * found.corners
+    closed = np.vstack((corners, corners[:1]))
     axes.fill(closed[:, 0], closed[:, 1], color=CYCLE[0], alpha=0.12, linewidth=0.0)
     axes.plot(closed[:, 0], closed[:, 1], color=CYCLE[0], linewidth=1.3)
     for i, j in ((0, 2), (1, 3)):
@@ -98,7 +98,7 @@ def draw_workspace(found: Workspace, *, title: str = "") -> "Figure":
         turn = turn if i == 0 else turn - 180.0
         _label(axes, at, found.diagonals[i], (0, 0), "center", "center", turn, box=True)
     axes.set_aspect("equal")
-    span = np.ptp(outline, axis=0)
+    span = np.ptp(corners, axis=0)
     for bounds, centre, size in ((axes.set_xlim, middle[0], span[0]),
                                  (axes.set_ylim, middle[1], span[1])):  # fmt: skip
         bounds(centre - 0.64 * size, centre + 0.64 * size)
