@@ -8,8 +8,15 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from flexstage.designs.driven_plate import GuidedPlateParameters, round_leaf, round_stack
-from flexstage.designs.pieces import Leg, Pair, at_least, bolt_holes
+from flexstage.designs.pieces import (
+    GuidedPlateParameters,
+    Leg,
+    Pair,
+    at_least,
+    bolt_holes,
+    round_leaf,
+    round_stack,
+)
 from flexstage.files.ranges import Size
 from flexstage.stage import Axis, Body, Drive, Hinge, Loop, PlaneMotion, Probe, Stage, moved
 from flexstage.stage.drive import AnyActuator, placed

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 from flexstage.designs.amplifier_frame import AmplifierFrame, AmplifierParameters, Limb
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import at_least, at_most, two_sided
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.hinges import Profile, RightCircular
 from flexstage.stage import Body, Hinge, Loop, Stage

@@ -6,9 +6,17 @@ from dataclasses import dataclass, field
 
 from flexstage.designs.amplifier_frame import ACROSS, AmplifierFrame
 from flexstage.designs.bridge import BridgeParameters, bridge_amplifier
-from flexstage.designs.driven_plate import round_leaf
-from flexstage.designs.pieces import Leg, Pair, at_least, at_most, block, bolt_holes, box
-from flexstage.designs.topology import Topology
+from flexstage.designs.parameters import Topology
+from flexstage.designs.pieces import (
+    Leg,
+    Pair,
+    at_least,
+    at_most,
+    block,
+    bolt_holes,
+    box,
+    round_leaf,
+)
 from flexstage.files.ranges import Size
 from flexstage.stage import Axis, Body, Drive, Hinge, Loop, PlaneMotion, Probe, Stage, moved
 

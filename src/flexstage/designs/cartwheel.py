@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass, replace
 
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import WIRE, at_least, at_most
 from flexstage.designs.pivot_pieces import PivotParameters, faces, leaf, pivot
-from flexstage.designs.topology import Topology
 from flexstage.errors import StageError
 from flexstage.stage import Body, Loop, PlaneMotion, Stage, moved
 from flexstage.stage.issue import millimetres

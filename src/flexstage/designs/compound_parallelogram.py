@@ -5,8 +5,8 @@ from flexstage.designs.double_parallelogram import (
     driven_platform,
     fold,
 )
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import bolt_holes, box
-from flexstage.designs.topology import Topology
 from flexstage.stage import Axis, Body, Loop, PlaneMotion, Stage, moved
 
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import (
     WIRE,
     Leg,
@@ -12,7 +13,6 @@ from flexstage.designs.pieces import (
     bolt_holes,
     cut_apart,
 )
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.hinges import CornerFilleted
 from flexstage.stage import Axis, Body, Drive, Hinge, Loop, Probe, Stage

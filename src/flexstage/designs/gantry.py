@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import (
     WIRE,
     Leg,
@@ -14,7 +15,6 @@ from flexstage.designs.pieces import (
     box,
     cut_apart,
 )
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.hinges import CornerFilleted
 from flexstage.stage import Axis, Body, Drive, Hinge, Loop, PlaneMotion, Probe, Stage, moved

@@ -7,8 +7,8 @@ from flexstage.designs.double_parallelogram import (
     DoubleParallelogramParameters,
     double_parallelogram,
 )
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import Leg, Pair, at_least, block, two_sided
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.hinges import CornerFilleted, Profile
 from flexstage.stage import Body, Hinge, Loop, PlaneMotion, Stage, moved

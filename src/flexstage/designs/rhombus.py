@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from flexstage.designs.amplifier_frame import AmplifierFrame, AmplifierParameters, Limb
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import at_most, two_sided
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Range
 from flexstage.hinges import CornerFilleted, Profile
 from flexstage.stage import Hinge, Stage

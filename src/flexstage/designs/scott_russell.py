@@ -4,9 +4,17 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from flexstage.designs.driven_plate import GuidedPlateParameters, round_leaf
-from flexstage.designs.pieces import Leg, at_least, at_most, block, bolt_holes, two_sided
-from flexstage.designs.topology import Topology
+from flexstage.designs.parameters import Topology
+from flexstage.designs.pieces import (
+    GuidedPlateParameters,
+    Leg,
+    at_least,
+    at_most,
+    block,
+    bolt_holes,
+    round_leaf,
+    two_sided,
+)
 from flexstage.files.ranges import Range, Size
 from flexstage.hinges import Profile, RightCircular
 from flexstage.stage import Axis, Body, Hinge, Loop, Probe, Stage

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, replace
 
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import PlateParameters, box
 from flexstage.designs.single_axis import (
     SingleAxisParameters,
@@ -10,7 +11,6 @@ from flexstage.designs.single_axis import (
     extent,
     names_of_axis,
 )
-from flexstage.designs.topology import Topology
 from flexstage.errors import StageError
 from flexstage.files.ranges import Size
 from flexstage.stage import Axis, Body, Loop, PlaneMotion, Probe, Stage, moved

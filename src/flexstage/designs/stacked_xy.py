@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass, field, replace
 
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import PlateParameters
 from flexstage.designs.single_axis import SingleAxisParameters, extent, names_of_axis
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.stage import ExtraMass, PlaneMotion, Stage, mass_properties, moved
 

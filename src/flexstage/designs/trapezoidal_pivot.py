@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass, field, replace
 
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import WIRE, at_least
 from flexstage.designs.pivot_pieces import PivotParameters, faces, leaf, pivot
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.stage import Body, Loop, Stage
 from flexstage.stage.drive import AnyActuator, ScrewActuator
