@@ -13,13 +13,15 @@ from flexstage.designs.pieces import (
     at_least,
     block,
     bolt_holes,
+    legs,
+    plate,
+    pushing,
     two_sided,
 )
 from flexstage.errors import StageError
 from flexstage.files.ranges import Size
 from flexstage.hinges import Profile, RightCircular
-from flexstage.stage import Axis, Body, Hinge, Loop, Probe, Stage
-from flexstage.stage.drive import placed
+from flexstage.stage import Body, Hinge, Loop, Probe, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,13 +67,12 @@ class LeverChainParameters(GuidedPlateParameters):
                 root + self.edge + self.slot,
                 "so that its link keeps a slot from its fulcrum",
             )
-        at_least(
+        self._at_least(
             "link_bar_length",
-            self.link_bar_length,
             2.0 * self.slot,
             "so that the ground at a fulcrum has room between two levers",
         )
-        at_least("output_width", self.output_width, root, "so that the last link ends in it")
+        self._at_least("output_width", root, "so that the last link ends in it")
 
 
 class LeverChainLayout:
@@ -139,18 +140,17 @@ class LeverChainLayout:
     def output(self) -> tuple[list[Body], list[Hinge]]:
         """Return the output and its guide."""
         p, x, half = self.p, self.outputs[-1], 0.5 * self.p.output_width
-        bodies = [block("output", (x - half, self.low), (x + half, self.top))]
-        hinges: list[Hinge] = []
         first = self.low + p.edge + 0.5 * p.guide.width
         sides = (("left", x - half, math.pi), ("right", x + half, 0.0))
-        for end, y in (("inner", first), ("outer", first + p.guide_spacing)):
-            for side, edge, direction in sides:
-                bars, notches = p.guide.between(
-                    f"guide-{side}-{end}", ("output", "base"), (edge, y), direction
-                )
-                bodies += bars
-                hinges += notches
-        return bodies, hinges
+        bars, hinges = legs(
+            p.guide,
+            (
+                (f"guide-{side}-{end}", ("output", "base"), (edge, y), direction)
+                for end, y in (("inner", first), ("outer", first + p.guide_spacing))
+                for side, edge, direction in sides
+            ),
+        )
+        return [block("output", (x - half, self.low), (x + half, self.top)), *bars], hinges
 
     def base(self) -> Body:
         """Return the base: a bar with the pocket of the drive, and two columns with fulcrums."""
@@ -198,7 +198,7 @@ class LeverChainLayout:
         return [*points, (face, ceiling), (face, self.top)]
 
 
-def lever_chain(parameters: LeverChainParameters | None = None) -> Stage:
+def lever_chain(p: LeverChainParameters) -> Stage:
     r"""Build a chain of levers.
 
     The levers lie above one another, their fulcrums in turn on the left and on the right. The
@@ -237,11 +237,10 @@ def lever_chain(parameters: LeverChainParameters | None = None) -> Stage:
 
     Examples
     --------
-    >>> stage = lever_chain()
+    >>> stage = lever_chain(LeverChainParameters())
     >>> len(stage.bodies), len(stage.hinges)
     (6, 10)
     """
-    p = parameters or LeverChainParameters()
     places = LeverChainLayout(p)
     bodies: list[Body] = []
     hinges: list[Hinge] = []
@@ -271,26 +270,22 @@ def lever_chain(parameters: LeverChainParameters | None = None) -> Stage:
         hinges += notches
     output, guides = places.output()
     top = (places.outputs[-1], places.top)
-    return Stage(
-        name="lever-chain",
-        title="Chain of levers with a guided output",
-        thickness=p.thickness,
-        material=p.material,
+    return plate(
+        p,
+        "lever-chain",
+        "Chain of levers with a guided output",
         bodies=(places.base(), *bodies, *output),
         hinges=(*hinges, *guides),
         drives=(
-            placed(
-                p.actuator,
-                name="y",
-                pushes="lever-1",
-                reacts="base",
-                at=((places.inputs[0], 0.0), (places.inputs[0], -p.actuator_length)),
-                direction=0.5 * math.pi,
-                patch_half_width=p.force_patch_half_width,
+            pushing(
+                p,
+                "y",
+                "lever-1",
+                ((places.inputs[0], 0.0), (places.inputs[0], -p.actuator_length)),
+                0.5 * math.pi,
             ),
         ),
         probes=(Probe(name="y", body="output", at=top, direction=0.5 * math.pi),),
-        axes=(Axis(name="y", drive="y", probe="y"),),
     )
 
 

@@ -1,4 +1,4 @@
-"""The parameters of a stage that can be set: what they are called, are worth and mean."""
+"""Families of stages, and the parameters that can be set: their names, values and meaning."""
 
 import re
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""Pieces that many designs are put together from: blocks, legs, holes, and limits of dimensions."""
+"""Pieces that many designs are put together from: blocks, legs, holes, dimensions, their limits."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -8,8 +8,19 @@ from flexstage.errors import StageError
 from flexstage.files.ranges import Size, require_ranges
 from flexstage.hinges import CornerFilleted, Profile
 from flexstage.material import CATALOGUE, Material
-from flexstage.stage import Body, Circle, Hinge, Loop, Manufacture, PlaneMotion
-from flexstage.stage.drive import AnyActuator, StackActuator
+from flexstage.stage import (
+    Axis,
+    Body,
+    Circle,
+    Drive,
+    Hinge,
+    Loop,
+    Manufacture,
+    PlaneMotion,
+    Probe,
+    Stage,
+)
+from flexstage.stage.drive import AnyActuator, ScrewActuator, StackActuator, placed
 from flexstage.stage.issue import millimetres
 
 Pair = tuple[float, float]
@@ -56,6 +67,14 @@ class PlateParameters:
 
     def __post_init__(self) -> None:
         require_ranges(self, StageError, "a design")
+
+    def _at_least(self, name: str, limit: float, why: str) -> None:
+        """Refuse a dimension, by name, that is below a limit [m]."""
+        at_least(name, getattr(self, name), limit, why)
+
+    def _at_most(self, name: str, limit: float, why: str) -> None:
+        """Refuse a dimension, by name, that is above a limit [m]."""
+        at_most(name, getattr(self, name), limit, why)
 
     def _below(self, name: str, limit: str) -> None:
         """Refuse a dimension that is not below another one, both by name."""
@@ -150,6 +169,74 @@ class Leg:
         ]
 
 
+def round_leaf(length: float, thickness: float = 0.4e-3, fillet: float = 0.5e-3) -> Leg:
+    """Return a leaf of a length [m], of round thickness and fillets [m]."""
+    return Leg(
+        notch=CornerFilleted(neck_thickness=thickness, notch_length=length, fillet_radius=fillet)
+    )
+
+
+def fine_screw(travel: float) -> ScrewActuator:
+    """Return an adjustment screw of fine thread with a travel [m]."""
+    return ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=travel)
+
+
+def legs(
+    leg: Leg, rows: Iterable[tuple[str, tuple[str, str], Pair, float]]
+) -> tuple[list[Body], list[Hinge]]:
+    """Return the bars and hinges of equal legs, each by name, bodies, start [m] and direction."""
+    bodies: list[Body] = []
+    hinges: list[Hinge] = []
+    for row in rows:
+        bars, notches = leg.between(*row)
+        bodies += bars
+        hinges += notches
+    return bodies, hinges
+
+
+def pushing(
+    p: Any, name: str, pushes: str, at: tuple[Pair, Pair], direction: float, reacts: str = "base"
+) -> Drive:
+    """Return the actuator of dimensions `p` as a drive that pushes a body, off the base."""
+    return placed(
+        p.actuator,
+        name=name,
+        pushes=pushes,
+        reacts=reacts,
+        at=at,
+        direction=direction,
+        patch_half_width=p.force_patch_half_width,
+    )
+
+
+def plate(
+    p: PlateParameters,
+    name: str,
+    title: str,
+    *,
+    bodies: Iterable[Body],
+    hinges: Iterable[Hinge],
+    drives: Iterable[Drive],
+    probes: Iterable[Probe],
+    axes: Iterable[Axis] | None = None,
+) -> Stage:
+    """Return a stage in a plate of dimensions `p`; an axis for each drive if none are given."""
+    drives = tuple(drives)
+    return Stage(
+        name=name,
+        title=title,
+        thickness=p.thickness,
+        material=p.material,
+        bodies=tuple(bodies),
+        hinges=tuple(hinges),
+        drives=drives,
+        probes=tuple(probes),
+        axes=tuple(Axis(name=d.name, drive=d.name, probe=d.name) for d in drives)
+        if axes is None
+        else tuple(axes),
+    )
+
+
 def cut_apart(of: Any, *names: str) -> None:
     """Refuse slots of a description, by name, that the wire does not fit through."""
     for name in names:
@@ -201,13 +288,6 @@ def round_stack(length: float) -> StackActuator:
         stiffness=_BLOCKING_FORCE / stroke,
         blocking_force=_BLOCKING_FORCE,
         voltage_range=(0.0, 120.0),
-    )
-
-
-def round_leaf(length: float) -> Leg:
-    """Return a leaf of a length [m], 0.4 mm thick, with fillets of 0.5 mm."""
-    return Leg(
-        notch=CornerFilleted(neck_thickness=0.4e-3, notch_length=length, fillet_radius=0.5e-3)
     )
 
 

@@ -37,7 +37,7 @@ class RhombusParameters(AmplifierParameters):
         )
 
 
-def rhombus(parameters: RhombusParameters | None = None) -> Stage:
+def rhombus(p: RhombusParameters) -> Stage:
     r"""Build a rhombus amplifier.
 
     It is a bridge amplifier (see `flexstage.designs.bridge.bridge`) each of whose limbs is one
@@ -62,11 +62,10 @@ def rhombus(parameters: RhombusParameters | None = None) -> Stage:
 
     Examples
     --------
-    >>> stage = rhombus()
+    >>> stage = rhombus(RhombusParameters())
     >>> stage.hinge("upper-left").direction
     0.14
     """
-    p = parameters or RhombusParameters()
     return AmplifierFrame(parameters=p, limb=_limb(p)).stage(
         "rhombus", "Rhombus amplifier with a guided output"
     )

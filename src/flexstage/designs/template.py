@@ -1,4 +1,4 @@
-"""Many stages from one source: a design, or a stage file, with other values of its parameters."""
+"""Many stages from one source, a design or a stage file, and the texts of files to start from."""
 
 import os
 import re
