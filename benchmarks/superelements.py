@@ -19,7 +19,7 @@ from benchmarks.cases import Row
 from benchmarks.timing import Timed
 from flexstage.cache import Cache
 from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
-from flexstage.designs.vgtu_piezo import PARAMETERS
+from flexstage.designs.vgtu import PIEZO
 from flexstage.fem.plane import plane_model
 from flexstage.fem.solid import solid_model
 from flexstage.fem.superelement import superelement_model
@@ -75,9 +75,9 @@ def _bored(stage: Stage, name: str, k: int) -> Stage:
 
 
 def _axis(axis: str, name: str, k: int) -> NestedXYParameters:
-    one = getattr(PARAMETERS, axis)
+    one = getattr(PIEZO.parameters, axis)
     changed = replace(one, **{name: getattr(one, name) * (1.0 + 1e-5 * k)})
-    return replace(PARAMETERS, **{axis: changed})
+    return replace(PIEZO.parameters, **{axis: changed})
 
 
 def _changes(stage: Stage) -> dict[str, tuple[Callable[[int], Stage], int, str]]:
@@ -132,7 +132,10 @@ def _changes(stage: Stage) -> dict[str, tuple[Callable[[int], Stage], int, str]]
         ),
         "parameter aperture_diameter": (
             lambda k: nested_xy(
-                replace(PARAMETERS, aperture_diameter=PARAMETERS.aperture_diameter * (1 + 1e-5 * k))
+                replace(
+                    PIEZO.parameters,
+                    aperture_diameter=PIEZO.parameters.aperture_diameter * (1 + 1e-5 * k),
+                )
             ),
             1,
             "the y platform",
@@ -177,7 +180,7 @@ def superelements() -> Iterator[Row]:
     The meshes, factorisations and dense matrices of every route run on one thread.
     """
     os.environ["NGS_NUM_THREADS"] = "1"
-    stage = nested_xy(PARAMETERS)
+    stage = nested_xy(PIEZO.parameters)
     routes: dict[str, tuple[Callable[[], object], int]] = {}
     built: dict[str, set[str]] = {}
     limits: dict[str, str] = {}
@@ -225,7 +228,7 @@ def superelements() -> Iterator[Row]:
 def in_space() -> Iterator[Row]:
     """Time models in space after a change near one that is known, against `solid_model`."""
     os.environ["NGS_NUM_THREADS"] = "1"
-    stage = nested_xy(PARAMETERS)
+    stage = nested_xy(PIEZO.parameters)
     random = np.random.default_rng(1)
 
     def one(k: int) -> Stage:
@@ -326,7 +329,7 @@ def _rake(legs: int) -> Stage:
     return Stage(
         name=f"rake of {legs} legs",
         thickness=8e-3,
-        material=nested_xy(PARAMETERS).material,
+        material=nested_xy(PIEZO.parameters).material,
         bodies=tuple(bodies),
         hinges=tuple(hinges),
         drives=(push,),

@@ -7,7 +7,7 @@ import pytest
 
 from flexstage.designs import StageTemplate
 from flexstage.designs.registry import build
-from flexstage.designs.start import spelled_out_text
+from flexstage.designs.template import spelled_out_text
 from flexstage.errors import StageError
 from flexstage.explore import (
     Family,

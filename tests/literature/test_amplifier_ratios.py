@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flexstage.designs.bridge import BridgeParameters, bridge
-from flexstage.designs.driven_plate import round_leaf
+from flexstage.designs.pieces import round_leaf
 from flexstage.designs.rhombus import RhombusParameters, rhombus
 from flexstage.fem import superelement_model
 from flexstage.hinges import CornerFilleted, Leaf, RightCircular

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs.lever_chain import lever_chain
-from flexstage.designs.lever_chain_layout import Lever, LeverChainParameters
+from flexstage.designs.lever_chain import Lever, LeverChainParameters, lever_chain
 from flexstage.designs.scott_russell import ScottRussellParameters, scott_russell
 from flexstage.fem import superelement_model
 from flexstage.hinges import RightCircular

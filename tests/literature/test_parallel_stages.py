@@ -9,9 +9,8 @@ import pytest
 
 from flexstage.designs.bridge import BridgeParameters, bridge
 from flexstage.designs.bridge_xy import BridgeXYParameters, bridge_xy
-from flexstage.designs.driven_plate import round_leaf
-from flexstage.designs.three_rrr import three_rrr
-from flexstage.designs.three_rrr_parameters import ThreeRRRParameters
+from flexstage.designs.pieces import round_leaf
+from flexstage.designs.three_rrr import ThreeRRRParameters, three_rrr
 from flexstage.fem import MeshSettings, solid_model, superelement_model
 from flexstage.hinges import RightCircular
 from flexstage.lumped import hinge_springs, lumped_system

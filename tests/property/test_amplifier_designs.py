@@ -11,14 +11,11 @@ from hypothesis import strategies as st
 from flexstage.designs import build
 from flexstage.designs.bridge import BridgeParameters, bridge
 from flexstage.designs.bridge_xy import BridgeXYParameters, bridge_xy
-from flexstage.designs.driven_plate import round_leaf
-from flexstage.designs.lever_chain import lever_chain
-from flexstage.designs.lever_chain_layout import Lever, LeverChainParameters
-from flexstage.designs.pieces import Leg
+from flexstage.designs.lever_chain import Lever, LeverChainParameters, lever_chain
+from flexstage.designs.pieces import Leg, round_leaf
 from flexstage.designs.rhombus import RhombusParameters, rhombus
 from flexstage.designs.scott_russell import ScottRussellParameters, scott_russell
-from flexstage.designs.three_rrr import three_rrr
-from flexstage.designs.three_rrr_parameters import ThreeRRRParameters
+from flexstage.designs.three_rrr import ThreeRRRParameters, three_rrr
 from flexstage.errors import StageError
 from flexstage.hinges import CornerFilleted, Elliptical, Leaf, Profile, RightCircular
 from flexstage.stage import Force, Stage, check

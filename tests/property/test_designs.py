@@ -14,12 +14,13 @@ import shapely
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from flexstage.designs import DESIGNS, design, vgtu_mechanical, vgtu_piezo
+from flexstage.designs import DESIGNS, design
 from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
-from flexstage.designs.nested_xy_parameters import AxisParameters
+from flexstage.designs.nested_xy_axis import AxisParameters
 from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
 from flexstage.designs.pieces import Leg
 from flexstage.designs.registry import TOPOLOGIES
+from flexstage.designs.vgtu import MECHANICAL, PIEZO
 from flexstage.errors import ModelError, StageError
 from flexstage.files.format import field_types
 from flexstage.files.ranges import Size
@@ -30,7 +31,7 @@ from flexstage.studies import run_study, study_results
 from flexstage.studies.results import results_json
 from tests.result_schema import require_valid
 
-BASES = {"mechanical": vgtu_mechanical.PARAMETERS, "piezo": vgtu_piezo.PARAMETERS}
+BASES = {"mechanical": MECHANICAL.parameters, "piezo": PIEZO.parameters}
 
 
 @st.composite

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from flexstage.designs import DESIGNS, find_stage
-from flexstage.designs.start import design_text, spelled_out_text
-from flexstage.designs.template import StageTemplate
+from flexstage.designs.template import StageTemplate, design_text, spelled_out_text
 from flexstage.errors import FlexstageError, StageError
 from flexstage.explore.family import Family
 from flexstage.explore.variables import every_variable, variables_of

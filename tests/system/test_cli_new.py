@@ -10,7 +10,7 @@ from flexstage.cli import main
 from flexstage.designs import DESIGNS, StageParameter, design, find_stage, parameters_of
 from flexstage.designs.parameters import Group, entries_of
 from flexstage.designs.registry import PARAMETER_SETS
-from flexstage.designs.start import design_text, spelled_out_text
+from flexstage.designs.template import design_text, spelled_out_text
 from flexstage.errors import StageError, UnitError
 from flexstage.stage import stage_from_text, stage_to_text
 from flexstage.units import DIMENSIONS, parse

@@ -22,7 +22,7 @@ from flexstage.errors import ModelError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from flexstage.designs.topology import ParameterSet
+    from flexstage.designs.parameters import ParameterSet
     from flexstage.stage import Stage
 
 #: The picture with all of them on it.
@@ -66,7 +66,7 @@ def new(
         files = [] if folder is None else _drawn(stages, folder)
         _list(PARAMETER_SETS, stages, files, json=json)
         return
-    from flexstage.designs.start import design_text, spelled_out_text
+    from flexstage.designs.template import design_text, spelled_out_text
 
     name = known_design(design)
     path = stage_file(out, f"{name}.yaml", force=force)

@@ -8,11 +8,21 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from flexstage.designs.driven_plate import GuidedPlateParameters, round_leaf, round_stack
-from flexstage.designs.pieces import Leg, Pair, at_least, bolt_holes
+from flexstage.designs.pieces import (
+    GuidedPlateParameters,
+    Leg,
+    Pair,
+    at_least,
+    bolt_holes,
+    legs,
+    plate,
+    pushing,
+    round_leaf,
+    round_stack,
+)
 from flexstage.files.ranges import Size
-from flexstage.stage import Axis, Body, Drive, Hinge, Loop, PlaneMotion, Probe, Stage, moved
-from flexstage.stage.drive import AnyActuator, placed
+from flexstage.stage import Body, Drive, Hinge, Loop, PlaneMotion, Probe, Stage, moved
+from flexstage.stage.drive import AnyActuator
 
 #: Mirrors left to right, and top to bottom.
 ACROSS, ALONG = PlaneMotion.reflection(0.5 * math.pi), PlaneMotion.reflection(0.0)
@@ -103,16 +113,20 @@ class AmplifierFrame:
     def guided(self, block: str) -> tuple[list[Body], list[Hinge]]:
         """Return what guides a block that is as wide as the output and lies where it does."""
         p = self.parameters
-        bodies: list[Body] = []
-        hinges: list[Hinge] = []
-        low = self.shoulder + 0.5 * p.guide.width
-        for name, height in (("inner", low), ("outer", low + p.guide_spacing)):
-            bars, notches = p.guide.between(
-                f"guide-left-{name}", ("base", block), (-self.column, height), 0.0
-            )
-            bodies += [*bars, *(moved(bar, ACROSS, _right) for bar in bars)]
-            hinges += [*notches, *(moved(notch, ACROSS, _right) for notch in notches)]
-        return bodies, hinges
+        low, ends = self.shoulder + 0.5 * p.guide.width, ("base", block)
+        rows = (("inner", low), ("outer", low + p.guide_spacing))
+        # each beside its image on the right
+        return legs(
+            p.guide,
+            (
+                (f"guide-{side}-{name}", ends, (x, height), direction)
+                for name, height in rows
+                for side, x, direction in (
+                    ("left", -self.column, 0.0),
+                    ("right", self.column, math.pi),
+                )
+            ),
+        )
 
     def parts(self) -> tuple[list[Body], list[Hinge], Drive]:
         """Return all that moves, its blocks ``left``, ``right`` and ``output``, and the drive."""
@@ -124,15 +138,8 @@ class AmplifierFrame:
         hinges = notches
         for part in self._limbs():
             (bodies if isinstance(part, Body) else hinges).append(part)  # type: ignore[arg-type]
-        drive = placed(
-            p.actuator,
-            name="y",
-            pushes="right",
-            reacts="left",
-            at=((0.5 * p.actuator_length, 0.0), (-0.5 * p.actuator_length, 0.0)),
-            direction=0.0,
-            patch_half_width=p.force_patch_half_width,
-        )
+        half = 0.5 * p.actuator_length
+        drive = pushing(p, "y", "right", ((half, 0.0), (-half, 0.0)), 0.0, reacts="left")
         return bodies, hinges, drive
 
     def _limbs(self) -> Iterator[Body | Hinge]:
@@ -165,16 +172,14 @@ class AmplifierFrame:
             fixed=True,
         )
         towards = Probe(name="y", body="output", at=(0.0, self.top), direction=-0.5 * math.pi)
-        return Stage(
-            name=name,
-            title=title,
-            thickness=p.thickness,
-            material=p.material,
+        return plate(
+            p,
+            name,
+            title,
             bodies=(base, *bodies),
-            hinges=tuple(hinges),
+            hinges=hinges,
             drives=(drive,),
             probes=(towards,),
-            axes=(Axis(name="y", drive="y", probe="y"),),
         )
 
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 from flexstage.designs.amplifier_frame import AmplifierFrame, AmplifierParameters, Limb
-from flexstage.designs.pieces import at_least, at_most, two_sided
-from flexstage.designs.topology import Topology
+from flexstage.designs.parameters import Topology
+from flexstage.designs.pieces import two_sided
 from flexstage.files.ranges import Size
 from flexstage.hinges import Profile, RightCircular
 from flexstage.stage import Body, Hinge, Loop, Stage
@@ -26,21 +26,19 @@ class BridgeParameters(AmplifierParameters):
     def __post_init__(self) -> None:
         AmplifierParameters.__post_init__(self)
         two_sided(self.notch, "a link")
-        at_least(
+        self._at_least(
             "link_length",
-            self.link_length,
             self.notch.length + self.slot,
             "so that a link has a bar",
         )
-        at_most(
+        self._at_most(
             "link_length",
-            self.link_length,
             0.5 * (self.actuator_length - self.slot) - self.notch.length,
             "so that the output is at least a slot wide",
         )
 
 
-def bridge(parameters: BridgeParameters | None = None) -> Stage:
+def bridge(p: BridgeParameters) -> Stage:
     r"""Build a bridge amplifier.
 
     A stack pushes two blocks apart. Four links, each with a notch at either end, join them to the
@@ -75,12 +73,11 @@ def bridge(parameters: BridgeParameters | None = None) -> Stage:
 
     Examples
     --------
-    >>> stage = bridge()
+    >>> stage = bridge(BridgeParameters())
     >>> neck, head = stage.hinge("upper-left-in").at, stage.hinge("upper-left-out").at
     >>> round((head[0] - neck[0]) / (head[1] - neck[1]), 6)
     6.0
     """
-    p = parameters or BridgeParameters()
     return bridge_amplifier(p).stage("bridge", "Bridge amplifier with a guided output")
 
 

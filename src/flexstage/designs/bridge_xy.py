@@ -6,11 +6,20 @@ from dataclasses import dataclass, field
 
 from flexstage.designs.amplifier_frame import ACROSS, AmplifierFrame
 from flexstage.designs.bridge import BridgeParameters, bridge_amplifier
-from flexstage.designs.driven_plate import round_leaf
-from flexstage.designs.pieces import Leg, Pair, at_least, at_most, block, bolt_holes, box
-from flexstage.designs.topology import Topology
+from flexstage.designs.parameters import Topology
+from flexstage.designs.pieces import (
+    Leg,
+    Pair,
+    at_least,
+    block,
+    bolt_holes,
+    box,
+    legs,
+    plate,
+    round_leaf,
+)
 from flexstage.files.ranges import Size
-from flexstage.stage import Axis, Body, Drive, Hinge, Loop, PlaneMotion, Probe, Stage, moved
+from flexstage.stage import Body, Drive, Hinge, Loop, PlaneMotion, Probe, Stage, moved
 
 #: Names of the sides: the two axes, on the right and on top, and the two that only guide.
 _SIDES = ("x", "y", "left", "bottom")
@@ -30,21 +39,18 @@ class BridgeXYParameters(BridgeParameters):
     def __post_init__(self) -> None:
         BridgeParameters.__post_init__(self)
         cell = bridge_amplifier(self)
-        at_least(
+        self._at_least(
             "coupling_spacing",
-            self.coupling_spacing,
             self.coupling.width + self.slot,
             "so that the two legs to a block keep a slot between them",
         )
-        at_most(
+        self._at_most(
             "coupling_spacing",
-            self.coupling_spacing,
             -2.0 * cell.side - self.coupling.width,
             "so that both legs stand on the output of the bridge",
         )
-        at_most(
+        self._at_most(
             "platform_size",
-            self.platform_size,
             2.0 * (cell.column - self.slot),
             "so that the platform keeps a slot from the frame",
         )
@@ -56,7 +62,7 @@ class BridgeXYParameters(BridgeParameters):
         )
 
 
-def bridge_xy(parameters: BridgeXYParameters | None = None) -> Stage:
+def bridge_xy(p: BridgeXYParameters) -> Stage:
     r"""Build a bridge-driven XY stage.
 
     A square platform hangs between four blocks, on two leaves to each: stiff along the leaves, soft
@@ -79,11 +85,10 @@ def bridge_xy(parameters: BridgeXYParameters | None = None) -> Stage:
 
     Examples
     --------
-    >>> stage = bridge_xy()
+    >>> stage = bridge_xy(BridgeXYParameters())
     >>> len(stage.bodies), len(stage.hinges)
     (18, 40)
     """
-    p = parameters or BridgeXYParameters()
     cell = bridge_amplifier(p)
     reach = 0.5 * p.platform_size + p.coupling.length + cell.top
     bodies: list[Body] = []
@@ -99,23 +104,21 @@ def bridge_xy(parameters: BridgeXYParameters | None = None) -> Stage:
         drives += [] if drive is None else [moved(drive, motion, _names(side))]
         window += map(motion.point, _room(cell, driven=k < 2, corner=reach - cell.column))
     half = 0.5 * p.platform_size
-    return Stage(
-        name="bridge-xy",
-        title="XY stage with bridge amplifiers",
-        thickness=p.thickness,
-        material=p.material,
+    return plate(
+        p,
+        "bridge-xy",
+        "XY stage with bridge amplifiers",
         bodies=(
             _frame(p, window),
             block("platform", (-half, -half), (half, half)),
             *bodies,
         ),
-        hinges=tuple(hinges),
-        drives=tuple(drives),
+        hinges=hinges,
+        drives=drives,
         probes=tuple(
             Probe(name=axis, body="platform", at=(0.0, 0.0), direction=0.5 * math.pi * k)
             for k, axis in enumerate("xy")
         ),
-        axes=tuple(Axis(name=axis, drive=axis, probe=axis) for axis in "xy"),
     )
 
 
@@ -142,16 +145,14 @@ def _coupling(
     p: BridgeXYParameters, cell: AmplifierFrame, block: str
 ) -> tuple[list[Body], list[Hinge]]:
     """Return the two legs from a block to the platform."""
-    bodies: list[Body] = []
-    hinges: list[Hinge] = []
-    for name, sign in (("left", -1.0), ("right", 1.0)):
-        start = (0.5 * sign * p.coupling_spacing, cell.top)
-        bars, notches = p.coupling.between(
-            f"coupling-{name}", (block, "platform"), start, 0.5 * math.pi
-        )
-        bodies += bars
-        hinges += notches
-    return bodies, hinges
+    aside, up = 0.5 * p.coupling_spacing, 0.5 * math.pi
+    return legs(
+        p.coupling,
+        (
+            (f"coupling-{name}", (block, "platform"), (x, cell.top), up)
+            for name, x in (("left", -aside), ("right", aside))
+        ),
+    )
 
 
 def _room(cell: AmplifierFrame, *, driven: bool, corner: float) -> list[Pair]:

@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass, replace
 
-from flexstage.designs.pieces import WIRE, at_least, at_most
+from flexstage.designs.parameters import Topology
+from flexstage.designs.pieces import WIRE
 from flexstage.designs.pivot_pieces import PivotParameters, faces, leaf, pivot
-from flexstage.designs.topology import Topology
 from flexstage.errors import StageError
 from flexstage.stage import Body, Loop, PlaneMotion, Stage, moved
 from flexstage.stage.issue import millimetres
@@ -19,10 +19,10 @@ class CartwheelParameters(PivotParameters):
         PivotParameters.__post_init__(self)
         sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
         room = 0.5 * (self.leaf.root_height * sine + WIRE) / cosine
-        at_least("centre_distance", self.centre_distance, room, "for two leaves one over the other")
+        self._at_least("centre_distance", room, "for two leaves one over the other")
         column = faces(self, self.radius)[1][0] + self.actuator_length
         room = (column - WIRE) * sine
-        at_most("centre_distance", self.centre_distance, room, "between the hub and the column")
+        self._at_most("centre_distance", room, "between the hub and the column")
         gap = -2.0 * faces(self, self.radius)[1][1]
         if gap < self.actuator_length:
             raise StageError(

@@ -5,9 +5,9 @@ from flexstage.designs.double_parallelogram import (
     driven_platform,
     fold,
 )
-from flexstage.designs.pieces import bolt_holes, box
-from flexstage.designs.topology import Topology
-from flexstage.stage import Axis, Body, Loop, PlaneMotion, Stage, moved
+from flexstage.designs.parameters import Topology
+from flexstage.designs.pieces import bolt_holes, box, plate
+from flexstage.stage import Body, Loop, PlaneMotion, Stage, moved
 
 
 def compound_parallelogram(p: DoubleParallelogramParameters) -> Stage:
@@ -63,16 +63,14 @@ def compound_parallelogram(p: DoubleParallelogramParameters) -> Stage:
         ),
         fixed=True,
     )
-    return Stage(
-        name="compound-parallelogram",
-        title="Compound guide of two double parallelograms",
-        thickness=p.thickness,
-        material=p.material,
+    return plate(
+        p,
+        "compound-parallelogram",
+        "Compound guide of two double parallelograms",
         bodies=(base, platform, *bodies, *(part for part in lower if isinstance(part, Body))),
         hinges=(*hinges, *(part for part in lower if not isinstance(part, Body))),
         drives=(drive,),
         probes=(probe,),
-        axes=(Axis(name="x", drive="x", probe="x"),),
     )
 
 

@@ -3,31 +3,30 @@
 import math
 from dataclasses import dataclass, field
 
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import (
     WIRE,
     Leg,
     PlateParameters,
-    at_least,
     block,
     bolt_holes,
     cut_apart,
+    fine_screw,
+    legs,
+    plate,
+    pushing,
+    round_leaf,
 )
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
-from flexstage.hinges import CornerFilleted
-from flexstage.stage import Axis, Body, Drive, Hinge, Loop, Probe, Stage
-from flexstage.stage.drive import AnyActuator, ScrewActuator, placed
+from flexstage.stage import Body, Drive, Hinge, Loop, Probe, Stage
+from flexstage.stage.drive import AnyActuator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DoubleParallelogramParameters(PlateParameters):
     """The dimensions of a double parallelogram."""
 
-    leg: Leg = field(
-        default_factory=lambda: Leg(
-            notch=CornerFilleted(neck_thickness=0.4e-3, notch_length=30e-3, fillet_radius=0.8e-3)
-        )
-    )
+    leg: Leg = field(default_factory=lambda: round_leaf(30e-3, 0.4e-3, 0.8e-3))
     """Its legs, all alike; each is a leaf, or a bar between two notches."""
     leg_spacing: Size = 24e-3
     """Distance between the two legs that carry the platform [m]."""
@@ -41,9 +40,7 @@ class DoubleParallelogramParameters(PlateParameters):
     """Width of the slots along what moves [m]."""
     wall: Size = 12e-3
     """Thickness of the base beyond the slots [m]."""
-    actuator: AnyActuator = field(
-        default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=1e-3)
-    )
+    actuator: AnyActuator = field(default_factory=lambda: fine_screw(1e-3))
     """What drives the guide."""
     actuator_length: Size = 3e-3
     """Distance between the base and the platform along the motion, on both sides [m]."""
@@ -53,7 +50,7 @@ class DoubleParallelogramParameters(PlateParameters):
         self._below("mounting_hole_diameter", "wall")
         cut_apart(self, "clearance", "actuator_length")
         slot = self.leg.width + WIRE
-        at_least("leg_spacing", self.leg_spacing, slot, "so that a slot is between the legs")
+        self._at_least("leg_spacing", slot, "so that a slot is between the legs")
 
     @property
     def half_platform(self) -> float:
@@ -84,31 +81,23 @@ def fold(p: DoubleParallelogramParameters, prefix: str = "") -> tuple[list[Body]
     """
     secondary, top = f"{prefix}secondary", p.leg.length
     half = p.half_secondary
-    bodies = [block(secondary, (-half, top), (half, top + p.secondary_height))]
-    hinges: list[Hinge] = []
-    for row, x, foot in (("outer", p.outer, "base"), ("inner", 0.5 * p.leg_spacing, "platform")):
-        for side, sign in (("left", -1.0), ("right", 1.0)):
-            bars, notches = p.leg.between(
-                f"{prefix}{row}-{side}", (foot, secondary), (sign * x, 0.0), math.pi / 2.0
-            )
-            bodies += bars
-            hinges += notches
-    return bodies, hinges
+    rows = (("outer", p.outer, "base"), ("inner", 0.5 * p.leg_spacing, "platform"))
+    bars, hinges = legs(
+        p.leg,
+        (
+            (f"{prefix}{row}-{side}", (foot, secondary), (sign * x, 0.0), math.pi / 2.0)
+            for row, x, foot in rows
+            for side, sign in (("left", -1.0), ("right", 1.0))
+        ),
+    )
+    return [block(secondary, (-half, top), (half, top + p.secondary_height)), *bars], hinges
 
 
 def driven_platform(p: DoubleParallelogramParameters) -> tuple[Body, Drive, Probe]:
     """Return the platform below y = 0, what pushes it, and what reads it in its middle."""
     platform = block("platform", (-p.half_platform, -p.platform_height), (p.half_platform, 0.0))
     middle = -0.5 * p.platform_height
-    drive = placed(
-        p.actuator,
-        name="x",
-        pushes="platform",
-        reacts="base",
-        at=((-p.half_platform, middle), (-p.face, middle)),
-        direction=0.0,
-        patch_half_width=p.force_patch_half_width,
-    )
+    drive = pushing(p, "x", "platform", ((-p.half_platform, middle), (-p.face, middle)), 0.0)
     return platform, drive, Probe(name="x", body="platform", at=(0.0, middle), direction=0.0)
 
 
@@ -167,16 +156,14 @@ def double_parallelogram(p: DoubleParallelogramParameters) -> Stage:
         ((x, bottom + 0.5 * p.wall) for x in (-station, 0.0, station)), p.mounting_hole_diameter
     )
     base = Body(name="base", outline=outline, mounting_holes=holes, fixed=True)
-    return Stage(
-        name="double-parallelogram",
-        title="Double parallelogram guide",
-        thickness=p.thickness,
-        material=p.material,
+    return plate(
+        p,
+        "double-parallelogram",
+        "Double parallelogram guide",
         bodies=(base, *bodies, platform),
-        hinges=tuple(hinges),
+        hinges=hinges,
         drives=(drive,),
         probes=(probe,),
-        axes=(Axis(name="x", drive="x", probe="x"),),
     )
 
 

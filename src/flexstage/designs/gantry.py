@@ -3,22 +3,25 @@
 import math
 from dataclasses import dataclass, field
 
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import (
     WIRE,
     Leg,
     PlateParameters,
     at_least,
-    at_most,
     block,
     bolt_holes,
     box,
     cut_apart,
+    fine_screw,
+    legs,
+    plate,
+    pushing,
+    round_leaf,
 )
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
-from flexstage.hinges import CornerFilleted
 from flexstage.stage import Axis, Body, Drive, Hinge, Loop, PlaneMotion, Probe, Stage, moved
-from flexstage.stage.drive import AnyActuator, ScrewActuator, placed
+from flexstage.stage.drive import AnyActuator
 
 # of what stands on the right, turned to the left by quarter turns
 _SIDES = ("right", "top", "left", "bottom")
@@ -29,11 +32,7 @@ _QUARTER = math.pi / 2.0
 class GantryParameters(PlateParameters):
     """The dimensions of an XY gantry."""
 
-    leg: Leg = field(
-        default_factory=lambda: Leg(
-            notch=CornerFilleted(neck_thickness=0.4e-3, notch_length=25e-3, fillet_radius=0.8e-3)
-        )
-    )
+    leg: Leg = field(default_factory=lambda: round_leaf(25e-3, 0.4e-3, 0.8e-3))
     """Its legs, all alike; each is a leaf, or a bar between two notches."""
     platform_leg_spacing: Size = 20e-3
     """Distance between the two legs that go from the platform to a carriage [m]."""
@@ -43,9 +42,7 @@ class GantryParameters(PlateParameters):
     """How far bodies reach beyond their legs [m]."""
     wall: Size = 8e-3
     """Thickness of the frame [m]."""
-    actuator: AnyActuator = field(
-        default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=400e-6)
-    )
+    actuator: AnyActuator = field(default_factory=lambda: fine_screw(400e-6))
     """What drives an axis."""
     actuator_length: Size = 3e-3
     """Distance between carriage and frame [m]."""
@@ -59,9 +56,8 @@ class GantryParameters(PlateParameters):
         for name in ("platform_leg_spacing", "carriage_leg_spacing"):
             at_least(name, getattr(self, name), slot, "so that a slot is between the legs")
         corner = self.far + self.actuator_length - self.near
-        at_most(
+        self._at_most(
             "mounting_hole_diameter",
-            self.mounting_hole_diameter,
             0.5 * (corner + self.wall),
             "so that a corner of the frame bears a bolt",
         )
@@ -134,56 +130,48 @@ def gantry(p: GantryParameters) -> Stage:
             drives.append(_drive(p, axis, turn, opposite=True))
         names = tuple(d.name for d in drives if d.name.startswith(axis))
         axes.append(Axis(name=axis, drives=names, probe=axis))
-    return Stage(
-        name="gantry",
-        title="XY gantry of four carriages",
-        thickness=p.thickness,
-        material=p.material,
+    return plate(
+        p,
+        "gantry",
+        "XY gantry of four carriages",
         bodies=(
             base,
             block("platform", (-a, -a), (a, a)),
             *(moved(body, *side) for side in sides for body in bodies),
         ),
         hinges=tuple(moved(hinge, *side) for side in sides for hinge in hinges),
-        drives=tuple(drives),
+        drives=drives,
         probes=(
             Probe(name="x", body="platform", at=(0.0, 0.0), direction=0.0),
             Probe(name="y", body="platform", at=(0.0, 0.0), direction=_QUARTER),
             Probe(name="yaw", body="platform", at=(0.0, 0.0), reads="rotation"),
         ),
-        axes=tuple(axes),
+        axes=axes,
     )
 
 
 def _quarter(p: GantryParameters) -> tuple[list[Body], list[Hinge]]:
     """Return the right carriage with its legs."""
     a, carriage = p.half_platform, "right"
-    bodies, hinges = [block(carriage, (p.near, -a), (p.far, a))], []
     middle = 0.5 * (p.near + p.far)
     aside, apart = 0.5 * p.platform_leg_spacing, 0.5 * p.carriage_leg_spacing
-    for name, pair, start, direction in (
-        ("upper", ("platform", carriage), (a, aside), 0.0),
-        ("lower", ("platform", carriage), (a, -aside), 0.0),
-        ("inner", (carriage, "base"), (middle - apart, a), _QUARTER),
-        ("outer", (carriage, "base"), (middle + apart, a), _QUARTER),
-    ):
-        bars, notches = p.leg.between(f"right-{name}", pair, start, direction)
-        bodies += bars
-        hinges += notches
-    return bodies, hinges
+    bars, hinges = legs(
+        p.leg,
+        (
+            ("right-upper", ("platform", carriage), (a, aside), 0.0),
+            ("right-lower", ("platform", carriage), (a, -aside), 0.0),
+            ("right-inner", (carriage, "base"), (middle - apart, a), _QUARTER),
+            ("right-outer", (carriage, "base"), (middle + apart, a), _QUARTER),
+        ),
+    )
+    return [block(carriage, (p.near, -a), (p.far, a)), *bars], hinges
 
 
 def _drive(p: GantryParameters, axis: str, turn: PlaneMotion, *, opposite: bool) -> Drive:
     """Return the drive of an axis, which is x turned, or the one that pulls on the other side."""
     side, face, name = (-1.0, "left", axis) if not opposite else (1.0, "right", f"{axis}-opposed")
-    drive = placed(
-        p.actuator,
-        name=name,
-        pushes=f"{face}",
-        reacts="base",
-        at=((side * p.far, 0.0), (side * (p.far + p.actuator_length), 0.0)),
-        direction=0.0,
-        patch_half_width=p.force_patch_half_width,
+    drive = pushing(
+        p, name, f"{face}", ((side * p.far, 0.0), (side * (p.far + p.actuator_length), 0.0)), 0.0
     )
     turned = {"left": "bottom", "right": "top"}
     return moved(drive, turn, turned if axis == "y" else None)

@@ -7,8 +7,8 @@ from flexstage.designs.double_parallelogram import (
     DoubleParallelogramParameters,
     double_parallelogram,
 )
-from flexstage.designs.pieces import Leg, Pair, at_least, block, two_sided
-from flexstage.designs.topology import Topology
+from flexstage.designs.parameters import Topology
+from flexstage.designs.pieces import Leg, Pair, at_least, block, legs, round_leaf, two_sided
 from flexstage.files.ranges import Size
 from flexstage.hinges import CornerFilleted, Profile
 from flexstage.stage import Body, Hinge, Loop, PlaneMotion, Stage, moved
@@ -18,21 +18,13 @@ from flexstage.stage import Body, Hinge, Loop, PlaneMotion, Stage, moved
 class LinkedParallelogramParameters(DoubleParallelogramParameters):
     """The dimensions of a double parallelogram with two levers."""
 
-    leg: Leg = field(
-        default_factory=lambda: Leg(
-            notch=CornerFilleted(neck_thickness=0.5e-3, notch_length=40e-3, fillet_radius=0.8e-3)
-        )
-    )
+    leg: Leg = field(default_factory=lambda: round_leaf(40e-3, 0.5e-3, 0.8e-3))
     """Its legs, all alike; each is a leaf, or a bar between two notches."""
     overhang: Size = 8e-3
     """How far bodies reach beyond their legs; on the platform there is room for a post [m]."""
     secondary_height: Size = 16e-3
     """Height of the secondary stage, on which the legs turn back [m]."""
-    link: Leg = field(
-        default_factory=lambda: Leg(
-            notch=CornerFilleted(neck_thickness=0.3e-3, notch_length=12e-3, fillet_radius=0.6e-3)
-        )
-    )
+    link: Leg = field(default_factory=lambda: round_leaf(12e-3, 0.3e-3, 0.6e-3))
     """What joins a lever with the platform and with the secondary stage, along the motion."""
     pivot: Profile = field(
         default_factory=lambda: CornerFilleted(
@@ -49,8 +41,8 @@ class LinkedParallelogramParameters(DoubleParallelogramParameters):
         DoubleParallelogramParameters.__post_init__(self)
         two_sided(self.pivot, "a lever")
         room = self.post_width + self.clearance
-        at_least("overhang", self.overhang, room, "for a post beside a leg")
-        at_least("lever_width", self.lever_width, self.pivot.root_height, "the root of its pivot")
+        self._at_least("overhang", room, "for a post beside a leg")
+        self._at_least("lever_width", self.pivot.root_height, "the root of its pivot")
         reach = self.actuator_length + 0.5 * self.pivot.root_height
         at_least("link.length", self.link.length + 0.5 * self.lever_width, reach, "up to the base")
         at_least("leg.length", self.leg.length, self._shortest_leg, "for the lever beside it")
@@ -143,15 +135,14 @@ def _lever(p: LinkedParallelogramParameters) -> tuple[list[Body], list[Hinge]]:
         direction=math.pi / 2.0,
         profile=p.pivot,
     )
-    bodies, hinges = [lever], [pivot]
-    for name, pair, start in (
-        ("platform", ("platform", lever.name), (p.half_platform, top)),
-        ("secondary", (lever.name, "secondary"), (far, half)),
-    ):
-        bars, notches = p.link.between(f"right-{name}-link", pair, start, 0.0)
-        bodies += bars
-        hinges += notches
-    return bodies, hinges
+    bars, notches = legs(
+        p.link,
+        (
+            ("right-platform-link", ("platform", lever.name), (p.half_platform, top), 0.0),
+            ("right-secondary-link", (lever.name, "secondary"), (far, half), 0.0),
+        ),
+    )
+    return [lever, *bars], [pivot, *notches]
 
 
 def _platform(p: LinkedParallelogramParameters) -> Loop:

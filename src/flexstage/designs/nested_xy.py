@@ -1,15 +1,68 @@
 """A nested, decoupled XY stage with symmetric levers, as a family of stages."""
 
 import math
+from dataclasses import dataclass, field
+from typing import Annotated
 
-from flexstage.designs.nested_xy_axis import AxisLayout, Placement
-from flexstage.designs.nested_xy_parameters import NestedXYParameters
+from flexstage.designs.nested_xy_axis import AxisLayout, AxisParameters, Placement
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import ROUNDING, at_least, at_most
-from flexstage.designs.topology import Topology
 from flexstage.errors import StageError
+from flexstage.files.ranges import INNER_SHARE, Range, Size, require_ranges
+from flexstage.material import CATALOGUE, Material
 from flexstage.stage import Axis, Body, Circle, Drive, Loop, Probe, Stage
 from flexstage.stage.drive import placed
 from flexstage.stage.issue import millimetres
+from flexstage.units import Length
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NestedXYParameters:
+    """The dimensions of a nested XY stage, see `nested_xy`."""
+
+    x: AxisParameters
+    """The outer axis."""
+    y: AxisParameters
+    """The inner axis; it lies inside the platform of the x axis."""
+    platform_length: Size
+    """Length of the y platform, along y [m]."""
+    platform_height: Size
+    """Height of the y platform across its motion, along x [m]."""
+    aperture_diameter: Size | None = None
+    """Diameter of the central aperture of the y platform [m]; no aperture where None."""
+    aperture_offset: Annotated[Length, Range()] = 0.0
+    """Distance of the aperture, and of the probes, from the middle of the y platform, along y [m].
+    """
+    platform_wall: Size
+    """Thickness of the x platform around the window of the y axis: above and to the right [m]."""
+    platform_wall_below: Size
+    """The same on the side where the y drive stands [m]."""
+    platform_wall_at_recess: Size
+    """The same on the left, from the bottom of the recesses of the x links [m]."""
+    frame_wall: Size
+    """Thickness of the frame around its window [m]."""
+    mounting_hole_diameter: Size = 5.5e-3
+    """Diameter of the nine holes by which the frame is bolted down [m]."""
+    mounting_hole_station: Annotated[float, INNER_SHARE] = 0.42
+    """Distance of the two holes in the left wall from the middle, over half of the frame's height
+    [1].
+    """
+    slot: Size = 1e-3
+    """Width of the slots between bodies [m]."""
+    force_patch_half_width: Size = 3e-3
+    """Half of the width over which the drives spread their force [m]."""
+    thickness: Size = 10e-3
+    """Thickness of the plate [m]."""
+    material: Material = field(default_factory=lambda: CATALOGUE["Al 7075-T6"])
+    """What it is cut from."""
+
+    def __post_init__(self) -> None:
+        require_ranges(self, StageError, "a nested XY stage")
+        if not self.mounting_hole_diameter < self.frame_wall:
+            raise StageError(
+                f"mounting_hole_diameter must be under the frame_wall of "
+                f"{self.frame_wall * 1e3:.6g} mm, got {self.mounting_hole_diameter * 1e3:.6g} mm"
+            )
 
 
 def nested_xy(parameters: NestedXYParameters) -> Stage:
@@ -55,8 +108,8 @@ def nested_xy(parameters: NestedXYParameters) -> Stage:
 
     Examples
     --------
-    >>> from flexstage.designs.vgtu_piezo import PARAMETERS
-    >>> stage = nested_xy(PARAMETERS)
+    >>> from flexstage.designs.vgtu import PIEZO
+    >>> stage = nested_xy(PIEZO.parameters)
     >>> len(stage.bodies), len(stage.hinges)
     (21, 32)
     """

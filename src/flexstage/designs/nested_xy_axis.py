@@ -9,12 +9,61 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from flexstage.designs.nested_xy_parameters import AxisParameters
 from flexstage.designs.pieces import box
+from flexstage.errors import StageError
+from flexstage.files.ranges import Size, require_ranges
 from flexstage.hinges import RightCircular
 from flexstage.stage import Body, Hinge, Loop
+from flexstage.stage.drive import AnyActuator
 
 Pair = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisParameters:
+    """The dimensions of one axis; both halves of an axis are alike."""
+
+    lever_arm_input: Size
+    """Distance a from the fulcrum to the input notch, along the lever [m]."""
+    lever_arm_output: Size
+    """Distance b from the fulcrum to the link, along the lever [m]."""
+    input_position: Size
+    """Distance of the input notches from the line of symmetry [m]."""
+    lever_width: Size
+    """Width of the lever, across its length [m]."""
+    lever_edge: Size = 1e-3
+    """How far levers and input block reach beyond the roots of their outermost notches [m]; half of
+    it at the input notch if that is the innermost one of the lever.
+    """
+    lever_notch_radius: Size
+    """Radius r of the notches of lever and link [m]."""
+    lever_neck: Size
+    """Neck thickness of the notches of lever and link [m]."""
+    link_length: Size
+    """Length of the bar between the two notches of a link [m]."""
+    link_recess: Size
+    """Depth of the recess of the platform in which a link ends [m]."""
+    leg_position: Size
+    """Distance of the guide legs from the left and the right edge of the platform [m]."""
+    leg_bar_length: Size
+    """Length of the bar between the two notches of a guide leg [m]."""
+    leg_notch_radius: Size
+    """Radius of the notches of the guide legs [m]."""
+    leg_neck: Size
+    """Neck thickness of the notches of the guide legs [m]."""
+    input_block_length: Size
+    """Length of the input block along the motion [m]."""
+    actuator_pocket_length: Size
+    """Distance between the faces that the drive pushes and stands on [m]; equal to the slot for a
+    screw that comes through the wall, the length of the stack for a stack.
+    """
+    actuator_pocket_width: Size = 9e-3
+    """Width of the pocket [m]."""
+    actuator: AnyActuator
+    """What drives the axis."""
+
+    def __post_init__(self) -> None:
+        require_ranges(self, StageError, "an axis")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

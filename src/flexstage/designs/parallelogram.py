@@ -3,21 +3,23 @@
 import math
 from dataclasses import dataclass, field
 
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import (
     WIRE,
     Leg,
     PlateParameters,
-    at_least,
     at_most,
     block,
     bolt_holes,
     cut_apart,
+    fine_screw,
+    plate,
+    pushing,
 )
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.hinges import RightCircular
-from flexstage.stage import Axis, Body, Loop, Probe, Stage
-from flexstage.stage.drive import AnyActuator, ScrewActuator, placed
+from flexstage.stage import Body, Loop, Probe, Stage
+from flexstage.stage.drive import AnyActuator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,25 +44,23 @@ class ParallelogramParameters(PlateParameters):
     """Width of the column of the base that holds the drive [m]."""
     actuator_length: Size = 2e-3
     """Distance between column and platform [m]."""
-    actuator: AnyActuator = field(
-        default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=200e-6)
-    )
+    actuator: AnyActuator = field(default_factory=lambda: fine_screw(200e-6))
     """What drives the guide."""
 
     def __post_init__(self) -> None:
         PlateParameters.__post_init__(self)
         cut_apart(self, "actuator_length")
         slot = self.leg.width + WIRE
-        at_least("leg_spacing", self.leg_spacing, slot, "so that a slot is between the legs")
+        self._at_least("leg_spacing", slot, "so that a slot is between the legs")
         bolts = 2.0 * self.mounting_hole_diameter
         beside = self.leg.width + 2.0 * (self.platform_overhang + self.actuator_length)
         hole = self.mounting_hole_diameter
         at_most("mounting_hole_diameter", hole, beside - WIRE, "so that the base reaches round it")
-        at_least("leg_spacing", self.leg_spacing, bolts, "for the bolts under the legs")
+        self._at_least("leg_spacing", bolts, "for the bolts under the legs")
         self._below("mounting_hole_diameter", "base_height")
 
 
-def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
+def parallelogram(p: ParallelogramParameters) -> Stage:
     """Build a parallelogram guide.
 
     A platform stands on two legs; each leg has a notch at either end, so that the platform moves
@@ -79,11 +79,10 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
 
     Examples
     --------
-    >>> stage = parallelogram()
+    >>> stage = parallelogram(ParallelogramParameters())
     >>> stage.hinge("left-upper").at
     (-0.02, 0.032)
     """
-    p = parameters or ParallelogramParameters()
     platform_bottom = p.leg.length
     platform_top = platform_bottom + p.platform_height
     half_leg = 0.5 * p.leg.width
@@ -118,29 +117,19 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
         legs += bars
         hinges += notches
     middle = 0.5 * (platform_bottom + platform_top)
-    drive = placed(
-        p.actuator,
-        name="x",
-        pushes="platform",
-        reacts="base",
-        at=((-half_platform, middle), (face, middle)),
-        direction=0.0,
-        patch_half_width=p.force_patch_half_width,
-    )
-    return Stage(
-        name="parallelogram",
-        title="Parallelogram guide",
-        thickness=p.thickness,
-        material=p.material,
+    drive = pushing(p, "x", "platform", ((-half_platform, middle), (face, middle)), 0.0)
+    return plate(
+        p,
+        "parallelogram",
+        "Parallelogram guide",
         bodies=(
             base,
             *legs,
             block("platform", (-half_platform, platform_bottom), (half_platform, platform_top)),
         ),
-        hinges=tuple(hinges),
+        hinges=hinges,
         drives=(drive,),
         probes=(Probe(name="x", body="platform", at=(0.0, middle), direction=0.0),),
-        axes=(Axis(name="x", drive="x", probe="x"),),
     )
 
 

@@ -8,15 +8,17 @@ from flexstage.designs.pieces import (
     WIRE,
     Pair,
     PlateParameters,
-    at_least,
     bolt_holes,
     cut_apart,
+    fine_screw,
+    plate,
+    pushing,
     two_sided,
 )
 from flexstage.files.ranges import Range, Size
 from flexstage.hinges import CornerFilleted, Profile
-from flexstage.stage import Axis, Body, Hinge, Loop, Probe, Stage
-from flexstage.stage.drive import AnyActuator, ScrewActuator, placed
+from flexstage.stage import Body, Hinge, Loop, Probe, Stage
+from flexstage.stage.drive import AnyActuator
 from flexstage.units import Angle
 
 
@@ -40,9 +42,7 @@ class PivotParameters(PlateParameters):
     """Thickness of base and arm behind their leaves [m]."""
     column_width: Size = 10e-3
     """Width of the column of the base that holds the drive [m]."""
-    actuator: AnyActuator = field(
-        default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=500e-6)
-    )
+    actuator: AnyActuator = field(default_factory=lambda: fine_screw(500e-6))
     """What turns the pivot."""
     actuator_length: Size = 2e-3
     """Distance between column and arm [m]."""
@@ -54,10 +54,10 @@ class PivotParameters(PlateParameters):
         cut_apart(self, "actuator_length")
         sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
         room = 0.5 * (self.leaf.root_height * cosine + WIRE) / sine
-        at_least("centre_distance", self.centre_distance, room, "for two leaves side by side")
+        self._at_least("centre_distance", room, "for two leaves side by side")
         near = faces(self, self.radius)[1][0] + self.actuator_length
         room = 0.5 * self.wall + self.mounting_hole_diameter - near
-        at_least("column_width", self.column_width, room, "so that two bolts have room")
+        self._at_least("column_width", room, "so that two bolts have room")
 
     @property
     def reach(self) -> float:
@@ -115,22 +115,15 @@ def pivot(
     top = max(y for _, y in arm.outline.points)
     bottom = min(y for x, y in arm.outline.points if x == right)
     height = 0.5 * (max(bottom, 0.0) + top)
-    drive = placed(
-        p.actuator,
-        name="theta",
-        pushes=arm.name,
-        reacts="base",
-        at=((right, height), (right + p.actuator_length, height)),
-        direction=math.pi,
-        patch_half_width=p.force_patch_half_width,
+    drive = pushing(
+        p, "theta", arm.name, ((right, height), (right + p.actuator_length, height)), math.pi
     )
-    return Stage(
-        name="pivot",
-        thickness=p.thickness,
-        material=p.material,
+    return plate(
+        p,
+        "pivot",
+        "",
         bodies=(base(p, top), *others, arm),
         hinges=leaves,
         drives=(drive,),
         probes=(Probe(name="theta", body=arm.name, at=(0.8 * right, height), reads="rotation"),),
-        axes=(Axis(name="theta", drive="theta", probe="theta"),),
     )

@@ -7,8 +7,8 @@ from importlib import import_module
 from typing import Any
 
 from flexstage.choose import did_you_mean
-from flexstage.designs import vgtu_mechanical, vgtu_piezo
-from flexstage.designs.topology import ParameterSet, Topology
+from flexstage.designs.parameters import ParameterSet, Topology
+from flexstage.designs.vgtu import MECHANICAL, PIEZO
 from flexstage.errors import StageError
 from flexstage.files.decoder import Decoder
 from flexstage.files.format import field_types, required
@@ -49,8 +49,8 @@ TOPOLOGIES: dict[str, Topology] = {
 PARAMETER_SETS: dict[str, ParameterSet] = {
     known.name: known
     for known in (
-        vgtu_mechanical.PARAMETER_SET,
-        vgtu_piezo.PARAMETER_SET,
+        MECHANICAL,
+        PIEZO,
         *filter(None, (topology.usual() for topology in TOPOLOGIES.values())),
     )
 }

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from flexstage.designs.amplifier_frame import AmplifierFrame, AmplifierParameters, Limb
+from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import at_most, two_sided
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Range
 from flexstage.hinges import CornerFilleted, Profile
 from flexstage.stage import Hinge, Stage
@@ -37,7 +37,7 @@ class RhombusParameters(AmplifierParameters):
         )
 
 
-def rhombus(parameters: RhombusParameters | None = None) -> Stage:
+def rhombus(p: RhombusParameters) -> Stage:
     r"""Build a rhombus amplifier.
 
     It is a bridge amplifier (see `flexstage.designs.bridge.bridge`) each of whose limbs is one
@@ -62,11 +62,10 @@ def rhombus(parameters: RhombusParameters | None = None) -> Stage:
 
     Examples
     --------
-    >>> stage = rhombus()
+    >>> stage = rhombus(RhombusParameters())
     >>> stage.hinge("upper-left").direction
     0.14
     """
-    p = parameters or RhombusParameters()
     return AmplifierFrame(parameters=p, limb=_limb(p)).stage(
         "rhombus", "Rhombus amplifier with a guided output"
     )

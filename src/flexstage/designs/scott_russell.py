@@ -4,13 +4,22 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from flexstage.designs.driven_plate import GuidedPlateParameters, round_leaf
-from flexstage.designs.pieces import Leg, at_least, at_most, block, bolt_holes, two_sided
-from flexstage.designs.topology import Topology
+from flexstage.designs.parameters import Topology
+from flexstage.designs.pieces import (
+    GuidedPlateParameters,
+    Leg,
+    at_least,
+    block,
+    bolt_holes,
+    legs,
+    plate,
+    pushing,
+    round_leaf,
+    two_sided,
+)
 from flexstage.files.ranges import Range, Size
 from flexstage.hinges import Profile, RightCircular
-from flexstage.stage import Axis, Body, Hinge, Loop, Probe, Stage
-from flexstage.stage.drive import placed
+from flexstage.stage import Body, Hinge, Loop, Probe, Stage
 from flexstage.units import Angle
 
 
@@ -42,9 +51,8 @@ class ScottRussellParameters(GuidedPlateParameters):
         two_sided(self.notch, "a link")
         root = self.notch.root_height
         rise = self.crank_length * math.sin(self.link_angle)
-        at_least(
+        self._at_least(
             "crank_length",
-            self.crank_length,
             (self.notch.length + max(self.slot, self.arm_width)) / math.cos(self.link_angle),
             "so that the arm of the link stands beside its knee",
         )
@@ -54,27 +62,24 @@ class ScottRussellParameters(GuidedPlateParameters):
             0.5 * root + self.slot,
             "so that the arm of the link keeps a slot from the crank",
         )
-        at_least(
+        self._at_least(
             "input_block_height",
-            self.input_block_height,
             root + 2.0 * self.edge,
             "so that the link's notch grows from it",
         )
-        at_least(
+        self._at_least(
             "input_block_length",
-            self.input_block_length,
             self.guide_spacing + self.guide.width,
             "so that both legs stand on it",
         )
-        at_most(
+        self._at_most(
             "actuator_width",
-            self.actuator_width,
             self.input_block_height + 2.0 * self.guide.length,
             "so that the pocket of the drive stays between floor and roof",
         )
 
 
-def scott_russell(parameters: ScottRussellParameters | None = None) -> Stage:
+def scott_russell(p: ScottRussellParameters) -> Stage:
     r"""Build a Scott-Russell linkage.
 
     One end A of a link slides along x; a crank half as long as the link holds its middle C at a
@@ -104,12 +109,11 @@ def scott_russell(parameters: ScottRussellParameters | None = None) -> Stage:
 
     Examples
     --------
-    >>> stage = scott_russell()
+    >>> stage = scott_russell(ScottRussellParameters())
     >>> o, a, c = (stage.hinge(name).at for name in "OAC")
     >>> round((2.0 * c[0] - a[0]) / c[0], 12)
     0.0
     """
-    p = parameters or ScottRussellParameters()
     r, half = 0.5 * p.notch.length, 0.5 * p.notch.root_height
     x = p.crank_length * math.cos(p.link_angle)
     y = p.crank_length * math.sin(p.link_angle)
@@ -134,23 +138,23 @@ def scott_russell(parameters: ScottRussellParameters | None = None) -> Stage:
         ("C", ("crank", "link"), (x, y)),
         ("A", ("link", "input"), (2.0 * x, 0.0)),
     )
-    bars: list[Body] = []
-    guides: list[Hinge] = []
-    for side, sign in (("upper", 1.0), ("lower", -1.0)):
-        for end, shift in (("left", -0.5), ("right", 0.5)):
-            own, notches = p.guide.between(
+    bars, guides = legs(
+        p.guide,
+        (
+            (
                 f"guide-{side}-{end}",
                 ("input", "base"),
                 (0.5 * (near + far) + shift * p.guide_spacing, sign * tall),
                 sign * 0.5 * math.pi,
             )
-            bars += own
-            guides += notches
-    return Stage(
-        name="scott-russell",
-        title="Scott-Russell linkage",
-        thickness=p.thickness,
-        material=p.material,
+            for side, sign in (("upper", 1.0), ("lower", -1.0))
+            for end, shift in (("left", -0.5), ("right", 0.5))
+        ),
+    )
+    return plate(
+        p,
+        "scott-russell",
+        "Scott-Russell linkage",
         bodies=(
             _base(p, near, far),
             Body(name="crank", outline=crank),
@@ -165,22 +169,11 @@ def scott_russell(parameters: ScottRussellParameters | None = None) -> Stage:
             ),
             *guides,
         ),
-        drives=(
-            placed(
-                p.actuator,
-                name="y",
-                pushes="input",
-                reacts="base",
-                at=((far, 0.0), (far + p.actuator_length, 0.0)),
-                direction=math.pi,
-                patch_half_width=p.force_patch_half_width,
-            ),
-        ),
+        drives=(pushing(p, "y", "input", ((far, 0.0), (far + p.actuator_length, 0.0)), math.pi),),
         probes=tuple(
             Probe(name=name, body="link", at=(0.0, 2.0 * y), direction=direction)
             for name, direction in (("y", 0.5 * math.pi), ("x", 0.0))
         ),
-        axes=(Axis(name="y", drive="y", probe="y"),),
     )
 
 

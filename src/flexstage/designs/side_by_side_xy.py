@@ -3,17 +3,17 @@
 import math
 from dataclasses import dataclass, field, replace
 
-from flexstage.designs.pieces import PlateParameters, box
+from flexstage.designs.parameters import Topology
+from flexstage.designs.pieces import PlateParameters, box, plate
 from flexstage.designs.single_axis import (
     SingleAxisParameters,
     base_of,
     extent,
     names_of_axis,
 )
-from flexstage.designs.topology import Topology
 from flexstage.errors import StageError
 from flexstage.files.ranges import Size
-from flexstage.stage import Axis, Body, Loop, PlaneMotion, Probe, Stage, moved
+from flexstage.stage import Body, Loop, PlaneMotion, Probe, Stage, moved
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +36,7 @@ class SideBySideXYParameters(PlateParameters):
             )
 
 
-def side_by_side_xy(parameters: SideBySideXYParameters | None = None) -> Stage:
+def side_by_side_xy(p: SideBySideXYParameters) -> Stage:
     """Build an XY stage of two guides side by side in one plane.
 
     The guide of x stands on the base. Its platform reaches out beside it and is the base of the
@@ -51,11 +51,10 @@ def side_by_side_xy(parameters: SideBySideXYParameters | None = None) -> Stage:
 
     Examples
     --------
-    >>> stage = side_by_side_xy()
+    >>> stage = side_by_side_xy(SideBySideXYParameters())
     >>> stage.drive("y").reacts, stage.probe("x").body
     ('carriage', 'platform')
     """
-    p = parameters or SideBySideXYParameters()
     first, second = p.x.build(p), p.y.build(p)
     inner = moved(
         first,
@@ -77,11 +76,10 @@ def side_by_side_xy(parameters: SideBySideXYParameters | None = None) -> Stage:
     edge = max(x for x, _ in near.points)
     carriage = Body(name="carriage", outline=joined(near, box((edge, low), (right, high)), far))
     centre = outer.probe("y").at
-    return Stage(
-        name="side-by-side-xy",
-        title="XY stage of two guides side by side",
-        thickness=p.thickness,
-        material=p.material,
+    return plate(
+        p,
+        "side-by-side-xy",
+        "XY stage of two guides side by side",
         bodies=(
             *(body for body in inner.bodies if body.name != "carriage"),
             carriage,
@@ -93,7 +91,6 @@ def side_by_side_xy(parameters: SideBySideXYParameters | None = None) -> Stage:
             Probe(name=name, body="platform", at=centre, direction=direction)
             for name, direction in (("x", 0.0), ("y", math.pi / 2.0))
         ),
-        axes=tuple(Axis(name=name, drive=name, probe=name) for name in ("x", "y")),
     )
 
 

@@ -9,12 +9,12 @@ from flexstage.designs.double_parallelogram import (
     double_parallelogram,
 )
 from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
-from flexstage.designs.pieces import Leg, PlateParameters
+from flexstage.designs.pieces import Leg, PlateParameters, fine_screw
 from flexstage.errors import StageError
 from flexstage.files.ranges import Size, require_ranges
 from flexstage.hinges import RightCircular
 from flexstage.stage import Body, Stage
-from flexstage.stage.drive import AnyActuator, ScrewActuator
+from flexstage.stage.drive import AnyActuator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,9 +41,7 @@ class SingleAxisParameters:
     """Height of the platform across its motion [m]."""
     actuator_length: Size = 2e-3
     """Distance between the platform and what the drive stands on [m]."""
-    actuator: AnyActuator = field(
-        default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=200e-6)
-    )
+    actuator: AnyActuator = field(default_factory=lambda: fine_screw(200e-6))
     """What drives the axis."""
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexstage.choose import nearest
-from flexstage.designs.parameters import StageParameter, entries_of
+from flexstage.designs.parameters import ParameterSet, StageParameter, Topology, entries_of
 from flexstage.designs.registry import (
     DESIGNS,
     PARAMETER_SETS,
@@ -18,7 +18,6 @@ from flexstage.designs.registry import (
     design,
     some_of,
 )
-from flexstage.designs.topology import ParameterSet, Topology
 from flexstage.errors import StageError
 from flexstage.files.expression import dimension_named
 from flexstage.files.nodes import plain, read_text

@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass, field, replace
 
-from flexstage.designs.pieces import PlateParameters
+from flexstage.designs.parameters import Topology
+from flexstage.designs.pieces import PlateParameters, plate
 from flexstage.designs.single_axis import SingleAxisParameters, extent, names_of_axis
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.stage import ExtraMass, PlaneMotion, Stage, mass_properties, moved
 
@@ -34,13 +34,12 @@ class StackedXYParameters(PlateParameters):
         return 2.0 * upper + self.spacer + upper, upper
 
 
-def plates(parameters: StackedXYParameters) -> tuple[Stage, Stage]:
+def plates(p: StackedXYParameters) -> tuple[Stage, Stage]:
     """Build the lower and the upper plate, each in coordinates of its own, its axis ``x``.
 
     The platform of the lower one carries the upper one, spread as it is, as an extra mass; the
     middles of both platforms are one above the other.
     """
-    p = parameters
     lower, upper = p.x.build(p), p.y.build(p)
     centre, above = lower.probe("x").at, upper.probe("x").at
     # the upper plate lies turned by a quarter, its platform above the lower one
@@ -58,7 +57,7 @@ def plates(parameters: StackedXYParameters) -> tuple[Stage, Stage]:
     return replace(lower, bodies=bodies), upper
 
 
-def stacked_xy(parameters: StackedXYParameters | None = None) -> Stage:
+def stacked_xy(p: StackedXYParameters) -> Stage:
     """Build an XY stage of two stacked guides: its two plates beside each other, as they are cut.
 
     A stage lies in one plane and these plates do not: here both bases are held, and the lower
@@ -71,11 +70,10 @@ def stacked_xy(parameters: StackedXYParameters | None = None) -> Stage:
 
     Examples
     --------
-    >>> stage = stacked_xy()
+    >>> stage = stacked_xy(StackedXYParameters())
     >>> [round(m.mass, 3) for m in stage.body("x-platform").extra_masses][:2]
     [0.042, 0.003]
     """
-    p = parameters or StackedXYParameters()
     lower, upper = plates(p)
     mirror = PlaneMotion.reflection(math.pi / 4.0)
     x0, y0, _, _ = extent(moved(upper, mirror))
@@ -88,16 +86,17 @@ def stacked_xy(parameters: StackedXYParameters | None = None) -> Stage:
             names_of_axis(upper, "y", {}),
         ),
     )
-    return Stage(
-        name="stacked-xy",
-        title="XY stage of two stacked guides, its plates drawn beside each other",
-        thickness=p.thickness,
-        material=p.material,
-        bodies=tuple(body for part in parts for body in part.bodies),
-        hinges=tuple(hinge for part in parts for hinge in part.hinges),
-        drives=tuple(drive for part in parts for drive in part.drives),
-        probes=tuple(probe for part in parts for probe in part.probes),
-        axes=tuple(axis for part in parts for axis in part.axes),
+    beside = plate(
+        p,
+        "stacked-xy",
+        "XY stage of two stacked guides, its plates drawn beside each other",
+        bodies=(body for part in parts for body in part.bodies),
+        hinges=(hinge for part in parts for hinge in part.hinges),
+        drives=(drive for part in parts for drive in part.drives),
+        probes=(probe for part in parts for probe in part.probes),
+    )
+    return replace(
+        beside,
         notes=(
             "Two plates, drawn beside each other: the upper one, turned by a quarter, stands on "
             "the platform of the lower one, which carries it here as a mass. Frequencies at which "

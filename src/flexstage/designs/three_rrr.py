@@ -1,26 +1,102 @@
 """A 3-RRR stage for x, y and rotation, driven by three actuators, as a family of stages."""
 
 import math
+from dataclasses import dataclass, field
 
-from flexstage.designs.pieces import Pair, block, bolt_holes
-from flexstage.designs.three_rrr_parameters import ThreeRRRParameters
-from flexstage.designs.topology import Topology
-from flexstage.stage import (
-    Axis,
-    Body,
-    Circle,
-    Drive,
-    Hinge,
-    Loop,
-    PlaneMotion,
-    Probe,
-    Stage,
-    moved,
+from flexstage.designs.parameters import Topology
+from flexstage.designs.pieces import (
+    DrivenPlateParameters,
+    Pair,
+    block,
+    bolt_holes,
+    plate,
+    pushing,
+    two_sided,
 )
-from flexstage.stage.drive import placed
+from flexstage.files.ranges import Size
+from flexstage.hinges import Profile, RightCircular
+from flexstage.stage import Axis, Body, Circle, Drive, Hinge, Loop, PlaneMotion, Probe, Stage, moved
 
 
-def three_rrr(parameters: ThreeRRRParameters | None = None) -> Stage:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThreeRRRParameters(DrivenPlateParameters):
+    """The dimensions of a 3-RRR stage; its three legs are alike."""
+
+    link_distance: Size = 16e-3
+    """Distance of the links' lines from the centre of the platform [m]."""
+    link_position: Size = 2e-3
+    """Distance of a link's neck at the platform from the foot of the perpendicular on its line, in
+    the direction of the link [m].
+    """
+    link_length: Size = 10e-3
+    """Distance between the two necks of a link [m]."""
+    lever_length: Size = 14e-3
+    """Distance of the fulcrum from the line of the link [m]."""
+    lever_width: Size = 7e-3
+    """Width of a lever [m]."""
+    input_arm: Size = 5e-3
+    """Distance of the fulcrum from the line of the drive [m]."""
+    tab_width: Size = 6e-3
+    """Width of the tabs of the platform that the links pull at [m]."""
+    notch: Profile = field(
+        default_factory=lambda: RightCircular(neck_thickness=0.4e-3, radius=1e-3)
+    )
+    """The notches."""
+
+    def __post_init__(self) -> None:
+        DrivenPlateParameters.__post_init__(self)
+        two_sided(self.notch, "a leg")
+        r, root = 0.5 * self.notch.length, self.notch.root_height
+        tab = self.link_position - r - self.tab_width
+        width, slot = self.actuator_width, self.slot
+        self._at_least("link_length", 2.0 * r + slot, "so that a link has a bar")
+        self._at_least("lever_width", root, "so that the fulcrum grows from its end")
+        self._at_least(
+            "input_arm",
+            0.5 * width - r,
+            "so that the drive keeps off the ring at the fulcrum",
+        )
+        self._at_least(
+            "lever_length",
+            self.input_arm + 0.5 * (width + root) + self.edge + slot,
+            "so that the drive passes below the tab of the platform",
+        )
+        self._at_least(
+            "link_distance",
+            0.5 * root + slot - math.sqrt(3.0) * tab,
+            "so that the tabs stand on the sides of the platform",
+        )
+        self._at_most(
+            "link_distance",
+            math.sqrt(3.0) * (self.lever_side - slot) + 0.5 * root + slot,
+            "so that the corners of the platform keep a slot from the levers",
+        )
+        # the wall that a drive stands on ends where it meets the slot along the platform
+        covers = 2.0 * (self.apothem + slot) + self.input_arm - self.lever_length
+        covers += self.force_patch_half_width - self.link_distance
+        self._at_least(
+            "actuator_length",
+            self.lever_side + max(slot - tab, covers / math.sqrt(3.0)),
+            "so that the ring keeps a slot from the tab beside it, and reaches up to the drive",
+        )
+        self._at_most(
+            "actuator_length",
+            self.lever_side + (self.apothem + slot) * math.sqrt(0.75),
+            "so that the ring reaches between the drive and the next leg",
+        )
+
+    @property
+    def apothem(self) -> float:
+        """Distance of the sides of the platform from its centre [m]."""
+        return self.link_distance - 0.5 * self.notch.root_height - self.slot
+
+    @property
+    def lever_side(self) -> float:
+        """Position of the side of a lever that drive and link lie on [m]."""
+        return self.link_position + self.link_length + 0.5 * self.notch.length
+
+
+def three_rrr(p: ThreeRRRParameters) -> Stage:
     r"""Build a 3-RRR stage.
 
     Three legs, alike under a turn of 120 deg, hold a platform; each is a *lever* with its fulcrum
@@ -58,11 +134,10 @@ def three_rrr(parameters: ThreeRRRParameters | None = None) -> Stage:
 
     Examples
     --------
-    >>> stage = three_rrr()
+    >>> stage = three_rrr(ThreeRRRParameters())
     >>> len(stage.bodies), len(stage.hinges), len(stage.drives)
     (8, 9, 3)
     """
-    p = parameters or ThreeRRRParameters()
     turns = [PlaneMotion.rotation(2.0 * math.pi * k / 3.0) for k in range(3)]
     bodies: list[Body] = []
     hinges: list[Hinge] = []
@@ -73,18 +148,17 @@ def three_rrr(parameters: ThreeRRRParameters | None = None) -> Stage:
         hinges += (moved(hinge, turn, own) for hinge in _leg_hinges(p))
         drives.append(moved(_drive(p), turn, own | {"drive": str(k)}))
     middle = (0.0, 0.0)
-    return Stage(
-        name="three-rrr",
-        title="3-RRR stage with three drives",
-        thickness=p.thickness,
-        material=p.material,
+    return plate(
+        p,
+        "three-rrr",
+        "3-RRR stage with three drives",
         bodies=(
             _ring(p, turns),
             Body(name="platform", outline=_around(_platform_side(p), turns)),
             *bodies,
         ),
-        hinges=tuple(hinges),
-        drives=tuple(drives),
+        hinges=hinges,
+        drives=drives,
         probes=(
             Probe(name="x", body="platform", at=middle, direction=0.0),
             Probe(name="y", body="platform", at=middle, direction=0.5 * math.pi),
@@ -130,14 +204,8 @@ def _leg_hinges(p: ThreeRRRParameters) -> tuple[Hinge, ...]:
 
 def _drive(p: ThreeRRRParameters) -> Drive:
     y = p.input_arm - p.lever_length - p.link_distance
-    return placed(
-        p.actuator,
-        name="drive",
-        pushes="lever",
-        reacts="base",
-        at=((p.lever_side, y), (p.lever_side - p.actuator_length, y)),
-        direction=0.0,
-        patch_half_width=p.force_patch_half_width,
+    return pushing(
+        p, "drive", "lever", ((p.lever_side, y), (p.lever_side - p.actuator_length, y)), 0.0
     )
 
 

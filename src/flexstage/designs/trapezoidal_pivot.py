@@ -3,12 +3,12 @@
 import math
 from dataclasses import dataclass, field, replace
 
-from flexstage.designs.pieces import WIRE, at_least
+from flexstage.designs.parameters import Topology
+from flexstage.designs.pieces import WIRE, at_least, fine_screw
 from flexstage.designs.pivot_pieces import PivotParameters, faces, leaf, pivot
-from flexstage.designs.topology import Topology
 from flexstage.files.ranges import Size
 from flexstage.stage import Body, Loop, Stage
-from flexstage.stage.drive import AnyActuator, ScrewActuator
+from flexstage.stage.drive import AnyActuator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,9 +17,7 @@ class TrapezoidalPivotParameters(PivotParameters):
 
     centre_distance: Size = 10e-3
     """Distance of the near ends of the leaves from the centre [m]."""
-    actuator: AnyActuator = field(
-        default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=200e-6)
-    )
+    actuator: AnyActuator = field(default_factory=lambda: fine_screw(200e-6))
     """What turns the pivot."""
     arm_height: Size = 22e-3
     """Height of the arm over its leaves [m]."""
@@ -28,7 +26,7 @@ class TrapezoidalPivotParameters(PivotParameters):
         PivotParameters.__post_init__(self)
         under = -faces(self, self.centre_distance)[1][1]
         room = under + 4.0 * self.force_patch_half_width
-        at_least("arm_height", self.arm_height, room, "so that the drive pushes beside the centre")
+        self._at_least("arm_height", room, "so that the drive pushes beside the centre")
         slot = self.leaf.length * math.cos(self.half_angle)
         at_least("leaf.length * cos(half_angle)", slot, WIRE, "between arm and base")
 

@@ -12,7 +12,7 @@ from flexstage.cache.cache import Cache, open_cache
 from flexstage.cache.memory import Memory
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.comparison import Comparison, compare
-from flexstage.designs.published import MOTION_ERROR_CLAIMS
+from flexstage.designs.vgtu import MOTION_ERROR_CLAIMS
 from flexstage.errors import ConvergenceError, ModelError, StageError
 from flexstage.lumped import hinge_springs, mechanism, stroke_path
 from flexstage.lumped.assemble import HingeSpring

@@ -9,7 +9,7 @@ import numpy as np
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.characteristic import measured_value
-from flexstage.designs.published import MOTION_ERROR_CLAIMS
+from flexstage.designs.vgtu import MOTION_ERROR_CLAIMS
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage, mass_properties

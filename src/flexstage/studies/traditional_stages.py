@@ -4,7 +4,8 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from flexstage.designs.nested_xy_parameters import AxisParameters, NestedXYParameters
+from flexstage.designs.nested_xy import NestedXYParameters
+from flexstage.designs.nested_xy_axis import AxisParameters
 from flexstage.designs.pieces import Leg
 from flexstage.designs.registry import PARAMETER_SETS
 from flexstage.designs.side_by_side_xy import SideBySideXYParameters, side_by_side_xy

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from flexstage.arrays import Array
 from flexstage.system.batch import samples_first, samples_last
 from flexstage.system.block_cholesky import BlockFactor
 from flexstage.system.characteristics import ALIKE, AS_MUCH, MODES_SEARCHED
-from flexstage.system.forward_mode import root
+from flexstage.system.forward_mode import array_namespace, root
 from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import MechanicalSystem
 

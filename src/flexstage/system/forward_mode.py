@@ -9,12 +9,29 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from flexstage.arrays import Array
+from flexstage.errors import ModelError
+from flexstage.lazy import require_extra
 
 # values that differ by less than this of them are one, but for rounding
 _ALIKE = 1e-9
+
+
+def array_namespace(*arrays: Array) -> Any:
+    """Return the array namespace of some arrays of one library, by the Python array API standard.
+
+    Raises
+    ------
+    ModelError
+        The library has none of itself (CuPy, PyTorch), and array-api-compat is not installed.
+    """
+    if hasattr(arrays[0], "__array_namespace__"):
+        return arrays[0].__array_namespace__()
+    require_extra("gpu", "array_api_compat", "stages in arrays of this library", ModelError)
+    from array_api_compat import array_namespace as compatible
+
+    return compatible(*arrays)
 
 
 class Dual:

@@ -3,8 +3,8 @@
 import math
 import time
 from collections import defaultdict
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -14,7 +14,6 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.family import evaluate
 from flexstage.explore.figures import Figure
-from flexstage.explore.optimise.correction import Correction
 from flexstage.explore.optimise.local_search import (
     FEASIBLE,
     Iterate,
@@ -22,7 +21,6 @@ from flexstage.explore.optimise.local_search import (
     local_search,
     violation_of,
 )
-from flexstage.explore.optimise.multipliers import held_by
 from flexstage.explore.optimise.optimum import (
     TOLERANCE,
     Level,
@@ -30,32 +28,55 @@ from flexstage.explore.optimise.optimum import (
     Rung,
     SearchStep,
     Trace,
+    held_by,
     new_names,
 )
-from flexstage.explore.optimise.problem import Problem, StageProgram
+from flexstage.explore.optimise.problem import Correction, Problem, StageProgram
 from flexstage.explore.optimise.rounding import drawn, drawn_point, is_drawn
 from flexstage.explore.optimise.walls import Wall
 from flexstage.provenance import provenance
-from flexstage.stage import Stage, check
+from flexstage.stage import check
 
 Start = Literal["described", "middle"]
 
-#: Starts of the search beside the given one, turns of the ladder at most, and evaluations at most
-#: for each variable.
-OTHER_STARTS, TURNS, EVALUATIONS = 3, 12, 250
-# steps of a search at most and at least; share of the evaluations that is kept for the ladder
-_STEPS, _FEWEST, _RESERVE = 60, 4, 0.4
-# share of the evaluations left that a turn of the ladder may use
-_AGAIN = 0.4
-# how often what the finest model finds missed is mended, share of all evaluations that is left for
-# each time, and how far that search may go at first, in parts of the bounds
-_MENDED, _MENDING, _CLOSE = 3, 0.1, 0.1
-# points that starts are chosen from; agreement of two models at which the ladder ends
-_SAMPLE, _AGREED = 64, 1e-3
-# turns after which the correction has seen how the models differ nearby
-_ALIKE = 2
-# what a turn leaves of the work that is left, as it is shown
-_LEFT = 0.67
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Effort:
+    """How the evaluations are divided; tried on both stages of the study and on a guide."""
+
+    each: int = 250
+    """Evaluations at most for each variable, where the options say nothing."""
+    sample: int = 64
+    """Points that starts are chosen from."""
+    steps: int = 60
+    """Steps of a search at most."""
+    fewest_steps: int = 4
+    """Steps of a search at least."""
+    reserve: float = 0.4
+    """Share of the evaluations that is kept for the ladder."""
+    turns: int = 12
+    """Turns of the ladder at most."""
+    again: float = 0.4
+    """Share of the evaluations left that a turn of the ladder may use."""
+    reach: float = 0.4
+    """How far the second turn may go, in parts of the bounds."""
+    near: float = 1e-2
+    """Agreement of two models that lets the next turn go further."""
+    agreed: float = 1e-3
+    """Agreement of two models at which the ladder ends."""
+    alike: int = 2
+    """Turns after which the correction has seen how the models differ nearby."""
+    rest: float = 0.67
+    """What a turn leaves of the work that is left, as it is shown."""
+    mended: int = 3
+    """How often what the finest model finds missed is mended."""
+    mending: float = 0.1
+    """Share of all evaluations that is left for each time."""
+    close: float = 0.1
+    """How far that search may go at first, in parts of the bounds."""
+
+
+_EFFORT = _Effort()
 _ROUNDED_OFF = (
     "rounded to 0.001 mm and 0.001 deg the stage misses what is required, and so do those beside it"
 )
@@ -63,8 +84,6 @@ _UNROUNDED = (
     "no stage nearby of whole 0.001 mm and 0.001 deg is possible: the dimensions are as they were "
     "found, with all their digits"
 )
-# how far the second turn may go, in parts of the bounds, and the agreement that widens it again
-_REACH, _NEAR = 0.4, 1e-2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,10 +99,9 @@ class SearchOptions:
     none.
     """
     evaluations: int | None = None
-    """Evaluations of the lumped model at most; `EVALUATIONS` for each variable, and for two more,
-    where None.
+    """Evaluations of the lumped model at most; 250 for each variable, and for two more, where None.
     """
-    starts: int = OTHER_STARTS
+    starts: int = 3
     """Starts beside the given one, for a goal."""
     seed: int = 0
     """Seed of the other starts."""
@@ -104,7 +122,7 @@ class SearchOptions:
 
     def budget(self, variables: int) -> int:
         """Return how many evaluations of the lumped model there may be."""
-        return EVALUATIONS * (variables + 2) if self.evaluations is None else self.evaluations
+        return _EFFORT.each * (variables + 2) if self.evaluations is None else self.evaluations
 
 
 def find_optimum(
@@ -145,7 +163,21 @@ def find_optimum(
     """
     if len(problem.goals) > 1:
         raise ModelError("several goals have no single best: ask for their Pareto front")
-    return _Climb(problem, options or SearchOptions(), start).run()
+    search = _begun(problem, options or SearchOptions(), start)
+    lumped, confirm = search.options.model == "lumped", search.options.confirm
+    ends = (0.9 if lumped else 0.5), (0.9 if confirm is None else 0.6)
+    with progress.subtask(0.0, ends[0]):
+        best = _drawn(search, _first(search))
+    with progress.subtask(*ends):
+        visited = [_visit(search, best)] if lumped else _climb(search, best)
+    with progress.subtask(ends[1], ends[1] + 0.1):
+        chosen = _or_start(search, _best_of(problem, visited) if visited else None)
+    if confirm is not None:
+        with progress.subtask(ends[1] + 0.1, 0.9):
+            chosen = _confirm(search, confirm, chosen)
+        with progress.subtask(0.9, 1.0):
+            chosen = _or_start(search, chosen)
+    return _optimum(search, chosen)
 
 
 def start_notes(problem: Problem, options: SearchOptions) -> tuple[str, ...]:
@@ -171,473 +203,491 @@ class _Visited:
     confirmed: bool = False
 
 
-def _same(one: Array, other: Array) -> bool:
-    return float(np.max(np.abs(one - other))) < 1e-6
+@dataclass(slots=True, kw_only=True)
+class _Phase:
+    """A part of the work, as progress tells it."""
+
+    text: str
+    """What is done."""
+    before: int
+    """Evaluations of the searched model before it."""
+    share: float
+    """Evaluations that it may use."""
+    best: float = math.inf
+    """Least objective so far that keeps the limits, by the model as it is corrected in it."""
 
 
-class _Climb:
-    """One way up the ladder."""
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Search:
+    """What is searched, and what has been found so far."""
 
-    def __init__(self, problem: Problem, options: SearchOptions, start: Array | None) -> None:
-        self.problem, self.options = problem, options
-        self.notes: list[str] = [*problem.notes]
-        if start is None:
-            self.notes += start_notes(problem, options)
-            family = problem.family
-            start = family.usual if options.start == "described" else family.middle
-        self.start = problem.position(start)
-        if not np.all((self.start >= -1e-9) & (self.start <= 1.0 + 1e-9)):
-            outside = [
-                v.name
-                for v, x in zip(problem.family.variables, self.start, strict=True)
-                if not -1e-9 <= x <= 1.0 + 1e-9
-            ]
-            raise ModelError(
-                f"the stage as described lies outside the bounds of {', '.join(outside[:3])}: "
-                "widen them, or start from their middle with --start middle"
-            )
-        self.start = np.clip(self.start, 0.0, 1.0)
-        self.program = StageProgram(problem=problem, nearest_to=self.start)
-        self.budget = options.budget(len(self.start))
-        self.trace: list[Trace] = []
-        self.rungs: list[Rung] = []
-        self.seconds: defaultdict[str, float] = defaultdict(float)
-        self.searches = 0
-        self.known: dict[tuple[str, bytes], Array] = {}
-        self.why: dict[str, str] = {}
-        self.walls: tuple[Wall, ...] = ()
-        self.undrawn: dict[bytes, LocalOptimum] = {}
-        # what is said of progress: the rung, evaluations before it and in it, and the best so far
-        self.stage_of_work, self.before, self.share, self.seen = "", 0, 1.0, math.inf
+    problem: Problem
+    options: SearchOptions
+    start: Array
+    """Where it begins, variables from 0 to 1."""
+    program: StageProgram
+    """The searched model, as it is corrected by now."""
+    budget: int
+    """Evaluations of the searched model in all."""
+    notes: list[str]
+    phase: _Phase = field(default_factory=lambda: _Phase(text="", before=0, share=1.0))
+    searches: int = 0
+    trace: list[Trace] = field(default_factory=list)
+    rungs: list[Rung] = field(default_factory=list)
+    walls: tuple[Wall, ...] = ()
+    seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
+    known: dict[tuple[str, bytes], Array] = field(default_factory=dict)
+    """Figures of points by the models that were asked."""
+    why: dict[str, str] = field(default_factory=dict)
+    """Why a model had no figures of a point."""
+    exact: dict[bytes, LocalOptimum] = field(default_factory=dict)
+    """Optima before they were rounded, by the point that a drawing has."""
 
-    def run(self) -> Optimum:
-        lumped = self.options.model == "lumped"
-        ends = (0.9 if lumped else 0.5), (0.9 if self.options.confirm is None else 0.6)
-        with progress.subtask(0.0, ends[0]):
-            best = self._drawn(self._first())
-        with progress.subtask(*ends):
-            visited = [self._visit(best)] if lumped else self._climb(best)
-        with progress.subtask(ends[1], ends[1] + 0.1):
-            chosen = self._or_start(min(visited, key=self._rank) if visited else None)
-        if self.options.confirm is not None:
-            with progress.subtask(ends[1] + 0.1, 0.9):
-                chosen = self._confirm(chosen)
-            with progress.subtask(0.9, 1.0):
-                chosen = self._or_start(chosen)
-        return self._optimum(chosen)
+    @property
+    def used(self) -> int:
+        """Evaluations of the searched model so far."""
+        return self.program.counts["lumped"]
 
-    # ------------------------------------------------------------------ searching the quick model
+    @property
+    def left(self) -> float:
+        """Evaluations of the searched model that are left."""
+        return float(self.budget - self.used)
 
-    def _first(self) -> LocalOptimum:
-        """Search from the start, and from others where that may find better."""
-        wanted = 1 + (self.options.starts if self.problem.goals else 0)
-        reserve = 0.0 if self.options.model == "lumped" else _RESERVE * self.budget
-        found: list[LocalOptimum] = []
-        self._begin(self.budget - reserve)
-        for start in self._starts():
-            share = (self._left() - reserve) / max(wanted - len(found), 1)
-            self.stage_of_work = f"lumped search {len(found) + 1} of {wanted}"
-            one = None if self.program.fault(start) else self._search(start, share)
-            if one is not None:
-                found.append(one)
-            if len(found) >= wanted and any(f.feasible for f in found):
+    def begin(self, text: str, evaluations: float) -> None:
+        """Begin a phase in which so many evaluations may be used."""
+        self.phase = _Phase(text=text, before=self.used, share=max(evaluations, 1.0))
+
+
+def _begun(problem: Problem, options: SearchOptions, start: Array | None) -> _Search:
+    family, notes = problem.family, [*problem.notes]
+    if start is None:
+        notes += start_notes(problem, options)
+        start = family.usual if options.start == "described" else family.middle
+    at = problem.position(start)
+    outside = (at < -1e-9) | (at > 1.0 + 1e-9)
+    if outside.any():
+        names = [family.names[k] for k in np.flatnonzero(outside)]
+        raise ModelError(
+            f"the stage as described lies outside the bounds of {', '.join(names[:3])}: "
+            "widen them, or start from their middle with --start middle"
+        )
+    at = np.clip(at, 0.0, 1.0)
+    return _Search(
+        problem=problem,
+        options=options,
+        start=at,
+        program=StageProgram(problem=problem, nearest_to=at),
+        budget=options.budget(len(at)),
+        notes=notes,
+    )
+
+
+# ---------------------------------------------------------------------- searching the quick model
+
+
+def _first(search: _Search) -> LocalOptimum:
+    """Search from the start, and from others where that may find better."""
+    options, program = search.options, search.program
+    wanted = 1 + (options.starts if search.problem.goals else 0)
+    reserve = 0.0 if options.model == "lumped" else _EFFORT.reserve * search.budget
+    found: list[LocalOptimum] = []
+    search.begin("", search.budget - reserve)
+    for start in _starts(search):
+        share = (search.left - reserve) / max(wanted - len(found), 1)
+        search.phase.text = f"lumped search {len(found) + 1} of {wanted}"
+        one = None if program.fault(start) else _searched(search, start, share)
+        if one is not None:
+            found.append(one)
+        if len(found) >= wanted and any(f.feasible for f in found):
+            break
+        if len(found) >= 2 * wanted or (found and search.left <= reserve):
+            break
+    if not found:
+        raise ModelError(
+            "no search could begin: around every possible start some stages are impossible; "
+            "widen the bounds or start elsewhere"
+        )
+    return min(found, key=lambda f: (max(f.violation, 10.0 * FEASIBLE), f.values[0]))
+
+
+def _starts(search: _Search) -> Iterator[Array]:
+    """Yield the given start, then others: the best of a sample, without a goal the nearest."""
+    from scipy.stats import qmc
+
+    start, program, goals = search.start, search.program, search.problem.goals
+    first = program.figures(start[None])
+    possible = bool(np.all(np.isfinite(first)))
+    if possible:
+        _measure_goal(search, first)
+        yield start
+    count = min(_EFFORT.sample, max(search.budget // 20, 1))
+    sampler = qmc.Sobol(len(start), rng=search.options.seed)
+    sample = sampler.random(2 ** int(np.log2(count)))
+    figures = program.figures(sample)
+    ok = np.all(np.isfinite(figures), axis=1)
+    if not possible and not ok.any():
+        fault = program.fault(start) or "its figures cannot be computed"
+        raise ModelError(
+            f"none of {1 + len(sample)} stages between the bounds is possible; of the start: "
+            f"{fault}"
+        )
+    if not possible:
+        _measure_goal(search, figures[ok])
+    values = search.program.scaled(sample, figures)
+    if goals:
+        off = violation_of(values[:, 1:], program.low, program.high).sum(axis=1)
+        rank = np.where(off > 0.5, 10.0 + off, values[:, 0] + off)
+    else:
+        rank = np.linalg.norm(sample - start, axis=1)
+    yield from (sample[i] for i in np.argsort(rank, kind="stable") if ok[i])
+
+
+def _measure_goal(search: _Search, figures: Array) -> None:
+    """Measure the goal by what it is at first."""
+    if search.problem.goals and figures[0, 0] != 0.0:
+        search.program = replace(search.program, goal_reference=abs(float(figures[0, 0])))
+
+
+def _searched(
+    search: _Search, start: Array, evaluations: float, reach: float = 1.0
+) -> LocalOptimum | None:
+    """Search from a start with so many evaluations, as far as `reach`."""
+    number, program, problem = search.searches, search.program, search.problem
+    search.searches += 1
+
+    def on_iterate(iterate: Iterate) -> None:
+        _tell(search, iterate)
+        value = iterate.values[0]
+        objective = program.goal_figure(value) if problem.goals else np.sqrt(2.0 * value)
+        step = Trace(
+            search=number,
+            evaluations=search.used,
+            objective=float(objective),
+            violation=iterate.violation,
+        )
+        search.trace.append(step)
+        progress.hand_over(SearchStep(trace=step, point=problem.point(iterate.point)))
+
+    began, d = time.perf_counter(), len(start)
+    found = local_search(
+        program,
+        start,
+        steps=max(min(_EFFORT.steps, int(evaluations / (2 * d + 3))), _EFFORT.fewest_steps),
+        curvature=None if problem.goals else np.eye(d),
+        walls=search.walls,
+        reach=reach,
+        told=on_iterate,
+    )
+    search.seconds["lumped"] += time.perf_counter() - began
+    if found is not None:
+        search.walls = found.walls
+    return found
+
+
+def _tell(search: _Search, iterate: Iterate) -> None:
+    """Say how far the work has come, and the figure that it has come to."""
+    phase, goals = search.phase, search.problem.goals
+    if iterate.violation <= TOLERANCE:
+        phase.best = min(phase.best, float(iterate.values[0]))
+    text = phase.text
+    if not np.isfinite(phase.best):
+        text += f", requirements missed by {100.0 * iterate.violation:.2g} %"
+    elif goals:
+        figure, best = goals[0].figure, float(search.program.goal_figure(phase.best))
+        text += f", best {figure.name} {figure.text(best)}"
+    progress.update(text, (search.used - phase.before) / phase.share)
+
+
+def _drawn(search: _Search, found: LocalOptimum) -> LocalOptimum:
+    """Return an optimum as a drawing has it, and keep it as it was found."""
+    exact, drawing = drawn(search.program, found)
+    search.exact[drawing.point.tobytes()] = exact
+    return drawing
+
+
+# ------------------------------------------------------------------------------ asking finer models
+
+
+def _asked(search: _Search, model: str, x: Array) -> Array:
+    """Return the figures of a point by a model, which is asked once."""
+    key = (model, x.tobytes())
+    if key not in search.known:
+        began, problem = time.perf_counter(), search.problem
+        point = drawn_point(problem, x)[None]
+        found = evaluate(problem.family, point, problem.figures, model)
+        search.known[key] = found.values[0]
+        if not np.all(np.isfinite(found.values)):
+            search.why[model] = found.faults[0] or "it has not all figures"
+        search.seconds[model] += time.perf_counter() - began
+        search.program.counts[model] += 1
+    return search.known[key]
+
+
+def _visit(search: _Search, best: LocalOptimum, fine: Array | None = None) -> _Visited:
+    """Say how good a point is by the finest model that was asked."""
+    program, x = search.program, best.point[None]
+    figures = program.figures(x)[0] if fine is None else fine
+    values = program.scaled(x, figures[None])[0]
+    # constraints as found, slopes by the corrected model
+    off = violation_of(values[1:], program.low, program.high)
+    return _Visited(
+        optimum=best,
+        correction=program.correction,
+        fine=figures,
+        violation=float(np.max(off, initial=0.0)),
+        objective=float(values[0]),
+    )
+
+
+def _best_of(problem: Problem, visited: Sequence[_Visited]) -> _Visited:
+    """Return the point that misses least, of those that miss nothing the best by the goal."""
+    least = TOLERANCE / 2.0 if problem.goals else 0.0
+    return min(visited, key=lambda one: (max(one.violation, least), one.objective))
+
+
+def _record(search: _Search, model: str, best: LocalOptimum, expected: Array, fine: Array) -> None:
+    search.rungs.append(
+        Rung(
+            model=model,
+            point=search.problem.point(best.point),
+            expected=expected,
+            found=fine,
+            evaluations=search.used,
+        )
+    )
+
+
+def _agree(expected: Array, fine: Array, within: float) -> bool:
+    return bool(np.all(np.abs(fine - expected) <= within * np.maximum(np.abs(fine), 1e-12)))
+
+
+def _climb(search: _Search, best: LocalOptimum) -> list[_Visited]:
+    """Correct and search again until the models agree.
+
+    What the finer one has no figures of is no stage, and is gone back from.
+    """
+    model, reach = search.options.model, _EFFORT.reach
+    visited: list[_Visited] = []
+    seen = [best.point]
+    correction = Correction.none(len(best.point), len(search.problem.figures))
+    for turn in range(_EFFORT.turns):
+        # most end within some turns: each takes a third of what is left
+        with progress.subtask(1.0 - _EFFORT.rest**turn, 1.0 - _EFFORT.rest ** (turn + 1)):
+            name = f"ladder, turn {turn + 1}"
+            search.begin(f"{name}, corrected by {model}", _EFFORT.again * search.left)
+            with progress.subtask(0.0, 0.5):
+                progress.update(f"{name}, {model}")
+                fine = _asked(search, model, best.point)
+            # by the searched model, corrected and not
+            x, known = best.point[None], search.program.correction
+            coarse = search.program.coarse(x)
+            expected = (coarse if known is None else known.at_points(x, coarse))[0]
+            _record(search, model, best, expected, fine)
+            possible = bool(np.all(np.isfinite(fine)))
+            kept = agreed = False
+            if possible:
+                correction = correction.updated(best.point, coarse[0], fine)
+                agreed = _agree(expected, fine, _EFFORT.agreed)
+                search.program = search.program.corrected(correction)
+                visited.append(_visit(search, best, fine))
+                kept = visited[-1].violation <= TOLERANCE
+            if (agreed and kept and turn > 0) or search.left <= 0.0:
                 break
-            if len(found) >= 2 * wanted or (found and self._left() <= reserve):
-                break
-        if not found:
-            raise ModelError(
-                "no search could begin: around every possible start some stages are impossible; "
-                "widen the bounds or start elsewhere"
-            )
-        return min(found, key=lambda f: (max(f.violation, 10.0 * FEASIBLE), f.values[0]))
-
-    def _starts(self) -> Iterator[Array]:
-        """Yield the given start, then others: the best of a sample, without a goal the nearest."""
-        first = self.program.figures(self.start[None])
-        if np.all(np.isfinite(first)):
-            self._measure_goal(first)
-            yield self.start
-        sample = self._sample()
-        figures = self.program.figures(sample)
-        ok = np.all(np.isfinite(figures), axis=1)
-        if not ok.any() and not np.all(np.isfinite(first)):
-            fault = self.program.fault(self.start) or "its figures cannot be computed"
-            raise ModelError(
-                f"none of {1 + len(sample)} stages between the bounds is possible; of the start: "
-                f"{fault}"
-            )
-        if not np.all(np.isfinite(first)):
-            self._measure_goal(figures[ok])
-        values = self.program.scaled(sample, figures)
-        if self.problem.goals:
-            off = violation_of(values[:, 1:], self.program.low, self.program.high).sum(axis=1)
-            rank = np.where(off > 0.5, 10.0 + off, values[:, 0] + off)
-        else:
-            rank = np.linalg.norm(sample - self.start, axis=1)
-        yield from (sample[i] for i in np.argsort(rank, kind="stable") if ok[i])
-
-    def _measure_goal(self, figures: Array) -> None:
-        """Measure the goal by what it is at first."""
-        if self.problem.goals and figures[0, 0] != 0.0:
-            self.program = replace(self.program, goal_reference=abs(float(figures[0, 0])))
-
-    def _sample(self) -> Array:
-        from scipy.stats import qmc
-
-        count = min(_SAMPLE, max(self.budget // 20, 1))
-        sampler = qmc.Sobol(len(self.start), rng=self.options.seed)
-        return sampler.random(2 ** int(np.log2(count)))
-
-    def _search(self, start: Array, evaluations: float, reach: float = 1.0) -> LocalOptimum | None:
-        self.searches += 1
-        number = self.searches - 1
-
-        def told(iterate: Iterate) -> None:
-            self._tell(iterate)
-            step = Trace(
-                search=number,
-                evaluations=self.program.counts["lumped"],
-                objective=self._shown(iterate),
-                violation=iterate.violation,
-            )
-            self.trace.append(step)
-            point = self.problem.point(iterate.point)
-            progress.hand_over(SearchStep(trace=step, point=point))
-
-        began = time.perf_counter()
-        d = len(start)
-        found = local_search(
-            self.program,
-            start,
-            steps=max(min(_STEPS, int(evaluations / (2 * d + 3))), _FEWEST),
-            curvature=None if self.problem.goals else np.eye(d),
-            walls=self.walls,
-            reach=reach,
-            told=told,
-        )
-        self.seconds["lumped"] += time.perf_counter() - began
-        if found is not None:
-            self.walls = found.walls
-        return found
-
-    def _tell(self, iterate: Iterate) -> None:
-        """Say how far the work has come, and the figure that it has come to."""
-        if iterate.violation <= TOLERANCE:
-            self.seen = min(self.seen, float(iterate.values[0]))
-        text = self.stage_of_work
-        if not np.isfinite(self.seen):
-            text += f", requirements missed by {100.0 * iterate.violation:.2g} %"
-        elif self.problem.goals:
-            figure = self.problem.goals[0].figure
-            best = float(self.program.goal_figure(self.seen))
-            text += f", best {figure.name} {figure.text(best)}"
-        progress.update(text, (self.program.counts["lumped"] - self.before) / self.share)
-
-    def _begin(self, evaluations: float) -> None:
-        """Begin a rung on which so many evaluations may be used."""
-        self.before, self.share = self.program.counts["lumped"], max(evaluations, 1.0)
-        self.seen = math.inf  # what another model found best is none of this one
-
-    def _drawn(self, found: LocalOptimum) -> LocalOptimum:
-        """Return an optimum as a drawing has it, and keep it as it was found."""
-        kept, drawing = drawn(self.program, found)
-        self.undrawn[drawing.point.tobytes()] = kept
-        return drawing
-
-    def _shown(self, iterate: Iterate) -> float:
-        if not self.problem.goals:
-            return float(np.sqrt(2.0 * iterate.values[0]))
-        return float(self.program.goal_figure(iterate.values[0]))
-
-    def _left(self) -> float:
-        """Return how many evaluations of the searched model are left."""
-        return float(self.budget - self.program.counts["lumped"])
-
-    # ------------------------------------------------------------------ climbing
-
-    def _fine(self, model: str, x: Array) -> Array:
-        """Return the figures of a point by a model, which is asked once."""
-        key = (model, x.tobytes())
-        if key not in self.known:
-            began = time.perf_counter()
-            point, figures = drawn_point(self.problem, x)[None], self.problem.figures
-            found = evaluate(self.problem.family, point, figures, model)
-            self.known[key] = found.values[0]
-            if not np.all(np.isfinite(found.values)):
-                self.why[model] = found.faults[0] or "it has not all figures"
-            self.seconds[model] += time.perf_counter() - began
-            self.program.counts[model] += 1
-        return self.known[key]
-
-    def _climb(self, best: LocalOptimum) -> list[_Visited]:
-        """Correct and search again until the models agree.
-
-        What the finer one has no figures of is no stage, and is gone back from.
-        """
-        model = self.options.model
-        visited: list[_Visited] = []
-        seen = [best.point]
-        correction = Correction.none(len(best.point), len(self.problem.figures))
-        reach = _REACH
-        for turn in range(TURNS):
-            # most end within some turns: each takes a third of what is left
-            with progress.subtask(1.0 - _LEFT**turn, 1.0 - _LEFT ** (turn + 1)):
-                self.stage_of_work = f"ladder, turn {turn + 1}, corrected by {model}"
-                self._begin(_AGAIN * self._left())
-                with progress.subtask(0.0, 0.5):
-                    progress.update(f"ladder, turn {turn + 1}, {model}")
-                    fine = self._fine(model, best.point)
-                expected, coarse = self._expected(best.point)
-                self._rung(model, best, expected, fine)
-                possible = bool(np.all(np.isfinite(fine)))
-                kept = agreed = False
-                if possible:
-                    correction = correction.updated(best.point, coarse, fine)
-                    agreed = self._agree(expected, fine)
-                    self.program = self.program.corrected(correction)
-                    visited.append(self._visit(best, fine))
-                    kept = visited[-1].violation <= TOLERANCE
-                if (agreed and kept and turn > 0) or self._left() <= 0.0:
-                    break
-                # a prediction that was far off is not to be followed far
-                near = possible and self._agree(expected, fine, _NEAR)
-                # nor one by which a requirement was missed, once the models are alike
-                wider = near and (kept or turn < _ALIKE)
-                reach = min(1.0, 2.0 * reach) if wider else (0.3 if near else 0.5) * reach
-                with progress.subtask(0.5, 1.0):
-                    again = self._again(best if possible else None, visited, kept, seen, reach)
-                if again is None:
-                    break
-                best = again
-                seen.append(best.point)
-        return visited
-
-    def _again(
-        self,
-        best: LocalOptimum | None,
-        visited: list[_Visited],
-        kept: bool,
-        seen: list[Array],
-        reach: float,
-    ) -> LocalOptimum | None:
-        """Search on from the last stage; from the best before it, or the start, where that fails.
-
-        None where it leads to stages that were asked about, all of them.
-        """
-        ways = [] if best is None else [(best.point, reach)]
-        if not kept:
-            # where nothing near the last keeps the limits, others lie elsewhere
-            before = [min(visited, key=self._rank).optimum.point] if visited else []
-            ways += [(x, 0.5 * reach) for x in before if best is None or x is not best.point]
-            ways.append((self.start, reach if best is None else 1.0))
-        for x, far in ways:
-            found = self._search(x, _AGAIN * self._left(), far)
-            found = None if found is None else self._drawn(found)
-            if found is not None and not any(_same(found.point, other) for other in seen):
-                return found
-        return None
-
-    def _expected(self, x: Array) -> tuple[Array, Array]:
-        """Return the figures of a point by the searched model, corrected and not."""
-        coarse = self.program.coarse(x[None])
-        known = self.program.correction
-        return (coarse if known is None else known.at_points(x[None], coarse))[0], coarse[0]
-
-    def _or_start(self, chosen: _Visited | None) -> _Visited:
-        """Return a point that was asked about, or the start where that is better.
-
-        Without a goal the start is better only where the other misses what is required by more.
-
-        Raises
-        ------
-        ModelError
-            There is neither.
-        """
-        model = self.options.model
-        if chosen is not None and chosen.confirmed and self.options.confirm is not None:
-            model = self.options.confirm
-        start = None if self.program.fault(self.start) else self._began(model)
-        if chosen is None and start is None:
-            raise ModelError(
-                f"the {model} model has no figures of the stages that the lumped one finds best, "
-                f"nor of the start: {self.why.get(model, 'the start is impossible')}"
-            )
-        if chosen is None or start is None:
-            return chosen or start  # type: ignore[return-value]
-        off, was = (one.violation if one.violation > TOLERANCE else 0.0 for one in (chosen, start))
-        better = was < off or (
-            bool(self.problem.goals) and was == off and start.objective < chosen.objective
-        )
-        return start if better else chosen
-
-    def _began(self, model: str) -> _Visited | None:
-        """Return the start as a point that a model was asked about; None without figures."""
-        fine = self._fine(model, self.start)
-        if not np.all(np.isfinite(fine)):
-            return None
-        coarse = self.program.coarse(self.start[None])[0]
-        known, d = self.program.correction, len(self.start)
-        at = Correction.none(d, len(fine)).updated(self.start, coarse, fine)
-        values = self.program.scaled(self.start[None], fine[None])[0]
-        off = violation_of(values[1:], self.program.low, self.program.high)
-        here = LocalOptimum(
-            point=self.start,
-            values=values,
-            violation=float(off.sum()),
-            slopes=np.zeros((len(values), d)),
-            walls=self.walls,
-            converged=False,
-        )
-        return replace(
-            self._visit(here, fine),
-            correction=at if known is None else replace(at, slope=known.slope),
-            confirmed=model == self.options.confirm,
-        )
-
-    def _rung(self, model: str, best: LocalOptimum, expected: Array, fine: Array) -> None:
-        self.rungs.append(
-            Rung(
-                model=model,
-                point=self.problem.point(best.point),
-                expected=expected,
-                found=fine,
-                evaluations=self.program.counts["lumped"],
-            )
-        )
-
-    def _agree(self, expected: Array, fine: Array, within: float = _AGREED) -> bool:
-        off = np.abs(fine - expected) <= within * np.maximum(np.abs(fine), 1e-12)
-        return bool(np.all(off))
-
-    def _visit(self, best: LocalOptimum, fine: Array | None = None) -> _Visited:
-        """Say how good a point is by the finest model that was asked."""
-        figures = self.program.figures(best.point[None])[0] if fine is None else fine
-        values = self.program.scaled(best.point[None], figures[None])[0]
-        # constraints as found, slopes by the corrected model
-        off = violation_of(values[1:], self.program.low, self.program.high)
-        return _Visited(
-            optimum=best,
-            correction=self.program.correction,
-            fine=figures,
-            violation=float(np.max(off, initial=0.0)),
-            objective=float(values[0]),
-        )
-
-    def _rank(self, visited: _Visited) -> tuple[float, float]:
-        if not self.problem.goals:
-            return (visited.violation, visited.objective)
-        return (max(visited.violation, TOLERANCE / 2.0), visited.objective)
-
-    def _confirm(self, chosen: _Visited) -> _Visited:
-        """Ask the finest model; where it finds a requirement missed, feed that back."""
-        model = self.options.confirm
-        assert model is not None
-        expected, found = chosen.fine, [chosen]
-        for turn in range(1 + _MENDED):
-            with progress.subtask(turn / (1 + _MENDED), (turn + 0.8) / (1 + _MENDED)):
-                progress.update(f"confirm by {model}")
-                fine = self._fine(model, chosen.optimum.point)
-            self._rung(model, chosen.optimum, expected, fine)
-            chosen = self._confirmed(chosen, fine)
-            found.append(chosen)
-            if chosen.violation <= TOLERANCE or not np.all(np.isfinite(fine)) or turn == _MENDED:
-                break
-            self.stage_of_work = f"corrected by {model}"
-            # a little is to be mended, where nothing but some points is known of the finest model
-            allowed = max(self._left(), _MENDING * self.budget)
-            self._begin(allowed)
-            with progress.subtask((turn + 0.8) / (1 + _MENDED), (turn + 1.0) / (1 + _MENDED)):
-                again = self._search(chosen.optimum.point, allowed, _CLOSE / 2**turn)
+            # a prediction that was far off is not to be followed far
+            near = possible and _agree(expected, fine, _EFFORT.near)
+            # nor one by which a requirement was missed, once the models are alike
+            wider = near and (kept or turn < _EFFORT.alike)
+            reach = min(1.0, 2.0 * reach) if wider else (0.3 if near else 0.5) * reach
+            with progress.subtask(0.5, 1.0):
+                again = _again(search, best if possible else None, visited, kept, seen, reach)
             if again is None:
                 break
-            chosen = replace(chosen, optimum=self._drawn(again))
-            expected = self.program.figures(chosen.optimum.point[None])[0]
-        return min(found[1:], key=self._rank)
+            best = again
+            seen.append(best.point)
+    return visited
 
-    def _confirmed(self, chosen: _Visited, fine: Array) -> _Visited:
-        x = chosen.optimum.point
-        coarse = self.program.coarse(x[None])[0]
-        known = chosen.correction or Correction.none(len(x), len(fine))
-        if np.all(np.isfinite(fine)):
-            # the finer model changes as the corrected one does
-            anew = Correction.none(len(x), len(fine)).updated(x, coarse, fine)
-            self.program = self.program.corrected(replace(anew, slope=known.slope))
-        return replace(self._visit(chosen.optimum, fine), confirmed=True)
 
-    # ------------------------------------------------------------------ the result
+def _again(
+    search: _Search,
+    best: LocalOptimum | None,
+    visited: list[_Visited],
+    kept: bool,
+    seen: list[Array],
+    reach: float,
+) -> LocalOptimum | None:
+    """Search on from the last stage; from the best before it, or the start, where that fails.
 
-    def _optimum(self, chosen: _Visited) -> Optimum:
-        problem = self.problem
-        if chosen.correction is not None:
-            self.program = self.program.corrected(chosen.correction)
-        x = chosen.optimum.point
-        # what holds it is told of the optimum itself: rounded, it stands beside its limits
-        exact = self.undrawn.get(x.tobytes(), chosen.optimum)
-        values, slopes = self.program.slopes(exact.point)
-        held, free, left = held_by(self.program, replace(exact, values=values, slopes=slopes))
-        if x is self.start:
-            self.notes.append("no better stage was found than the one that it began with")
-        elif chosen.optimum.violation > TOLERANCE >= exact.violation:
-            self.notes.append(_ROUNDED_OFF)
-        point = drawn_point(problem, x)
-        if x is not self.start and not is_drawn(problem, point):
-            self.notes.append(_UNROUNDED)
-        name, title = new_names(problem)
-        stage = replace(problem.family.stage(point), name=name, title=title)
-        self._faults(stage)
-        models = [m for m in ("lumped", self.options.model, self.options.confirm) if m is not None]
-        levels = []
-        for model in dict.fromkeys(models):
-            start = self._fine(model, self.start)
-            best = self._fine(model, x)
-            levels.append(Level(model=model, start=start, best=best))
-        self._with_stacks(point)
-        settings = {
-            "goals": "; ".join(g.text for g in problem.goals),
-            "requirements": "; ".join(r.text for r in problem.limits),
-            "start": self.options.start,
-            "model": self.options.model,
-            "confirm": self.options.confirm or "",
-            "evaluations": str(self.budget),
-            "seed": str(self.options.seed),
-        }
-        return Optimum(
-            problem=problem,
-            stage=stage,
-            text=problem.family.text(point, name=name, title=title),
-            start=drawn_point(problem, self.start),
-            point=point,
-            levels=tuple(levels),
-            held=held,
-            free=free,
-            unexplained=left,
-            rungs=tuple(self.rungs),
-            trace=tuple(self.trace),
-            evaluations=dict(self.program.counts),
-            seconds=dict(self.seconds),
-            seed=self.options.seed,
-            notes=tuple(self.notes),
-            provenance=provenance(stage, settings),
+    None where it leads to stages that were asked about, all of them.
+    """
+    ways = [] if best is None else [(best.point, reach)]
+    if not kept:
+        # where nothing near the last keeps the limits, others lie elsewhere
+        before = [_best_of(search.problem, visited).optimum.point] if visited else []
+        ways += [(x, 0.5 * reach) for x in before if best is None or x is not best.point]
+        ways.append((search.start, reach if best is None else 1.0))
+    for x, far in ways:
+        found = _searched(search, x, _EFFORT.again * search.left, far)
+        found = None if found is None else _drawn(search, found)
+        if found is not None and all(np.max(np.abs(found.point - x)) >= 1e-6 for x in seen):
+            return found
+    return None
+
+
+def _or_start(search: _Search, chosen: _Visited | None) -> _Visited:
+    """Return a point that was asked about, or the start where that is better.
+
+    Without a goal the start is better only where the other misses what is required by more.
+
+    Raises
+    ------
+    ModelError
+        There is neither.
+    """
+    options = search.options
+    confirmed = chosen is not None and chosen.confirmed and options.confirm is not None
+    model = (options.confirm or "") if confirmed else options.model
+    start = None if search.program.fault(search.start) else _began(search, model)
+    if chosen is None and start is None:
+        raise ModelError(
+            f"the {model} model has no figures of the stages that the lumped one finds best, "
+            f"nor of the start: {search.why.get(model, 'the start is impossible')}"
         )
+    if chosen is None or start is None:
+        return chosen or start  # type: ignore[return-value]
+    off, was = (one.violation if one.violation > TOLERANCE else 0.0 for one in (chosen, start))
+    sought = bool(search.problem.goals) and was == off
+    return start if was < off or (sought and start.objective < chosen.objective) else chosen
 
-    def _with_stacks(self, point: Array) -> None:
-        """Say the frequency with its stack of each axis whose frequency without it is sought."""
-        figures = [
-            Figure(quantity="natural_frequency_with_stack_hz", axis=f.axis)
-            for f in self.problem.figures
-            if f.quantity == "natural_frequency_hz"
-        ]
-        points = np.array([drawn_point(self.problem, self.start), point])
-        found = evaluate(self.problem.family, points, figures, "lumped").values
-        for figure, values in zip(figures, found.T, strict=True):
-            # none of an axis without stacks, nor of a start whose frequency was published
-            ends = zip(values.tolist(), ("the start", "the best stage"), strict=True)
-            known = [f"{figure.text(v)} at {end}" for v, end in ends if np.isfinite(v)]
-            if known:
-                self.notes.append(
-                    f"natural_frequency.{figure.axis} is without stack; with stack it is "
-                    f"{' and '.join(known)}, by the lumped model ({figure.name})"
-                )
 
-    def _faults(self, stage: Stage) -> None:
-        self.notes += [issue.message for issue in check(stage) if issue.severity == "error"]
+def _began(search: _Search, model: str) -> _Visited | None:
+    """Return the start as a point that a model was asked about; None without figures."""
+    program, x = search.program, search.start
+    fine = _asked(search, model, x)
+    if not np.all(np.isfinite(fine)):
+        return None
+    at = _exact_at(search, x, fine, program.correction)
+    values = program.scaled(x[None], fine[None])[0]
+    off = violation_of(values[1:], program.low, program.high)
+    here = LocalOptimum(
+        point=x,
+        values=values,
+        violation=float(off.sum()),
+        slopes=np.zeros((len(values), len(x))),
+        walls=search.walls,
+        converged=False,
+    )
+    confirmed = model == search.options.confirm
+    return replace(_visit(search, here, fine), correction=at, confirmed=confirmed)
+
+
+def _exact_at(search: _Search, x: Array, fine: Array, known: Correction | None) -> Correction:
+    """Return the correction that is exact at a point, and changes as a known one does."""
+    coarse = search.program.coarse(x[None])[0]
+    anew = Correction.none(len(x), len(fine)).updated(x, coarse, fine)
+    return anew if known is None else replace(anew, slope=known.slope)
+
+
+def _confirm(search: _Search, model: str, chosen: _Visited) -> _Visited:
+    """Ask the finest model; where it finds a requirement missed, feed that back."""
+    expected, last = chosen.fine, _EFFORT.mended
+    found: list[_Visited] = []
+    for turn in range(1 + last):
+        with progress.subtask(turn / (1 + last), (turn + 0.8) / (1 + last)):
+            progress.update(f"confirm by {model}")
+            fine = _asked(search, model, chosen.optimum.point)
+        _record(search, model, chosen.optimum, expected, fine)
+        x, possible = chosen.optimum.point, bool(np.all(np.isfinite(fine)))
+        # the finer model changes as the corrected one does
+        exact = _exact_at(search, x, fine, chosen.correction)
+        if possible:
+            search.program = search.program.corrected(exact)
+        chosen = replace(_visit(search, chosen.optimum, fine), confirmed=True)
+        found.append(chosen)
+        if chosen.violation <= TOLERANCE or not possible or turn == last:
+            break
+        # a little is to be mended, where nothing but some points is known of the finest model
+        allowed = max(search.left, _EFFORT.mending * search.budget)
+        search.begin(f"corrected by {model}", allowed)
+        with progress.subtask((turn + 0.8) / (1 + last), (turn + 1.0) / (1 + last)):
+            again = _searched(search, x, allowed, _EFFORT.close / 2**turn)
+        if again is None:
+            break
+        chosen = replace(chosen, optimum=_drawn(search, again))
+        expected = search.program.figures(chosen.optimum.point[None])[0]
+    return _best_of(search.problem, found)
+
+
+# -------------------------------------------------------------------------------------- the result
+
+
+def _optimum(search: _Search, chosen: _Visited) -> Optimum:
+    problem, options, notes = search.problem, search.options, search.notes
+    if chosen.correction is not None:
+        search.program = search.program.corrected(chosen.correction)
+    x = chosen.optimum.point
+    # what holds it is told of the optimum itself: rounded, it stands beside its limits
+    exact = search.exact.get(x.tobytes(), chosen.optimum)
+    values, slopes = search.program.slopes(exact.point)
+    held, free, left = held_by(search.program, replace(exact, values=values, slopes=slopes))
+    if x is search.start:
+        notes.append("no better stage was found than the one that it began with")
+    elif chosen.optimum.violation > TOLERANCE >= exact.violation:
+        notes.append(_ROUNDED_OFF)
+    start, point = drawn_point(problem, search.start), drawn_point(problem, x)
+    if x is not search.start and not is_drawn(problem, point):
+        notes.append(_UNROUNDED)
+    name, title = new_names(problem)
+    stage = replace(problem.family.stage(point), name=name, title=title)
+    notes += [issue.message for issue in check(stage) if issue.severity == "error"]
+    models = [m for m in ("lumped", options.model, options.confirm) if m is not None]
+    levels = [
+        Level(model=m, start=_asked(search, m, search.start), best=_asked(search, m, x))
+        for m in dict.fromkeys(models)
+    ]
+    notes += _with_stacks(problem, np.array([start, point]))
+    settings = {
+        "goals": "; ".join(g.text for g in problem.goals),
+        "requirements": "; ".join(r.text for r in problem.limits),
+        "start": options.start,
+        "model": options.model,
+        "confirm": options.confirm or "",
+        "evaluations": str(search.budget),
+        "seed": str(options.seed),
+    }
+    return Optimum(
+        problem=problem,
+        stage=stage,
+        text=problem.family.text(point, name=name, title=title),
+        start=start,
+        point=point,
+        levels=tuple(levels),
+        held=held,
+        free=free,
+        unexplained=left,
+        rungs=tuple(search.rungs),
+        trace=tuple(search.trace),
+        evaluations=dict(search.program.counts),
+        seconds=dict(search.seconds),
+        seed=options.seed,
+        notes=tuple(notes),
+        provenance=provenance(stage, settings),
+    )
+
+
+def _with_stacks(problem: Problem, points: Array) -> Iterator[str]:
+    """Say the frequency with its stack of each axis whose frequency without it is sought."""
+    figures = [
+        Figure(quantity="natural_frequency_with_stack_hz", axis=f.axis)
+        for f in problem.figures
+        if f.quantity == "natural_frequency_hz"
+    ]
+    found = evaluate(problem.family, points, figures, "lumped").values
+    for figure, values in zip(figures, found.T, strict=True):
+        # none of an axis without stacks, nor of a start whose frequency was published
+        ends = zip(values.tolist(), ("the start", "the best stage"), strict=True)
+        known = [f"{figure.text(v)} at {end}" for v, end in ends if np.isfinite(v)]
+        if known:
+            yield (
+                f"natural_frequency.{figure.axis} is without stack; with stack it is "
+                f"{' and '.join(known)}, by the lumped model ({figure.name})"
+            )
