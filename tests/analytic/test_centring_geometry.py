@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import brentq
 
 from flexstage.centring import ARCSEC, exact_error, first_order_error
+from flexstage.centring.from_records import head_of
 from flexstage.centring.geometry import exact_run_out, in_turning_frame
-from flexstage.centring.record_heads import head_of
 from flexstage.errors import ModelError
 from flexstage.records import Channel, Record
 

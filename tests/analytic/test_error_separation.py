@@ -5,12 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.centring.against_reference import against_reference
+from flexstage.centring.calibration import (
+    against_reference,
+    cross_calibration,
+    equal_division,
+    order_visibility,
+    self_calibration,
+)
 from flexstage.centring.calibration_table import CalibrationTable
-from flexstage.centring.cross_calibration import cross_calibration
-from flexstage.centring.equal_division import equal_division
 from flexstage.centring.geometry import ARCSEC, exact_error
-from flexstage.centring.self_calibration import order_visibility, self_calibration
 from flexstage.errors import ModelError, RecordError
 from flexstage.records import read_record, write_record
 from flexstage.virtual.table import ScaleErrors, VirtualTable, scale_errors

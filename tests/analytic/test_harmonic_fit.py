@@ -38,17 +38,15 @@ def design(theta, orders, drift=False):
     return np.column_stack(columns)
 
 
-def test_equals_weighted_least_squares():
+def test_equals_least_squares():
     rng = stream(1)
     theta = np.sort(rng.uniform(0.4, 0.4 + 5.3 * np.pi, 211))
     y = 2.0 * np.sin(theta) + rng.normal(0.0, 0.3, theta.size) + 0.1 * theta
-    u = rng.uniform(0.2, 0.9, theta.size)
     orders = (1, 2, 5)
-    fit = fit_harmonics(theta, y, orders=orders, uncertainty=u, robust=False)
+    fit = fit_harmonics(theta, y, orders=orders, robust=False)
     assert fit.drift is not None
     x = design(theta, orders, drift=True)
-    w = 1.0 / u**2
-    c = np.linalg.solve(x.T @ (w[:, None] * x), x.T @ (w * y))
+    c = np.linalg.solve(x.T @ x, x.T @ y)
     found = [p for h in fit.harmonics for p in (h.cosine.value, h.sine.value)]
     assert found == pytest.approx(c[2:], rel=1e-9)
     assert fit.drift.value == pytest.approx(c[1], rel=1e-9)
@@ -57,7 +55,7 @@ def test_equals_weighted_least_squares():
     assert fit.offset.value == pytest.approx(c[0] + c[1] * middle, rel=1e-9)
     left = y - x @ c
     assert fit.residual == pytest.approx(left, abs=1e-9)
-    cov = np.linalg.inv(x.T @ (w[:, None] * x)) * np.sum(w * left**2) / (theta.size - c.size)
+    cov = np.linalg.inv(x.T @ x) * np.sum(left**2) / (theta.size - c.size)
     assert fit.noise == "white"
     assert fit.covariance == pytest.approx(cov[2:, 2:], rel=1e-8, abs=1e-12)
 
@@ -254,23 +252,23 @@ def test_direction_of_no_vector_is_unknown():
     assert sharp.uncertainty == pytest.approx(0.04)
 
 
-def test_angles_in_any_order_and_unit():
+def test_angles_in_any_order():
     u = np.arange(1000) * 3.37 / 1000
     for sign in (1.0, -1.0):
         wrapped = (17.0 + sign * 360.0 * u) % 360.0
-        turns = find_turns(wrapped, period=360.0)
+        turns = find_turns(np.radians(wrapped))
         assert turns.direction == sign
         assert turns.count == pytest.approx(3.37, abs=1e-9)
         assert len(turns.bounds) == 4
         steps = np.diff(turns.angle)
         assert steps == pytest.approx(sign * 2.0 * np.pi * 3.37 / 1000, abs=1e-12)
-        counts = find_turns(np.rint(wrapped / 360.0 * 65536) % 65536, period=65536.0)
+        counts = find_turns(np.rint(wrapped / 360.0 * 65536) % 65536 * 2.0 * np.pi / 65536)
         assert counts.angle == pytest.approx(turns.angle, abs=1e-4)
     mixed = stream(10).permutation(np.arange(60)) * 6.0
-    turns = find_turns(mixed, period=360.0)
+    turns = find_turns(np.radians(mixed))
     assert turns.direction == 0
     assert turns.angle == pytest.approx(np.radians(mixed), abs=1e-12)
-    jitter = find_turns((u * 360.0 + stream(10).normal(0.0, 0.8, u.size)) % 360.0, period=360.0)
+    jitter = find_turns(np.radians((u * 360.0 + stream(10).normal(0.0, 0.8, u.size)) % 360.0))
     assert jitter.count == pytest.approx(3.37, abs=0.02)
 
 
@@ -292,10 +290,11 @@ def test_unordered_samples_give_the_same_harmonics():
 def test_errors_near_a_wrap():
     true = np.array([0.04, -0.05, 0.11, 0.02, -0.09])
     wrapped = true + 360.0 * np.array([0, 1, -1, 0, 1])
-    assert unwrap_error(wrapped, period=360.0) == pytest.approx(true, abs=1e-12)
+    found = np.degrees(unwrap_error(np.radians(wrapped)))
+    assert found == pytest.approx(true, abs=1e-12)
     far = 179.98 + np.array([0.0, 0.05, -0.05, 0.01])
     cut = (far + 180.0) % 360.0 - 180.0
-    assert np.ptp(unwrap_error(cut, period=360.0)) == pytest.approx(0.1, abs=1e-9)
+    assert np.degrees(np.ptp(unwrap_error(np.radians(cut)))) == pytest.approx(0.1, abs=1e-9)
 
 
 def test_mean_turn_tells_synchronous_from_asynchronous():
@@ -403,9 +402,6 @@ def test_given_uncertainties_join_the_noise():
     assert more.x.uncertainty == pytest.approx(wanted, rel=1e-3)
     assert np.sqrt(more.covariance[0, 0]) == pytest.approx(wanted, rel=1e-3)
     assert more.phase.uncertainty > 2e-3
-    assert more.move(0.3) == pytest.approx(
-        -plain.vector @ [[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]]
-    )
 
 
 @pytest.mark.parametrize("repeats", sizes(slow=150, evidence=600))
@@ -570,7 +566,6 @@ EVEN = np.arange(60) * 2.0 * np.pi / 60
         (np.zeros(60), EVEN, {}, "did not turn"),
         (EVEN, EVEN[:-1], {}, "row of values"),
         (EVEN, EVEN, {"orders": (0, 1)}, "1 or more"),
-        (EVEN, EVEN, {"uncertainty": np.zeros(60)}, "positive"),
     ],
 )
 def test_bad_records_are_refused(angle, value, more, said):

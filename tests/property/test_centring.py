@@ -84,9 +84,6 @@ def test_eccentricity_comes_back_from_exact_readings(share, phi, heads, start, k
     ]
     found = eccentricity(readings, radius=radius, kind=kind, orders=3)
     assert found.vector == pytest.approx(e, abs=1e-9 * radius)
-    assert found.move(0.4) == pytest.approx(
-        -np.array([[np.cos(0.4), np.sin(0.4)], [-np.sin(0.4), np.cos(0.4)]]) @ found.vector
-    )
 
 
 @few
@@ -113,7 +110,7 @@ def test_wraps_come_off(size, turns, start, sign):
     if size < 4.5 * turns:
         return
     true = start + sign * 360.0 * turns * np.arange(size) / size
-    found = find_turns(true % 360.0, period=360.0)
+    found = find_turns(np.radians(true % 360.0))
     steps = np.degrees(np.diff(found.angle))
     assert steps == pytest.approx(np.diff(true), abs=1e-9)
     assert found.bounds[0] == 0
@@ -130,5 +127,5 @@ def test_wraps_come_off(size, turns, start, sign):
 def test_whole_turns_come_off_errors(errors, middle, seed):
     true = np.array(errors) + middle
     wrapped = true + 360.0 * np.random.default_rng(seed).integers(-2, 3, true.size)
-    found = unwrap_error(wrapped, period=360.0)
+    found = np.degrees(unwrap_error(np.radians(wrapped)))
     assert np.diff(found) == pytest.approx(np.diff(true), abs=1e-9)

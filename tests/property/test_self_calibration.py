@@ -4,10 +4,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.centring.against_reference import against_reference
-from flexstage.centring.cross_calibration import cross_calibration
+from flexstage.centring.calibration import (
+    against_reference,
+    cross_calibration,
+    order_visibility,
+    self_calibration,
+)
 from flexstage.centring.move import nearest_in_box
-from flexstage.centring.self_calibration import order_visibility, self_calibration
 from flexstage.virtual.table import ScaleErrors, scale_errors
 
 TURN = 2.0 * np.pi

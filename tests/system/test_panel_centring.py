@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage.centring.trial_moves import OrderResponse
-from flexstage.centring.trial_results import _best
+from flexstage.centring.trial_moves import OrderResponse, _best
 from flexstage.cli import main
 from flexstage.errors import FlexstageError, ModelError, RecordError
 from flexstage.estimate import Component, Estimate

@@ -5,13 +5,21 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.centring.against_reference import against_reference
     from flexstage.centring.asynchronous_motion import axis_motion
+    from flexstage.centring.calibration import (
+        against_reference,
+        cross_calibration,
+        equal_division,
+        order_visibility,
+        self_calibration,
+    )
     from flexstage.centring.calibration_table import CalibrationTable
-    from flexstage.centring.centre_reading import CentreReading
-    from flexstage.centring.cross_calibration import cross_calibration
-    from flexstage.centring.eccentricity import HeadReadings, eccentricity
-    from flexstage.centring.equal_division import equal_division
+    from flexstage.centring.eccentricity import (
+        HeadReadings,
+        IndicatorReadings,
+        eccentricity,
+        run_out,
+    )
     from flexstage.centring.first_order import Eccentricity
     from flexstage.centring.geometry import (
         ARCSEC,
@@ -20,10 +28,8 @@ if TYPE_CHECKING:
     )
     from flexstage.centring.harmonic_fit import Harmonic
     from flexstage.centring.harmonics import fit_harmonics, fit_many
-    from flexstage.centring.indicators import IndicatorReadings, run_out
-    from flexstage.centring.positioner import Positioner
-    from flexstage.centring.procedure import Centring, centre
-    from flexstage.centring.self_calibration import order_visibility, self_calibration
+    from flexstage.centring.move import Positioner
+    from flexstage.centring.procedure import CentreReading, Centring, centre
     from flexstage.centring.trial_moves import response_to_moves
     from flexstage.centring.turns import Turns, mean_turn
 

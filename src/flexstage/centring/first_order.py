@@ -12,12 +12,8 @@ from flexstage.centring.turns import find_turns
 from flexstage.centring.vector_interval import direction_estimate, length_estimate
 from flexstage.estimate import Component, Estimate
 
-#: Times that a part may make the eccentricity more uncertain before it is left out.
-_MOST_GROWTH = 3.0
 #: Turns from which their scatter gives the covariance.
 _MANY_TURNS = 8
-#: Chance of heads that differ as much, below which their noise does not explain it.
-_CHANCE = 0.005
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,6 +44,8 @@ def combined(
     where all were sampled together: what disturbs several at once is then told from what disturbs
     one. `radial` ones are indicators that look along the radius, not heads that read angles.
     """
+    # chance of heads that differ as much, below which their noise does not explain it.
+    chance = 0.005
     found = [f.harmonic(1) for f in fits]
     together = table is not None and len(fits) > 1
     c = np.array([p for h in found for p in (h.cosine.value, h.sine.value)])
@@ -68,7 +66,7 @@ def combined(
     if free > 0:
         left = c - design @ x
         ratio = float(left @ weighted @ left) / free
-        if _chance(ratio, free, freedom) < _CHANCE:
+        if _chance(ratio, free, freedom) < chance:
             cov, freedom = cov * ratio, float(free)
             notes.append(
                 f"the heads differ by {math.sqrt(ratio):.1f} times what their noise explains: the "
@@ -106,6 +104,8 @@ def _counter(angles: Array, radial: bool) -> Array:
 
 def _design(own: Array, extra: dict[str, Array], v: Array) -> tuple[Array, dict[str, int]]:
     """Return the functions that the heads can tell apart, and where each begins."""
+    # times that a part may make the eccentricity more uncertain before it is left out.
+    most_growth = 3.0
     weighted = _inverse(v)
     base = _spread(own, weighted)
     design, kept = own, {}
@@ -113,7 +113,7 @@ def _design(own: Array, extra: dict[str, Array], v: Array) -> tuple[Array, dict[
         wider = np.hstack((design, block))
         if wider.shape[1] > wider.shape[0] or np.linalg.cond(wider) > 1e6:
             continue
-        if _spread(wider, weighted) <= _MOST_GROWTH * base:
+        if _spread(wider, weighted) <= most_growth * base:
             kept[name] = design.shape[1]
             design = wider
     return design, kept
@@ -268,31 +268,6 @@ class Eccentricity:
     def vector(self) -> Array:
         """Coordinates x and y [m], shape (2,)."""
         return np.array([self.x.value, self.y.value])
-
-    def move(self, mount_angle: float = 0.0) -> Array:
-        """Return the move of the stage that centres the scale: the eccentricity, back.
-
-        Parameters
-        ----------
-        mount_angle : float
-            Direction of the stage's own x axis in the frame that turns with the table [rad].
-
-        Returns
-        -------
-        numpy.ndarray
-            x and y along the axes of the stage [m], shape (2,).
-
-        Examples
-        --------
-        >>> from flexstage.centring import HeadReadings, eccentricity, first_order_error
-        >>> theta = np.arange(360) * np.pi / 180
-        >>> error = first_order_error(theta, (30e-6, 0.0), 50e-3)
-        >>> found = eccentricity([HeadReadings(angle=theta, error=error)], radius=50e-3)
-        >>> print(f"{1e6 * found.move(np.pi / 2)[1]:.2f} um")
-        30.00 um
-        """
-        c, s = math.cos(mount_angle), math.sin(mount_angle)
-        return -np.array([[c, s], [-s, c]]) @ self.vector
 
 
 def centre_from(

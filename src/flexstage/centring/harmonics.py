@@ -1,4 +1,4 @@
-"""Harmonics of an error over the turn, by weighted least squares, with what they are worth."""
+"""Harmonics of an error over the turn, by least squares, with what they are worth."""
 
 import math
 from collections.abc import Sequence
@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
-from flexstage.centring.fit_description import MANY_TURNS, covering_both, described
-from flexstage.centring.harmonic_fit import HarmonicFit
+from flexstage.centring.harmonic_fit import MANY_TURNS, HarmonicFit, covering_both, described
 from flexstage.centring.normal_equations import HarmonicProblem, NormalEquations, of_column, solved
 from flexstage.centring.outliers import FEW, stands_out, without_outliers
 from flexstage.centring.turns import Turns, find_turns
@@ -18,10 +17,6 @@ _TURN = 2.0 * math.pi
 
 #: Orders that are fitted where nobody says which, and samples allow.
 _USUAL = 12
-#: Share of a turn that must have samples.
-_LEAST_COVERAGE = 0.9
-#: Turns from which a drift can be told from harmonics.
-_DRIFT_TURNS = 1.9
 
 
 def fit_harmonics(
@@ -29,8 +24,6 @@ def fit_harmonics(
     value: ArrayLike,
     *,
     orders: int | Sequence[int] | None = None,
-    uncertainty: ArrayLike | None = None,
-    drift: bool | None = None,
     robust: bool = True,
     unit: str = "rad",
 ) -> HarmonicFit:
@@ -38,8 +31,9 @@ def fit_harmonics(
 
     .. math:: y(\theta) = c + d\,\frac{\theta}{2\pi} + \sum_n a_n \cos n\theta + b_n \sin n\theta
 
-    The coefficients are those of weighted least squares. Their covariance allows for noise that
-    lasts from sample to sample: from eight turns on it is taken from how turns differ, of two and
+    The coefficients are those of least squares; a drift is fitted from about two turns on, as
+    within one turn it is hardly told from harmonics. Their covariance allows for noise that lasts
+    from sample to sample: from eight turns on it is taken from how turns differ, of two and
     more from the spectrum of the residuals between the orders, and of fewer from all of it, where
     that is not white. An outlier is a sample that stands out alone: an error that comes in runs, or
     again in other turns, is the scale's. Where more than a hundredth of the samples are set aside,
@@ -54,12 +48,6 @@ def fit_harmonics(
         The values, shape (n,).
     orders : int or sequence of int, optional
         Highest order, or all that are fitted; 1 to 12 where not given, or fewer as samples allow.
-    uncertainty : array_like, optional
-        Standard uncertainty of each sample against the others, shape (n,): it weighs them, and its
-        common factor is found from the residuals. Equal where not given.
-    drift : bool, optional
-        Whether to fit a change in proportion to the angle; from about two turns on where not given,
-        as within one turn it is hardly told from harmonics.
     robust : bool
         Whether to look for outliers, and set them aside.
     unit : str
@@ -98,15 +86,7 @@ def fit_harmonics(
     y = np.asarray(value, dtype=np.float64)
     if y.ndim != 1:
         raise RecordError(f"the values must be one column, got shape {y.shape}")
-    return fit_many(
-        angle,
-        y[:, None],
-        orders=orders,
-        uncertainty=uncertainty,
-        drift=drift,
-        robust=robust,
-        unit=unit,
-    )[0]
+    return fit_many(angle, y[:, None], orders=orders, robust=robust, unit=unit)[0]
 
 
 def fit_many(
@@ -114,8 +94,6 @@ def fit_many(
     values: ArrayLike,
     *,
     orders: int | Sequence[int] | None = None,
-    uncertainty: ArrayLike | None = None,
-    drift: bool | None = None,
     robust: bool = True,
     unit: str = "rad",
 ) -> tuple[HarmonicFit, ...]:
@@ -131,10 +109,6 @@ def fit_many(
         The columns, shape (n, m).
     orders : int or sequence of int, optional
         Highest order, or all that are fitted.
-    uncertainty : array_like, optional
-        Standard uncertainty of each sample against the others, shape (n,).
-    drift : bool, optional
-        Whether to fit a change in proportion to the angle.
     robust : bool
         Whether to look for outliers, and set them aside.
     unit : str
@@ -170,8 +144,8 @@ def fit_many(
         )
     turns = find_turns(theta)
     chosen = _orders(orders, turns.angle)
-    with_drift = turns.count >= _DRIFT_TURNS if drift is None else drift
-    weights = _weights(uncertainty, theta.shape)
+    # the least number of turns from which a drift can be told from harmonics
+    with_drift = turns.count >= 1.9
     _require_enough(turns, chosen, with_drift)
     # about its middle the drift is least like the mean, and the offset is the mean over the record
     middle = 0.5 * (turns.angle.max() + turns.angle.min()) / _TURN
@@ -180,7 +154,7 @@ def fit_many(
         u=turns.angle / _TURN - shift, y=y, orders=chosen, drift=with_drift,
         middle=middle - shift, bounds=turns.bounds if len(turns.bounds) > MANY_TURNS else None,
     )  # fmt: skip
-    equations = problem.sums(weights)
+    equations = problem.sums(None)
     coefficients = solved(equations, chosen)
     residual = problem.residual(coefficients)
     fits = []
@@ -188,16 +162,14 @@ def fit_many(
         own = residual[:, j]
         if (
             robust
-            and stands_out(own, weights)
+            and stands_out(own)
             and float(np.abs(own).max()) > 1e-12 * float(np.abs(y[:, j]).max())
         ):
-            fits.append(_robust_fit(problem.column(j), own, weights, turns, unit))
+            fits.append(_robust_fit(problem.column(j), own, turns, unit))
             continue
         single = of_column(equations, j)
         fits.append(
-            described(
-                problem.column(j), single, coefficients[:, j], own, weights, None, turns, unit
-            )
+            described(problem.column(j), single, coefficients[:, j], own, None, turns, unit)
         )
     return tuple(fits)
 
@@ -214,19 +186,6 @@ def _orders(orders: int | Sequence[int] | None, angle: Array) -> tuple[int, ...]
     return chosen
 
 
-def _weights(uncertainty: ArrayLike | None, shape: tuple[int, ...]) -> Array | None:
-    if uncertainty is None:
-        return None
-    u = np.asarray(uncertainty, dtype=np.float64)
-    if u.shape != shape or not (np.isfinite(u).all() and u.min() > 0.0):
-        raise RecordError(
-            f"the uncertainties must be positive and finite, one for each of {shape[0]} samples, "
-            f"got shape {u.shape}"
-        )
-    weights = (1.0 / u) ** 2
-    return weights / weights.mean()
-
-
 def _require_enough(turns: Turns, orders: tuple[int, ...], drift: bool) -> None:
     size, needed = turns.angle.size, 2 * len(orders) + (2 if drift else 1)
     if size <= needed:
@@ -234,17 +193,15 @@ def _require_enough(turns: Turns, orders: tuple[int, ...], drift: bool) -> None:
             f"{size} samples are too few for {len(orders)} harmonics, which take "
             f"{needed + 1} or more: give more samples, or fit fewer orders"
         )
-    if turns.coverage < _LEAST_COVERAGE:
+    if turns.coverage < 0.9:
         raise RecordError(
-            f"the samples cover {turns.coverage:.2f} of a turn: {_LEAST_COVERAGE:g} or more are "
+            f"the samples cover {turns.coverage:.2f} of a turn: 0.9 or more are "
             "needed, as otherwise offset and harmonics cannot be separated; check the unit of the "
             "angle"
         )
 
 
-def _robust_fit(
-    problem: HarmonicProblem, start: Array, weights: Array | None, turns: Turns, unit: str
-) -> HarmonicFit:
+def _robust_fit(problem: HarmonicProblem, start: Array, turns: Turns, unit: str) -> HarmonicFit:
     last: list[tuple[Array, NormalEquations, Array, Array]] = []
 
     def solve(w: Array) -> Array:
@@ -254,19 +211,19 @@ def _robust_fit(
         last[:] = [(w, equations, coefficients, residual)]
         return residual
 
-    keep = without_outliers(solve, start, float(np.abs(problem.y).max()), turns, weights)
-    own = keep.astype(np.float64) if weights is None else np.where(keep, weights, 0.0)
+    keep = without_outliers(solve, start, float(np.abs(problem.y).max()), turns)
+    own = keep.astype(np.float64)
     # a few that were left out one by one end in the very fit that is wanted
     if not last or not np.array_equal(last[0][0], own):
         solve(own)
     _, equations, coefficients, residual = last[0]
-    fit = described(problem, equations, coefficients[:, 0], residual, own, keep, turns, unit)
+    fit = described(problem, equations, coefficients[:, 0], residual, keep, turns, unit)
     if len(fit.outliers) <= FEW * keep.size:
         return fit
-    equations = problem.sums(weights)
+    equations = problem.sums(None)
     coefficients = solved(equations, problem.orders)
     residual = problem.residual(coefficients)[:, 0]
     return covering_both(
         fit,
-        described(problem, equations, coefficients[:, 0], residual, weights, None, turns, unit),
+        described(problem, equations, coefficients[:, 0], residual, None, turns, unit),
     )

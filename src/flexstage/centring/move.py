@@ -1,6 +1,8 @@
-"""The move that centres the scale, by a model of moves that is learned from every measurement."""
+"""What moves the scale, and the move that centres it, by a model learned from measurements."""
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -8,9 +10,88 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
-from flexstage.centring.positioner import Positioner
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
+
+
+@dataclass(kw_only=True)
+class PositionerAxis:
+    """One of the two axes, commanded in metres from the middle of its stroke."""
+
+    name: str
+    """Its name."""
+    half: float
+    """Half of its stroke, the largest command to either side [m]."""
+    quantum: float = 0.0
+    """Step of its commands [m]; 0 for none."""
+    resolution: float = 0.0
+    """Standard uncertainty with which it takes a command that can be set [m]."""
+    hysteresis: float = 0.0
+    """Standard uncertainty of a move as a share of its length [1]."""
+    backlash: float = 0.0
+    """Play on turning back, at the scale [m]."""
+
+    def settable(self, command: float) -> float:
+        """Return the nearest command within the stroke that can be set [m]."""
+        inside = min(max(command, -self.half), self.half)
+        if self.quantum == 0.0:
+            return inside
+        steps = round(inside / self.quantum)
+        # the last step before the end, where the end itself is none
+        most = math.floor(self.half / self.quantum * (1.0 + 1e-12))
+        return min(max(steps, -most), most) * self.quantum
+
+
+class Positioner(ABC):
+    """Two axes that carry the scale, as the one who centres it sees them.
+
+    Where the scale really goes is not known to it: the axes may be turned on the table by any
+    angle, count the other way, differ in gain and not be square.
+    """
+
+    def __init__(self, axes: Sequence[PositionerAxis]) -> None:
+        self._x, self._y = axes
+        self._position = (0.0, 0.0)
+
+    @property
+    def limits(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Least and greatest command of each axis [m]."""
+        return (-self._x.half, self._x.half), (-self._y.half, self._y.half)
+
+    @property
+    def position(self) -> tuple[float, float]:
+        """The last command, as it was set [m]."""
+        return self._position
+
+    @property
+    def resolution(self) -> tuple[float, float]:
+        """Standard uncertainty with which an axis takes a command, for short moves [m]."""
+        return self._x.resolution, self._y.resolution
+
+    @property
+    def hysteresis(self) -> tuple[float, float]:
+        """Standard uncertainty of a move as a share of its length, of each axis [1]."""
+        return self._x.hysteresis, self._y.hysteresis
+
+    @property
+    def backlash(self) -> tuple[float, float]:
+        """Play of each axis on turning back, at the scale [m]."""
+        return self._x.backlash, self._y.backlash
+
+    def settable(self, x: float, y: float) -> tuple[float, float]:
+        """Return the nearest commands within the limits that can be set [m]."""
+        return self._x.settable(x), self._y.settable(y)
+
+    def move_to(self, x: float, y: float) -> tuple[float, float]:
+        """Move both axes to commands [m]; return what was set."""
+        self._position = self.settable(x, y)
+        self._go(self._position)
+        return self._position
+
+    @abstractmethod
+    def _go(self, command: tuple[float, float]) -> None:
+        """Move both axes to commands that can be set [m]."""
+
 
 #: Rings and directions of the points that stand for a normal distribution in the plane.
 _RINGS, _DIRECTIONS = 2400, 12
@@ -75,34 +156,6 @@ class MoveModel:
     def matrix(self) -> Array:
         """How the scale moves for a command of each axis [1], shape (2, 2), axes by column."""
         return self.state[2:].reshape(2, 2).copy()
-
-    @property
-    def mirrored(self) -> bool:
-        """Whether the axes of the stage count the other way round than those of the table."""
-        return bool(np.linalg.det(self.matrix) < 0.0)
-
-    @property
-    def gains(self) -> tuple[Estimate, Estimate]:
-        """Motion of the scale over the command, of each axis [1]."""
-        return self._column(0)[0], self._column(1)[0]
-
-    @property
-    def directions(self) -> tuple[Estimate, Estimate]:
-        """Direction in which each axis moves the scale, from x towards y [rad]."""
-        return self._column(0)[1], self._column(1)[1]
-
-    def _column(self, axis: int) -> tuple[Estimate, Estimate]:
-        at = [2 + axis, 4 + axis]
-        v, cov = self.state[at], self.covariance[np.ix_(at, at)]
-        size = math.hypot(v[0], v[1])
-        if size == 0.0:
-            raise ModelError("nothing is known of this axis yet: make a trial move with it")
-        along = v / size
-        across = np.array([-along[1], along[0]])
-        return (
-            _plain(size, math.sqrt(along @ cov @ along), "1"),
-            _plain(math.atan2(v[1], v[0]), math.sqrt(across @ cov @ across) / size, "rad"),
-        )
 
     def measured(self, vector: ArrayLike, covariance: ArrayLike) -> "MoveModel":
         """Return what is known after a measurement [m], each weighed by its uncertainty."""
@@ -181,8 +234,8 @@ def unknown_moves(
     --------
     >>> model = unknown_moves((30e-6, -20e-6), 1e-16 * np.eye(2))
     >>> model = model.moved((10e-6, 0.0)).measured((39e-6, -17e-6), 1e-16 * np.eye(2)).square()
-    >>> print(f"{model.gains[0].value:.3f} at {np.degrees(model.directions[0].value):.2f} deg")
-    0.949 at 18.43 deg
+    >>> print(model.matrix.round(3).tolist())
+    [[0.9, -0.3], [0.3, 0.9]]
     """
     e, cov = np.asarray(vector, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
     J = np.zeros((2, 2)) if matrix is None else np.asarray(matrix, dtype=np.float64)
@@ -229,10 +282,6 @@ def length_prediction(vector: ArrayLike, covariance: ArrayLike, *, note: str = "
     low, high = (float(end) for end in np.quantile(length, (0.025, 0.975)))
     mean, spread = float(length.mean()), float(length.std())
     return Estimate.of(mean, spread, "m", source="prediction", bounds=(low, high), note=note)
-
-
-def _plain(value: float, uncertainty: float, unit: str) -> Estimate:
-    return Estimate.of(value, uncertainty, unit, source="moves")
 
 
 Approach = Literal["direct", "from below"]

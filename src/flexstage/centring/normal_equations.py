@@ -10,8 +10,6 @@ from flexstage.errors import RecordError
 
 #: Samples that are worked on together: their tables stay in the processor's own memory.
 _CHUNK = 4096
-#: Functions that are more alike than this cannot be told apart in double precision.
-_WORST_CONDITION = 1e9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -188,9 +186,11 @@ class HarmonicProblem:
 
 def solved(equations: NormalEquations, orders: tuple[int, ...]) -> Array:
     """Return the coefficients, shape (p, m); `orders` are for the message."""
+    # functions that are more alike than this cannot be told apart in double precision.
+    worst_condition = 1e9
     gram = equations.gram.sum(axis=0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
-    if np.linalg.cond(gram * np.outer(scale, scale)) > _WORST_CONDITION:
+    if np.linalg.cond(gram * np.outer(scale, scale)) > worst_condition:
         raise RecordError(
             f"the samples do not separate the harmonics up to order {orders[-1]}: more than "
             f"{2 * orders[-1]} different angles in a turn are needed, without large gaps; fit "

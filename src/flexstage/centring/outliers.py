@@ -12,21 +12,13 @@ from flexstage.arrays import Array
 from flexstage.centring.turns import Turns
 from flexstage.errors import RecordError
 
-# a normal distribution's rms over the median of its absolute values
-_RMS_OVER_MEDIAN = 1.4826022185056018
-# a quarter of a normal distribution is within this many rms of its mean
-_QUARTILE = 0.3186393639643752
 # constants of Huber's and Tukey's weights, at which 95 % of the efficiency for normal noise is kept
 _HUBER, _TUKEY = 1.345, 4.685
 _ROUNDS = 60
 #: Up to this share is left out at once, in so many rounds.
 FEW, _FEW_ROUNDS = 0.01, 6
-#: More than this share that stands out, most of it alone, is no handful of outliers.
-_MOST = 0.25
 #: Share of a residual from which a neighbour, or another turn, has it too.
 _SHARED = 0.5
-#: Samples that a median is taken of, at most.
-_SAMPLED = 50_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,9 +35,9 @@ class Outlier:
     """How far it is from what the others say, in the same unit."""
 
 
-def stands_out(residual: Array, relative_weight: Array | None = None) -> bool:
+def stands_out(residual: Array) -> bool:
     """Say whether a residual is too large for normal noise of the size of the others."""
-    size = _sizes(residual, relative_weight)
+    size = np.abs(residual)
     return bool(size.max() > _threshold(size.size) * _spread(size))
 
 
@@ -54,7 +46,6 @@ def without_outliers(
     start: Array,
     value_size: float,
     turns: Turns,
-    relative_weight: Array | None = None,
 ) -> NDArray[np.bool_]:
     """Return which samples to keep.
 
@@ -71,25 +62,26 @@ def without_outliers(
     Technometrics 16). Of normal noise one record in twenty or fewer loses a sample, however long it
     is.
     """
-    base = np.ones(start.size) if relative_weight is None else relative_weight
+    # more than this share that stands out, most of it alone, is no handful of outliers.
+    most = 0.25
     floor = 1e-13 * value_size
-    few = _few(solve, base, start, floor, turns, relative_weight)
+    few = _few(solve, start, floor, turns)
     if few is not None:
         return few
     residual = start
     for weigh, rounds in ((_huber, _ROUNDS // 4), (_tukey, _ROUNDS)):
         last = math.inf
         for _ in range(rounds):
-            size = _sizes(residual, relative_weight)
+            size = np.abs(residual)
             spread = max(_spread(size), floor)
-            residual = solve(base * weigh(size / spread))
+            residual = solve(weigh(size / spread))
             if abs(spread - last) <= 1e-4 * spread:
                 break
             last = spread
-    near = _near(residual, floor, relative_weight)
-    keep = near | _of_the_scale(residual, ~near, turns, relative_weight)
+    near = _near(residual, floor)
+    keep = near | _of_the_scale(residual, ~near, turns)
     alone = int(keep.size - keep.sum())
-    if near.mean() < 1.0 - _MOST and alone > 0.5 * (near.size - near.sum()):
+    if near.mean() < 1.0 - most and alone > 0.5 * (near.size - near.sum()):
         raise RecordError(
             f"{near.size - int(near.sum())} of {near.size} samples stand out from the others, "
             f"{alone} of them singly: too many for outliers; check the columns and their units, or "
@@ -100,45 +92,42 @@ def without_outliers(
 
 def _few(
     solve: Callable[[Array], Array],
-    base: Array,
     start: Array,
     floor: float,
     turns: Turns,
-    relative_weight: Array | None,
 ) -> NDArray[np.bool_] | None:
     """Return which to keep where a few stand out so far that leaving them out changes no other."""
     residual, last = start, np.ones(start.size, dtype=bool)
     for _ in range(_FEW_ROUNDS):
-        near = _near(residual, floor, relative_weight)
-        keep = near | _of_the_scale(residual, ~near, turns, relative_weight)
+        near = _near(residual, floor)
+        keep = near | _of_the_scale(residual, ~near, turns)
         if np.array_equal(keep, last):
             return keep
         if keep.mean() < 1.0 - FEW:
             return None
-        residual, last = solve(base * keep), keep
+        residual, last = solve(keep.astype(np.float64)), keep
     return None
 
 
-def _near(residual: Array, floor: float, relative_weight: Array | None) -> NDArray[np.bool_]:
+def _near(residual: Array, floor: float) -> NDArray[np.bool_]:
     """Say of each sample whether it does not stand out from the fit."""
-    size = _sizes(residual, relative_weight)
+    size = np.abs(residual)
     return size <= _threshold(size.size) * max(_spread(size), floor)
 
 
-def _of_the_scale(
-    residual: Array, suspect: NDArray[np.bool_], turns: Turns, relative_weight: Array | None
-) -> NDArray[np.bool_]:
+def _of_the_scale(residual: Array, suspect: NDArray[np.bool_], turns: Turns) -> NDArray[np.bool_]:
     """Say of each suspect sample whether others have its error too: it is the scale's then."""
     at = np.flatnonzero(suspect)
     out = np.zeros(residual.size, dtype=bool)
     if at.size:
-        left = residual if relative_weight is None else residual * np.sqrt(relative_weight)
-        out[at] = _in_a_run(left, at, turns) | _repeated(left, at, turns)
+        out[at] = _in_a_run(residual, at, turns) | _repeated(residual, at, turns)
     return out
 
 
 def _in_a_run(left: Array, at: NDArray[np.intp], turns: Turns) -> NDArray[np.bool_]:
     """Say whether the sample before or after has the error too, or is as near as samples are."""
+    # a quarter of a normal distribution is within this many rms of its mean
+    quartile = 0.3186393639643752
     order = np.arange(left.size)
     if turns.direction == 0:
         order = np.argsort(turns.angle % (2.0 * math.pi), kind="stable")
@@ -148,7 +137,7 @@ def _in_a_run(left: Array, at: NDArray[np.intp], turns: Turns) -> NDArray[np.boo
     beside = [sign * left[order[(rank[at] + k) % left.size]] for k in (-1, 1)]
     nearest = np.maximum(*beside)
     # white noise of rms s has steps of rms s sqrt(2); each outlier makes two, so not their median
-    step = float(np.quantile(np.abs(np.diff(left[order])), 0.25)) / (_QUARTILE * math.sqrt(2.0))
+    step = float(np.quantile(np.abs(np.diff(left[order])), 0.25)) / (quartile * math.sqrt(2.0))
     return (nearest > _SHARED * size) | (size - nearest <= _threshold(left.size) * step)
 
 
@@ -173,14 +162,13 @@ def _repeated(left: Array, at: NDArray[np.intp], turns: Turns) -> NDArray[np.boo
     return (others > 0) & (2 * shared > others)
 
 
-def _sizes(residual: Array, relative_weight: Array | None) -> Array:
-    size = np.abs(residual)
-    return size if relative_weight is None else size * np.sqrt(relative_weight)
-
-
 def _spread(size: Array) -> float:
-    step = max(1, size.size // _SAMPLED)
-    return _RMS_OVER_MEDIAN * float(np.median(size[::step]))
+    # samples that a median is taken of, at most
+    sampled = 50_000
+    # a normal distribution's rms over the median of its absolute values
+    rms_over_median = 1.4826022185056018
+    step = max(1, size.size // sampled)
+    return rms_over_median * float(np.median(size[::step]))
 
 
 def _threshold(count: int) -> float:

@@ -8,25 +8,111 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.centring.centre_reading import CentreReading
+from flexstage.arrays import Array
+from flexstage.centring.calibration_table import CalibrationTable
+from flexstage.centring.eccentricity import Eccentricity
+from flexstage.centring.geometry import require_radius
 from flexstage.centring.move import (
     Approach,
     MoveModel,
     PlannedMove,
+    Positioner,
     move_errors,
     planned_move,
     unknown_moves,
 )
-from flexstage.centring.positioner import Positioner
+from flexstage.centring.vector_interval import length_estimate
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 
-#: The longest trial move, as a share of the stroke: the gain beyond it is known less well.
-_LONGEST_TRIAL = 0.6
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CentreReading:
+    """A measured eccentricity."""
+
+    vector: Array
+    """Centre of the scale, x and y in the frame that turns with the table [m], shape (2,)."""
+    covariance: Array
+    """Its covariance [m^2], shape (2, 2)."""
+    degrees_of_freedom: float = math.inf
+    """Those of the covariance."""
+
+    @property
+    def length(self) -> Estimate:
+        """The eccentricity [m]."""
+        return length_estimate(
+            self.vector, self.covariance, "m", degrees_of_freedom=self.degrees_of_freedom
+        )
+
+    def covers(self, vector: ArrayLike) -> bool:
+        """Say whether the 95 % region of the centre holds a point, x and y [m].
+
+        It is the ellipse of Hotelling (1931, Annals of Mathematical Statistics 2), of known shape.
+        """
+        from scipy.special import chdtri, fdtri
+
+        off = np.asarray(vector, dtype=np.float64) - self.vector
+        dof = self.degrees_of_freedom
+        far = chdtri(2.0, 0.05) if math.isinf(dof) else 2.0 * fdtri(2.0, dof, 0.95)
+        return bool(off @ np.linalg.solve(self.covariance, off) <= far)
+
+
+def centre_reading(found: Eccentricity) -> CentreReading:
+    """Return an eccentricity that was found from heads or indicators as the procedure takes it.
+
+    Examples
+    --------
+    >>> from flexstage.centring import HeadReadings, eccentricity
+    >>> t = 2.0 * np.pi * np.arange(90) / 90
+    >>> read = HeadReadings(angle=t, error=1e-3 * np.sin(t - 0.3))
+    >>> found = centre_reading(eccentricity(read, radius=50e-3))
+    >>> print(f"{1e6 * found.vector[0]:.3f} um, {1e6 * found.vector[1]:.3f} um")
+    47.767 um, 14.776 um
+    """
+    return CentreReading(
+        vector=found.vector,
+        covariance=found.covariance,
+        degrees_of_freedom=min(found.x.degrees_of_freedom, found.y.degrees_of_freedom),
+    )
+
+
+def table_reading(table: CalibrationTable, radius: float) -> CentreReading:
+    r"""Return the eccentricity that the first order of a table of errors stands for.
+
+    `radius` is that at which the scale is read [m].
+
+    .. math:: e_x = R\, b_1, \quad e_y = -R\, a_1
+
+    Validity
+    --------
+    Errors of order 1 that the lines of the scale have themselves are in it: no number of heads, and
+    no move, tells the two apart, since a move shows no more than a difference. It is their sum that
+    makes the readings wrong, and that a move removes. Where the place of the rim matters and not
+    the reading, use indicators on it. For uneven sampling, the mean uncertainty of both directions
+    is taken for each.
+
+    Examples
+    --------
+    >>> from flexstage.centring import against_reference
+    >>> t = 2.0 * np.pi * np.arange(90) / 90
+    >>> read = 1e-3 * np.sin(t - 0.3)
+    >>> table = against_reference(t, read, heads=[0.0], orders=range(1, 5), noise=5e-6)
+    >>> found = table_reading(table, 50e-3)
+    >>> print(f"{1e6 * found.length.value:.2f} um, {1e6 * found.length.uncertainty:.3f} um")
+    50.00 um, 0.037 um
+    """
+    require_radius(radius)
+    a, b = table.harmonic(1)
+    u = float(table.order_uncertainty[table.orders.index(1)])
+    return CentreReading(
+        vector=radius * np.array([b, -a]),
+        covariance=(radius * u) ** 2 * np.eye(2),
+        degrees_of_freedom=table.degrees_of_freedom,
+    )
+
+
 #: The shortest one, in uncertainties of what it is measured and set with.
 _SHORTEST_TRIAL = 30.0
-#: A move is worth while if it is expected to leave less than this share.
-_WORTH_WHILE = 0.9
 _AXES = ("x", "y")
 
 
@@ -229,9 +315,11 @@ def trial_position(now: float, limits: tuple[float, float], wanted: float) -> fl
     ModelError
         There is no room.
     """
+    # the longest trial move, as a share of the stroke: the gain beyond it is known less well.
+    longest_trial = 0.6
     low, high = limits
     room = max(high - now, now - low)
-    length = min(wanted, _LONGEST_TRIAL * (high - low), room)
+    length = min(wanted, longest_trial * (high - low), room)
     if not length > 0.0:
         raise ModelError("there is no room for a trial move")
     return now + (length if high - now >= now - low else -length)
@@ -271,9 +359,11 @@ def _measured(
 
 
 def _worth_while(plan: PlannedMove, now: CentreReading) -> bool:
+    # A move is worth while if it is expected to leave less than this share.
+    worth_while = 0.9
     if not np.any(plan.by):
         return False
-    return plan.remaining.value < _WORTH_WHILE * max(now.length.value, now.length.uncertainty)
+    return plan.remaining.value < worth_while * max(now.length.value, now.length.uncertainty)
 
 
 def _why(plan: PlannedMove, last: CentringStep, target: float) -> str:

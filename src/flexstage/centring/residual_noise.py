@@ -11,16 +11,8 @@ from flexstage.centring.normal_equations import NormalEquations
 
 #: Fewer free frequencies than this say nothing of a spectrum.
 _LEAST_FREE = 24
-#: Frequencies of the record that are nearer to a multiple of one per turn belong to it.
-_BESIDE = 0.75
-#: Standard deviations that the power at them must be more by than that between them.
-_REPEATED = 3.0
-#: Groups of frequencies that a spectrum is fitted to.
-_GROUPS = 240
 #: Gain of log likelihood from which noise counts as correlated.
 _GAIN = 3.0
-#: The slowest noise that is allowed for is a walk over the record: that bounds what can be beyond.
-_LEAST_FREEDOM = 3.0
 
 
 def from_turns(
@@ -84,6 +76,8 @@ def from_spectrum(
     --------
     Samples that follow one another at about equal steps.
     """
+    # frequencies of the record that are nearer to a multiple of one per turn belong to it.
+    nearest = 0.75
     n = residual.size
     power = np.abs(np.fft.rfft(residual)[1:]) ** 2 / n
     bins = np.arange(1, power.size + 1, dtype=np.float64)
@@ -93,7 +87,7 @@ def from_spectrum(
     if n % 2 == 0:
         free[-1] = False  # its power has but one degree of freedom
     if turn is not None:
-        beside = np.abs(bins - np.rint(bins / (turn * n)) * turn * n) >= _BESIDE
+        beside = np.abs(bins - np.rint(bins / (turn * n)) * turn * n) >= nearest
         if _repeats(power[free & ~beside], power[free & beside]):
             free &= beside
         else:
@@ -117,14 +111,18 @@ def from_spectrum(
 
 def _repeats(own: Array, beside: Array) -> bool:
     """Say whether there is more at the multiples of one per turn than chance puts there."""
+    # standard deviations that the power at them must be more by than that between them.
+    repeated = 3.0
     if own.size == 0 or beside.size < _LEAST_FREE:
         return False
     chance = math.sqrt(1.0 / own.size + 1.0 / beside.size)
-    return bool(own.mean() > (1.0 + _REPEATED * chance) * beside.mean())
+    return bool(own.mean() > (1.0 + repeated * chance) * beside.mean())
 
 
 def _coloured(at: Array, power: Array, n: int, f: Array) -> tuple[Array, Array] | None:
     """Return the spectrum at frequencies and its degrees of freedom; None where it is white."""
+    # the slowest noise that is allowed for is a walk over the record, which bounds what is beyond
+    least_freedom = 3.0
     at, own, count = _grouped(at, power)
     if not _looks_correlated(at, own, count):
         return None
@@ -139,13 +137,15 @@ def _coloured(at: Array, power: Array, n: int, f: Array) -> tuple[Array, Array] 
     spread = np.einsum("ij,jk,ik->i", own_gradient, np.linalg.pinv(information), own_gradient)
     # of chi squared with nu degrees the logarithm has the variance 2 / nu + 2 / nu^2, nearly
     freedom = (1.0 + np.sqrt(1.0 + 2.0 * spread)) / np.maximum(spread, 1e-12)
-    return level * _shape(f, rho, theta), np.maximum(freedom, _LEAST_FREEDOM)
+    return level * _shape(f, rho, theta), np.maximum(freedom, least_freedom)
 
 
 def _grouped(at: Array, power: Array) -> tuple[Array, Array, Array]:
     """Average neighbouring frequencies, more of them the higher they are."""
+    # groups of frequencies that a spectrum is fitted to.
+    groups = 240
     edges = np.unique(
-        np.rint(np.geomspace(1.0, at.size + 1.0, min(_GROUPS, at.size + 1))).astype(np.intp) - 1
+        np.rint(np.geomspace(1.0, at.size + 1.0, min(groups, at.size + 1))).astype(np.intp) - 1
     )
     edges = edges[edges < at.size]
     count = np.diff(np.append(edges, at.size)).astype(np.float64)

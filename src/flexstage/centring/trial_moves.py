@@ -3,26 +3,21 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.centring.harmonic_fit import Harmonic
+from flexstage.centring.setting import MAGNET, Setting
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 
 Follows = Literal["in proportion", "as the square"]
 
-#: What a relation may leave of the change that the moves made, where the noise is less.
-_LEFT = 0.15
 #: The least gain over the greatest, from which both directions are known.
 _ROUND = 0.05
-#: The change that moves made, over its uncertainty, from which it is one.
-_SEEN = 4.0
-#: The same, up to which proportion is taken without asking for a square.
-_NEARLY = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,6 +83,12 @@ def response_to_moves(positions: ArrayLike, harmonics: Sequence[Harmonic]) -> Or
     of it is the scale's own. The positions count as exact: an error of theirs shows in what is
     left.
     """
+    # the change that moves made, over its uncertainty, from which it is one
+    significant = 4.0
+    # the same, up to which proportion is taken without asking for a square
+    nearly = 0.05
+    # what a relation may leave of the change that the moves made, where the noise is less
+    left = 0.15
     p = np.asarray(positions, dtype=np.float64)
     if p.ndim != 2 or p.shape[1:] != (2,) or p.shape[0] != len(harmonics):
         raise RecordError(
@@ -104,9 +105,9 @@ def response_to_moves(positions: ArrayLike, harmonics: Sequence[Harmonic]) -> Or
     constant = _least_squares(np.tile(np.eye(2), (len(u), 1, 1)), z, weights)
     change = constant.left
     noise = math.sqrt(sum(float(np.trace(h.covariance)) for h in harmonics) / len(u))
-    name, sign, best = _chosen(u, z, weights, max(_NEARLY * change, 2.0 * noise))
-    seen = change > _SEEN * noise
-    fits_well = best.left <= max(_LEFT * change, 2.0 * noise)
+    name, sign, best = _chosen(u, z, weights, max(nearly * change, 2.0 * noise))
+    seen = change > significant * noise
+    fits_well = best.left <= max(left * change, 2.0 * noise)
     known = seen and fits_well
     gain, centre, covariance = _vanishes(best) if sign is None else _stands_still(best, sign)
     x = y = None
@@ -235,4 +236,99 @@ def _estimate(value: float, uncertainty: float, positions: int) -> Estimate:
         "m",
         source="records at the positions",
         degrees_of_freedom=freedom if freedom > 0.0 else math.inf,
+    )
+
+
+def trial(
+    settings: Sequence[Setting], positions: Sequence[tuple[float, float]], kind: str | None
+) -> dict[str, Any]:
+    """Return how the harmonics of settings follow the positions, as plain data."""
+    if kind == MAGNET and len(settings) < 4:
+        raise RecordError(
+            "which order of a magnet follows the stage, in proportion or as the square, takes four "
+            "positions, better five: measure at one more, such as '20,20'"
+        )
+    at = [{h.order: h for h in s.harmonics} for s in settings]
+    shared = sorted(set.intersection(*(set(one) for one in at)))
+    found = [response_to_moves(positions, [one[n] for one in at]) for n in shared]
+    best = _best(found, kind)
+    last = positions[-1]
+    out: dict[str, Any] = {
+        "positions": [list(p) for p in positions],
+        "unit": "m",
+        "harmonic_unit": "m" if settings[0].heads[0].radial else "rad",
+        "orders": [_as_data(r) for r in found],
+        "order": None if best is None else best.order,
+        "notes": _notes(best, kind, len(settings), last),
+    }
+    if best is not None and best.x is not None and best.y is not None:
+        out["centre"] = {
+            "x": best.x.value, "y": best.y.value, "unit": "m",
+            "uncertainty_x": best.x.uncertainty, "uncertainty_y": best.y.uncertainty,
+            "move_from_last": [best.x.value - last[0], best.y.value - last[1]],
+        }  # fmt: skip
+    return out
+
+
+def _best(found: list[OrderResponse], kind: str | None) -> OrderResponse | None:
+    """The order that eccentricity shows in: 1, but of a magnet the one that says most of it."""
+    known = [r for r in found if r.x is not None and r.y is not None]
+    if kind != MAGNET:
+        return next((r for r in known if r.order == 1 and r.follows == "in proportion"), None)
+    return min(known, key=_unsure, default=None)
+
+
+def _unsure(r: OrderResponse) -> float:
+    return math.inf if r.x is None or r.y is None else math.hypot(r.x.uncertainty, r.y.uncertainty)
+
+
+def _as_data(r: OrderResponse) -> dict[str, Any]:
+    return {
+        "order": r.order,
+        "change": r.change,
+        "left": r.left,
+        "follows": r.follows,
+        "gain": r.gain,
+        "x": None if r.x is None else r.x.value,
+        "y": None if r.y is None else r.y.value,
+        "uncertainty_x": None if r.x is None else r.x.uncertainty,
+        "uncertainty_y": None if r.y is None else r.y.uncertainty,
+    }
+
+
+def _notes(
+    best: OrderResponse | None, kind: str | None, count: int, last: tuple[float, float]
+) -> list[str]:
+    if best is None:
+        which = "no order follows" if kind == MAGNET else "order 1 does not follow"
+        return [
+            f"{which} the positions in both directions: no centre is given; check --stage-at, make "
+            "the moves larger, or measure at more positions"
+        ]
+    notes = []
+    if count == 3:
+        notes.append(
+            "three positions are as many as proportion has numbers: a fourth would show whether it "
+            "holds"
+        )
+    if _is_there(best, last):
+        notes.append(
+            "the move from the last position is within its uncertainty: the scale is centred as "
+            "well as these records tell"
+        )
+    if best.follows == "in proportion":
+        notes.append(
+            f"there the whole of order {best.order} vanishes, with what of it is the scale's or "
+            "its signals' own: measure again there"
+        )
+    return notes
+
+
+def _is_there(best: OrderResponse, last: tuple[float, float]) -> bool:
+    """Say whether a position is the centre, as far as that is known with 95 % confidence."""
+    return (
+        best.x is not None
+        and best.y is not None
+        and best.x.covers(last[0])
+        and best.y.covers(last[1])
     )

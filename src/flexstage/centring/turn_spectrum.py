@@ -9,11 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array, Complex
 from flexstage.errors import RecordError
 
-#: The largest share of a turn that may lie between two neighbouring samples.
-_WIDEST_GAP = 0.1
-#: Largest condition of the normal equations: beyond it a harmonic is not told from its neighbours.
-_WORST_CONDITION = 1e6
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TurnSpectrum:
@@ -137,12 +132,16 @@ def _transformed(theta: Array, y: Array, n: NDArray[np.int64], per_turn: int) ->
 
 
 def _fitted(theta: Array, y: Array, n: NDArray[np.int64]) -> TurnSpectrum:
+    # the largest share of a turn that may lie between two neighbouring samples
+    widest_gap = 0.1
+    # largest condition of the normal equations: beyond it a harmonic is not told from others
+    worst_condition = 1e6
     at = np.sort(np.mod(theta, 2.0 * np.pi))
     gap = float(np.max(np.diff(np.append(at, at[0] + 2.0 * np.pi))))
-    if gap > _WIDEST_GAP * 2.0 * np.pi:
+    if gap > widest_gap * 2.0 * np.pi:
         raise RecordError(
             f"the angles leave a gap of {np.degrees(gap):.3g} degrees, and may leave one of "
-            f"{360.0 * _WIDEST_GAP:g}: measure a whole turn, and give the angles in radians"
+            f"{360.0 * widest_gap:g}: measure a whole turn, and give the angles in radians"
         )
     phase = np.multiply.outer(theta, n.astype(np.float64))
     X = np.hstack((np.ones((theta.size, 1)), np.cos(phase), -np.sin(phase)))
@@ -151,7 +150,7 @@ def _fitted(theta: Array, y: Array, n: NDArray[np.int64]) -> TurnSpectrum:
             f"{n.size} orders and a mean need at least {X.shape[1]} samples, got {theta.size}"
         )
     normal = X.T @ X
-    if np.linalg.cond(normal) > _WORST_CONDITION:
+    if np.linalg.cond(normal) > worst_condition:
         raise RecordError(
             "the angles do not separate the orders: ask for fewer, or sample more evenly"
         )

@@ -52,15 +52,12 @@ class MeanTurn:
     """Number of turns."""
 
 
-def find_turns(angle: ArrayLike, *, period: float = _TURN) -> Turns:
+def find_turns(angle: ArrayLike) -> Turns:
     """Take the wraps out of an angle, and find the turns.
 
-    The angle rises or falls; `period` is one turn in its unit: 360, the counts of an encoder... The
-    turns have it in rad.
-
-    An angle that goes over more than one period is taken to have no wraps. Of another, a step of
-    more than half a period is a wrap. Where samples follow one another
-    in no order, the angle stays as it is.
+    The angle [rad] rises or falls. One that goes over more than a turn is taken to have no wraps.
+    Of another, a step of more than half a turn is a wrap. Where samples follow one another in no
+    order, the angle stays as it is.
 
     Validity
     --------
@@ -68,12 +65,10 @@ def find_turns(angle: ArrayLike, *, period: float = _TURN) -> Turns:
 
     Examples
     --------
-    >>> turns = find_turns([350.0, 110.0, 230.0, 350.5, 110.5, 229.0], period=360.0)
+    >>> turns = find_turns(np.radians([350.0, 110.0, 230.0, 350.5, 110.5, 229.0]))
     >>> print(f"{turns.count:.2f} turns, the last angle is {np.degrees(turns.angle[-1]):.0f} deg")
     2.00 turns, the last angle is 949 deg
     """
-    if not 0.0 < period < math.inf:
-        raise RecordError(f"the period of an angle must be positive, got {period!r}")
     raw = np.asarray(angle, dtype=np.float64)
     if raw.ndim != 1 or raw.size < 2 or not np.isfinite(raw).all():
         raise RecordError(
@@ -81,7 +76,7 @@ def find_turns(angle: ArrayLike, *, period: float = _TURN) -> Turns:
         )
     if raw.max() == raw.min():
         raise RecordError(f"the angle is {raw[0]:g} in all samples: the table did not turn")
-    u = raw / period
+    u = raw / _TURN
     steps = np.diff(u)
     if u.max() - u.min() <= 1.0 + 1e-6 + float(np.median(np.abs(steps))):
         wrapped = steps - np.rint(steps)
@@ -90,7 +85,7 @@ def find_turns(angle: ArrayLike, *, period: float = _TURN) -> Turns:
         if abs(forward) >= 0.5 * float(np.abs(wrapped).sum()):
             u = u[0] + np.concatenate(([0.0], np.cumsum(wrapped)))
             # the sum of the steps gathers rounding: the fraction is that of the angle itself
-            u = raw / period + np.rint(u - raw / period)
+            u = raw / _TURN + np.rint(u - raw / _TURN)
     return _described(u)
 
 
@@ -125,11 +120,11 @@ def _places(u: Array) -> int:
     return int(np.unique(np.rint((u % 1.0) * 1e6)).size)
 
 
-def unwrap_error(error: ArrayLike, *, period: float = _TURN) -> Array:
+def unwrap_error(error: ArrayLike) -> Array:
     """Take whole turns out of errors that were made as the difference of two wrapped angles.
 
-    They are then within half a turn of their mean direction, that of the first turn. `period` is
-    one turn in their unit.
+    Errors are in rad. They are then within half a turn of their mean direction, that of the first
+    turn.
 
     Validity
     --------
@@ -137,19 +132,17 @@ def unwrap_error(error: ArrayLike, *, period: float = _TURN) -> Array:
 
     Examples
     --------
-    >>> print(unwrap_error([0.02, -359.97, 360.01, -0.01], period=360.0).round(3))
+    >>> print(np.degrees(unwrap_error(np.radians([0.02, -359.97, 360.01, -0.01]))).round(3))
     [ 0.02  0.03  0.01 -0.01]
     """
-    if not 0.0 < period < math.inf:
-        raise RecordError(f"the period of an error must be positive, got {period!r}")
     raw = np.asarray(error, dtype=np.float64)
     if not np.isfinite(raw).all():
         raise RecordError("an error must be finite in all samples")
-    if raw.size == 0 or float(np.ptp(raw)) < 0.5 * period:
+    if raw.size == 0 or float(np.ptp(raw)) < 0.5 * _TURN:
         return raw.copy()
-    turned = np.exp(2j * math.pi * raw / period)
-    middle = float(np.angle(turned.mean())) * period / _TURN
-    return raw - period * np.rint((raw - middle) / period)
+    turned = np.exp(2j * math.pi * raw / _TURN)
+    middle = float(np.angle(turned.mean()))
+    return raw - _TURN * np.rint((raw - middle) / _TURN)
 
 
 def mean_turn(angle: ArrayLike, value: ArrayLike, *, parts: int = 360) -> MeanTurn:

@@ -10,11 +10,6 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array
 from flexstage.estimate import Estimate
 
-#: Beyond this many standard uncertainties a length is as good as normal.
-_FAR = 8.0
-#: Parts of the distribution of a variance that a probability is averaged over.
-_SHARES = 60
-
 
 def length_estimate(
     vector: ArrayLike,
@@ -45,6 +40,8 @@ def length_estimate(
     >>> print(f"{1e6 * length.value:.2f} um, {1e6 * low:.2f} to {1e6 * high:.2f} um")
     0.32 um, 0.00 to 0.66 um
     """
+    # beyond this many standard uncertainties a length is as good as normal.
+    far = 8.0
     v = np.asarray(vector, dtype=np.float64)
     cov = np.asarray(covariance, dtype=np.float64)
     length = math.hypot(v[0], v[1])
@@ -52,7 +49,7 @@ def length_estimate(
     along = v / length if length > 0.0 else np.array([1.0, 1.0]) / math.sqrt(2.0)
     u = math.sqrt(max(float(along @ cov @ along), 0.0))
     bounds = None
-    if u > 0.0 and length < _FAR * u:
+    if u > 0.0 and length < far * u:
         bounds = _rice_interval(length, u, degrees_of_freedom)
     return Estimate.of(length, u, unit, degrees_of_freedom=degrees_of_freedom, bounds=bounds)
 
@@ -113,12 +110,14 @@ def _rice_interval(length: float, u: float, dof: float) -> tuple[float, float]:
 
 def _likely_variances(dof: float) -> Array:
     """Return variances, all equally likely, where their estimate is 1."""
+    # parts of the distribution of a variance that a probability is averaged over.
+    most_shares = 60
     from scipy.special import chdtri
 
     if not math.isfinite(dof) or dof > 1e4:
         return np.ones(1)
     # the better it is known the fewer values stand for it
-    shares = min(_SHARES, max(8, math.ceil(1200.0 / dof)))
+    shares = min(most_shares, max(8, math.ceil(1200.0 / dof)))
     return dof / np.asarray(chdtri(dof, (np.arange(shares) + 0.5) / shares))
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.centring.positioner import Positioner, PositionerAxis
+from flexstage.centring.move import Positioner, PositionerAxis
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
 from flexstage.experiments.axis_limits import AxisSetting, axis_setting, estimated_stroke

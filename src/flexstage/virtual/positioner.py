@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.centring.positioner import Positioner, PositionerAxis
+from flexstage.centring.move import Positioner, PositionerAxis
 from flexstage.errors import ModelError
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.stage.assumptions import CONVERTER_BITS, POSITION_NOISE, SETTLING, VOLTAGE_RANGE

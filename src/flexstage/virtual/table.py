@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
-from flexstage.centring.against_reference import against_reference
-from flexstage.centring.centre_reading import CentreReading, centre_reading, table_reading
+from flexstage.centring.calibration import against_reference, self_calibration
 from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ScaleKind, exact_error
-from flexstage.centring.self_calibration import self_calibration
+from flexstage.centring.procedure import CentreReading, centre_reading, table_reading
 from flexstage.centring.turn_spectrum import whole_orders
 from flexstage.errors import ModelError, RecordError
 from flexstage.records import Channel, Record
@@ -281,7 +280,7 @@ class VirtualBench:
         The stage, such as a `flexstage.virtual.VirtualPositioner`.
     method : {"reference", "heads alone", "eccentricity"}
         How the readings are evaluated: compared with the reference of angle, by
-        `flexstage.centring.against_reference.against_reference`; with one another, of two heads or
+        `flexstage.centring.calibration.against_reference`; with one another, of two heads or
         more; or by `flexstage.centring.eccentricity.eccentricity`, which looks for outliers and
         correlated noise and takes longer.
     orders : iterable of int

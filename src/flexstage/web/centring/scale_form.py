@@ -5,8 +5,8 @@ from typing import Any
 
 from nicegui import ui
 
+from flexstage.centring.from_records import MAGNET
 from flexstage.centring.geometry import SCALE_KINDS
-from flexstage.centring.record_heads import MAGNET
 from flexstage.web.centring.state import CentringState, Source
 from flexstage.web.page import Page, quiet_button
 
