@@ -380,6 +380,16 @@ def test_tdms(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.time, 0.0025 * np.arange(5), atol=1e-9)
 
 
+def test_without_the_library_of_labview_a_sentence_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "run.tdms"
+    path.write_bytes(b"TDSm")
+    monkeypatch.setitem(sys.modules, "nptdms", None)
+    with pytest.raises(RecordError, match=r'a TDMS file .* pip install "flexstage\[labview\]"'):
+        read_record(path)
+
+
 def test_tdms_of_two_rates(tmp_path: Path) -> None:
     path = tdms(tmp_path / "a.tdms", wave("u", U), wave("y", Y, 0.016))
     with pytest.raises(RecordError, match="sampled at different times"):

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from flexstage.errors import ModelError
+from flexstage.web.live.chart import packed, spectrum
 from flexstage.web.live.history import POSITION, VOLTAGE, HistoryWindow, LiveChannel, LiveHistory
-from flexstage.web.live.transfer import packed, spectrum
 
 TEN_SECONDS = {"mode": "time", "length": "10"}
 CHANNELS = (LiveChannel("u", VOLTAGE), LiveChannel("x", POSITION))
@@ -160,20 +160,11 @@ class _Page:
         self.got.append(count)
 
 
-def test_another_clock_begins_anew() -> None:
+def test_times_that_go_back_are_refused() -> None:
     times, values = samples(3000, 100.0)
     history = filled(times, values, 100.0, hours=0.1, parts=3)
-    page = _Page()
-    page.take(packed(history, TEN_SECONDS))
     with pytest.raises(ModelError, match="times of samples rise: 1 s to 1 s came after"):
         history.append([1.0], values[:1])
-    history.clear()
-    assert history.span is None
-    history.append([1.0, 1.2], values[:2])
-    found = packed(history, TEN_SECONDS | page.known())
-    assert np.frombuffer(found, "<f8", 13)[11:].tolist() == [1.0, 1.2]
-    np.testing.assert_array_equal(np.frombuffer(found, "<f8", 11)[9:], values[1])
-    assert history.span == (1.0, 1.2)
 
 
 def test_a_channel_without_a_value_leaves_a_gap() -> None:

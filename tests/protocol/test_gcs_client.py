@@ -4,6 +4,7 @@ import math
 import os
 import pty
 import re
+import sys
 import threading
 import tty
 from contextlib import closing
@@ -440,6 +441,12 @@ def test_a_conversation_over_a_serial_port():
 def test_a_serial_port_that_is_not_there_says_so():
     with pytest.raises(NotConnectedError, match="cannot open the serial port /dev/no-such-port"):
         SerialLink("/dev/no-such-port")
+
+
+def test_without_the_library_of_serial_ports_a_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(NotConnectedError, match=r'pip install "flexstage\[serial\]"'):
+        SerialLink("/dev/ttyUSB0")
 
 
 def test_an_address_where_nothing_listens_says_so():

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from flexstage.errors import ModelError
+from flexstage.web.live.chart import PATH, SharedHistories
 from flexstage.web.live.history import POSITION, VOLTAGE, LiveChannel, LiveHistory
-from flexstage.web.live.transfer import SharedHistories
 from tests.panel import HERE, simulated
 
 ASKED = {"mode": "time", "length": "0.2"}
@@ -52,7 +52,8 @@ def require_units(user: Any, panel: Any) -> None:
 
 async def require_answers(user: Any, panel: Any) -> None:
     history = LiveHistory([LiveChannel("x", POSITION)], 100.0)
-    address = panel.state(SharedHistories).add(history)
+    panel.state(SharedHistories)[history.key] = history
+    address = PATH + history.key
     history.append(np.arange(30) / 100.0, np.arange(30.0)[:, None])
     ask = user.http_client.get
     answer = await ask(address, params=ASKED)

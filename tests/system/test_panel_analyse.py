@@ -20,7 +20,7 @@ from flexstage.report.figures.surface import outer_faces, sharp_edges
 from flexstage.studies.models import MODELS, ModelOptions, fitting_options, run_model
 from flexstage.web.analyse.bode import reading, readings_table
 from flexstage.web.analyse.convergence import errors_table, meshes_table
-from flexstage.web.analyse.moving_stage import sent_state, sent_surface
+from flexstage.web.analyse.shapes import sent_state, sent_surface
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.tables import figures_tables, hinges_table, modes_table
 from flexstage.web.analyse.work import Analysed, analysed, saved

@@ -28,13 +28,13 @@ from flexstage.records import Channel, Record, read_record, write_record
 from flexstage.web.bench import link
 from flexstage.web.bench.control import GONE, Control
 from flexstage.web.bench.link import BenchLink
-from flexstage.web.bench.loops import loop_figures
 from flexstage.web.bench.outcome import run_name
 from flexstage.web.bench.runs import (
     AboutRun,
     WaveformOrder,
     carry_out,
     left_over,
+    loop_figures,
     made_waveform,
     recovered,
     run_command,

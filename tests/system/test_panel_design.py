@@ -21,12 +21,11 @@ from flexstage.studies.models import analyse_model
 from flexstage.web.design.state import FIRST, FIRST_OPEN, DesignState, Variant
 from flexstage.web.design.work import (
     checked,
-    corrected_rows,
     drawing_found,
     exported,
     exported_into,
     figures_table,
-    lumped_rows,
+    rows_of,
     slopes_of,
     stage_file,
     template_of,
@@ -91,7 +90,7 @@ def test_a_slider_changes_the_figures_and_undo_takes_it_back(tmp_path: Path) -> 
 
 def test_figures_of_both_models_stand_under_their_names() -> None:
     variant = thinner()
-    rows, finer = lumped_rows(variant), corrected_rows(variant)
+    rows, finer = rows_of(variant, "lumped"), rows_of(variant, "superelement")
     shown = figures_table(Preferences(length="mm"), rows, finer, None)
     names = ["rigid bodies", "finite elements, condensed"]
     assert [c.heading for c in shown.columns] == ["figure", "axis", *names]
@@ -109,7 +108,7 @@ def test_a_figure_that_fails_its_criterion_is_marked() -> None:
     neck = next(p for p in GUIDE.parameters if p.name == "actuator.travel")
     far = Variant(GUIDE).changed(neck.name, 6.0 * neck.value, neck.value)
     for variant, failing in ((Variant(GUIDE), []), (far, BOTH)):
-        shown = figures_table(Preferences(), lumped_rows(variant), None, None)
+        shown = figures_table(Preferences(), rows_of(variant, "lumped"), None, None)
         marked = [row[0].text for row in shown.rows if any(cell.failing for cell in row)]
         assert marked == failing
         assert ("fails: at least 1 is required" in table_html(shown)) is bool(failing)
@@ -117,7 +116,7 @@ def test_a_figure_that_fails_its_criterion_is_marked() -> None:
 
 def test_a_new_page_opens_on_a_guide_whose_six_dimensions_move_its_figures(tmp_path: Path) -> None:
     variant = Variant(StageTemplate.of(FIRST))
-    found = slopes_of(variant, lumped_rows(variant))
+    found = slopes_of(variant, rows_of(variant, "lumped"))
     moving = np.abs(found.elasticities).max(axis=0) > 1e-3
     names = [v.name for v, moves in zip(found.variables, moving, strict=True) if moves]
     # the travel is that of a screw that is bought
@@ -140,11 +139,11 @@ def test_a_new_page_opens_on_a_guide_whose_six_dimensions_move_its_figures(tmp_p
 
 def test_slopes_are_those_of_the_variant_that_is_shown() -> None:
     variant = thinner()
-    found = slopes_of(variant, lumped_rows(variant))
+    found = slopes_of(variant, rows_of(variant, "lumped"))
     column = [v.name for v in found.variables].index("leg.notch.neck_thickness")
     row = next(k for k, f in enumerate(found.figures) if f.quantity == "natural_frequency_hz")
     less, more = (
-        next(r.value for r in lumped_rows(thinner(s)) if r.quantity == "natural_frequency_hz")
+        next(r.value for r in rows_of(thinner(s), "lumped") if r.quantity == "natural_frequency_hz")
         for s in (0.9 - 1e-4, 0.9 + 1e-4)
     )
     expected = math.log(more / less) / math.log((0.9 + 1e-4) / (0.9 - 1e-4))
@@ -166,7 +165,9 @@ def test_a_saved_file_is_the_stage_that_is_shown(tmp_path: Path) -> None:
     path.write_text(stage_file(variant, "mine"), encoding="utf-8")
     assert find_stage(path) == replace(variant.stage(), name="mine")
     again = Variant(template_of(path))
-    assert [r.value for r in lumped_rows(again)] == [r.value for r in lumped_rows(variant)]
+    assert [r.value for r in rows_of(again, "lumped")] == [
+        r.value for r in rows_of(variant, "lumped")
+    ]
 
 
 def test_several_exports_are_one_archive_and_one_file_is_itself() -> None:
@@ -251,7 +252,7 @@ def test_a_variant_forgets_what_is_put_back() -> None:
     ((name, _),) = variant.values
     usual = next(p.value for p in GUIDE.parameters if p.name == name)
     assert variant.changed(name, usual, usual) == Variant(GUIDE)
-    lumped = {r.quantity: r.value for r in lumped_rows(variant) if r.axis == "x"}
+    lumped = {r.quantity: r.value for r in rows_of(variant, "lumped") if r.axis == "x"}
     own = analyse_model(variant.stage(), "lumped").characteristics
     assert lumped["transmission_ratio"] == next(
         r.value for r in own if (r.quantity, r.axis) == ("transmission_ratio", "x")

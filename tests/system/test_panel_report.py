@@ -14,8 +14,14 @@ from flexstage.cli import main
 from flexstage.designs import StageTemplate
 from flexstage.studies import results_json, run_study, study_results
 from flexstage.web.design.state import DesignState, Variant
-from flexstage.web.report.work import StudyChoice, write_report
-from flexstage.web.report.written import FILES, WrittenReport, new_folder, written_reports
+from flexstage.web.reports import (
+    FILES,
+    StudyChoice,
+    WrittenReport,
+    new_folder,
+    write_report,
+    written_reports,
+)
 from flexstage.web.views.report import ReportState
 from tests.panel import OUT, looked_at, simulated
 

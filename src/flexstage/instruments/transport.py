@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.lazy import require_extra
 
 if TYPE_CHECKING:
     import serial
@@ -222,6 +223,7 @@ class SerialLink(Transport):
     """
 
     def __init__(self, port: str, *, baud: int = DEFAULT_BAUD, timeout: float = 5.0) -> None:
+        require_extra("serial", "serial", "a serial port", NotConnectedError)
         import serial
 
         self._port, self._baud = port, baud

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
+from flexstage.lazy import require_extra
 from flexstage.records.columns import FileColumns
 from flexstage.records.datasets import StoredArray, Tree, chosen_columns, unreadable
 
@@ -22,6 +23,7 @@ def read_tdms(path: Path, dataset: str | None = None) -> FileColumns:
     `dataset` is a group, ``run1``, or channels, ``run1/drive,run1/position``. Their properties
     ``wf_increment`` and ``wf_start_offset`` give the times.
     """
+    require_extra("labview", "nptdms", "a TDMS file of LabVIEW", RecordError)
     from nptdms import TdmsFile
 
     try:

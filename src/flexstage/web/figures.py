@@ -1,33 +1,25 @@
 """Pictures in the front panel: those of the report as they are, and charts that one can touch."""
 
-from base64 import b64encode
-from html import escape
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
+from flexstage.files.names import file_name
+from flexstage.files.write import write_whole
 from flexstage.report.page import table_html
 from flexstage.table import Table
-from flexstage.web.pictures import chart_figure, inline
+from flexstage.web.page import Page, div, in_page_words, remark
+from flexstage.web.pictures import chart_figure
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 
-def picture(figure: "Figure", says: str) -> ui.html:
-    """Show a figure of the report, which follows the look of the page; `says` is read aloud."""
-    shown = ui.html("", sanitize=False).classes("picture")
-    shown.content = inline(lambda: figure, f"picture{shown.id}", says)
-    return shown
-
-
-def image(svg: str, says: str) -> ui.html:
-    """Show a drawing that is a file of its own (SVG), apart from the page."""
-    data = b64encode(svg.encode()).decode()
-    return ui.html(
-        f'<img class="drawing" alt="{escape(says)}" src="data:image/svg+xml;base64,{data}">',
-        sanitize=False,
-    ).classes("picture")
+def picture(svg: str) -> ui.html:
+    """Show a figure of the report, made by `inline`: it follows the look of the page."""
+    return ui.html(svg, sanitize=False).classes("picture")
 
 
 def chart(data: list[dict[str, Any]], layout: dict[str, Any], says: str) -> ui.plotly:
@@ -55,3 +47,43 @@ def chart(data: list[dict[str, Any]], layout: dict[str, Any], says: str) -> ui.p
 def show_table(table: Table) -> ui.html:
     """Show a table as the report has it."""
     return ui.html(table_html(table), sanitize=False).classes("tables")
+
+
+def in_page(shown: Table) -> Table:
+    """Return a table with its words as the page says them."""
+    rows = (tuple(replace(c, text=in_page_words(c.text)) for c in row) for row in shown.rows)
+    return replace(shown, rows=tuple(rows))
+
+
+def show_lines(lines: Iterable[str], look: str = "") -> None:
+    """Show sentences, one below the other."""
+    for line in lines:
+        ui.label(in_page_words(line)).classes(look)
+
+
+def figure(name: str, value: str, note: str = "") -> None:
+    """Show one figure in large type."""
+    with div("key-figure"):
+        remark(name)
+        ui.label(in_page_words(value)).classes("large")
+        if note:
+            remark(in_page_words(note))
+
+
+def save(page: Page, name: str, content: bytes) -> None:
+    """Write a file into the folder of the view, and give it to the browser."""
+    with page.sentences():
+        stem, dot, ending = name.rpartition(".")
+        path = page.panel.folder("hysteresis") / f"{file_name(stem)}{dot}{ending}"
+        write_whole(path, content)
+        ui.download.content(content, path.name)
+        ui.notify(f"saved as {path}", type="positive")
+
+
+def sentence(words: str) -> str:
+    """Return words of the library as a sentence."""
+    if not words:
+        return ""
+    # the name of a file stays as it is
+    is_name = "." in words.split(" ", 1)[0]
+    return f"{words[:1] if is_name else words[:1].upper()}{words[1:]}."

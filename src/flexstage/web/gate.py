@@ -2,13 +2,60 @@
 
 import logging
 from collections.abc import Awaitable, Callable, MutableMapping
+from html import escape
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
-from flexstage.web.entrance import page_of_entrance, page_of_password, page_of_refusal
 from flexstage.web.options import PanelOptions
 from flexstage.web.sessions import Access
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title>{head}
+<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">
+<style>
+:root {{ color-scheme: light dark; }}
+body {{ font: 16px/1.5 sans-serif; max-width: 34rem; margin: 15vh auto; padding: 0 1rem; }}
+input, button {{ font: inherit; padding: .4rem .7rem; }}
+form {{ display: flex; gap: .6rem; align-items: end; flex-wrap: wrap; }}
+label {{ display: grid; gap: .2rem; }}
+</style></head><body><main><h1>flexstage</h1>{body}</main></body></html>
+"""
+
+
+def page_of_entrance() -> str:
+    """Return the page that goes on to the panel."""
+    return _PAGE.format(
+        title="flexstage",
+        head='<meta http-equiv="refresh" content="0; url=/">',
+        body='<p><a href="/">To the front panel</a></p>',
+    )
+
+
+def page_of_password(action: str, said: str = "") -> str:
+    """Return the page that asks for the password, with what was wrong before."""
+    alert = f'<p role="alert">{escape(said.capitalize())}.</p>' if said else ""
+    return _PAGE.format(
+        title="flexstage: password",
+        head="",
+        body=f'{alert}<form method="post" action="{action}"><label>Password'
+        '<input type="password" name="password" autocomplete="current-password" required autofocus>'
+        "</label><button>Open the front panel</button></form>",
+    )
+
+
+def page_of_refusal(reason: str, enter: str | None = None) -> str:
+    """Return the page that says why a request was refused, and how to come in."""
+    way = (
+        f'<p><a href="{enter}">Enter the password</a>.</p>'
+        if enter
+        else "<p>Open the newest address that <code>flexstage serve</code> printed; each opens the "
+        "panel once, in one browser.</p>"
+    )
+    return _PAGE.format(
+        title="flexstage: refused", head="", body=f"<p>Refused: {escape(reason)}.</p>{way}"
+    )
+
 
 #: Refusals are logged here.
 LOG = logging.getLogger("flexstage.web")
@@ -110,7 +157,7 @@ class Gate:
         token = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token")
         if path == "/" and token and scope["method"] == "GET":
             if not self._access.spend(token[0]):
-                if self._has_session(scope):
+                if self._access.session(_secret(scope)):
                     return False
                 raise Refused(401, "this address was opened before, or is not of this server")
             self._opened()
@@ -149,9 +196,6 @@ class Gate:
         # a page that goes on by itself: behind a redirect from a link in another page the browser
         # would hold the strict cookie back
         await _page(send, 200, page_of_entrance(), (b"set-cookie", cookie.encode()))
-
-    def _has_session(self, scope: Scope) -> bool:
-        return self._access.session(_secret(scope)) is not None
 
     def _session(self, scope: Scope) -> object:
         session = self._access.session(_secret(scope))

@@ -19,9 +19,7 @@ _LOG = logging.getLogger("flexstage.web")
 
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 _KEPT = 200  # finished jobs that are remembered
-_SPARE = 1  # idle processes that are kept for the next job
 _AT_ONCE = 3  # a long job of one person leaves room for the short ones of others
-_NICE = 5  # the page, and what drives a stage, come first
 
 
 class Cancelled(BaseException):
@@ -122,10 +120,6 @@ class Jobs:
         self._thread(job, lambda: _in_thread(job, function, arguments))
         return job
 
-    def get(self, job_id: str) -> BackgroundJob | None:
-        """Return a job by its id."""
-        return self._jobs.get(job_id)
-
     def of(self, owner: str) -> list[BackgroundJob]:
         """Return the jobs of a session, the newest first."""
         with self._lock:
@@ -197,14 +191,13 @@ class Jobs:
         except (EOFError, OSError) as error:
             raise WorkerError("its process was ended from outside: start it again") from error
         finally:
-            self._put_back(worker if kept else None, worker)
-
-    def _put_back(self, kept: "_Worker | None", worker: "_Worker") -> None:
-        with self._lock:
-            if kept is not None and not self._closed and len(self._idle) < _SPARE:
-                self._idle.append(kept)
-                return
-        worker.end()
+            with self._lock:
+                # one idle process is kept for the next job
+                kept = kept and not (self._closed or self._idle)
+                if kept:
+                    self._idle.append(worker)
+            if not kept:
+                worker.end()
 
 
 def _in_thread(job: BackgroundJob, function: Callable[..., Any], arguments: Any) -> None:
@@ -250,7 +243,7 @@ def _work(connection: Connection) -> None:
     # an interrupt at the terminal is for the panel, which ends this process
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
-        os.nice(_NICE)
+        os.nice(5)  # the page, and what drives a stage, come first
 
     def tell(what: str, share: float) -> None:
         connection.send(("progress", what, share))

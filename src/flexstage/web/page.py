@@ -7,7 +7,7 @@ from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from nicegui import Client, background_tasks, ui
 from nicegui.elements.mixins.text_element import TextElement
@@ -18,10 +18,8 @@ from flexstage.web.gate import SESSION
 from flexstage.web.jobs import BackgroundJob, Jobs
 from flexstage.web.options import PanelOptions
 from flexstage.web.preferences import Preferences
-from flexstage.web.sessions import Access, Session
+from flexstage.web.sessions import Access, Session, States
 from flexstage.web.stops import Stops
-
-S = TypeVar("S")
 
 _LOOK_AT_JOBS = 0.25  # s
 _OPTION = re.compile(r"`[^`]*`|(?<![\w-])--([a-z][a-z-]*[a-z])")
@@ -29,8 +27,8 @@ _MICRO = re.compile(r"\bu(?=(m|rad|V|A)\b)|(?<=\d )u(?=s\b)")
 
 
 @dataclass(eq=False)
-class Panel:
-    """A front panel: what all of its pages share."""
+class Panel(States):
+    """A front panel: what all of its pages share, such as a connected stage."""
 
     options: PanelOptions
     """How it is served."""
@@ -40,13 +38,6 @@ class Panel:
     """Long work."""
     stops: Stops = field(default_factory=Stops)
     """What the button STOP stops."""
-    _states: dict[type, Any] = field(default_factory=dict)
-
-    def state(self, kind: type[S], make: Callable[[], S] | None = None) -> S:
-        """Return what all browsers share, as a connected stage, by its class; made when asked."""
-        if kind not in self._states:
-            self._states[kind] = (make or kind)()
-        return self._states[kind]
 
     def folder(self, name: str) -> Path:
         """Return a folder for the files of a view, made where it is not there."""
@@ -106,7 +97,6 @@ class Page:
         self,
         job: BackgroundJob,
         over: Callable[[BackgroundJob], None],
-        every: float = _LOOK_AT_JOBS,
     ) -> ui.timer:
         """Call a function in this page once when a job is over; it may be over already."""
 
@@ -115,7 +105,7 @@ class Page:
                 timer.cancel()
                 over(job)
 
-        timer = ui.timer(every, look)
+        timer = ui.timer(_LOOK_AT_JOBS, look)
         return timer
 
 
@@ -205,6 +195,33 @@ class PanelHeading(TextElement):
         super().__init__(tag=f"h{level}", text=text)
 
 
+def div(classes: str) -> ui.element:
+    """Return a part of a page, by its classes in `static/panel.css`."""
+    return ui.element("div").classes(classes)
+
+
+def panel(classes: str = "") -> ui.element:
+    """Return a part of a page with a ground of its own."""
+    return ui.element("section").classes(f"panel {classes}")
+
+
+def remark(text: str) -> ui.label:
+    """Return a text that is set back: small and pale."""
+    return ui.label(text).classes("muted small")
+
+
+def choice(
+    options: Any,
+    value: Any,
+    label: str,
+    changed: Callable[[Any], object] | None = None,
+    **more: Any,
+) -> ui.select:
+    """Return a field whose value is one of some, or several of them."""
+    field = ui.select(options, value=value, label=label, on_change=changed, **more)
+    return field.props("dense options-dense outlined")
+
+
 def named_dialog(name: str) -> ui.dialog:
     """Return a dialog whose name is read aloud when it opens."""
     dialog = ui.dialog()
@@ -249,3 +266,84 @@ def show_job(
             over(job)
 
     page.watch(job, ended)
+
+
+class Task:
+    """Long work of one kind.
+
+    Parameters
+    ----------
+    page
+        The page.
+    jobs
+        Jobs of the session whose result nobody has taken, by what they are for.
+    key
+        What it is for.
+    place
+        Where its progress is shown.
+    done
+        Called with the result.
+    failed
+        Called with the sentence that says why there is none; it is shown where not given.
+    elsewhere
+        Called where another page of this browser has taken the result: that before a reload.
+    """
+
+    def __init__(
+        self,
+        page: Page,
+        jobs: dict[str, BackgroundJob],
+        key: str,
+        place: ui.element,
+        done: Callable[[Any], object],
+        failed: Callable[[str], object] | None = None,
+        elsewhere: Callable[[], object] | None = None,
+    ) -> None:
+        self._page, self._jobs, self._key, self._place = page, jobs, key, place
+        self._done, self._failed, self._elsewhere = done, failed or _complain, elsewhere
+        self.attach()
+
+    @property
+    def running(self) -> bool:
+        """Whether it is being done."""
+        job = self._jobs.get(self._key)
+        return job is not None and not job.is_over
+
+    def stop(self) -> None:
+        """Let nobody wait for it any more."""
+        if (before := self._jobs.pop(self._key, None)) is not None:
+            before.cancel()
+
+    def start(self, name: str, function: Callable[..., Any], *arguments: Any) -> None:
+        """Start it, in place of what is being done."""
+        self.stop()
+        owner = self._page.session.id
+        self._jobs[self._key] = self._page.panel.jobs.start(name, function, *arguments, owner=owner)
+        self.attach()
+
+    def attach(self) -> None:
+        """Show how far it is, and take its result."""
+        job = self._jobs.get(self._key)
+        if job is not None:
+            with self._place:
+                show_job(self._page, job)
+                self._page.watch(job, self._over)
+
+    def _over(self, job: BackgroundJob) -> None:
+        if self._jobs.get(self._key) is not job:
+            if self._elsewhere is not None and job.state == "done":
+                self._elsewhere()
+            return
+        del self._jobs[self._key]
+        if job.state == "done":
+            self._done(job.result)
+        elif job.state == "failed":
+            self._failed(self._page.words(job.error))
+        else:
+            self._failed("")
+
+
+def _complain(sentence: str) -> None:
+    """Show why there is no result; who has cancelled it knows."""
+    if sentence:
+        complain(sentence)

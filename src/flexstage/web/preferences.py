@@ -45,12 +45,12 @@ class Preferences:
                 return replace(known, shown_unit=chosen, factor=units[chosen])
         return known
 
-    def length_unit(self, usual: str = "µm") -> tuple[str, float]:
-        """Return the unit of lengths and its factor, for axes; `usual` where none is chosen."""
-        unit = usual if self.length == AUTOMATIC else self.length
+    def length_unit(self) -> tuple[str, float]:
+        """Return the unit of lengths and its factor, for axes."""
+        unit = "µm" if self.length == AUTOMATIC else self.length
         return unit, LENGTHS[unit]
 
-    def angle_unit(self, usual: str = "µrad") -> tuple[str, float]:
+    def angle_unit(self) -> tuple[str, float]:
         """Return the unit of angles and its factor, for axes."""
-        unit = usual if self.angle == AUTOMATIC else self.angle
+        unit = "µrad" if self.angle == AUTOMATIC else self.angle
         return unit, ANGLES[unit]

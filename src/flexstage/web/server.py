@@ -51,9 +51,9 @@ def application(options: PanelOptions, announce: Callable[[], object] = lambda: 
     from nicegui import ui
 
     from flexstage.web.gate import Gate
-    from flexstage.web.live.chart import add_live_charts
+    from flexstage.web.live.chart import add_live_data
     from flexstage.web.page import Panel
-    from flexstage.web.report.written import serve_reports
+    from flexstage.web.reports import serve_reports
     from flexstage.web.sessions import Access
     from flexstage.web.shell import add_style, build_page
 
@@ -61,7 +61,7 @@ def application(options: PanelOptions, announce: Callable[[], object] = lambda: 
     outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_style()
     serve_reports(outer, panel.options.folder / "report")
-    add_live_charts(outer, panel)
+    add_live_data(outer, panel)
     ui.run_with(
         outer,
         root=partial(build_page, panel),

@@ -64,9 +64,26 @@ class History(Generic[S]):
         return bool(self._after)
 
 
+@dataclass(eq=False, kw_only=True)
+class States:
+    """What views keep, each by its class."""
+
+    _states: dict[type, Any] = field(default_factory=dict)
+
+    def state(self, kind: type[S], make: Callable[[], S] | None = None) -> S:
+        """Return what a view keeps; made when it is first asked for."""
+        if kind not in self._states:
+            self._states[kind] = (make or kind)()
+        return self._states[kind]
+
+    def opened(self, kind: type[S]) -> S | None:
+        """Return what a view keeps, where it was ever opened."""
+        return self._states.get(kind)
+
+
 @dataclass(eq=False)
-class Session:
-    """A browser that came in, and what it has open."""
+class Session(States):
+    """A browser that came in, and what its views keep for it."""
 
     id: str = field(default_factory=lambda: secrets.token_hex(6))
     """Its name in the log and in the list of jobs: no secret."""
@@ -74,17 +91,6 @@ class Session:
     """Units and look."""
     seen: float = 0.0
     """When its browser was last seen, by the clock of the access [s]."""
-    _states: dict[type, Any] = field(default_factory=dict)
-
-    def state(self, kind: type[S], make: Callable[[], S] | None = None) -> S:
-        """Return what a view keeps for this browser, by its class; made when it is first asked."""
-        if kind not in self._states:
-            self._states[kind] = (make or kind)()
-        return self._states[kind]
-
-    def opened(self, kind: type[S]) -> S | None:
-        """Return what a view keeps for this browser, where it was ever opened."""
-        return self._states.get(kind)
 
 
 class Access:

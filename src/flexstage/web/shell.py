@@ -12,12 +12,9 @@ from nicegui import Client, app, background_tasks, ui
 from flexstage.report.figures.style import css_variables
 from flexstage.web.gate import SESSION
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Page, Panel, PanelHeading, pages_of, quiet_button, show_job
+from flexstage.web.page import Page, Panel, PanelHeading, choice, pages_of, quiet_button, show_job
 from flexstage.web.preferences import ANGLES, AUTOMATIC, LENGTHS, LOOKS
 from flexstage.web.views import START, VIEWS, PanelView
-
-_LOOK = 0.5  # time between looks at what is being done [s]
-_LONG = 2.0  # work that takes longer is shown in the bar [s]
 
 
 def build_page(panel: Panel) -> None:
@@ -97,11 +94,12 @@ def _stop(page: Page) -> None:
 
 def _jobs(page: Page) -> None:
     """Put the long work of this browser into the bar: how far it is, also after a reload."""
+    shown_after = 2.0  # [s]
 
     def running() -> list[BackgroundJob]:
         now = time.time()
         mine = page.panel.jobs.of(page.session.id)
-        return [job for job in mine if not job.is_over and now - job.began > _LONG]
+        return [job for job in mine if not job.is_over and now - job.began > shown_after]
 
     with quiet_button(icon="hourglass_top").props("text-color=white") as button:
         badge = ui.badge().props("floating color=warning")
@@ -125,7 +123,7 @@ def _jobs(page: Page) -> None:
             menu.close()
 
     menu.on("before-show", show)
-    ui.timer(_LOOK, look)
+    ui.timer(0.5, look)
 
 
 def _settings(page: Page, views: Any) -> None:
@@ -149,8 +147,7 @@ def _settings(page: Page, views: Any) -> None:
         ui.column().classes("settings"),
     ):
         for name, label, values in choices:
-            select = ui.select(list(values), value=getattr(preferences, name), label=label)
-            select.on_value_change(partial(choose, name)).props("dense options-dense outlined")
+            choice(list(values), getattr(preferences, name), label, partial(choose, name))
         quiet_button("Log out", icon="logout", on_click=partial(_log_out, page))
 
 

@@ -17,7 +17,7 @@ from flexstage.web.analyse.shapes import NOTHING_YET
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import Analysed
 from flexstage.web.figures import chart, show_table
-from flexstage.web.page import Page
+from flexstage.web.page import Page, choice, div, remark
 from flexstage.web.pictures import chart_figure
 
 _NAMES = "AB"
@@ -69,7 +69,7 @@ class Bode:
         self._shown = page.session.state(AnalyseState).shown
         self._found: dict[str, Analysed] = {}
         self._chart: ui.plotly | None = None
-        self._place = ui.element("div").classes("bode")
+        self._place = div("bode")
 
     def show(self, found: dict[str, Analysed]) -> None:
         """Show the responses of what was found, by model."""
@@ -95,14 +95,10 @@ class Bode:
         drives = list(dict.fromkeys(d for d, _ in pairs))
         probes = list(dict.fromkeys(p for _, p in pairs))
         with ui.row().classes("items-center choices"):
-            for options, value, label, choose in (
-                (drives, shown.pair[0], "Drive", self._choose_drive),
-                (probes, shown.pair[1], "Probe", self._choose_probe),
-                (_CONDITIONS, shown.bode_drives, "Drives", self._choose_condition),
-            ):
-                ui.select(options, value=value, label=label, on_change=choose).props(
-                    "dense options-dense outlined"
-                )
+            choose = self._choose
+            choice(drives, shown.pair[0], "Drive", lambda e: choose(drive=e.value))
+            choice(probes, shown.pair[1], "Probe", lambda e: choose(probe=e.value))
+            choice(_CONDITIONS, shown.bode_drives, "Drives", lambda e: choose(condition=e.value))
             self._fields = [self._cursor_field(k) for k in range(2)]
         self._require_cursors()
         self._chart = chart(*self._figure(), self._says())
@@ -110,11 +106,11 @@ class Bode:
         # its cursors can be reached, which is more than a picture has
         self._chart.props["role"] = "figure"
         self._chart.classes("tall").on("plotly_relayout", self._dragged)
-        self._readings = ui.element("div").classes("full-width")
+        self._readings = div("full-width")
         one = next(iter(self._found.values()))
-        ui.label(
+        remark(
             f"Drag a cursor, or type its frequency. Damping of the modes: {_damping_words(one)}."
-        ).classes("muted small")
+        )
         self._read()
 
     def _cursor_field(self, k: int) -> ui.number:
@@ -220,17 +216,12 @@ class Bode:
         if moved:
             self._redraw()
 
-    def _choose_drive(self, event: events.ValueChangeEventArguments) -> None:
-        self._shown.pair = (event.value, (self._shown.pair or ("", ""))[1])
-        self._redraw()
-
-    def _choose_probe(self, event: events.ValueChangeEventArguments) -> None:
-        self._shown.pair = ((self._shown.pair or ("", ""))[0], event.value)
-        self._redraw()
-
-    def _choose_condition(self, event: events.ValueChangeEventArguments) -> None:
-        self._shown.bode_drives = event.value
-        self._require_cursors()
+    def _choose(self, *, drive: str = "", probe: str = "", condition: Any = None) -> None:
+        before = self._shown.pair or ("", "")
+        self._shown.pair = (drive or before[0], probe or before[1])
+        if condition:
+            self._shown.bode_drives = condition
+            self._require_cursors()
         self._redraw()
 
 

@@ -10,8 +10,8 @@ from flexstage.quantities import number
 from flexstage.table import Table, table
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import Analysed
-from flexstage.web.figures import show_table
-from flexstage.web.page import Page, quiet_button
+from flexstage.web.figures import picture, show_table
+from flexstage.web.page import Page, div, quiet_button
 from flexstage.web.preferences import Preferences
 
 
@@ -30,7 +30,7 @@ class Convergence:
         self._page = page
         self._state = page.session.state(AnalyseState)
         self._start = start
-        self._place = ui.element("div").classes("full-width stacked")
+        self._place = div("full-width stacked")
 
     def show(self, found: dict[str, Analysed]) -> None:
         """Show what is known."""
@@ -39,7 +39,7 @@ class Convergence:
         estimated = [one for one in found.values() if one.options.estimate]
         with self._place:
             for one in refined:
-                ui.html(one.convergence, sanitize=False).classes("picture")
+                picture(one.convergence)
                 show_table(meshes_table(self._page.preferences, one))
             for one in (*refined, *estimated):
                 with ui.expansion(f"Estimated errors, {title_of(one.model)}", value=True):
@@ -48,22 +48,20 @@ class Convergence:
                 ui.label(
                     "Refine the mesh of a model of finite elements to see how its figures settle."
                 ).classes("muted")
-                ui.button(f"Refine {title_of('plane')}", on_click=self._refine).classes("own-width")
+                ui.button(
+                    f"Refine {title_of('plane')}", on_click=lambda: self._ask("refine", "plane")
+                ).classes("own-width")
             if not estimated:
                 ui.label(
                     "Condensed bodies estimate their errors by a lower order and more modes."
                 ).classes("muted")
-                quiet_button("Estimate errors", on_click=self._estimate).props("outline").classes(
-                    "own-width"
-                )
+                quiet_button(
+                    "Estimate errors", on_click=lambda: self._ask("estimate", "superelement")
+                ).props("outline").classes("own-width")
 
-    def _refine(self) -> None:
-        self._state.asked.refine = True
-        self._start("plane")
-
-    def _estimate(self) -> None:
-        self._state.asked.estimate = True
-        self._start("superelement")
+    def _ask(self, name: str, model: str) -> None:
+        setattr(self._state.asked, name, True)
+        self._start(model)
 
 
 def meshes_table(preferences: Preferences, one: Analysed) -> Table:

@@ -11,7 +11,7 @@ from flexstage.quantities import QUANTITIES, number
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import analysed
 from flexstage.web.design.state import DesignState, Variant
-from flexstage.web.page import Page, PanelHeading, show_job
+from flexstage.web.page import Page, PanelHeading, div, show_job
 
 _PLANES = {"auto": "by width and neck", "stress": "plane stress", "strain": "plane strain"}
 _SUPPORTS = {"rigid": "rigid", "elastic": "elastic"}
@@ -45,10 +45,10 @@ class ModelsPanel:
             self._options()
 
     def _row(self, model: str) -> None:
-        with ui.element("div").classes("model"):
+        with div("model"):
             box = ui.checkbox(title_of(model), value=model in self._state.chosen).props("dense")
             status = ui.label().classes("small number")
-            working = ui.element("div").classes("working")
+            working = div("working")
             wrong = ui.label().classes("issue error")
         box.on_value_change(lambda event: self._choose(model, bool(event.value)))
         self._rows[model] = (status, working, wrong)
@@ -60,7 +60,7 @@ class ModelsPanel:
             element.classes("full-width").props(f'dense hint="{hint}" persistent-hint')
             element.bind_value(asked, name)
 
-        with ui.element("div").classes("fields"):
+        with div("fields"):
             field(ui.select(_PLANES, label="Plane state"), "plane", "models in the plane")
             field(ui.select(_SUPPORTS, label="Supports"), "supports", "all but rigid bodies")
         for label, name, hint in (
@@ -71,7 +71,7 @@ class ModelsPanel:
         ):
             box = ui.checkbox(f"{label} ({hint})").props("dense")
             box.bind_value(asked, name)
-        with ui.element("div").classes("fields").bind_visibility_from(asked, "refine"):
+        with div("fields").bind_visibility_from(asked, "refine"):
             percent = ui.number("To an accuracy of [%]", min=0.001, max=50, format="%g")
             field(percent, "percent", "relative change that is left")
             names = {name: QUANTITIES[name].label for name in _REFINED}
@@ -128,10 +128,6 @@ class ModelsPanel:
                 if job is not None:
                     with working:
                         show_job(self._page, job)
-            status.text = _told(known.seconds) if known else ""
+            status.text = f"done in {number(known.seconds, 2)} s" if known else ""
             wrong.text = self._state.failed.get(key, "")
             wrong.visible = bool(wrong.text)
-
-
-def _told(seconds: float) -> str:
-    return f"done in {number(seconds, 2)} s"

@@ -10,8 +10,6 @@ from flexstage.web.analyse.work import Analysed
 from flexstage.web.design.state import Variant
 from flexstage.web.jobs import BackgroundJob
 
-_KEPT = 20  # analyses with their pictures, some MB each
-
 Key = tuple[Variant, str]
 
 
@@ -109,6 +107,6 @@ class AnalyseState:
                 self._found.move_to_end(key)
             elif job.state == "failed":
                 self.failed[key] = job.error
-        while len(self._found) > _KEPT:
+        while len(self._found) > 20:  # with their pictures some MB each
             self._found.popitem(last=False)
         self.revision += len(over)

@@ -20,7 +20,6 @@ _FIRST = frozenset(
         "natural_frequency_with_stack_hz", "cross_coupling", "buckling_factor",
     )
 )  # fmt: skip
-_MODES = 6
 # An estimate of an error is seen above this part of the value [1]: the half of four digits.
 _SEEN = 5e-5
 
@@ -64,7 +63,7 @@ def _cell(row: Characteristic | None, shown: Quantity) -> Cell:
 def modes_table(found: Sequence[Analysed], drives: DriveCondition) -> Table:
     """Set the lowest natural frequencies of models side by side, in one condition of the drives."""
     columns = [one.analysis.modes[drives] for one in found if drives in one.analysis.modes]
-    count = min(_MODES, max((c.frequency_hz.size for c in columns), default=0))
+    count = min(6, max((c.frequency_hz.size for c in columns), default=0))
     rows = []
     for k in range(count):
         cells: list[str | Cell] = [str(k + 1)]

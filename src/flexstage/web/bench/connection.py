@@ -10,7 +10,7 @@ from flexstage.instruments.connect import DRIVERS
 from flexstage.web.bench.state import FIRST_ADDRESS, BenchForms, bench_of, kept, person
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState
-from flexstage.web.page import Page, PanelHeading, quiet_button
+from flexstage.web.page import Page, PanelHeading, choice, panel, quiet_button, remark
 
 _AFTER = {False: "everything stays as it is", True: "drives go to their safe voltages"}
 
@@ -28,7 +28,7 @@ class ConnectionBar:
         self._page, self._bench = page, bench_of(page)
         self._forms = page.session.state(BenchForms)
         self._connecting = False
-        self._area = ui.element("section").classes("panel bench-bar")
+        self._area = panel("bench-bar")
 
     def build(self) -> None:
         """Show it as it is now."""
@@ -46,26 +46,24 @@ class ConnectionBar:
     def _form(self) -> None:
         forms = self._forms
         PanelHeading("Connect to a stage")
-        self._said = ui.label(
+        self._said = remark(
             "Connecting moves nothing. The twin needs nothing of your own: connect, and try it."
-        ).classes("muted small")
+        )
         kinds = {scheme: driver.form for scheme, driver in DRIVERS.items()}
         scheme = urlsplit(forms.address).scheme
-        kind = ui.select(
+        kind = choice(
             {"twin": "The twin: a simulated stage"}
             | {s: f"{s}: as {form}" for s, form in kinds.items() if s != "twin"},
-            value=scheme if scheme in kinds else None,
-            label="Instrument",
-        ).props("dense options-dense outlined")
+            scheme if scheme in kinds else None,
+            "Instrument",
+        )
         address = kept(ui.input("Address"), forms, "address").props("dense outlined")
         kind.on_value_change(
             lambda e: address.set_value(FIRST_ADDRESS if e.value == "twin" else kinds[e.value])
         )
         StageChoice(self._page, lambda: None)
         kept(ui.input("Your name"), forms, "operator").props("dense outlined")
-        kept(ui.select(_AFTER, label="When disconnected"), forms, "leads_to_safe").props(
-            "dense options-dense outlined"
-        )
+        kept(choice(_AFTER, None, "When disconnected"), forms, "leads_to_safe")
         self._go = ui.button("Connect", on_click=self._connect)
         if self._connecting:
             self._wait()
@@ -106,7 +104,7 @@ class ConnectionBar:
         with ui.element("div"):
             ui.label(" ".join(w for w in words if w)).classes("instrument")
             kind = "simulated: nothing of it is a measurement" if identity.simulated else "real"
-            ui.label(f"{bench.stage.name} at {bench.address}, {kind}").classes("muted small")
+            remark(f"{bench.stage.name} at {bench.address}, {kind}")
         ui.space()
         self._control()
 
@@ -135,7 +133,7 @@ class ConnectionBar:
                 "Take control", on_click=lambda: self._do(control.take, me, person(self._page))
             )
         elif control.asks(me):
-            ui.label("you asked for control").classes("muted small")
+            remark("you asked for control")
         else:
             ui.button(
                 "Ask for control", on_click=lambda: self._do(control.ask, me, person(self._page))

@@ -31,7 +31,6 @@ _LOG = logging.getLogger("flexstage.web")
 
 #: Readings of positions and voltages in a second [Hz].
 RATE_HZ = 50.0
-_SLOW = 5  # readings of all else: every so many of those
 _AGAIN = 2.0  # time between attempts to open a lost link again [s]
 _UNDER_STOP = "bench"
 
@@ -167,7 +166,7 @@ class BenchLink:
         count, due = 0, time.monotonic()
         while not self._ended.is_set():
             try:
-                self._read(slow=count % _SLOW == 0)
+                self._read(slow=count % 5 == 0)
             except NotConnectedError as error:
                 self.lost, self.trouble = True, str(error)
                 self._open_again()
@@ -250,6 +249,18 @@ class BenchLink:
         self.control.require(session)
         self.cleared = on
 
+    def linked(self) -> Instrument:
+        """Return the instrument that is connected, with pauses that a stop ends.
+
+        Raises
+        ------
+        NotConnectedError
+            There is none.
+        """
+        if self.watched is None:
+            raise NotConnectedError("nothing is connected: connect first")
+        return self.watched
+
     def _require_clear(self) -> None:
         if self.device is not None and not (self.device.identity.simulated or self.cleared):
             raise ModelError("look whether the way of the stage is clear, and say so above")
@@ -263,15 +274,15 @@ class BenchLink:
             This browser does not drive, nothing is connected, or a run goes on.
         """
         self.control.require(session)
-        if self._work is None or self.watched is None:
-            raise ModelError("nothing is connected: connect first")
+        device = self.linked()
         if self.lost:
             raise NotConnectedError(f"the link is lost: {self.trouble}")
-        if self.busy and (self._moves or not self.watched.concurrent):
+        if self.busy and (self._moves or not device.concurrent):
             raise ModelError("a run goes on: wait for its end, or stop it")
         self._require_clear()
         if not self._pending:
             self._stopped.clear()
+        assert self._work is not None
         made = self._work.submit(self._do, function, arguments, self._stops_given)
         self._pending.append(made)
         made.add_done_callback(self._pending.remove)
@@ -280,9 +291,7 @@ class BenchLink:
     def _do(
         self, function: Callable[..., Any], arguments: tuple[Any, ...], stops_given: int
     ) -> Any:
-        device = self.watched
-        if device is None:
-            raise NotConnectedError("the link was ended")
+        device = self.linked()
         found: Any = None
         with nullcontext() if device.concurrent else self._reading:
             if stops_given == self._stops_given:
@@ -341,8 +350,9 @@ class BenchLink:
             This browser does not drive, nothing is connected, or something else goes on.
         """
         self.control.require(session)
-        if self.watched is None or self.lost:
-            raise NotConnectedError(f"there is no link: {self.trouble or 'connect first'}")
+        self.linked()
+        if self.lost:
+            raise NotConnectedError(f"the link is lost: {self.trouble}")
         if self.busy or self._pending:
             raise ModelError("something else goes on: wait for its end, or stop it")
         if moves:
@@ -354,10 +364,6 @@ class BenchLink:
         return self.job
 
     def _run(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        device = self.watched
-        if device is None:
-            raise NotConnectedError("the link was ended")
-        if device.concurrent:
-            return function(device, *arguments)
-        with self._reading:
+        device = self.linked()
+        with nullcontext() if device.concurrent else self._reading:
             return function(device, *arguments)

@@ -14,19 +14,24 @@ from flexstage.quantities import Quantity
 from flexstage.records import Record
 from flexstage.report.run_tables import figures_table, runs_table, shown_time
 from flexstage.report.tables import value_text
-from flexstage.web.bench.loops import REFERENCE, loop_figures
 from flexstage.web.bench.run_forms import RunForm
-from flexstage.web.bench.runs import LeftOver, RunOutcome, carry_out, earlier, left_over, recovered
+from flexstage.web.bench.runs import (
+    REFERENCE,
+    LeftOver,
+    RunOutcome,
+    carry_out,
+    earlier,
+    left_over,
+    loop_figures,
+    recovered,
+)
 from flexstage.web.figures import chart, show_table
 from flexstage.web.live.history import POSITION, VOLTAGE
-from flexstage.web.page import Page, PanelHeading, quiet_button
+from flexstage.web.page import Page, PanelHeading, choice, div, quiet_button, remark
 from flexstage.web.preferences import Preferences
 
 if TYPE_CHECKING:
     from flexstage.instruments.catalogue.entries import RunEntry
-
-_DRAWN = 4000  # points of a curve at most
-_LISTED = 20  # runs of the catalogue
 
 
 def show_outcome(page: Page, outcome: RunOutcome) -> None:
@@ -48,15 +53,15 @@ def show_outcome(page: Page, outcome: RunOutcome) -> None:
     if outcome.record is not None:
         if outcome.loop is not None:
             ui.label(_loop_words(outcome.record, outcome.loop))
-        with ui.element("div").classes("outcome"):
+        with div("outcome"):
             if outcome.loop is not None:
                 _loop(page.preferences, outcome.record, outcome.loop)
             # the voltage that was read lies upon the one that was commanded
             hidden = "command" if outcome.loop and outcome.loop[0] != "command" else ""
             _over_time(page.preferences, outcome.record, hidden)
     for note in outcome.notes:
-        ui.label(note).classes("muted small")
-    ui.label(f"It lies in {outcome.folder}").classes("muted small")
+        remark(note)
+    remark(f"It lies in {outcome.folder}")
 
 
 def _shown(preferences: Preferences, unit: str) -> Quantity:
@@ -67,8 +72,8 @@ def _titled(text: str) -> dict[str, Any]:
     return {"title": {"text": text}}
 
 
-def _thin(values: Array) -> Array:
-    return values[:: max(1, -(-values.size // _DRAWN))]
+def _thin(values: Array, most: int = 4000) -> Array:
+    return values[:: max(1, -(-values.size // most))]
 
 
 def _loop_words(record: Record, loop: tuple[str, str]) -> str:
@@ -139,13 +144,12 @@ class RunList(RunForm):
 
     def build(self) -> None:
         """Make the list; it is read when it is shown."""
-        self._left = ui.element("div").classes("full-width issues")
+        self._left = div("full-width issues")
         self._where = ui.label().classes("small")
         with ui.row().classes("items-center full-width"):
-            self._choice = ui.select({}, label="Open a run", on_change=self._open)
-            self._choice.props("dense options-dense outlined").classes("run-choice")
+            self._choice = choice({}, None, "Open a run", self._open).classes("run-choice")
             quiet_button("Look again", on_click=self.read)
-        self._list = ui.element("div").classes("full-width")
+        self._list = div("full-width")
         ui.timer(0.0, self.read, once=True)
 
     async def read(self) -> None:
@@ -211,4 +215,4 @@ def _listed() -> "tuple[list[RunEntry], str]":
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
     with Catalogue.open(None, make=False) as opened:
-        return list(opened.runs(limit=_LISTED)), opened.address
+        return list(opened.runs(limit=20)), opened.address

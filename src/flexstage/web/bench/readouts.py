@@ -7,6 +7,7 @@ from concurrent.futures import CancelledError, Future
 from typing import Any
 
 from nicegui import ui
+from nicegui.elements.mixins.disableable_element import DisableableElement
 
 from flexstage.instruments.protocol import Capability
 from flexstage.quantities import Quantity
@@ -15,7 +16,7 @@ from flexstage.web.bench.instrument import AxisReading
 from flexstage.web.bench.link import BenchLink
 from flexstage.web.bench.state import BenchForms
 from flexstage.web.live.history import POSITION, VOLTAGE
-from flexstage.web.page import Page, PanelHeading
+from flexstage.web.page import Page, PanelHeading, div, panel, remark
 
 #: Steps that are offered, in the usual unit of the quantity.
 _STEPS = {"V": (0.1, 1.0, 5.0, 20.0), "m": (0.01, 0.1, 1.0, 10.0)}
@@ -65,7 +66,7 @@ class AxisCard:
 
     def _build(self) -> None:
         can = self._axis.capabilities
-        with ui.element("section").classes("panel axis").props("tabindex=0") as card:
+        with panel("axis").props("tabindex=0") as card:
             self._card = card
             card.props["aria-label"] = (
                 f"Axis {self._name}: the arrow keys step it while this has the focus"
@@ -80,14 +81,14 @@ class AxisCard:
                 self._servo.visible = {Capability.CLOSED_LOOP, Capability.OPEN_LOOP} <= can
                 self._loop.visible = not self._servo.visible
             limits = self._axis.limits
-            self._shown = ui.element("div").classes("readouts")
+            self._shown = div("readouts")
             with self._shown:
                 shown = self._page.preferences.shown
                 self._position = _Readout(shown(POSITION), limits.position, "position control")
                 self._voltage = None
                 if Capability.OPEN_LOOP in can:
                     self._voltage = _Readout(shown(VOLTAGE), limits.voltage, "voltage")
-            self._controls = ui.element("div").classes("drive")
+            self._controls = div("drive")
         for key, sign in (("left", -1), ("right", 1), ("down", -1), ("up", 1)):
             card.on(f"keydown.{key}.self.prevent", self._stepper(sign))
 
@@ -106,24 +107,24 @@ class AxisCard:
         self._position.show(reading.position)
         if self._voltage is not None:
             self._voltage.show(reading.voltage)
-        _set(self._moving, "moves" if reading.moving else "at rest")
+        self._moving.text = "moves" if reading.moving else "at rest"
         on = reading.closed_loop
-        _set(self._loop, "closed loop" if on else "open loop")
+        self._loop.text = "closed loop" if on else "open loop"
         if self._closed != on:
             self._closed = on
             self._servo.set_value(on)
             self._build_controls()
-        if self._drives.enabled != drives:
-            self._drives.enabled = drives
+        for element in self._driven:
+            element.set_enabled(drives)
 
     def _build_controls(self) -> None:
         self._controls.clear()
-        self._drives = _Enabled()
-        self._drives.add(self._servo)
+        #: What is alive for who drives.
+        self._driven: list[DisableableElement] = [self._servo]
         with self._controls:
-            with ui.element("div").classes("together"):
+            with div("together"):
                 self._build_step(self._quantity)
-            with ui.element("div").classes("together to"):
+            with div("together to"):
                 self._build_target(self._quantity)
 
     def _build_step(self, quantity: Quantity) -> None:
@@ -133,7 +134,7 @@ class AxisCard:
         key = f"{self._name} {unit}"
         usual = _USUAL[unit] * relative / quantity.factor
         before = self._forms.steps.get(key, usual)
-        ui.label(f"Step, {quantity.shown_unit}").classes("muted small")
+        remark(f"Step, {quantity.shown_unit}")
         choice = ui.toggle(steps, value=before if before in steps else usual)
         choice.props("dense no-caps").props["aria-label"] = f"Step of axis {self._name}"
         choice.on_value_change(lambda e: self._forms.steps.update({key: e.value}))
@@ -141,7 +142,7 @@ class AxisCard:
         for icon, sign, word in (("remove", -1, "down"), ("add", 1, "up")):
             button = ui.button(icon=icon, on_click=self._stepper(sign)).props("dense")
             button.props["aria-label"] = f"Step axis {self._name} {word}"
-            self._drives.add(button)
+            self._driven.append(button)
 
     def _build_target(self, quantity: Quantity) -> None:
         target = ui.number(f"Go to, {quantity.shown_unit}").props("dense outlined")
@@ -152,7 +153,7 @@ class AxisCard:
                 await self._told(lambda me: self._bench.go(me, self._name, value))
 
         target.on("keydown.enter", go)
-        self._drives.add(ui.button("Go", on_click=go))
+        self._driven.append(ui.button("Go", on_click=go))
 
     def _stepper(self, sign: int) -> Callable[[], Any]:
         async def step() -> None:
@@ -183,18 +184,18 @@ class _Readout:
 
     def __init__(self, quantity: Quantity, limits: Range | None, of: str) -> None:
         self._quantity, self._limits = quantity, limits
-        with ui.element("div").classes("readout"):
-            ui.label(quantity.label).classes("muted small")
-            with ui.element("div").classes("value"):
+        with div("readout"):
+            remark(quantity.label)
+            with div("value"):
                 self._number = ui.label("–").classes("big")
                 ui.label(quantity.shown_unit).classes("unit")
             if limits is None:
-                ui.label("no limits are known").classes("muted small")
+                remark("no limits are known")
                 self._mark = None
                 return
-            with ui.element("div").classes("range").props("aria-hidden=true"):
-                self._mark = ui.element("div").classes("mark")
-            with ui.element("div").classes("ends muted small"):
+            with div("range").props("aria-hidden=true"):
+                self._mark = div("mark")
+            with div("ends muted small"):
                 low, high = (shown_number(quantity, end) for end in limits)
                 ui.label(low)
                 ui.label(f"limits, {of}")
@@ -210,31 +211,3 @@ class _Readout:
             low, high = self._limits
             share = 100.0 * min(max((value - low) / (high - low), 0.0), 1.0)
             self._mark.style(f"left: {share:.1f}%")
-
-
-class _Enabled:
-    """Elements that are alive for who drives."""
-
-    def __init__(self) -> None:
-        self._elements: list[Any] = []
-        self._enabled = True
-
-    def add(self, *elements: Any) -> None:
-        """Add elements."""
-        self._elements += elements
-
-    @property
-    def enabled(self) -> bool:
-        """Whether they are alive."""
-        return self._enabled
-
-    @enabled.setter
-    def enabled(self, on: bool) -> None:
-        self._enabled = on
-        for element in self._elements:
-            element.set_enabled(on)
-
-
-def _set(label: ui.label, text: str) -> None:
-    if label.text != text:
-        label.text = text

@@ -31,13 +31,12 @@ from flexstage.web.bench.runs import (
 from flexstage.web.bench.state import BenchForms, kept
 from flexstage.web.figures import show_table
 from flexstage.web.live.history import POSITION, VOLTAGE
-from flexstage.web.page import Page
+from flexstage.web.page import Page, choice, div, remark
 from flexstage.web.uploads import upload
 
 _SHAPES = {"cosine": "sine", "triangle": "triangle", "file": "from a file"}
 _RECORDS = (".csv", ".txt", ".npz", ".h5", ".mat", ".tdms")
 _FIELD = "dense outlined"
-_CHOICE = "dense options-dense outlined"
 
 
 class RunForm:
@@ -66,14 +65,12 @@ class RunForm:
 
     @property
     def _device(self) -> Instrument:
-        if self._bench.device is None:
-            raise ModelError("nothing is connected: connect first")
-        return self._bench.device
+        return self._bench.linked()
 
     @property
     def _stage(self) -> Stage:
-        if self._bench.stage is None:
-            raise ModelError("nothing is connected: connect first")
+        self._bench.linked()
+        assert self._bench.stage is not None
         return self._bench.stage
 
     def _about(self) -> AboutRun:
@@ -104,10 +101,10 @@ class WaveformForm(RunForm):
         axes = list(self._device.axes)
         if forms.axis not in axes:
             forms.axis = axes[0]
-        with ui.element("div").classes("fields"):
-            kept(ui.select(axes, label="Axis"), forms, "axis", self._anew).props(_CHOICE)
-            kept(ui.select(_SHAPES, label="Shape"), forms, "shape", self._anew).props(_CHOICE)
-            self._ends = ui.element("div").classes("fields inner")
+        with div("fields"):
+            kept(choice(axes, None, "Axis"), forms, "axis", self._anew)
+            kept(choice(_SHAPES, None, "Shape"), forms, "shape", self._anew)
+            self._ends = div("fields inner")
             self._words()
         self._said = ui.label().classes("small").props('role="status"')
         self._start = ui.button("Run the waveform", icon="play_arrow", on_click=self._go)
@@ -220,14 +217,14 @@ class RecordForm(RunForm):
     def build(self) -> None:
         """Make the fields."""
         forms = self._forms
-        with ui.element("div").classes("fields"):
+        with div("fields"):
             kept(ui.number("Duration, s"), forms, "duration").props(_FIELD)
             kept(ui.number("Record at, Hz"), forms, "sample_rate_hz").props(_FIELD)
             self._words()
-        ui.label(
+        remark(
             "Position and voltage of every axis, at the rate of the controller. The stage may be "
             "moved by hand meanwhile; what was recorded until a stop is kept."
-        ).classes("muted small")
+        )
         self._start = ui.button("Record", icon="fiber_manual_record", on_click=self._go)
 
     def _go(self) -> None:
@@ -250,22 +247,20 @@ class PlanForm(RunForm):
             forms.plan = self._stage.name if self._stage.name in ready else next(iter(ready))
         if forms.plan not in ready:
             ready[forms.plan] = Path(forms.plan).name
-        with ui.element("div").classes("fields"):
-            choice = kept(ui.select(ready, label="Plan"), forms, "plan", self._other)
-            choice.props(_CHOICE).classes("wide")
-            self._only = ui.select([], multiple=True, label="Only these steps")
-            self._only.props(f"{_CHOICE} use-chips").classes("wide")
-            self._only.on_value_change(self._chosen)
+        with div("fields"):
+            plans = kept(choice(ready, None, "Plan"), forms, "plan", self._other).classes("wide")
+            self._only = choice([], None, "Only these steps", self._chosen, multiple=True)
+            self._only.props("use-chips").classes("wide")
 
             def given(path: Path) -> None:
                 read_plan(path)
-                choice.set_options(ready | {str(path): path.name}, value=str(path))
+                plans.set_options(ready | {str(path): path.name}, value=str(path))
 
             upload(self._page, "Plan file", (".yaml", ".yml"), given, view="bench").classes("slim")
             self._words()
         self._said = ui.label().classes("small").props('role="status"')
         self._start = ui.button("Carry out the plan", icon="play_arrow", on_click=self._go)
-        self._shown = ui.element("div").classes("full-width")
+        self._shown = div("full-width")
         self._steps()
         ui.timer(0.0, self._try, once=True)
 

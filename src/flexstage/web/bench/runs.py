@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from flexstage.errors import FlexstageError, LimitError, ModelError, RecordError
 from flexstage.experiments import run_plan
 from flexstage.experiments.axis_limits import axis_setting
@@ -17,6 +19,7 @@ from flexstage.experiments.run_context import base_rate_of
 from flexstage.experiments.runner import new_run_folder
 from flexstage.experiments.verbs.excite import whole_part
 from flexstage.files.write import write_whole
+from flexstage.hysteresis import Tracking, cycles, loop_width, tracking
 from flexstage.instruments.limits import check_position, check_voltage, check_waveform
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.record_run import record_now
@@ -30,11 +33,37 @@ from flexstage.provenance import content_hash
 from flexstage.records import Record, read_record
 from flexstage.report.run import run_text
 from flexstage.stage import Stage
-from flexstage.web.bench.loops import COMMAND, REFERENCE, loop_of
 
 if TYPE_CHECKING:
     from flexstage.experiments import PlanResult
     from flexstage.instruments.catalogue.entries import RunEntry
+
+#: Columns of a command that was made to follow a reference.
+COMMAND, REFERENCE = "command", "reference"
+
+
+def loop_of(record: Record, axis: str) -> tuple[str, str] | None:
+    """Return which columns are a loop: over what was wanted, else over what was commanded."""
+    known = [channel.name for channel in record.channels]
+    over = next((n for n in (REFERENCE, f"voltage {axis}", COMMAND) if n in known), None)
+    return (over, axis) if over is not None and axis in known else None
+
+
+def loop_figures(record: Record, loop: tuple[str, str]) -> tuple[Tracking, int] | None:
+    """Return the width of a loop [m], the error of a reference [m], and the number of cycles.
+
+    The errors are NaN where nothing was wanted; None where there is no whole cycle.
+    """
+    over, along = (record.channel(name) for name in loop)
+    bounds = cycles(over.values, 1.0 / record.sample_rate_hz).bounds
+    if bounds.size < 2:
+        return None
+    count = bounds.size - 1
+    if over.name == REFERENCE:
+        return tracking(over.values, along.values, bounds), count
+    width = loop_width(over.values, along.values, bounds)
+    return Tracking(loop_width=width, rms=np.nan, largest=np.nan), count
+
 
 #: Samples in a cycle of a waveform that is made here; straight lines between them.
 _IN_CYCLE = 500
@@ -248,7 +277,7 @@ def carry_out(
     if folder is None:
         where.mkdir(parents=True)
         # by which it is found again
-        write_whole(where / _plan_name(path), path.read_bytes())
+        write_whole(where / f"{path.stem}.yaml", path.read_bytes())
     result = run_plan(
         plan,
         device,
@@ -264,10 +293,6 @@ def carry_out(
     )
     write_whole(where / "report.html", run_text(result).encode("utf-8"))
     return RunOutcome(folder=where, file=where / "report.html", plan=result, notes=result.notes)
-
-
-def _plan_name(path: Path) -> str:
-    return f"{path.stem}.yaml"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,7 +8,7 @@ from nicegui import ui
 from flexstage.centring.from_records import MAGNET
 from flexstage.centring.geometry import SCALE_KINDS
 from flexstage.web.centring.state import CentringState, Source
-from flexstage.web.page import Page, quiet_button
+from flexstage.web.page import Page, choice, panel, quiet_button
 
 #: Where records come from, as the page names it.
 SOURCES: dict[Source, str] = {
@@ -17,7 +17,6 @@ SOURCES: dict[Source, str] = {
     "gauge": "Readings of a gauge",
 }
 _UNITS = {"": "as the file says", "deg": "deg", "rad": "rad", "arcsec": "arcsec", "turn": "turn"}
-_DENSE = "dense options-dense outlined"
 _MM = 1e3
 
 
@@ -39,7 +38,7 @@ class ScaleForm:
     ) -> None:
         self._state = page.session.state(CentringState)
         self._page, self._begin, self._changed = page, begin, changed
-        self._area = ui.element("section").classes("panel toolbar")
+        self._area = panel("toolbar")
         self.build()
 
     def build(self) -> None:
@@ -47,8 +46,7 @@ class ScaleForm:
         state = self._state
         self._area.clear()
         with self._area:
-            source = ui.select(SOURCES, value=state.source, label="Where records come from")
-            source.props(_DENSE).on_value_change(lambda e: self._begin(e.value))
+            choice(SOURCES, state.source, "Where records come from", lambda e: self._begin(e.value))
             radius = ui.number(
                 "Radius of the scale [mm]",
                 value=None if state.radius is None else round(_MM * state.radius, 6),
@@ -82,8 +80,10 @@ class ScaleForm:
     def _select(self, label: str, values: Any, name: str, *, multiple: bool = False) -> None:
         value = getattr(self._state, name)
         shown = list(value) if multiple else value
-        choice = ui.select(values, value=shown, label=label, multiple=multiple).props(_DENSE)
-        choice.on_value_change(lambda e: self._put(name, tuple(e.value) if multiple else e.value))
+        choice(
+            values, shown, label,
+            lambda e: self._put(name, tuple(e.value) if multiple else e.value), multiple=multiple,
+        )  # fmt: skip
 
     def _put(self, name: str, value: Any) -> None:
         setattr(self._state, name, value)

@@ -9,8 +9,6 @@ from flexstage.instruments.limits import check_position
 from flexstage.web.bench.link import BenchLink
 
 _PATIENCE = 30.0  # s
-_LOOK = 0.05  # s
-_WHILE = 0.5  # readings that tell the noise [s]
 
 
 def axes_of(bench: BenchLink) -> tuple[str, str] | None:
@@ -43,7 +41,7 @@ def noise_of(bench: BenchLink) -> tuple[float, float]:
     span = history.span if history is not None else None
     if axes is None or history is None or span is None:
         return 0.0, 0.0
-    last = history.samples(span[1] - _WHILE, span[1])
+    last = history.samples(span[1] - 0.5, span[1])  # enough to tell the noise [s]
     names = [channel.name for channel in history.channels]
     x, y = (3.0 * float(np.std(last.low[:, names.index(f"{axis} position")])) for axis in axes)
     return x, y
@@ -67,11 +65,9 @@ def move_to(bench: BenchLink, session: str, target: tuple[float, float]) -> tupl
             f"axis {' and '.join(off)} is driven by its voltage: switch its position control on "
             "in the view Bench, so that it goes to a position"
         )
-    device = bench.device
-    if device is not None:
-        # both are refused before either moves
-        for name, value in zip(axes, target, strict=True):
-            check_position(device.axes[name].limits, value, name)
+    # both are refused before either moves
+    for name, value in zip(axes, target, strict=True):
+        check_position(bench.linked().axes[name].limits, value, name)
     for name, value, noise in zip(axes, target, noise_of(bench), strict=True):
         if abs(value - bench.readings[name].position) > noise:
             bench.go(session, name, value).result()
@@ -79,9 +75,8 @@ def move_to(bench: BenchLink, session: str, target: tuple[float, float]) -> tupl
     while any(bench.readings[name].moving for name in axes):
         if time.monotonic() > end:
             raise ControllerError(f"the stage does not come to rest within {_PATIENCE:g} s")
-        time.sleep(_LOOK)
-    time.sleep(3.0 * _LOOK)  # for a reading of where it rests
-    found = place_of(bench)
-    if found is None:
-        raise ModelError("the stage was disconnected")
-    return found
+        time.sleep(0.05)
+    time.sleep(0.15)  # for a reading of where it rests
+    bench.linked()
+    x, y = (bench.readings[name].position for name in axes)
+    return x, y

@@ -1,7 +1,7 @@
 """What is open in the view Centring: what was measured, where the stage stood, what is next."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -13,7 +13,6 @@ from flexstage.web.centring.work import (
     EXAMPLE_RADIUS,
     CentreFound,
     CentreRequest,
-    options_at,
 )
 from flexstage.web.jobs import BackgroundJob
 
@@ -101,10 +100,9 @@ class CentringState:
             head_direction="cw" if self.clockwise else "ccw",
             mount=self.mount,
         )
-        places = [each.at for each in self.measured]
-        return CentreRequest(
-            files=tuple(each.file for each in self.measured), options=options_at(options, places)
-        )
+        if len(self.measured) > 2:  # enough to say how the stage moves
+            options = replace(options, stage_at=tuple(each.at for each in self.measured))
+        return CentreRequest(files=tuple(each.file for each in self.measured), options=options)
 
     @property
     def next_kind(self) -> Literal["start", "trial", "move"]:

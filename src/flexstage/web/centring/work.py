@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -124,8 +124,3 @@ def _write(path: Path, angle: Array, columns: dict[str, tuple[Array, str]]) -> N
     channels += [Channel(name=n, values=v, unit=unit) for n, (v, unit) in columns.items()]
     count = np.arange(angle.size, dtype=np.float64)
     write_record(Record(channels=tuple(channels), time=count, over="point"), path)
-
-
-def options_at(options: CentreOptions, places: Sequence[tuple[float, float]]) -> CentreOptions:
-    """Return options with the places of the stage, where there are enough to say how it moves."""
-    return replace(options, stage_at=tuple(places)) if len(places) > 2 else options

@@ -7,11 +7,17 @@ from pathlib import Path
 from nicegui import ui
 
 from flexstage.designs import DESIGNS, StageTemplate
+from flexstage.files.write import write_whole
+from flexstage.material import CATALOGUE
+from flexstage.report.tables import necks_table
+from flexstage.stage.drawing.drawn_stage import DrawingOptions, DrawnStage
 from flexstage.stage.drawing.endings import DRAWINGS
-from flexstage.web.design.drawing_dialog import ask_drawing
+from flexstage.units import parse
 from flexstage.web.design.state import DesignState
-from flexstage.web.design.work import template_of
-from flexstage.web.page import Page
+from flexstage.web.design.work import drawing_found, template_of
+from flexstage.web.figures import show_table
+from flexstage.web.jobs import BackgroundJob
+from flexstage.web.page import Page, PanelHeading, choice, div, named_dialog, quiet_button, show_job
 from flexstage.web.uploads import upload
 
 _FILES = (".yaml", ".yml", ".json", *DRAWINGS)
@@ -32,10 +38,7 @@ class StageChoice:
         self._page, self._opened = page, opened
         self._state = page.session.state(DesignState)
         designs = {name: name for name in sorted(DESIGNS)}
-        self._choice = ui.select(
-            designs, value=self._shown(), label="Design", with_input=True
-        ).props("dense options-dense outlined")
-        self._choice.on_value_change(self._choose)
+        self._choice = choice(designs, self._shown(), "Design", self._choose, with_input=True)
         upload(
             page, "Stage file or drawing: drop it here", _FILES, self._given, view="design"
         ).classes("slim")
@@ -62,3 +65,103 @@ class StageChoice:
         self._state.open(template)
         self.sync()
         self._opened()
+
+
+_DRIVE = "x: 12,4 -> 30,4; piezo, free_stroke=38 um, stiffness=50 N/um"
+_PROBE = "x: 30,4 -> 40,4"
+
+
+def ask_drawing(page: Page, path: Path, opened: Callable[[StageTemplate], None]) -> None:
+    """Look for a stage in a drawing, ask for what is missing, and open it."""
+    with named_dialog(path.name).props("persistent") as dialog, ui.card().classes("dialog wide"):
+        PanelHeading(path.name)
+        DrawingDialog(page, path, opened, dialog).build()
+    dialog.open()
+
+
+class DrawingDialog:
+    """The dialog.
+
+    Parameters
+    ----------
+    page, path, opened, dialog
+        The page, the drawing, what is called with the stage, and what is closed then.
+    """
+
+    def __init__(
+        self, page: Page, path: Path, opened: Callable[[StageTemplate], None], dialog: ui.dialog
+    ) -> None:
+        self._page, self._path, self._opened, self._dialog = page, path, opened, dialog
+        self._text = ""
+
+    def build(self) -> None:
+        """Make the dialog, and look for the first time."""
+        with div("columns"):
+            with ui.column().classes("full-width"):
+                self._thickness = ui.input("Thickness of the plate", placeholder="10 mm")
+                self._material = ui.select(
+                    sorted(CATALOGUE), label="Material", clearable=True, with_input=True
+                )
+                self._drives = ui.textarea("Drives, one a line", placeholder=_DRIVE)
+                self._probes = ui.textarea("Probes, one a line", placeholder=_PROBE)
+                for field in (self._thickness, self._material, self._drives, self._probes):
+                    field.props("outlined dense stack-label").classes("full-width")
+                self._missing = ui.label().classes("issue")
+                self._working = ui.column().classes("full-width")
+                with ui.row():
+                    self._open = ui.button("Open it", on_click=self._take)
+                    quiet_button("Look again", on_click=self._look).props("outline")
+                    quiet_button("Cancel", on_click=self._dialog.close)
+            self._found = ui.column().classes("full-width")
+        self._necks = ui.column().classes("full-width")
+        self._missing.visible = False
+        self._open.disable()
+        self._look()
+
+    def _options(self) -> DrawingOptions:
+        thickness = (self._thickness.value or "").strip()
+        return DrawingOptions(
+            thickness=parse(thickness, "length", bare_unit="mm") if thickness else None,
+            material=self._material.value or None,
+            drives=_lines(self._drives.value),
+            probes=_lines(self._probes.value),
+        )
+
+    def _look(self) -> None:
+        with self._page.sentences():
+            options = self._options()
+            job = self._page.panel.jobs.start(
+                f"looking at {self._path.name}", drawing_found, str(self._path), options,
+                f"found{self._found.id}", owner=self._page.session.id,
+            )  # fmt: skip
+            with self._working:
+                show_job(self._page, job, self._show)
+
+    def _show(self, job: BackgroundJob) -> None:
+        self._found.clear()
+        self._necks.clear()
+        self._open.disable()
+        if job.state != "done":
+            return
+        drawn: DrawnStage
+        drawn, svg, self._text = job.result
+        blanks = ", ".join(drawn.blanks)
+        self._missing.text = f"The drawing does not say: {blanks}." if blanks else ""
+        self._missing.visible = bool(blanks)
+        # what stands for thickness or material is no number of this stage
+        self._open.set_enabled(not {"thickness", "material"} & set(drawn.blanks))
+        with self._found:
+            ui.html(svg, sanitize=False).classes("picture on-paper")
+        with self._necks:
+            show_table(necks_table(drawn))
+
+    def _take(self) -> None:
+        with self._page.sentences():
+            path = self._path.with_suffix(".yaml")
+            write_whole(path, self._text.encode("utf-8"))
+            self._opened(template_of(path))
+            self._dialog.close()
+
+
+def _lines(text: str | None) -> tuple[str, ...]:
+    return tuple(line.strip() for line in (text or "").splitlines() if line.strip())

@@ -10,10 +10,8 @@ from flexstage.explore.sensitivity import Sensitivities
 from flexstage.explore.variables import Variable, is_data_sheet
 from flexstage.web.design.state import FIRST, FIRST_OPEN, DesignState
 from flexstage.web.design.work import BESIDE
-from flexstage.web.page import PanelHeading
+from flexstage.web.page import PanelHeading, choice, div
 
-_STEPS = 240  # of a slider from end to end
-_STRONG = 0.3  # elasticity that is set off [1]
 _DIGITS = 5
 _OF_ALL = "whole stage"
 _FIRST, _OTHERS = "what moves the figures", "other dimensions"
@@ -43,16 +41,14 @@ class Sliders:
         with ui.row().classes("items-center heading"):
             PanelHeading("Parameters")
             self._axis = ui.toggle([], on_change=self._choose_axis).props("dense no-caps")
-            ui.select(
-                _ORDERS, value=state.order, label="Order", on_change=self._choose_order
-            ).props("dense options-dense outlined").classes("order")
+            choice(_ORDERS, state.order, "Order", self._choose_order).classes("order")
         names = "".join(f"<span>{name}</span>" for name in dict.fromkeys(BESIDE.values()))
         ui.html(
             f'<span>% of each figure per 1 % of the parameter</span><div class="slopes">{names}'
             "</div>",
             sanitize=False,
         ).classes("slopes-head muted small")
-        self._list = ui.element("div").classes("sliders")
+        self._list = div("sliders")
 
     def build(self) -> None:
         """Make the sliders anew, for another stage or in another order."""
@@ -75,7 +71,12 @@ class Sliders:
             ).classes("muted")
         found = self._state.slopes.get(self._state.now)
         if self._state.order and found is not None:
-            for variable in sorted(variables, key=lambda v: -self._strength(found, v)):
+
+            def strength(variable: Variable) -> float:
+                slopes = _elasticities(found, variable.name, self._state.axis)
+                return abs(slopes[self._state.order] or 0.0)
+
+            for variable in sorted(variables, key=strength, reverse=True):
                 self._row(variable, variable.name)
             return
         groups: dict[str, list[Variable]] = {}
@@ -103,10 +104,10 @@ class Sliders:
         low, high, value = (
             v * factor for v in (variable.low, variable.high, self._state.value(variable))
         )
-        step = (high - low) / _STEPS
+        step = (high - low) / 240.0
         said = variable.heading
         unit = escape(said.removeprefix(variable.name))
-        with ui.element("div").classes("slider"):
+        with div("slider"):
             name = ui.html(
                 f'{escape(label.replace("_", " "))}<span class="muted">{unit}</span>',
                 sanitize=False,
@@ -157,9 +158,6 @@ class Sliders:
         for name, (_, _, _, cells) in self._rows.items():
             cells.content = _cells(found, name, self._state.axis)
 
-    def _strength(self, found: Sensitivities, variable: Variable) -> float:
-        return abs(_elasticities(found, variable.name, self._state.axis)[self._state.order] or 0.0)
-
     def _choose_axis(self, event: events.ValueChangeEventArguments) -> None:
         if event.value and event.value != self._state.axis:
             self._state.axis = event.value
@@ -188,7 +186,8 @@ def _elasticities(found: Sensitivities, name: str, axis: str) -> dict[str, float
 def _cells(found: Sensitivities, name: str, axis: str) -> str:
     cells = []
     for value in _elasticities(found, name, axis).values():
-        strong = ' class="strong"' if value is not None and abs(value) >= _STRONG else ""
+        # what is set off
+        strong = ' class="strong"' if value is not None and abs(value) >= 0.3 else ""
         cells.append(f"<span{strong}>{_elasticity(value)}</span>")
     return "".join(cells)
 

@@ -23,7 +23,6 @@ FIRST_OPEN = (
     "leg.notch.neck_thickness", "leg.notch.radius", "leg.bar_length", "leg_spacing",
     "platform_height", "platform_overhang",
 )  # fmt: skip
-_REMEMBERED = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +60,7 @@ class Remembered(Generic[T]):
     def put(self, variant: Variant, found: T) -> None:
         """Remember what was found of a variant."""
         self._known[variant] = found
-        while len(self._known) > _REMEMBERED:
+        while len(self._known) > 100:
             self._known.popitem(last=False)
 
     def get(self, variant: Variant | None) -> T | None:

@@ -46,14 +46,9 @@ BESIDE = {
 }
 
 
-def lumped_rows(variant: Variant) -> tuple[Characteristic, ...]:
-    """Return the characteristics of a variant by the lumped model."""
-    return tuple(analyse_model(variant.stage(), "lumped").characteristics)
-
-
-def corrected_rows(variant: Variant) -> tuple[Characteristic, ...]:
-    """Return the characteristics of a variant by superelements."""
-    return tuple(analyse_model(variant.stage(), "superelement").characteristics)
+def rows_of(variant: Variant, model: str) -> tuple[Characteristic, ...]:
+    """Return the characteristics of a variant by a model."""
+    return tuple(analyse_model(variant.stage(), model).characteristics)
 
 
 def slopes_of(variant: Variant, rows: Sequence[Characteristic]) -> Sensitivities:

@@ -11,7 +11,7 @@ from nicegui import ui
 
 from flexstage.web.explore.command import command_line
 from flexstage.web.explore.state import Run
-from flexstage.web.page import quiet_button
+from flexstage.web.page import div, quiet_button, remark
 
 
 def show_downloads(run: Run, files: tuple[Path, ...]) -> None:
@@ -27,8 +27,8 @@ def show_downloads(run: Run, files: tuple[Path, ...]) -> None:
 def show_command(run: Run) -> None:
     """Show the command line that does the same, to be copied."""
     text = command_line(run.facts.template, run.request)
-    with ui.element("div").classes("command"):
-        ui.label("The same at the prompt").classes("muted small")
+    with div("command"):
+        remark("The same at the prompt")
         ui.label(text).classes("code").props("tabindex=0")
 
         def copy() -> None:

@@ -9,8 +9,39 @@ from flexstage.comparison import MODEL_WORDS
 from flexstage.explore.variables import Variable
 from flexstage.web.explore.facts import StageFacts
 from flexstage.web.explore.state import LimitWords, RangeWords
-from flexstage.web.page import quiet_button
+from flexstage.web.page import div, in_page_words, quiet_button
 from flexstage.web.preferences import Preferences
+
+# what a sentence says of options, and what the form calls it
+_FIELDS = {
+    "--over NAME=RANGE varies one": "a tick under “Parameters and bounds” varies one",
+    "--without NAME leaves one out": "without its tick it is left out",
+    "--start middle": "“Start” at the middle of all bounds",
+    "--model superelement": f"the model of {MODEL_WORDS['superelement']}",
+    "--maximise or --minimise a figure, or --match values": "“maximise”, “minimise” or “reach”",
+    "--keep": "“What is required”",
+    "--match": "“reach”",
+    "--over": "“What is varied”",
+    "--samples": "“Number of points”",
+    "--require": "“What a good stage has”",
+    "--target-yield": "“Yield to reach”",
+    "--hinges": "“Neck and place of each hinge”",
+    "--scatter": "“Scatter of the workshop”",
+}
+
+
+def in_form_words(sentence: str) -> str:
+    """Return what the library says with the fields of a form in place of options.
+
+    Examples
+    --------
+    >>> in_form_words("widen them, or start from their middle with --start middle")
+    'widen them, or start from their middle with “Start” at the middle of all bounds'
+    """
+    for option, words in _FIELDS.items():
+        sentence = sentence.replace(option, words)
+    return in_page_words(sentence)
+
 
 _FIELD = "outlined dense options-dense"
 _SIGNS = {">=": "≥", "<=": "≤", "=": "="}
@@ -127,7 +158,7 @@ class Fields:
     ) -> None:
         """Show what is required of figures, or sought of them, with buttons to add and remove."""
         options = self.headings(names)
-        box = ui.element("div").classes("rows")
+        box = div("rows")
 
         def show() -> None:
             box.clear()
@@ -179,7 +210,7 @@ class Fields:
             row.value = None if value is None else value / shown.factor
 
         has_value = row.sign not in ("maximise", "minimise")
-        with ui.element("div").classes("limit" if has_value else "limit goal"):
+        with div("limit" if has_value else "limit goal"):
             figure = ui.select(dict(options), value=row.figure, with_input=True)
             figure.props(_FIELD).classes("figure").props["aria-label"] = "Figure"
             figure.props["hide-dropdown-icon"] = has_value  # its name needs the room

@@ -22,7 +22,7 @@ from flexstage.web.explore.state import (
     SweepForm,
     ToleranceForm,
 )
-from flexstage.web.page import PanelHeading, quiet_button
+from flexstage.web.page import PanelHeading, div, quiet_button
 
 _MOST = 8  # parameters of a sweep
 
@@ -62,15 +62,15 @@ def what_it_takes(form: Form, facts: StageFacts) -> str:
 def _sweep(form: SweepForm, fields: Fields) -> None:
     facts = fields.facts
     PanelHeading("What is varied", 3)
-    box = ui.element("div").classes("rows")
+    box = div("rows")
     names = {name: name.replace("_", " ") for name in facts.variables}
 
     def show() -> None:
         box.clear()
         with box:
             for row in form.over:
-                with ui.element("div").classes("vary"):
-                    with ui.element("div").classes("over"):
+                with div("vary"):
+                    with div("over"):
                         choice = ui.select(names, value=row.name, with_input=True)
                         choice.props("outlined dense options-dense")
                         choice.props["aria-label"] = "Parameter"
@@ -127,7 +127,7 @@ def _optimise(form: OptimiseForm, fields: Fields) -> None:
     PanelHeading("What is sought", 3)
     fields.limits(form.goals, facts.figures, "One more goal", WAYS, at_least=1)
     PanelHeading("What is required", 3)
-    with ui.element("div").classes("rows"):
+    with div("rows"):
         for name, words in facts.unasked.items():
             box = ui.checkbox(words, value=name in form.required).props("dense")
             box.on_value_change(lambda event, n=name: _toggle(form.required, n, event, fields))
@@ -135,7 +135,7 @@ def _optimise(form: OptimiseForm, fields: Fields) -> None:
     fold = ui.expansion().classes("group full-width")
     fold.on_value_change(lambda: _chosen(form, fields, fold, names))
     with fold:
-        names = ui.element("div").classes("rows")
+        names = div("rows")
     _count(form, facts, fold)
     fields.model(form, "corrects the rigid ones, takes some minutes")
     starts = {"described": "the stage as it is", "middle": "the middle of all bounds"}
@@ -163,7 +163,7 @@ def _chosen(form: OptimiseForm, fields: Fields, fold: ui.expansion, box: ui.elem
 
     with box:
         for name, variable in facts.variables.items():
-            with ui.element("div").classes("vary chosen"):
+            with div("vary chosen"):
                 choice = ui.checkbox(name.replace("_", " "), value=name in form.over)
                 choice.props("dense").on_value_change(partial(toggle, name))
                 fields.bounds(form.bounds.setdefault(name, RangeWords(name)), variable)

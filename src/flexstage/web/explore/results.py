@@ -17,20 +17,23 @@ from flexstage.explore.sweep import Sweep
 from flexstage.quantities import number
 from flexstage.web.design.state import DesignState
 from flexstage.web.explore import charts, points
-from flexstage.web.explore.charts import Chart
+from flexstage.web.explore.charts import Chart, LotChart
 from flexstage.web.explore.downloads import show_command, show_downloads
-from flexstage.web.explore.lot_chart import LotChart
-from flexstage.web.explore.point_rows import FOCUS, PRESSED, ROWS, row_name, rows_html
-from flexstage.web.explore.points import PointTable, SearchedFront
+from flexstage.web.explore.fields import in_form_words
+from flexstage.web.explore.points import (
+    FOCUS,
+    PRESSED,
+    ROWS,
+    PointTable,
+    SearchedFront,
+    row_name,
+    rows_html,
+)
 from flexstage.web.explore.state import KINDS, Run
-from flexstage.web.explore.tables import notes_of, tables_of
-from flexstage.web.explore.words import in_form_words
 from flexstage.web.explore.work import BEFORE_AFTER
-from flexstage.web.figures import chart, show_table
-from flexstage.web.page import Page, PanelHeading, show_job
+from flexstage.web.figures import chart, picture, show_table
+from flexstage.web.page import Page, PanelHeading, choice, div, remark, show_job
 from flexstage.web.pictures import chart_figure
-
-_LOOK = 0.4  # time between looks at what was handed over [s]
 
 
 class Results:
@@ -64,7 +67,7 @@ class Results:
             self._page.watch(run.job, lambda _: self._over())
         self._body = ui.column().classes("full-width results")
         self._all()
-        self._timer = ui.timer(_LOOK, self._look, active=not run.job.is_over)
+        self._timer = ui.timer(0.4, self._look, active=not run.job.is_over)
 
     def _look(self) -> None:
         """Show what was handed over since the last look."""
@@ -103,8 +106,8 @@ class Results:
         if self._question is None:
             return
         self._controls = ui.row().classes("items-center controls")
-        self._chart_box = ui.element("div").classes("full-width")
-        self._picked_box = ui.element("div").classes("full-width").props('aria-live="polite"')
+        self._chart_box = div("full-width")
+        self._picked_box = div("full-width").props('aria-live="polite"')
         self._table_html = ui.html("", sanitize=False).classes("tables points")
         self._table_html.on("click", self._pressed, js_handler=PRESSED)
         self._follow()
@@ -159,12 +162,12 @@ class Results:
                     "dense no-caps"
                 )
             if run.chart == charts.SCATTER:
-                _select("Across", headings, run.across, self._choose("across"))
+                choice(headings, run.across, "Across", self._choose("across"))
             label = {charts.MAP: "Figure", charts.LINES: "Colour by"}.get(run.chart, "Upwards")
             several = headings if run.chart == charts.SCATTER else outcome
             value = run.up if run.up in several else next(iter(outcome))
             run.up = value
-            _select(label, several, value, self._choose("up"))
+            choice(several, value, label, self._choose("up"))
 
     def _choose(self, name: str) -> Callable[[Any], None]:
         def chosen(event: Any) -> None:
@@ -253,9 +256,7 @@ class Results:
         if row is None or row >= len(table.points):
             if table.shown.size:
                 with self._picked_box:
-                    ui.label("Click a point, or its number in the table, to pick it.").classes(
-                        "muted small"
-                    )
+                    remark("Click a point, or its number in the table, to pick it.")
             return
         told = [f"{c.heading}: {number(float(c.values[row]))}" for c in table.varied[:4]]
         more = len(table.varied) - len(told)
@@ -299,18 +300,17 @@ class Results:
         run, found = self._run, self._run.job.result
         pictures = list(found.pictures)
         if self._table is None and pictures:
-            with ui.element("div").classes("picture main"):
-                ui.html(pictures.pop(0)[1], sanitize=False).classes("picture")
-        for shown in tables_of(run.request, found.result):
+            with div("picture main"):
+                picture(pictures.pop(0)[1])
+        for shown in found.tables:
             show_table(shown)
         show_downloads(run, found.files)
         for title, svg in pictures:
             is_open = isinstance(run.request, OptimiseRequest) and title == BEFORE_AFTER
             with ui.expansion(title, value=is_open).classes("group full-width"):
                 ui.html(svg, sanitize=False).classes("picture main")
-        notes = (*notes_of(run.request, found.result), *found.notes)
         with ui.expansion("What to know of it").classes("group full-width"), ui.element("ul"):
-            for note in notes:
+            for note in found.notes:
                 with ui.element("li"):
                     ui.label(in_form_words(note))
 
@@ -346,8 +346,3 @@ def _usual_axes(table: PointTable) -> tuple[str, str]:
         return across.name, first.name
     frequencies = (c.name for c in table.outcome if c.name.startswith("natural_frequency"))
     return first.name, next(frequencies, table.outcome[0].name)
-
-
-def _select(label: str, options: dict[str, str], value: str, chosen: Callable[[Any], None]) -> None:
-    field = ui.select(options, value=value, label=label, on_change=chosen)
-    field.props("dense options-dense outlined")

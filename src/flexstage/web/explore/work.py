@@ -1,10 +1,10 @@
 """What the view Explore has computed, in a process of its own: what the commands compute."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from flexstage.designs import StageTemplate
 from flexstage.explore.batches import finished_batches
@@ -20,8 +20,11 @@ from flexstage.explore.requests.tolerance import Found as LotFound
 from flexstage.explore.requests.tolerance import ToleranceRequest
 from flexstage.explore.sensitivity import Sensitivities
 from flexstage.explore.sweep import Sweep, SweepPlan
+from flexstage.explore.tolerance import ToleranceStudy
+from flexstage.explore.tolerance_choice import ToleranceChoice
 from flexstage.explore.workers import Workers
 from flexstage.files.write import write_files
+from flexstage.table import Table
 from flexstage.web.explore.command import Request
 from flexstage.web.pictures import inline
 
@@ -36,7 +39,7 @@ BEFORE_AFTER = "Before and after"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Explored:
-    """What came out, with the files of the command and its pictures for a page."""
+    """What came out, as the command prints and writes it, with its pictures for a page."""
 
     result: Sweep | Front | Optimum | Sensitivities | LotFound
     """What the library returns."""
@@ -44,8 +47,10 @@ class Explored:
     """What was written."""
     pictures: tuple[tuple[str, str], ...]
     """Title and SVG of each picture."""
+    tables: tuple[Table, ...]
+    """Its tables."""
     notes: tuple[str, ...]
-    """What is to be known of the files."""
+    """What is to be known of it and of its files."""
 
 
 def ready(template: StageTemplate, request: Request) -> Callable[..., Any]:
@@ -77,64 +82,104 @@ def explored(folder: Path, template: StageTemplate, request: Request, key: str) 
         match request:
             case SweepRequest():
                 result = run(workers=Workers(1), keep=keep)
+                shown = _of_sweep(result)
             case ToleranceRequest():
                 result = run(Workers(1), keep)
+                shown = _of_lot(*result)
             case OptimiseRequest():
                 result = run(Workers(1))
+                shown = _of_front(result) if isinstance(result, Front) else _of_optimum(result)
             case SensitivityRequest():
                 result = run()
-        files, notes = _files(result, request)
-        written = write_files(folder, files)
+                shown = _of_sensitivities(result, request)
+        written = write_files(folder, shown.files)
     pictures = tuple(
         (title, inline(draw, f"{key}{k}", title))
-        for k, (title, draw) in enumerate(_pictures(result, request))
+        for k, (title, draw) in enumerate(shown.pictures.items())
     )
-    return Explored(result=result, files=tuple(written), pictures=pictures, notes=tuple(notes))
-
-
-def _files(result: Any, request: Request) -> tuple[dict[str, bytes], list[str]]:
-    from flexstage.report import explored_files as files
-
-    match request:
-        case SweepRequest():
-            return files.sweep_files(result)
-        case ToleranceRequest():
-            return files.tolerance_files(*result, every=True), []
-        case SensitivityRequest():
-            return files.sensitivity_files(result, request.length), []
-        case OptimiseRequest():
-            if isinstance(result, Front):
-                return files.front_files(result), []
-            return files.optimum_files(result), []
-
-
-def _pictures(result: Any, request: Request) -> "Iterator[tuple[str, Callable[[], Drawing]]]":
-    """Yield what each picture shows, and what draws it."""
-    from flexstage.report.figures.optimum import (
-        draw_before_after,
-        draw_figures,
-        draw_front,
-        draw_history,
+    return Explored(
+        result=result,
+        files=tuple(written),
+        pictures=pictures,
+        tables=tuple(shown.tables),
+        notes=tuple(shown.notes),
     )
-    from flexstage.report.figures.sensitivity import draw_sensitivities
+
+
+class _Shown(NamedTuple):
+    """What a command writes, prints and says, and what draws its pictures, by their titles."""
+
+    files: Mapping[str, bytes]
+    tables: Iterable[Table]
+    notes: Iterable[str]
+    pictures: "Mapping[str, Callable[[], Drawing]]"
+
+
+def _of_sweep(found: Sweep) -> _Shown:
+    from flexstage.report import sweep
+    from flexstage.report.explored_files import sweep_files
     from flexstage.report.figures.sweep import draw_sweep
+
+    files, left_out = sweep_files(found)
+    title = "All figures that vary, over what was varied"
+    pictures = {} if found.still.all() else {title: partial(draw_sweep, found)}
+    notes = (*sweep.sweep_notes(found), *left_out)
+    return _Shown(files, sweep.range_tables(found), notes, pictures)
+
+
+def _of_lot(study: ToleranceStudy, choice: ToleranceChoice | None) -> _Shown:
+    from flexstage.report import tolerance
+    from flexstage.report.explored_files import tolerance_files
     from flexstage.report.figures.tolerance import draw_shares, draw_spreads
 
-    match request:
-        case SweepRequest():
-            if not result.still.all():
-                yield "All figures that vary, over what was varied", partial(draw_sweep, result)
-        case ToleranceRequest():
-            study = result[0]
-            yield "Distribution of every figure", partial(draw_spreads, study)
-            if study.shares:
-                yield "What the variance of every figure consists of", partial(draw_shares, study)
-        case SensitivityRequest():
-            yield "Changes of the figures", partial(draw_sensitivities, result, request.length)
-        case OptimiseRequest():
-            best = result.optimum if isinstance(result, Front) else result
-            if isinstance(result, Front):
-                yield "Pareto front", partial(draw_front, result)
-            yield BEFORE_AFTER, partial(draw_before_after, best)
-            yield "Figures, each in parts of its limit", partial(draw_figures, best)
-            yield "Way to the optimum", partial(draw_history, best)
+    tables = [tolerance.yield_table(study.yields)] if study.yields else []
+    tables.append(tolerance.spread_table(study))
+    pictures = {"Distribution of every figure": partial(draw_spreads, study)}
+    if choice is not None and choice.found:
+        tables.append(tolerance.choice_table(choice))
+    if study.shares:
+        tables.append(tolerance.share_table(study))
+        pictures["What the variance of every figure consists of"] = partial(draw_shares, study)
+    verdict = () if choice is None else (choice.verdict,)
+    notes = (*verdict, f"figures by the {study.model}", *study.notes)
+    return _Shown(tolerance_files(study, choice, every=True), tables, notes, pictures)
+
+
+def _of_sensitivities(found: Sensitivities, request: SensitivityRequest) -> _Shown:
+    from flexstage.report.explored_files import sensitivity_files
+    from flexstage.report.figures.sensitivity import draw_sensitivities
+    from flexstage.report.sensitivity import left_out_notes, sensitivity_table
+
+    length = request.length
+    tables = [sensitivity_table(found, length)]
+    notes = left_out_notes(found, hinges=request.hinges)
+    pictures = {"Changes of the figures": partial(draw_sensitivities, found, length)}
+    return _Shown(sensitivity_files(found, length), tables, notes, pictures)
+
+
+def _of_optimum(found: Optimum) -> _Shown:
+    from flexstage.report import optimise
+    from flexstage.report.explored_files import optimum_files
+
+    tables, notes = optimise.optimum_tables(found), optimise.optimum_notes(found)
+    return _Shown(optimum_files(found), tables, notes, _drawings(found))
+
+
+def _of_front(found: Front) -> _Shown:
+    from flexstage.report import optimise
+    from flexstage.report.explored_files import front_files
+    from flexstage.report.figures.optimum import draw_front
+
+    pictures = {"Pareto front": partial(draw_front, found), **_drawings(found.optimum)}
+    tables, notes = optimise.front_tables(found), optimise.front_notes(found)
+    return _Shown(front_files(found), tables, notes, pictures)
+
+
+def _drawings(best: Optimum) -> "dict[str, Callable[[], Drawing]]":
+    from flexstage.report.figures import optimum
+
+    return {
+        BEFORE_AFTER: partial(optimum.draw_before_after, best),
+        "Figures, each in parts of its limit": partial(optimum.draw_figures, best),
+        "Way to the optimum": partial(optimum.draw_history, best),
+    }

@@ -10,13 +10,12 @@ from flexstage.hysteresis import MODELS
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.report.identification import command_in_words
 from flexstage.units import readable
+from flexstage.web.figures import figure, picture, save, sentence, show_lines
 from flexstage.web.hysteresis.files_form import FilesForm
 from flexstage.web.hysteresis.requests import WantedMotion
-from flexstage.web.hysteresis.shown import figure, save, sentence, show_lines
 from flexstage.web.hysteresis.state import HysteresisState
-from flexstage.web.hysteresis.tasks import Task
 from flexstage.web.hysteresis.work import Compensated, compensated, usual_motion, waveform
-from flexstage.web.page import Page, in_page_words
+from flexstage.web.page import Page, Task, div, in_page_words, panel, remark
 
 _SHAPES = {"sine": "Sine", "triangle": "Triangle", "file": "From a file"}
 _STARTS = {
@@ -45,13 +44,13 @@ class CompensationPanel:
 
     def build(self) -> None:
         """Make the panel."""
-        with ui.element("div").classes("columns asked"):
-            with ui.element("section").classes("panel"):
+        with div("columns asked"):
+            with panel():
                 self._none = ui.label(
                     "There is no model yet: identify one from a record, or open its file."
                 ).classes("issue")
                 self._form = ui.column().classes("full-width told")
-            with ui.element("section").classes("panel") as self._results:
+            with panel() as self._results:
                 self._working = ui.column().classes("full-width")
                 self._wrong = ui.label().classes("issue error").props('role="alert"')
                 self._shown = ui.column().classes("full-width told")
@@ -72,7 +71,7 @@ class CompensationPanel:
             self._state.motion = usual_motion(self._state.motion, drive, model.sample_rate_hz)
             with self._form:
                 title = MODELS[drive.hysteresis.kind].title
-                ui.label(f"By the inverse of {title}, {model.name}.").classes("muted small")
+                remark(f"By the inverse of {title}, {model.name}.")
                 self._fields(drive)
         self._refuse("")
         self._show_command()
@@ -93,8 +92,8 @@ class CompensationPanel:
             if drive.validity is not None:
                 low, high = drive.validity.output_range
                 reach = in_page_words(readable(drive.output_unit, low, high, digits=4))
-                ui.label(f"The record of the model reaches {reach}.").classes("muted small")
-            with ui.element("div").classes("entries"):
+                remark(f"The record of the model reaches {reach}.")
+            with div("entries"):
                 self._number("centre", f"Centre{unit}", factor)
                 self._number("amplitude", f"Amplitude ±{unit}", factor)
                 self._number("rate_hz", "Frequency [Hz]")
@@ -107,7 +106,7 @@ class CompensationPanel:
             ui.expansion("Limits, and the state before", value=_is_limited(motion)).classes(
                 "folded"
             ),
-            ui.element("div").classes("entries"),
+            div("entries"),
         ):
             self._number("lowest", f"Lowest command{volt}")
             self._number("highest", f"Highest command{volt}")
@@ -127,7 +126,7 @@ class CompensationPanel:
             key="reference",
             label="Record of the wanted readings",
             example=None,
-            changed=self._file_changed,
+            changed=self.compute,
             reference=True,
         )
         form.build()
@@ -179,9 +178,6 @@ class CompensationPanel:
         if shape == "file":
             self._state.compensated = None
         self.show()
-        self.compute()
-
-    def _file_changed(self) -> None:
         self.compute()
 
     # what comes of it
@@ -237,7 +233,7 @@ class CompensationPanel:
         drive, command = model.file.model, made.made
         band = model.file.errors.get("heldout_95")
         with self._shown:
-            with ui.element("div").classes("row-of-figures"):
+            with div("row-of-figures"):
                 ends = float(command.command.min()), float(command.command.max())
                 figure("Command", readable(drive.input_unit, *ends, digits=4))
                 figure(
@@ -252,7 +248,7 @@ class CompensationPanel:
                     own = readable(drive.output_unit, 0.01 * band * (high - low))
                     figure("A measured drive, 95 % within", f"+-{own}", "by the held-out errors")
                 self._downloads()
-            ui.html(made.svg, sanitize=False).classes("picture")
+            picture(made.svg)
             show_lines([sentence(note) for note in made.notes], "issue")
             with ui.expansion("In words").classes("folded"):
                 show_lines([sentence(line) for line in command_in_words(command, drive)], "small")

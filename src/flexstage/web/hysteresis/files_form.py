@@ -11,14 +11,12 @@ from nicegui import events, ui
 from flexstage.errors import FlexstageError
 from flexstage.records import FORMATS
 from flexstage.records.contents import column_label, contents_table, length_in_words
-from flexstage.web.figures import show_table
+from flexstage.web.figures import in_page, picture, show_table
 from flexstage.web.hysteresis.requests import Reading
-from flexstage.web.hysteresis.shown import in_page
 from flexstage.web.hysteresis.state import MeasuredFiles
-from flexstage.web.hysteresis.tasks import Task
 from flexstage.web.hysteresis.work import Looked, is_light, looked_at
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Page, in_page_words, quiet_button
+from flexstage.web.page import Page, Task, div, in_page_words, quiet_button, remark
 from flexstage.web.uploads import upload
 
 _ENDINGS = tuple(suffix for suffixes in FORMATS.values() for suffix in suffixes)
@@ -85,16 +83,16 @@ class FilesForm:
 
     def build(self) -> None:
         """Make the fields."""
-        with ui.element("div").classes("take"):
+        with div("take"):
             upload(
                 self._page, self._label, _ENDINGS, self._replace, view="hysteresis", most=_MOST
             ).classes("tall")
             if self._example is not None:
                 quiet_button("Take the example", on_click=self._take_example).props("outline")
-        self._files = ui.element("div").classes("taken-files")
+        self._files = div("taken-files")
         self._wrong = ui.label().classes("issue error").props('role="alert"')
         self._back = quiet_button(on_click=self._go_back).props("dense")
-        with ui.element("div").classes("entries pairs") as self._grid:
+        with div("entries pairs") as self._grid:
             if not self._reference:
                 self._column("input", "Input")
                 self._text("input_unit", "Input unit", "V")
@@ -106,7 +104,7 @@ class FilesForm:
             ui.expansion("How the file is read", value=self._source.reading.unusual).classes(
                 "folded"
             ) as self._more,
-            ui.element("div").classes("entries"),
+            div("entries"),
         ):
             for name, label, example in _UNUSUAL[: -2 if self._reference else None]:
                 self._text(name, label, example)
@@ -298,7 +296,7 @@ class FilesForm:
 
 def show_contents(looked: Looked) -> None:
     """Show what was read of files."""
-    ui.html(looked.svg, sanitize=False).classes("picture")
+    picture(looked.svg)
     for one in looked.contents:
         name = Path(one["file"]).name
         ui.label(f"{name}: {length_in_words(one)}")
@@ -311,4 +309,4 @@ def show_contents(looked: Looked) -> None:
                 f"{first['seconds']:.4g} s after sample {first['after_sample']}"
             ).classes("issue")
         for note in one["notes"]:
-            ui.label(in_page_words(note.replace(one["file"], name))).classes("muted small")
+            remark(in_page_words(note.replace(one["file"], name)))

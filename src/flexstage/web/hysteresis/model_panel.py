@@ -15,12 +15,10 @@ from flexstage.report.identification import (
     verdict_in_words,
 )
 from flexstage.units import readable
-from flexstage.web.figures import show_table
-from flexstage.web.hysteresis.shown import figure, in_page, save, sentence, show_lines
+from flexstage.web.figures import figure, in_page, picture, save, sentence, show_lines, show_table
 from flexstage.web.hysteresis.state import HysteresisState, OpenModel
-from flexstage.web.hysteresis.tasks import Task
 from flexstage.web.hysteresis.work import Identified, identified, opened
-from flexstage.web.page import Page, PanelHeading, in_page_words
+from flexstage.web.page import Page, PanelHeading, Task, div, in_page_words, panel
 from flexstage.web.uploads import upload
 
 
@@ -42,15 +40,15 @@ class ModelPanel:
 
     def build(self) -> None:
         """Make the panel."""
-        with ui.element("div").classes("columns result"):
-            with ui.element("section").classes("panel"):
+        with div("columns result"):
+            with panel():
                 self._working = ui.column().classes("full-width")
                 self._told = ui.column().classes("full-width told")
                 upload(
                     self._page, "Open a model file", (".yaml", ".yml"), self._open,
                     view="hysteresis",
                 ).classes("slim")  # fmt: skip
-            self._drawn = ui.element("section").classes("panel")
+            self._drawn = panel()
         self._task = Task(
             self._page, self._state.jobs, "another", self._working, self._take_another,
             elsewhere=self._changed,
@@ -74,7 +72,7 @@ class ModelPanel:
         self._drawn.visible = model is not None
         with self._drawn:
             if model is not None and model.identified is not None:
-                ui.html(model.identified.svg, sanitize=False).classes("picture")
+                picture(model.identified.svg)
                 self._more(model.identified)
             elif model is not None:
                 self._warn(model)
@@ -86,7 +84,7 @@ class ModelPanel:
             "issue good" if found.verdict.fits else "issue error"
         )
         unit, stroke = found.model.output_unit, found.stroke
-        with ui.element("div").classes("row-of-figures"):
+        with div("row-of-figures"):
             if (held := found.heldout_rms_percent) is not None:
                 known = readable(unit, 0.01 * held * stroke)
                 figure("Held out, as the file predicts", f"{held:.3f} % rms", known)
@@ -122,7 +120,7 @@ class ModelPanel:
     def _tell_file(self, model: OpenModel) -> None:
         drive, errors = model.file.model, model.file.errors
         PanelHeading(f"{MODELS[drive.hysteresis.kind].title}: {model.name}")
-        with ui.element("div").classes("row-of-figures"):
+        with div("row-of-figures"):
             if (held := errors.get("heldout_rms")) is not None:
                 figure("Held out, as the file predicts", f"{held:.3f} % rms")
             if (band := errors.get("heldout_95")) is not None:

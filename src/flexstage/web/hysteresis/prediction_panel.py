@@ -11,14 +11,12 @@ from flexstage.report.identification import (
     prediction_in_words,
     predictions_table,
 )
-from flexstage.web.figures import show_table
+from flexstage.web.figures import figure, in_page, picture, sentence, show_lines, show_table
 from flexstage.web.hysteresis.example import other_example
 from flexstage.web.hysteresis.files_form import FilesForm, show_contents
-from flexstage.web.hysteresis.shown import figure, in_page, sentence, show_lines
 from flexstage.web.hysteresis.state import HysteresisState
-from flexstage.web.hysteresis.tasks import Task
 from flexstage.web.hysteresis.work import Predicted, predicted
-from flexstage.web.page import Page, in_page_words
+from flexstage.web.page import Page, Task, div, in_page_words, panel
 
 _STARTS = {
     "auto": "auto: found from the first samples",
@@ -44,8 +42,8 @@ class PredictionPanel:
     def build(self) -> None:
         """Make the panel."""
         state = self._state
-        with ui.element("div").classes("columns asked"):
-            with ui.element("section").classes("panel"):
+        with div("columns asked"):
+            with panel():
                 form = FilesForm(
                     self._page,
                     state.other,
@@ -57,10 +55,10 @@ class PredictionPanel:
                     like=lambda: state.source.reading,
                 )
                 form.build()
-                with ui.element("div").classes("entries"):
+                with div("entries"):
                     start = ui.select(_STARTS, value=state.start, label="Start")
                     start.props("outlined dense options-dense stack-label").classes("whole")
-                    start.on_value_change(self._set_start)
+                    start.bind_value(state, "start")
                     moved = ui.number("Moved for [s] (inf where empty)", value=state.moved_for)
                     moved.props("outlined dense stack-label")
                     moved.on_value_change(self._set_moved)
@@ -68,7 +66,7 @@ class PredictionPanel:
                 self._missing = ui.label().classes("issue")
                 self._go = ui.button("Predict", icon="play_arrow", on_click=self._start)
                 self._working = ui.column().classes("full-width")
-            with ui.element("section").classes("panel") as self._results:
+            with panel() as self._results:
                 self._shown = ui.column().classes("full-width told")
         self._task = Task(
             self._page, state.jobs, "prediction", self._working, self._take, elsewhere=self.show
@@ -89,11 +87,11 @@ class PredictionPanel:
             return
         first, drive = found.found[0], model.file.model
         with self._shown:
-            with ui.element("div").classes("row-of-figures"):
+            with div("row-of-figures"):
                 figure("As predicted", f"{first.as_predicted_rms_percent:.3f} % rms")
                 figure("With a free constant", f"{first.free_constant_rms_percent:.3f} % rms")
                 figure("Largest", f"{first.largest_percent:.2f} %")
-            ui.html(found.svg, sanitize=False).classes("picture")
+            picture(found.svg)
             show_table(in_page(predictions_table(found.found)))
             band = model.file.errors.get("heldout_95")
             lines = [line for p in found.found for line in prediction_in_words(p, drive)]
@@ -115,9 +113,6 @@ class PredictionPanel:
         self._missing.text = in_page_words(shown)
         self._missing.visible = bool(shown)
         self._go.set_enabled(not missing)
-
-    def _set_start(self, event: Any) -> None:
-        self._state.start = event.value
 
     def _set_moved(self, event: Any) -> None:
         self._state.moved_for = math.inf if event.value is None else max(0.0, event.value)

@@ -307,8 +307,6 @@ def _repeated(motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
 
 def _from_file(drive: DriveModel, motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
     reading = motion.file
-    if not reading.files:
-        raise ModelError("there is no file of the reference: drop one, or choose another shape")
     wanted = column(reading.output)
     record = read_files(
         [Path(reading.files[0])],

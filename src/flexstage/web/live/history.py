@@ -16,7 +16,6 @@ from flexstage.quantities import Quantity
 #: What a stage at the bench is read in.
 VOLTAGE = Quantity("voltage", "V", "Voltage", "V", 1.0)
 POSITION = Quantity("position", "m", "Position", "µm", 1e6)
-ROTATION = Quantity("rotation", "rad", "Rotation", "µrad", 1e6)
 
 #: Points of a channel in a window: more than a screen is wide.
 POINTS = 2000
@@ -136,10 +135,9 @@ class LiveHistory:
         self.seconds = 3600.0 * hours
         # by which pages ask for it
         self.key = secrets.token_hex(8)
+        # of the points that a page has already
+        self.generation = secrets.randbits(32)
         self._lock = threading.Lock()
-        self._empty()
-
-    def _empty(self) -> None:
         width, step = len(self.channels), max(_FACTOR / self.rate_hz, self.seconds / _BINS)
         # twice as long as what is kept: what stands in the second half moves to the first at times
         self._times = np.empty(2 * _SAMPLES)
@@ -150,13 +148,6 @@ class LiveHistory:
         while not self._tiers or self.seconds / step > _FEWEST:
             self._tiers.append(_Tier(step, math.ceil(self.seconds / step) + 1, width))
             step *= _FACTOR
-        # another one after it was cleared
-        self.generation = secrets.randbits(32)
-
-    def clear(self) -> None:
-        """Forget all, as where another clock begins."""
-        with self._lock:
-            self._empty()
 
     def append(self, times_s: ArrayLike, values: ArrayLike) -> None:
         """Take samples.

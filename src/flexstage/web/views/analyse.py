@@ -15,9 +15,8 @@ from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState
 from flexstage.web.figures import show_table
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Page, PanelHeading, quiet_button, show_job
+from flexstage.web.page import Page, PanelHeading, div, panel, quiet_button, show_job
 
-_LOOK = 0.2  # time between looks at what has come [s]
 _QUICK = "lumped"
 #: Parts of the results, and their icons.
 _PARTS = {"Shapes": "animation", "Bode": "ssid_chart", "Convergence": "trending_flat"}
@@ -46,22 +45,22 @@ class AnalyseView:
 
     def build(self) -> None:
         """Make the view."""
-        with ui.element("section").classes("panel toolbar"):
+        with panel("toolbar"):
             StageChoice(self._page, self._opened)
             ui.space()
             self._working = ui.element("div")
             self._save = quiet_button("Save results", icon="download", on_click=self._save_all)
-        with ui.element("div").classes("columns analyse"):
-            with ui.element("div").classes("stacked"):
-                with ui.element("section").classes("panel"):
+        with div("columns analyse"):
+            with div("stacked"):
+                with panel():
                     self._models = ModelsPanel(self._page)
-                with ui.element("section").classes("panel figures"):
+                with panel("figures"):
                     self._title = PanelHeading()
-                    self._tables = ui.element("div").classes("full-width stacked")
-            with ui.element("section").classes("panel sticky").props("tabindex=0"):
+                    self._tables = div("full-width stacked")
+            with panel("sticky").props("tabindex=0"):
                 self._results()
         self._opened()
-        ui.timer(_LOOK, self._look)
+        ui.timer(0.2, self._look)
 
     def _results(self) -> None:
         tabs = ui.tabs().props("dense no-caps align=left inline-label").classes("parts")
@@ -70,7 +69,7 @@ class AnalyseView:
                 ui.tab(name, icon=icon)
         tabs.value = self._state.shown.part
         tabs.on_value_change(self._choose_part)
-        self._place = ui.element("div").classes("full-width")
+        self._place = div("full-width")
         self._open_part()
 
     def _choose_part(self, event: events.ValueChangeEventArguments) -> None:

@@ -12,9 +12,8 @@ from flexstage.web.bench.runs import RunOutcome
 from flexstage.web.bench.state import BenchForms, bench_of
 from flexstage.web.jobs import BackgroundJob
 from flexstage.web.live.chart import LiveChart
-from flexstage.web.page import Page, PanelHeading, show_job
+from flexstage.web.page import Page, PanelHeading, div, panel, show_job
 
-_LOOK = 0.1  # time between looks at what is read [s]
 _TABS: dict[str, tuple[str, type[RunForm]]] = {
     "Waveform": ("show_chart", WaveformForm),
     "Record": ("fiber_manual_record", RecordForm),
@@ -47,12 +46,12 @@ class BenchView:
 
     def build(self) -> None:
         """Make the view."""
-        with ui.element("div").classes("stack") as self._whole:
+        with div("stack") as self._whole:
             self._bar = ConnectionBar(self._page)
             self._trouble = ui.label().classes("issue error").props('role="alert"')
-            self._area = ui.element("div").classes("columns bench")
+            self._area = div("columns bench")
         self._look()
-        ui.timer(_LOOK, self._look)
+        ui.timer(0.1, self._look)
 
     def _look(self) -> None:
         """Follow the bench: its link, its control, its readings, its runs."""
@@ -83,7 +82,7 @@ class BenchView:
         self._form = self._job = None
         if bench.device is None or bench.history is None:
             self._whole.classes(add="apart")
-            with self._area, ui.element("section").classes("panel"):
+            with self._area, panel():
                 PanelHeading("Runs")
                 self._form = RunList(self._page, bench, self._show)
                 self._form.build()
@@ -92,12 +91,12 @@ class BenchView:
             return
         self._whole.classes(remove="apart")
         with self._area:
-            with ui.element("div").classes("stack"):
+            with div("stack"):
                 self._cards |= {a: AxisCard(self._page, bench, a) for a in bench.device.axes}
-                with ui.element("section").classes("panel"):
+                with panel():
                     self._runs()
-            with ui.element("div").classes("stack"):
-                with ui.element("section").classes("panel"):
+            with div("stack"):
+                with panel():
                     LiveChart(
                         self._page,
                         bench.history,
@@ -106,7 +105,7 @@ class BenchView:
                 self._make_result()
 
     def _make_result(self) -> None:
-        self._result = ui.element("section").classes("panel").props('aria-live="polite"')
+        self._result = panel().props('aria-live="polite"')
         self._result.visible = False
 
     def _show(self, outcome: RunOutcome) -> None:
@@ -119,8 +118,8 @@ class BenchView:
         with ui.tabs(on_change=self._open).props("dense no-caps align=left") as tabs:
             for name, (icon, _) in _TABS.items():
                 ui.tab(name, icon=icon)
-        self._doing = ui.element("div").classes("full-width doing")
-        self._fields = ui.element("div").classes("run-form")
+        self._doing = div("full-width doing")
+        self._fields = div("run-form")
         tabs.value = self._forms.tab
 
     def _open(self, event: Any) -> None:

@@ -23,10 +23,8 @@ from flexstage.web.centring.work import (
     likely_columns,
     simulated_record,
 )
-from flexstage.web.figures import show_table
-from flexstage.web.hysteresis.shown import figure, show_lines
-from flexstage.web.hysteresis.tasks import Task
-from flexstage.web.page import Page, PanelHeading, complain, quiet_button
+from flexstage.web.figures import figure, picture, show_lines, show_table
+from flexstage.web.page import Page, PanelHeading, Task, complain, div, panel, quiet_button, remark
 from flexstage.web.preferences import LENGTHS
 from flexstage.web.uploads import upload
 
@@ -75,12 +73,12 @@ class CentringView:
     def build(self) -> None:
         """Make the view."""
         self._form = ScaleForm(self._page, self._begin, self._evaluate)
-        with ui.element("div").classes("columns centring"):
-            with ui.element("div").classes("stack"):
-                self._steps = ui.element("div").classes("stack")
-            with ui.element("section").classes("panel sticky").props("tabindex=0"):
-                self._working = ui.element("div").classes("full-width")
-                self._shown = ui.element("div").classes("stack")
+        with div("columns centring"):
+            with div("stack"):
+                self._steps = div("stack")
+            with panel("sticky").props("tabindex=0"):
+                self._working = div("full-width")
+                self._shown = div("stack")
         self._task = Task(
             self._page, self._state.jobs, "fit", self._working, self._take, self._failed
         )
@@ -180,9 +178,7 @@ class CentringView:
         state = self._state
         is_current = number == state.step or (number == 4 and state.step == 3)
         done = number < state.step or (number == 4 and state.next_kind == "move" and self._moves)
-        with ui.element("section").classes("panel step") as panel:
-            if is_current:
-                panel.classes("current")
+        with panel("step current" if is_current else "step"):
             with ui.row().classes("items-center heading"):
                 PanelHeading(f"{number} {name}")
                 if done:
@@ -190,7 +186,7 @@ class CentringView:
             if is_current:
                 (self._measure, self._trial, self._towards_centre, self._verify)[number - 1]()
             elif not done:
-                ui.label(_PURPOSES[number - 1]).classes("muted small")
+                remark(_PURPOSES[number - 1])
 
     @property
     def _moves(self) -> int:
@@ -271,11 +267,11 @@ class CentringView:
 
     def _left(self, first: dict[str, Any], last: dict[str, Any]) -> None:
         given = self._state.radius, self._page.preferences
-        with ui.element("div").classes("issue good"):
-            for (name, value, remark), (_, before, _) in zip(
+        with div("issue good"):
+            for (name, value, told), (_, before, _) in zip(
                 figures(last, *given)[:2], figures(first, *given)[:2], strict=True
             ):
-                ui.label(f"{name}: {value} left ({remark}); it was {before}")
+                ui.label(f"{name}: {value} left ({told}); it was {before}")
 
     def _told_target(self) -> tuple[float, float] | None:
         """Where the stage shall go; what is missing is said where it is not known."""
@@ -295,15 +291,13 @@ class CentringView:
 
     def _go_button(self, target: tuple[float, float]) -> None:
         if axes_of(self._bench) is None:
-            ui.label(
-                "No stage is connected: move it yourself, or connect it in the view Bench."
-            ).classes("muted small")
+            remark("No stage is connected: move it yourself, or connect it in the view Bench.")
         elif self._bench.control.holds(self._page.session.id):
             ui.button("Move the stage there", on_click=lambda: self._move(target))
         else:
-            ui.label(
+            remark(
                 "Another browser drives the stage, or nobody does: take control in the view Bench."
-            ).classes("muted small")
+            )
 
     def _place_fields(self) -> None:
         unit, factor = self._page.preferences.length_unit()
@@ -335,18 +329,18 @@ class CentringView:
         if not state.measured:
             PanelHeading("Nothing is measured yet")
             ui.label("Begin on the left. Records may come from three places:")
-            with ui.element("div").classes("chapters"):
+            with div("chapters"):
                 for source, how in _HOW.items():
                     with ui.element("div"):
                         PanelHeading(SOURCES[source], 3)
-                        ui.label(how).classes("muted small")
+                        remark(how)
             return
         found = state.found if state.up_to_date else None
         if found is not None:
-            with ui.element("div").classes("row-of-figures"):
-                for name, value, remark in figures(found.settings[-1], state.radius, preferences):
-                    figure(name, value, remark)
-            ui.html(found.svg, sanitize=False).classes("picture")
+            with div("row-of-figures"):
+                for shown in figures(found.settings[-1], state.radius, preferences):
+                    figure(*shown)
+            picture(found.svg)
         show_table(rows_of(state, preferences))
         with ui.row().classes("items-center"):
             quiet_button("Take the last one back", icon="undo", on_click=self._take_back)

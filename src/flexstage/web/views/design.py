@@ -2,6 +2,8 @@
 
 import asyncio
 import time
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -9,25 +11,34 @@ from nicegui import ui
 from flexstage.comparison import MODEL_WORDS
 from flexstage.designs import StageTemplate
 from flexstage.errors import FlexstageError
+from flexstage.export.formats import FORMATS
+from flexstage.files.names import file_name
+from flexstage.files.write import write_whole
 from flexstage.report.page import table_html
 from flexstage.web.design.choice import StageChoice
-from flexstage.web.design.dialogs import ask_export, ask_file_name
 from flexstage.web.design.sliders import Sliders
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.design.work import (
     Checked,
     checked,
-    corrected_rows,
+    exported_into,
     figures_table,
-    lumped_rows,
+    rows_of,
     slopes_of,
+    stage_file,
 )
+from flexstage.web.figures import picture
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Page, PanelHeading, complain, quiet_button
-
-_LOOK = 0.1  # time between looks at what is to be done next [s]
-_IDLE = 0.35  # time without a change after which it has ended [s]
-_QUIET = 0.8  # time after which the finer model begins [s]
+from flexstage.web.page import (
+    Page,
+    PanelHeading,
+    complain,
+    div,
+    named_dialog,
+    panel,
+    quiet_button,
+    show_job,
+)
 
 
 def build(page: Page) -> None:
@@ -55,23 +66,28 @@ class DesignView:
 
     def build(self) -> None:
         """Make the view."""
-        with ui.element("section").classes("panel toolbar"):
+        with panel("toolbar"):
             self._tools()
-        with ui.element("div").classes("columns design"):
-            with ui.element("section").classes("panel"):
+        with div("columns design"):
+            with panel():
                 self._sliders = Sliders(self._state, self._moved)
-            with ui.element("section").classes("panel sticky").props("tabindex=0"):
+            with panel("sticky").props("tabindex=0"):
                 self._results()
         self._sliders.build()
         self._moved()
-        ui.timer(_LOOK, self._look)
+        ui.timer(0.1, self._look)
 
     def _tools(self) -> None:
         self._choice = StageChoice(self._page, self._opened)
         ui.space()
-        self._undo = quiet_button(icon="undo", on_click=self._go_back).props('aria-label="Undo"')
-        self._redo = quiet_button(icon="redo", on_click=self._go_on).props('aria-label="Redo"')
-        quiet_button("Keep to compare", on_click=self._keep)
+        state = self._state
+        self._undo, self._redo = (
+            quiet_button(icon=icon, on_click=partial(self._turn, turn)).props(
+                f'aria-label="{name}"'
+            )
+            for icon, name, turn in (("undo", "Undo", state.undo), ("redo", "Redo", state.redo))
+        )
+        quiet_button("Keep to compare", on_click=lambda: self._keep(state.now))
         ui.button("Save stage file", on_click=lambda: ask_file_name(self._page, self._state.now))
         quiet_button("Export", on_click=lambda: ask_export(self._page, self._state.now)).props(
             "outline"
@@ -83,15 +99,15 @@ class DesignView:
             self._doing = ui.label().classes("muted small").props('role="status"')
         self._wrong = ui.label().classes("issue error").props('role="alert"')
         self._wrong.visible = False
-        with ui.element("div").classes("drawings"):
-            self._picture = ui.html("", sanitize=False).classes("picture")
-            self._kept_picture = ui.html("", sanitize=False).classes("picture")
+        with div("drawings"):
+            self._picture = picture("")
+            self._kept_picture = picture("")
         self._figures = ui.html("", sanitize=False).classes("tables live")
         with ui.row().classes("items-center heading") as self._kept_row:
             self._kept_name = ui.label().classes("small")
             quiet_button("Open the kept one", on_click=self._swap).props("dense")
-            quiet_button("Keep none", on_click=self._keep_none).props("dense")
-        self._issues = ui.element("div").classes("issues").props('aria-live="polite"')
+            quiet_button("Keep none", on_click=lambda: self._keep(None)).props("dense")
+        self._issues = div("issues").props('aria-live="polite"')
         self._show_kept()
 
     # what a person does
@@ -108,14 +124,9 @@ class DesignView:
         self._sliders.build()
         self._moved()
 
-    def _go_back(self) -> None:
+    def _turn(self, turn: Callable[[], object]) -> None:
         before = self._state.now.template
-        self._state.undo()
-        self._shown_again(before)
-
-    def _go_on(self) -> None:
-        before = self._state.now.template
-        self._state.redo()
+        turn()
         self._shown_again(before)
 
     def _shown_again(self, before: StageTemplate) -> None:
@@ -126,13 +137,8 @@ class DesignView:
         self._sliders.sync()
         self._moved()
 
-    def _keep(self) -> None:
-        self._state.kept = self._state.now
-        self._show_kept()
-        self._moved()
-
-    def _keep_none(self) -> None:
-        self._state.kept = None
+    def _keep(self, variant: Variant | None) -> None:
+        self._state.kept = variant
         self._show_kept()
         self._moved()
 
@@ -156,7 +162,7 @@ class DesignView:
                 try:
                     rows = self._state.lumped.get(variant)
                     if rows is None:
-                        rows = await asyncio.to_thread(lumped_rows, variant)
+                        rows = await asyncio.to_thread(rows_of, variant, "lumped")
                         self._state.lumped.put(variant, rows)
                 except FlexstageError as error:
                     self._show_wrong(str(error))
@@ -178,7 +184,7 @@ class DesignView:
         state = self._state
         kept = state.kept
         if kept is not None and state.lumped.get(kept) is None:
-            state.lumped.put(kept, lumped_rows(kept))
+            state.lumped.put(kept, rows_of(kept, "lumped"))
         shown = figures_table(
             self._page.preferences,
             state.lumped.get(variant) or (),
@@ -210,8 +216,9 @@ class DesignView:
         self._redo.set_enabled(state.history.can_redo)
         self._take_job()
         quiet = time.monotonic() - self._changed_at
+        has_ended, begins_finer = quiet > 0.35, quiet > 0.8  # a drag pauses at times [s]
         variant = state.now
-        if quiet < _IDLE or self._follows or state.lumped.get(variant) is None:
+        if not has_ended or self._follows or state.lumped.get(variant) is None:
             return
         state.commit()
         if self._drawing:
@@ -227,7 +234,7 @@ class DesignView:
             self._kept_drawn = kept
             if found is not None:
                 self._kept_picture.content = found.svg
-        elif quiet > _QUIET and self._job is None:
+        elif begins_finer and self._job is None:
             self._start_job(variant)
 
     async def _checked(self, variant: Variant, key: str) -> Checked | None:
@@ -253,7 +260,8 @@ class DesignView:
             job = jobs.start("sensitivities", slopes_of, variant, rows, owner=owner)
             self._job = ("slopes", variant, job)
         elif state.corrected.get(variant) is None and rows:
-            job = jobs.start(MODEL_WORDS["superelement"], corrected_rows, variant, owner=owner)
+            finer = "superelement"
+            job = jobs.start(MODEL_WORDS[finer], rows_of, variant, finer, owner=owner)
             self._job = ("corrected", variant, job)
         self._doing.text = f"{self._job[2].name} …" if self._job else ""
 
@@ -272,3 +280,69 @@ class DesignView:
         if variant == self._state.now:
             self._sliders.show_slopes()
             self._show_figures(variant)
+
+
+_USUAL = ("dxf", "csv")
+
+
+def ask_file_name(page: Page, variant: Variant) -> None:
+    """Ask for a name, and save the stage file of a variant under it: here and in the browser."""
+    name = variant.template.stage().name
+    if variant.values:
+        name = f"{name}-changed"
+    with named_dialog("Save a stage file") as dialog, ui.card().classes("dialog"):
+        PanelHeading("Save a stage file")
+        field = ui.input("Name of the stage", value=name).classes("full-width")
+
+        def save() -> None:
+            with page.sentences():
+                stem = file_name((field.value or name).strip())
+                content = stage_file(variant, stem).encode("utf-8")
+                path = page.panel.folder("design") / f"{stem}.yaml"
+                write_whole(path, content)
+                ui.download.content(content, path.name)
+                ui.notify(f"saved as {path}", type="positive")
+                dialog.close()
+
+        with ui.row():
+            ui.button("Save", on_click=save)
+            quiet_button("Cancel", on_click=dialog.close)
+    dialog.open()
+
+
+def ask_export(page: Page, variant: Variant) -> None:
+    """Ask for formats, and export a variant in a process of its own."""
+    with named_dialog("Export") as dialog, ui.card().classes("dialog"):
+        PanelHeading("Export")
+        boxes = {
+            name: ui.checkbox(f"{name}: {known.about}", value=name in _USUAL).props("dense")
+            for name, known in FORMATS.items()
+        }
+        working = ui.column().classes("full-width")
+
+        def start() -> None:
+            formats: Sequence[str] = [name for name, box in boxes.items() if box.value]
+            if not formats:
+                ui.notify("choose a format", type="warning")
+                return
+            go.disable()
+            folder, owner = page.panel.folder("design"), page.session.id
+            job = page.panel.jobs.start(
+                "export", exported_into, folder, variant, formats, owner=owner
+            )
+            with working:
+                show_job(page, job, over)
+
+        def over(job: BackgroundJob) -> None:
+            go.enable()
+            if job.state == "done":
+                path, remarks = job.result
+                ui.download.content(path.read_bytes(), path.name)
+                with working:
+                    for remark in remarks:
+                        remark(remark)
+
+        with ui.row():
+            go = ui.button("Export", on_click=start)
+            quiet_button("Close", on_click=dialog.close)
+    dialog.open()

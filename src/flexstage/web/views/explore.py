@@ -12,13 +12,13 @@ from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.design.work import checked
 from flexstage.web.explore.command import Request
 from flexstage.web.explore.facts import StageFacts, facts_of
-from flexstage.web.explore.fields import Fields
+from flexstage.web.explore.fields import Fields, in_form_words
 from flexstage.web.explore.forms import build_form, what_it_takes
 from flexstage.web.explore.results import Results
 from flexstage.web.explore.state import KINDS, ExploreState, Run
-from flexstage.web.explore.words import in_form_words
 from flexstage.web.explore.work import explored, question_of
-from flexstage.web.page import Page, PanelHeading
+from flexstage.web.figures import picture
+from flexstage.web.page import Page, PanelHeading, div, panel, remark
 
 _PURPOSES = {
     "sweep": "Vary parameters, and see what the figures do.",
@@ -50,16 +50,16 @@ class ExploreView:
 
     def build(self) -> None:
         """Make the view."""
-        with ui.element("section").classes("panel toolbar"):
+        with panel("toolbar"):
             StageChoice(self._page, self._opened)
             self._changed_label = ui.label().classes("muted")
             ui.space()
             ui.toggle(KINDS, value=self._state.kind, on_change=self._turn).props("no-caps").classes(
                 "explore-kinds"
             )
-        with ui.element("div").classes("columns explore"):
-            self._form = ui.element("section").classes("panel asked")
-            self._results = ui.element("section").classes("panel")
+        with div("columns explore"):
+            self._form = panel("asked")
+            self._results = panel()
         self._opened()
         if self._state.kind in self._state.runs:
             self._show_results()
@@ -102,11 +102,11 @@ class ExploreView:
         self._form.clear()
         with self._form:
             PanelHeading(KINDS[state.kind])
-            ui.label(_PURPOSES[state.kind]).classes("muted small")
+            remark(_PURPOSES[state.kind])
             fields = Fields(facts, self._page.preferences, self._changed)
-            with ui.element("div").classes("form"):
+            with div("form"):
                 build_form(state.form, fields)
-            with ui.element("div").classes("go"):
+            with div("go"):
                 self._takes = ui.label().classes("muted small").props('role="status"')
                 self._go = ui.button(f"Run {KINDS[state.kind].casefold()}", on_click=self._start)
                 self._go.props("icon=play_arrow")
@@ -172,7 +172,7 @@ class ExploreView:
                 f"Nothing was run yet. Press Run {KINDS[self._state.kind].casefold()}: the form is "
                 "filled with what is usual for this stage."
             ).classes("muted")
-            drawing = ui.html("", sanitize=False).classes("picture")
+            drawing = picture("")
         self._page.begin(self._draw(drawing))
 
     async def _draw(self, drawing: ui.html) -> None:

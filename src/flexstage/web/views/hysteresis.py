@@ -12,9 +12,8 @@ from flexstage.web.hysteresis.files_form import FilesForm, show_contents
 from flexstage.web.hysteresis.model_panel import ModelPanel
 from flexstage.web.hysteresis.prediction_panel import PredictionPanel
 from flexstage.web.hysteresis.state import HysteresisState, OpenModel
-from flexstage.web.hysteresis.tasks import Task
 from flexstage.web.hysteresis.work import Identified, identified
-from flexstage.web.page import Page, PanelHeading, in_page_words
+from flexstage.web.page import Page, PanelHeading, Task, div, in_page_words, panel
 
 _STEPS = {
     "record": ("1 Record", "description"),
@@ -82,8 +81,8 @@ class HysteresisView:
 
     def _record(self) -> None:
         state = self._state
-        with ui.element("div").classes("columns asked"):
-            with ui.element("section").classes("panel"):
+        with div("columns asked"):
+            with panel():
                 form = FilesForm(
                     self._page,
                     state.source,
@@ -99,7 +98,7 @@ class HysteresisView:
                 self._missing = ui.label().classes("issue")
                 self._go = ui.button("Identify", icon="play_arrow", on_click=self._identify)
                 working = ui.column().classes("full-width")
-            with ui.element("section").classes("panel") as self._shown:
+            with panel() as self._shown:
                 self._contents = ui.column().classes("full-width told")
         self._task = Task(
             self._page, state.jobs, "model", working, self._take, elsewhere=self._taken
@@ -117,7 +116,7 @@ class HysteresisView:
         ).on_value_change(lambda event: self._set("models", tuple(event.value or ())))  # fmt: skip
         known = replace(search, models=()) != type(search)()
         with ui.expansion("What is known of the drive", value=known).classes("folded"):
-            with ui.element("div").classes("entries"):
+            with div("entries"):
                 ui.input("Train: samples to fit", value=search.train, placeholder="400:5000").props(
                     _NUMBER
                 ).on_value_change(lambda event: self._set("train", (event.value or "").strip()))
@@ -184,9 +183,9 @@ class HysteresisView:
 
 def _explain() -> None:
     """Say what the view is for, where nothing is open."""
-    with ui.element("div").classes("explained"):
+    with div("explained"):
         for (label, icon), text in zip(_STEPS.values(), _PURPOSES, strict=True):
-            with ui.element("div").classes("panel"):
+            with div("panel"):
                 with ui.row().classes("items-center"):
                     ui.icon(icon).props("aria-hidden=true")
                     PanelHeading(label)

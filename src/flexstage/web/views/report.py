@@ -11,9 +11,17 @@ from flexstage.studies.models import MODELS
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Page, PanelHeading, quiet_button, show_job
-from flexstage.web.report.work import StudyChoice, write_report
-from flexstage.web.report.written import FILES, WrittenReport, written_reports
+from flexstage.web.page import (
+    Page,
+    PanelHeading,
+    choice,
+    div,
+    panel,
+    quiet_button,
+    remark,
+    show_job,
+)
+from flexstage.web.reports import FILES, StudyChoice, WrittenReport, write_report, written_reports
 
 _PARTS = {
     "virtual": "simulated measurement",
@@ -78,25 +86,26 @@ class ReportView:
 
     def build(self) -> None:
         """Make the view."""
-        with ui.element("section").classes("panel toolbar"):
+        with panel("toolbar"):
             StageChoice(self._page, self._name_stage)
             self._choices()
             self._go = ui.button(on_click=self._write)
-            self._working = ui.element("div").classes("working")
-        self._shown = ui.element("section").classes("panel report")
+            self._working = div("working")
+        self._shown = panel("report")
         self._name_stage()
         self._follow()
         self._show()
 
     def _choices(self) -> None:
-        choice = self._state.choice
-        models = ui.select(_NAMES, value=list(choice.models), label="Models", multiple=True).props(
-            "dense options-dense outlined use-chips"
-        )
-        models.on_value_change(lambda e: self._choose("models", tuple(e.value)))
-        with ui.element("div").classes("parts"):
+        asked = self._state.choice
+        models = choice(
+            _NAMES, list(asked.models), "Models", lambda e: self._choose("models", tuple(e.value)),
+            multiple=True,
+        )  # fmt: skip
+        models.props("use-chips")
+        with div("parts"):
             for name, label in _PARTS.items():
-                box = ui.checkbox(label, value=getattr(choice, name)).props("dense")
+                box = ui.checkbox(label, value=getattr(asked, name)).props("dense")
                 box.on_value_change(lambda e, name=name: self._choose(name, bool(e.value)))
 
     def _choose(self, name: str, value: Any) -> None:
@@ -148,10 +157,7 @@ class ReportView:
             report = reports.get(self._state.open) or next(iter(reports.values()))
             with ui.row().classes("items-center heading"):
                 titles = {name: each.title for name, each in reports.items()}
-                choice = ui.select(titles, value=report.name, label="Written reports").props(
-                    "dense options-dense outlined"
-                )
-                choice.on_value_change(lambda e: self._open(e.value))
+                choice(titles, report.name, "Written reports", lambda e: self._open(e.value))
                 self._ways(report)
             frame = ui.element("iframe").classes("report")
             frame.on("load", js_handler=_FOLLOW_LOOK)
@@ -166,12 +172,12 @@ class ReportView:
     def _ways(self, report: WrittenReport) -> None:
         """Offer the files of a report: to print, to read in a tab of their own, to keep."""
         quiet_button("Print", icon="print", on_click=lambda: ui.run_javascript(_PRINT))
-        with ui.element("div").classes("ways"):
+        with div("ways"):
             ui.label("Open in a tab:")
             for file in report.files:
                 if file.endswith(".html"):
                     ui.link(FILES[file], report.address(file), new_tab=True)
-        with ui.element("div").classes("ways"):
+        with div("ways"):
             ui.label("Download:")
             for file in report.files:
                 link = ui.link(file, report.address(file))
@@ -179,9 +185,9 @@ class ReportView:
 
 
 def _chapters() -> None:
-    with ui.element("div").classes("chapters"):
+    with div("chapters"):
         for chapter in CHAPTERS.values():
             with ui.element("div"):
                 PanelHeading(chapter.title, 3)
                 titles = (title for title, _ in chapter.sections.values() if title)
-                ui.label("; ".join(titles)).classes("muted small")
+                remark("; ".join(titles))

@@ -6,11 +6,19 @@ from nicegui import ui
 
 from flexstage.web.bench.state import BenchForms
 from flexstage.web.design.state import DesignState
-from flexstage.web.page import Page, PanelHeading, complain, pages_of, quiet_button
+from flexstage.web.page import (
+    Page,
+    PanelHeading,
+    complain,
+    div,
+    pages_of,
+    panel,
+    quiet_button,
+    remark,
+)
 from flexstage.web.sessions import Session
 from flexstage.web.views import START, VIEWS
 
-_GONE = 5.0  # a browser that has not been seen for so long is not just on its way back [s]
 _WAYS = {
     "Design a stage": ("design", "analyse", "explore", "report"),
     "Measure one": ("hysteresis", "centring"),
@@ -22,22 +30,23 @@ def build(page: Page) -> None:
     """Make the view."""
     views = {view.module: view for view in VIEWS}
     PanelHeading(START.purpose)
-    with ui.element("div").classes("purposes"):
+    with div("purposes"):
         for name, modules in _WAYS.items():
-            with ui.element("section").classes("panel"):
+            with panel():
                 PanelHeading(name)
                 for module in modules:
                     with ui.link(target=views[module].path).classes("way"):
                         ui.icon(views[module].icon).props("aria-hidden=true")
                         ui.label(views[module].name)
-                        ui.label(views[module].purpose).classes("muted small")
+                        remark(views[module].purpose)
+    on_its_way = 5.0  # a browser that was seen so short a while ago is about to be back [s]
     left = [
         (session, ago)
         for session, ago in page.panel.access.sessions()
-        if ago > _GONE and session.opened(DesignState) and not pages_of(session)
+        if ago > on_its_way and session.opened(DesignState) and not pages_of(session)
     ]
     if left:
-        with ui.element("section").classes("panel"):
+        with panel():
             PanelHeading("Go on with what was open in a browser that is gone")
             for session, ago in left:
                 with ui.row().classes("items-center"):

@@ -1,4 +1,4 @@
-"""Reports that were written: where they lie, and the address of each file in the panel."""
+"""Reports: how they are written, where they lie, and the address of each file in the panel."""
 
 import base64
 import hashlib
@@ -9,7 +9,14 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from flexstage import progress
+from flexstage.files.names import file_name
+from flexstage.files.write import write_files
+
+if TYPE_CHECKING:
+    from flexstage.web.design.state import Variant
 
 #: What a report may consist of, and what each file is called in the page.
 FILES: Mapping[str, str] = MappingProxyType(
@@ -101,3 +108,46 @@ def _policy() -> str:
         f"default-src 'none'; script-src 'sha256-{known}'; style-src 'unsafe-inline'; "
         "img-src data: blob:; font-src data:; base-uri 'none'; form-action 'none'"
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyChoice:
+    """What a report holds, as the options of `flexstage study` say it."""
+
+    models: tuple[str, ...] = ("lumped", "superelement")
+    """Models of the stage."""
+    hysteresis: bool = True
+    """Whether the hysteresis of piezo drives is identified and compensated on a simulated stage."""
+    virtual: bool = True
+    """Whether measurements of the stage are simulated, and centring a scale with it."""
+    traditional: bool = True
+    """Whether a stage of the study is set against traditional ones."""
+
+
+def write_report(
+    folder: Path, variant: "Variant", choice: StudyChoice, *, cache: bool = True
+) -> WrittenReport:
+    """Write the report of a variant into a new folder within `folder`, as `flexstage study` does.
+
+    For a process of its own.
+    """
+    from flexstage.cache import Memory, open_cache
+    from flexstage.report.study import study_files
+    from flexstage.studies import run_study
+
+    stage = variant.stage()
+    with progress.subtask(0.0, 0.8):
+        study = run_study(
+            stage,
+            choice.models,
+            hysteresis=choice.hysteresis,
+            virtual=choice.virtual,
+            traditional=choice.traditional,
+            cache=cache,
+        )
+    progress.update("pages", 0.8)
+    files = study_files(study, Memory(open_cache(cache)))
+    name = file_name(f"{stage.name}-changed" if variant.values else stage.name)
+    report = new_folder(folder, name)
+    write_files(report, files)
+    return WrittenReport(report)

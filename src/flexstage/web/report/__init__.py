@@ -1,1 +1,0 @@
-"""The view Report: what was written, and how it is written."""
