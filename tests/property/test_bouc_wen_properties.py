@@ -17,8 +17,7 @@ from flexstage.hysteresis import (
 )
 from flexstage.hysteresis.model import HysteresisModel, ModelProperty
 from flexstage.hysteresis.models.bouc_wen_steps import simulate_samples
-from flexstage.hysteresis.models.decay import decayed
-from flexstage.hysteresis.models.power_law import moved
+from flexstage.hysteresis.models.power_law import decayed, moved
 
 # A compiled loop is slow the first time.
 settings.register_profile("compiled", deadline=None, max_examples=40)

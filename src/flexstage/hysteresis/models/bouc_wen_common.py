@@ -26,7 +26,7 @@ from flexstage.hysteresis.models.bouc_wen_steps import (
     law_segments,
     simulate_samples,
 )
-from flexstage.hysteresis.models.decay import decayed, distance_to_zero, saturating
+from flexstage.hysteresis.models.power_law import decayed, distance_to_zero, saturating
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
 
 #: What is said of the parameters in C.

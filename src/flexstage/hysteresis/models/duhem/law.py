@@ -268,7 +268,7 @@ def duhem_columns(u: ArrayLike, rate: float, curve: int, tangent: int) -> Array:
     >>> duhem_columns([80.0, 30.0], 0.04, 3, 1) @ [2.0, 0.45, 0.4e-3, 0.3]
     array([35.76095275, 19.26880817])
     """
-    return _columns(samples(u, "input"), rate, curve, tangent)
+    return _columns(np.ascontiguousarray(u, dtype=np.float64), rate, curve, tangent)
 
 
 @compiled
