@@ -135,7 +135,12 @@ _UNSEEN = 6.0
 
 
 def mean_error(
-    record: Record, column: str | int, reference: Trajectory, axis: str, periods: int, lag: float
+    record: Record,
+    column: str | int,
+    reference: Trajectory,
+    axis: str,
+    periods: int,
+    lag: float = 0.0,
 ) -> tuple[Array, Complex]:
     """Return the mean error of the last periods of a record, and its noise by harmonic.
 
