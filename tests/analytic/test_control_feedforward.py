@@ -26,7 +26,7 @@ from flexstage.hysteresis import (
     StageModes,
     ValidityRange,
 )
-from flexstage.hysteresis.periodic import steady_displacement, steady_input, steady_output
+from flexstage.hysteresis.limited_inverse import steady_displacement, steady_input, steady_output
 from flexstage.instruments.protocol import Capability, Signal
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record

@@ -17,6 +17,7 @@ from flexstage.hysteresis.model import (
     Response,
     Segments,
     checked,
+    sampled,
     samples,
 )
 from flexstage.hysteresis.models.bouc_wen_steps import (
@@ -74,9 +75,7 @@ class BoucWenModel(HysteresisModel):
             return None
         cubic, law = self._compiled()
         start = self._state(state)
-        inputs = samples(u, "input")
-        if inputs.size < 2:
-            raise ModelError("segments lie between samples: got one sample, give two or more")
+        inputs = sampled(u)
         h = advance(start[1], start[0], inputs[0] - start[0], law)
         table = np.empty((5, 4 * inputs.size))
         count, h = law_segments(inputs, h, cubic[0], law, table)

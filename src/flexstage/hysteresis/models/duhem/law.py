@@ -17,10 +17,10 @@ from flexstage.hysteresis.model import (
     Response,
     Segments,
     checked,
+    sampled,
     samples,
 )
 from flexstage.hysteresis.models.play import ROUNDING, fixed
-from flexstage.hysteresis.models.play_model import sampled
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
 
 #: Inputs at which the conditions are looked at.

@@ -15,6 +15,7 @@ from flexstage.hysteresis.model import (
     Response,
     Segments,
     checked,
+    sampled,
     samples,
 )
 from flexstage.hysteresis.models import play_sum
@@ -24,7 +25,6 @@ from flexstage.hysteresis.models.play_model import (
     elements,
     largest_pieces,
     least_slope,
-    sampled,
     segments_of,
     sum_numbers,
     terms,
