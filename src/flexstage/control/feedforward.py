@@ -52,12 +52,12 @@ def conditioning_waveform(
     *,
     sample_rate_hz: float,
     end: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
 ) -> Waveform:
     """Return voltages that bring drives to a known state of their memory.
 
     Whole cycles over the range of each, all axes in step, then a short way from the low end to the
-    first voltage of what follows. Where neither is given, an axis starts, and ends, at its low end.
+    first voltage of what follows. An axis starts at its low end, and ends there where no end is
+    given.
 
     Examples
     --------
@@ -72,11 +72,10 @@ def conditioning_waveform(
     way = smooth_step(np.arange(approach) / approach)
     values = {}
     for axis, (low, high) in voltage_range.items():
-        first = low if start is None else start.get(axis, low)
         last = low if end is None else end.get(axis, low)
         values[axis] = np.concatenate(
             (
-                first + (low - first) * way,
+                np.full(approach, low),
                 low + (high - low) * swing,
                 low + (last - low) * way,
                 np.full(approach, last),
