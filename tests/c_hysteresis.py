@@ -31,6 +31,7 @@ from tests.hysteresis_vectors import VECTORS
 Array = NDArray[Any]
 
 _MOVES = """
+#include <stdlib.h>
 #include "{header}"
 void moves(const fs_real *p, fs_real *memory, const fs_real *u, int n, fs_real *y)
 {{
@@ -44,20 +45,21 @@ int line(const fs_real *p, fs_real *memory, fs_real u, fs_real *pieces, int room
 {{
     return {function}_line(p, memory, u, (fs_piece *)pieces, room, y);
 }}
-void lines(const fs_real *p, fs_real *memory, const fs_real *u, int n, fs_real *y)
+void lines(const fs_real *p, fs_real *memory, const fs_real *u, int n, fs_real *y, int room)
 {{
-    fs_piece pieces[{room}];
+    fs_piece *pieces = malloc((size_t)room * sizeof *pieces);
     int i;
     for (i = 0; i < n; i++)
-        if ({function}_line(p, memory, u[i], pieces, {room}, y + i) < 1)
+        if ({function}_line(p, memory, u[i], pieces, room, y + i) < 1)
             y[i] = (fs_real)NAN;
+    free(pieces);
 }}
 """
 
 
 def program(code: HysteresisCode) -> str:
     """Return C that steps a model through a sequence."""
-    names = {"header": code.header, "function": code.function, "room": code.pieces}
+    names = {"header": code.header, "function": code.function}
     return _MOVES.format(**names) + (_LINES.format(**names) if code.pieces else "")
 
 
@@ -95,7 +97,7 @@ class Compiled:
 
     def lines(self, u: Array) -> Array:
         """Return the outputs at the ends of lines."""
-        return self._through("lines", u)
+        return self._through("lines", u, self.code.pieces)
 
     def line(self, u: float, room: int | None = None) -> tuple[int, Array, float]:
         """Return the number of pieces of a line, the pieces (m, 5), and the output at its end."""
@@ -109,12 +111,12 @@ class Compiled:
         )  # fmt: skip
         return count, pieces[: max(count, 0)], float(value[0])
 
-    def _through(self, function: str, u: Array) -> Array:
+    def _through(self, function: str, u: Array, *room: int) -> Array:
         inputs = np.ascontiguousarray(u, dtype=self.type)
         values = np.empty_like(inputs)
         getattr(self.library, function)(
             _pointer(self.parameters), _pointer(self.memory), _pointer(inputs), inputs.size,
-            _pointer(values),
+            _pointer(values), *room,
         )  # fmt: skip
         return values
 

@@ -237,7 +237,9 @@ def test_sanitizers_find_nothing(precision: str, tmp_path: Path) -> None:
                 parameters=", ".join(f"{x:.17g}" for x in code.parameters),
                 size=code.parameters.size,
                 memory=code.memory,
-                lines=f"lines{number}(q, memory, v, INPUTS, y);" if code.pieces else "",
+                lines=f"lines{number}(q, memory, v, INPUTS, y, {code.pieces});"
+                if code.pieces
+                else "",
             )
         )
     calls = "".join(f"sanitized{number}(); " for number in range(len(names)))

@@ -9,7 +9,7 @@ from flexstage.control import LearningSettings, learn, sine
 from flexstage.control.learning_axis import mean_error
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Lag, PrandtlIshlinskii, StageModes, ValidityRange
-from flexstage.hysteresis.periodic import steady_output
+from flexstage.hysteresis.limited_inverse import steady_output
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
 from flexstage.stage.limits import AxisLimits
@@ -180,7 +180,7 @@ def test_voltages_of_a_hysteretic_drive_are_learned_through_its_model() -> None:
     )  # fmt: skip
 
     def run(w):
-        from flexstage.hysteresis.periodic import chain_response
+        from flexstage.hysteresis.limited_inverse import chain_response
 
         x = steady_output(other, w.values["x"])
         return record(through(lambda f: chain_response(other, f), x))

@@ -20,6 +20,7 @@ from flexstage.hysteresis import (
 from flexstage.hysteresis.stack_models import usual_hysteresis
 from flexstage.lumped import lumped_system
 from flexstage.stage import PiezoStack
+from flexstage.stage.assumptions import LOOP_WIDTH
 from flexstage.system import frequency_response
 
 _STAGE = design("vgtu-piezo")
@@ -125,7 +126,7 @@ def test_the_usual_hysteresis_has_the_stroke_and_the_width() -> None:
         stiffness=3.1e7,
         voltage_range=(-19.0, 131.0),
     )
-    model = usual_hysteresis(stack, width=0.083)
+    model = usual_hysteresis(stack)
     line = np.linspace(-19.0, 131.0, 2000)
     cycle = np.concatenate((line, line[::-1]))
     u = np.concatenate((cycle, cycle, cycle, cycle[:1]))
@@ -134,7 +135,7 @@ def test_the_usual_hysteresis_has_the_stroke_and_the_width() -> None:
     bounds = np.array([0, cycle.size, 2 * cycle.size])
     assert np.ptp(y[late]) == pytest.approx(23e-6, rel=1e-3)
     width = loop_width(u[late], y[late], bounds) / np.ptp(y[late])
-    assert width == pytest.approx(0.083, rel=0.01)
+    assert width == pytest.approx(LOOP_WIDTH, rel=0.01)
     assert all(c.holds for c in model.properties())
 
 

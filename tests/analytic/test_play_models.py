@@ -185,9 +185,6 @@ def test_preisach_columns_are_the_model() -> None:
     columns = preisach_columns(u, model.thresholds, model.knots)
     linear = model.gain * u + columns @ model.slopes.ravel()
     assert model.simulate(u).values == pytest.approx(linear, abs=1e-19)
-    state = np.append(u[20], play_columns(u[:21], model.thresholds)[-1])
-    rest = preisach_columns(u[21:], model.thresholds, model.knots, state)
-    assert np.array_equal(rest, columns[21:])
 
 
 def test_preisach_goes_on_with_its_outermost_slopes() -> None:

@@ -10,7 +10,7 @@ from flexstage.control.loop_plant import LoopPlant
 from flexstage.control.trajectories.trajectory import delayed
 from flexstage.control.trajectories.triangle import there_and_back
 from flexstage.hysteresis import DriveModel, PrandtlIshlinskii, StageModes, ValidityRange
-from flexstage.hysteresis.periodic import steady_input
+from flexstage.hysteresis.limited_inverse import steady_input
 from flexstage.system.servo import ServoSettings
 
 unit = st.floats(0.0, 1.0)

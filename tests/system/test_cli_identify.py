@@ -1,5 +1,7 @@
 """`flexstage identify`: every format, its JSON, its files, and what it says about bad input."""
 
+import contextlib
+import io
 import json
 import os
 
@@ -107,6 +109,20 @@ def text_file(tmp_path, table):
     return path
 
 
+QUICK = (*COLUMNS, "--model", "dahl", "--delay", "0 s", "--json")
+
+
+@pytest.fixture(scope="module")
+def plain(table, tmp_path_factory):
+    """What the record gives as plain text, with a quick model."""
+    path = tmp_path_factory.mktemp("plain") / "plain.txt"
+    write_text(path, table)
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), pytest.raises(SystemExit):
+        main(["identify", str(path), *(str(word) for word in QUICK)])
+    return json.loads(said.getvalue())
+
+
 def test_the_command_of_the_description(capsys, text_file):
     status, out, err = run(capsys, text_file, *COLUMNS, "--model", "preisach", "--json")
     assert (status, err) == (0, "")
@@ -139,15 +155,12 @@ def test_the_command_of_the_description(capsys, text_file):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_every_format_gives_the_same(capsys, tmp_path, table, name):
+def test_every_format_gives_the_same(capsys, tmp_path, table, plain, name):
     WRITERS[name](tmp_path / name, table)
-    words = (*COLUMNS, "--model", "dahl", "--delay", "0 s", "--json")
-    status, out, err = run(capsys, tmp_path / name, *words)
+    status, out, err = run(capsys, tmp_path / name, *QUICK)
     assert (status, err) == (0, "")
     result = json.loads(out)
     gain = result["parameters"]["gain"]
-    write_text(tmp_path / "plain.txt", table)
-    plain = json.loads(run(capsys, tmp_path / "plain.txt", *words)[1])
     # the heading of one file says micrometres, so that its numbers are metres
     scale, unit = (1e-6, "m/V") if name == "r.csv" else (1.0, "output/input")
     assert gain["unit"] == unit
@@ -196,13 +209,10 @@ def test_a_part_is_held_out(capsys, text_file):
     assert len({r["rms_percent"] for r in (whole, first, last)}) == 3
 
 
-def test_rows_are_read_before_anything_else(capsys, tmp_path, table):
+def test_rows_are_read_before_anything_else(capsys, tmp_path, table, plain):
     spoilt = np.concatenate((np.full((100, 5), 7.7), table))
     write_text(tmp_path / "r.txt", spoilt)
-    write_text(tmp_path / "plain.txt", table)
-    words = (*COLUMNS, "--model", "dahl", "--delay", "0 s", "--json")
-    cut = json.loads(run(capsys, tmp_path / "r.txt", *words, "--rows", "100:")[1])
-    plain = json.loads(run(capsys, tmp_path / "plain.txt", *words)[1])
+    cut = json.loads(run(capsys, tmp_path / "r.txt", *QUICK, "--rows", "100:")[1])
     assert cut["parameters"] == plain["parameters"]
 
 

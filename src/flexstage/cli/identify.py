@@ -202,7 +202,7 @@ def _write(
 ) -> list[Path]:
     content: list[tuple[Path, bytes]] = []
     if out is not None:
-        from flexstage.hysteresis.identification.identified_file import identified_file
+        from flexstage.hysteresis.identification.identify import identified_file
         from flexstage.hysteresis.model_file import model_text
 
         content.append((out, model_text(identified_file(found, read)).encode()))

@@ -10,6 +10,7 @@ import numpy as np
 from flexstage.control.loop_plant import (
     LoopPlant,
     Margins,
+    gain_margin,
     loop_frequencies,
     loop_margins,
     loop_plant,
@@ -281,8 +282,7 @@ def _largest_gain(cases: list[LoopPlant], unit: ServoSettings, wanted: Requireme
         near = np.abs(np.angle(-loop)) < wanted.phase_margin
         if near.any():
             gain = min(gain, 1.0 / float(np.abs(loop[near]).max()))
-        margin = loop_margins(plant, unit).gain_margin
-        gain = min(gain, margin / wanted.gain_margin)
+        gain = min(gain, gain_margin(loop) / wanted.gain_margin)
     return gain if math.isfinite(gain) else 0.0
 
 

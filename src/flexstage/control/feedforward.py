@@ -52,12 +52,12 @@ def conditioning_waveform(
     *,
     sample_rate_hz: float,
     end: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
 ) -> Waveform:
     """Return voltages that bring drives to a known state of their memory.
 
     Whole cycles over the range of each, all axes in step, then a short way from the low end to the
-    first voltage of what follows. Where neither is given, an axis starts, and ends, at its low end.
+    first voltage of what follows. An axis starts at its low end, and ends there where no end is
+    given.
 
     Examples
     --------
@@ -72,11 +72,10 @@ def conditioning_waveform(
     way = smooth_step(np.arange(approach) / approach)
     values = {}
     for axis, (low, high) in voltage_range.items():
-        first = low if start is None else start.get(axis, low)
         last = low if end is None else end.get(axis, low)
         values[axis] = np.concatenate(
             (
-                first + (low - first) * way,
+                np.full(approach, low),
                 low + (high - low) * swing,
                 low + (last - low) * way,
                 np.full(approach, last),
@@ -91,7 +90,6 @@ def compensate(
     *,
     periods: int = 0,
     limits: Mapping[str, AxisLimits] | None = None,
-    band_hz: float | None = None,
     history: Waveform | None = None,
 ) -> Compensation:
     r"""Return the voltages that make a stage follow a trajectory.
@@ -113,8 +111,6 @@ def compensate(
     limits : Mapping, optional
         Limits by axis: the range of the voltage, and its slew. The range that each model was
         identified on where not given.
-    band_hz : float, optional
-        Highest frequency that is undone [Hz].
     history : Waveform, optional
         Voltages that the drives had before the lead-in, as far back as is known, at any rate: the
         creep of them goes on. The drives have rested where not given.
@@ -166,7 +162,7 @@ def compensate(
     for _ in range(3):
         lead_in = conditioning_waveform(ranges, sample_rate_hz=rate, end=ends)
         for a, own in made.items():
-            found[a] = own.follow(trajectory.positions[a], periods, lead_in.values[a], band_hz)
+            found[a] = own.follow(trajectory.positions[a], periods, lead_in.values[a])
             ends[a] = float(found[a].command[0])
     lead_in = conditioning_waveform(ranges, sample_rate_hz=rate, end=ends)
     voltage = {a: own.command for a, own in found.items()}
@@ -289,9 +285,7 @@ class _Axis:
                 dt = 1.0 / history.sample_rate_hz
                 self.creeping = creep.simulate(made.values, dt, creep.settled(0.0, dt)).state
 
-    def follow(
-        self, wanted: Array, periods: int, lead_in: Array, band_hz: float | None
-    ) -> Feedforward:
+    def follow(self, wanted: Array, periods: int, lead_in: Array) -> Feedforward:
         """Return the voltages of some periods, with the creep that goes on, or of one endless."""
         dt = 1.0 / self.rate
         before = self.model.hysteresis.simulate(lead_in, self.before)
@@ -300,7 +294,7 @@ class _Axis:
             creep = self.model.creep.simulate(before.values, dt, self.creeping).state
         return feedforward(
             self.model, wanted, dt, periods=periods, limits=self.limits, state=before.state,
-            band_hz=band_hz, start=creep,
+            start=creep,
         )  # fmt: skip
 
     def reading_after(self, lead_in: Array) -> float:

@@ -51,7 +51,6 @@ def learn(
     *,
     limits: Mapping[str, AxisLimits] | None = None,
     columns: Mapping[str, str] | None = None,
-    lag: float = 0.0,
     servo: Mapping[str, ServoSettings] | None = None,
 ) -> Learning:
     """Learn what makes a stage follow a trajectory that repeats.
@@ -75,8 +74,6 @@ def learn(
         Limits by axis; what they do not allow is not tried.
     columns : Mapping, optional
         Column of the reading by axis; that of the axis's name where not given.
-    lag : float
-        By how much the readings are known to be recorded late [s].
     servo : Mapping, optional
         Settings of the position control by axis, for voltages that are added to its own while it
         follows the trajectory; the trajectory then has the rate of the loop. Open loop where not
@@ -113,7 +110,7 @@ def learn(
         record = run(trial)
         for axis, own in axes.items():
             column = (columns or {}).get(axis, axis)
-            error, noise = mean_error(record, column, reference, axis, how.periods, lag)
+            error, noise = mean_error(record, column, reference, axis, how.periods)
             own.take(number, error, noise)
         if number == how.trials or all(own.reason for own in axes.values()):
             break

@@ -13,7 +13,7 @@ from flexstage.control.tracking_run import at_times, samples_of_period
 from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel
-from flexstage.hysteresis.periodic import chain_response, steady_input, steady_output
+from flexstage.hysteresis.limited_inverse import chain_response, steady_input, steady_output
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
 from flexstage.stage.limits import AxisLimits
@@ -135,7 +135,12 @@ _UNSEEN = 6.0
 
 
 def mean_error(
-    record: Record, column: str | int, reference: Trajectory, axis: str, periods: int, lag: float
+    record: Record,
+    column: str | int,
+    reference: Trajectory,
+    axis: str,
+    periods: int,
+    lag: float = 0.0,
 ) -> tuple[Array, Complex]:
     """Return the mean error of the last periods of a record, and its noise by harmonic.
 

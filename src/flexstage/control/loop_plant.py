@@ -287,7 +287,7 @@ def loop_margins(plant: LoopPlant, settings: ServoSettings) -> Margins:
     upto = f[-1] if halved.all() else (f[int(np.argmin(halved))] if halved[0] else 0.0)
     return Margins(
         stable=_stable(loop),
-        gain_margin=_gain_margin(loop),
+        gain_margin=gain_margin(loop),
         phase_margin=_phase_margin(loop) if high.any() else math.inf,
         sensitivity_peak=1.0 / worst if worst > 0.0 else math.inf,
         crossover_hz=_first_fall(f, np.abs(loop)),
@@ -307,7 +307,7 @@ def _first_fall(f: Array, size: Array) -> float:
     return float(np.exp(np.interp(0.0, [b, a], [np.log(f[k]), np.log(f[k - 1])])))
 
 
-def _gain_margin(loop: Complex) -> float:
+def gain_margin(loop: Complex) -> float:
     """Return the inverse of the largest distance at which the curve meets the negative axis."""
     at: list[float] = []
     im, re = loop.imag, loop.real

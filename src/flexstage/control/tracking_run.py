@@ -94,9 +94,7 @@ def evaluate_record(
     trajectory: Trajectory,
     axis: str,
     *,
-    lag: float = 0.0,
     skip: int = 0,
-    free_offset: bool = False,
 ) -> RunTracking:
     """Compare whole periods of a record that began with a trajectory.
 
@@ -110,12 +108,8 @@ def evaluate_record(
         What was wanted.
     axis : str
         The axis.
-    lag : float
-        By how much the reading is known to be late [s].
     skip : int
         First periods that are left out.
-    free_offset : bool
-        Whether a constant error is taken off.
 
     Returns
     -------
@@ -127,15 +121,8 @@ def evaluate_record(
     RecordError
         The column is missing, or there is no whole period.
     """
-    return evaluate_run(
-        trajectory,
-        axis,
-        record.channel(column).values,
-        sample_rate_hz=record.sample_rate_hz,
-        lag=lag,
-        skip=skip,
-        free_offset=free_offset,
-    )
+    reading = record.channel(column).values
+    return evaluate_run(trajectory, axis, reading, sample_rate_hz=record.sample_rate_hz, skip=skip)
 
 
 def samples_of_period(trajectory: Trajectory, sample_rate_hz: float) -> int:

@@ -179,7 +179,6 @@ def carry_out(
     signals: Sequence[Signal],
     *,
     rate_hz: float,
-    lead_in: bool = True,
 ) -> Record:
     """Carry out a run on an instrument and record it.
 
@@ -196,8 +195,6 @@ def carry_out(
         What is recorded.
     rate_hz : float
         Samples in a second [Hz].
-    lead_in : bool
-        Whether to condition the drives; their memory is unknown otherwise.
 
     Returns
     -------
@@ -213,7 +210,7 @@ def carry_out(
     """
     from flexstage.instruments.record_run import run_waveform
 
-    with made_ready(instrument, run, signals, lead_in=lead_in, rate_hz=min(rate_hz, 100.0)):
+    with made_ready(instrument, run, signals, rate_hz=min(rate_hz, 100.0)):
         return run_waveform(
             instrument,
             run.waveform,
@@ -230,7 +227,6 @@ def made_ready(
     run: ControlRun,
     signals: Sequence[Signal],
     *,
-    lead_in: bool = True,
     rate_hz: float = 100.0,
 ) -> Iterator[None]:
     """Condition the drives, and switch the control on where the way needs it.
@@ -245,7 +241,7 @@ def made_ready(
     before = {axis.name: axis.closed_loop for axis in axes}
     named = dict(zip(run.trajectory.axes, axes, strict=True))
     try:
-        if lead_in and run.lead_in is not None:
+        if run.lead_in is not None:
             for axis in axes:
                 if axis.closed_loop:
                     axis.set_closed_loop(False)

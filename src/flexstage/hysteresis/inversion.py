@@ -10,16 +10,17 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.element import positive_step
 from flexstage.hysteresis.drive_model import DriveModel, Start, creep_start, unsuited
-from flexstage.hysteresis.limited_inverse import command_limits, limited_inverse
-from flexstage.hysteresis.model import Array, checked, samples
-from flexstage.hysteresis.periodic import (
+from flexstage.hysteresis.limited_inverse import (
     HIGHEST,
+    command_limits,
+    limited_inverse,
     steady_displacement,
     steady_input,
     steady_reading,
     steady_start,
     within_band,
 )
+from flexstage.hysteresis.model import Array, checked, samples
 from flexstage.records import Channel, Record
 from flexstage.units import readable
 
@@ -323,8 +324,7 @@ def _rate_limited(command: Array, largest_rate: float | None, dt: float, *, clos
     """Change the command by no more than a rate; also from its end to its beginning if closed."""
     if largest_rate is None:
         return command
-    if not largest_rate > 0.0:
-        raise ModelError(f"the largest rate must be positive, got {largest_rate!r}")
+    checked(largest_rate, "largest rate", "positive and finite")
     step = largest_rate * dt
     turns = 2 if closed else 1
     made = np.tile(command, turns)

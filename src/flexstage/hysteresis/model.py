@@ -267,3 +267,11 @@ def samples(values: ArrayLike, what: str) -> Array:
             f"the {what} must be finite, got {array[bad[0]]} at sample {bad[0]}: correct the record"
         )
     return array
+
+
+def sampled(u: ArrayLike) -> Array:
+    """Return a sequence of at least two finite inputs."""
+    given = samples(u, "input")
+    if given.size < 2:
+        raise ModelError("between samples there must be two at least, got 1: give a longer input")
+    return given

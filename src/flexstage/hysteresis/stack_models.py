@@ -26,10 +26,11 @@ _STROKE_FACTOR = 5.0
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
 
 
-def usual_hysteresis(stack: PiezoStack, *, width: float = LOOP_WIDTH) -> BoucWen:
+def usual_hysteresis(stack: PiezoStack) -> BoucWen:
     """Return a Bouc-Wen model with the stroke of a stack and a usual width of its loop.
 
-    It goes from voltage [V] to free displacement [m]; the width is over the stroke, 0.01 to 0.2.
+    It goes from voltage [V] to free displacement [m]; the width of the loop is `LOOP_WIDTH` of the
+    stroke.
 
     Notes
     -----
@@ -50,8 +51,6 @@ def usual_hysteresis(stack: PiezoStack, *, width: float = LOOP_WIDTH) -> BoucWen
             "drive in the stage file, as in 'voltage_range: [0 V, 120 V]', or export without "
             "hysteresis (--hysteresis none)"
         )
-    if not 0.01 <= width <= 0.2:
-        raise ModelError(f"the width of a loop must be 0.01 to 0.2 of the stroke, got {width:g}")
     low, high = stack.voltage_range
     span = high - low
     line = np.linspace(low, high, 600)
@@ -72,7 +71,7 @@ def usual_hysteresis(stack: PiezoStack, *, width: float = LOOP_WIDTH) -> BoucWen
 
     def excess(share: float) -> float:
         voltage, y, ends = settled(made(share))
-        return loop_width(voltage, y, ends) / float(np.ptp(y)) - width
+        return loop_width(voltage, y, ends) / float(np.ptp(y)) - LOOP_WIDTH
 
     share = float(brentq(excess, 1e-4, 0.79, xtol=1e-12))  # type: ignore[arg-type]
     stroke = float(np.ptp(settled(made(share))[1]))

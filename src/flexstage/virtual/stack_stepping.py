@@ -17,7 +17,7 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.models.decay import saturating
+from flexstage.hysteresis.models.power_law import saturating
 from flexstage.virtual.stack import VirtualStack
 
 _CYCLES = 3

@@ -101,10 +101,9 @@ class Creep(ChainElement):
         numpy.ndarray
             The outputs, shape (m, n).
         """
-        given = samples(x.reshape(-1), "input of creep").reshape(x.shape)
-        ratio = positive_step(dt) / self.time_constants
-        y = np.empty_like(given)
-        _creep_rows(given, states, decay_share(ratio), ramp_share(ratio), self.lag_gains, y)
+        ratio = dt / self.time_constants
+        decay, ramp, y = decay_share(ratio), ramp_share(ratio), np.empty(x.shape)
+        _creep_rows(np.ascontiguousarray(x), states, decay, ramp, self.lag_gains, y)
         return y
 
     def inverse(self, y: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:

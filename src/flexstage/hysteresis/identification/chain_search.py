@@ -12,7 +12,7 @@ from flexstage.arrays import Array
 from flexstage.hysteresis.drive_model import Start
 from flexstage.hysteresis.identification.chain_misfit import ChainMisfit
 from flexstage.hysteresis.identification.fit_rows import ChainValues
-from flexstage.hysteresis.identification.jump_response import JumpResponse, jump_response
+from flexstage.hysteresis.identification.jump_response import jump_response
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,
     RecordSection,
@@ -127,19 +127,13 @@ def find_chain(
     jumped = _jumped(sections)
     notes = _unexplained(jumped) if seen is None and resonance is None else ()
     if seen is None and resonance is None and jumped is not None and jumped.frequency_hz > 0.0:
-        seen = Resonance(
-            frequency_hz=jumped.frequency_hz,
-            damping_ratio=jumped.damping_ratio,
-            frequency_error_hz=jumped.frequency_error_hz,
-            delay=jumped.delay,
-            delay_error=jumped.delay_error,
-        )
-        start = replace(start, resonance_share=jumped.share)
+        seen = jumped
     if seen is not None:
         start = replace(
             start,
             resonance_hz=seen.frequency_hz,
             damping_ratio=seen.damping_ratio,
+            resonance_share=seen.share,
             delay=seen.delay,
         )
         search.fix_modes(start)
@@ -330,7 +324,7 @@ def _at_limits(chain: ChainValues, longest: float) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _unexplained(jumped: JumpResponse | None) -> tuple[str, ...]:
+def _unexplained(jumped: Resonance | None) -> tuple[str, ...]:
     if jumped is None or jumped.unexplained_hz == 0.0:
         return ()
     return (
@@ -359,7 +353,7 @@ def _seen(sections: tuple[RecordSection, ...]) -> Resonance | None:
     return min(found, key=lambda r: r.frequency_error_hz / r.frequency_hz, default=None)
 
 
-def _jumped(sections: tuple[RecordSection, ...]) -> JumpResponse | None:
+def _jumped(sections: tuple[RecordSection, ...]) -> Resonance | None:
     """What jumps show best: a mode before a delay alone."""
     found = [r for r in map(jump_response, sections) if r is not None]
     return min(found, key=lambda r: (r.frequency_hz == 0.0, r.delay_error), default=None)

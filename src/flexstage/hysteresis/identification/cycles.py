@@ -10,39 +10,52 @@ from flexstage.arrays import Array
 from flexstage.hysteresis.compiled import compiled
 from flexstage.records.quality import difference_noise
 
-#: A movement is counted when it is larger than this share of the whole range, ...
-_SMALLEST_SWING = 0.02
-#: ... and larger than this many times the noise of the signal.
-_NOISE_SWINGS = 8.0
-#: A cycle that moves over this share of the range and more is a major one.
-_MAJOR = 0.9
-#: Cycles that take fewer samples to move are jumps from one level to another.
-_FEWEST_STEPS = 8
-#: A signal waits where it stands still for more than this many times as long as it usually does
-#: between two movements: the levels of a staircase are no waits.
-_WAIT = 10.0
-#: Of a record with fewer lower turning points than this, an end counts as one where it is no higher
-#: than this share of the range.
-_FEW = 3
-_AT_LOW_END = 0.05
-#: Two cycles differ in rate when their frequencies differ by more than this factor.
-_OTHER_RATE = 1.5
-#: A rate has so many cycles or takes this share of the time of all of them: noise splits a cycle.
-_RATE_CYCLES = 3
-_RATE_TIME = 0.1
-#: A signal is held where so many of its steps in a hundred are whole numbers of holds apart, and
-#: these steps are larger than this share of its range, as those of a converter are not.
-_REGULAR = 0.95
-_HELD_STEP = 1e-3
-#: The memory of what was before a record is wiped out when both ends of the range were reached,
-#: within this share of the range.
-_END = 0.05
-#: At most this share of a record is given to that.
-_LONGEST_WARM_UP = 0.4
-#: A change of the input that is less than this share of its range is no motion; ...
-_SMALLEST_MOVE = 0.002
-#: ... samples that are kept of a rest before it.
-_REST = 20
+
+@dataclass(frozen=True, slots=True)
+class _Thresholds:
+    """What a movement is, a cycle, a wait, a rate, and the memory of what was before."""
+
+    swing: float = 0.02
+    """A movement is counted when it is larger than this share of the whole range."""
+    noise_swing: float = 8.0
+    """A movement is counted when it is larger than this many times the noise of the signal."""
+    major: float = 0.9
+    """A cycle that moves over this share of the range and more is a major one."""
+    steps: int = 8
+    """Cycles that take fewer samples to move are jumps from one level to another."""
+    wait: float = 10.0
+    """A signal waits where it stands still for more than this many times as long as it
+    usually does between two movements: the levels of a staircase are no waits.
+    """
+    few: int = 3
+    """Of a record with fewer lower turning points than this, a low end counts as one."""
+    low_end: float = 0.05
+    """An end is low where it is no higher than this share of the range."""
+    other_rate: float = 1.5
+    """Two cycles differ in rate when their frequencies differ by more than this factor."""
+    rate_cycles: int = 3
+    """A rate has so many cycles, as noise splits a cycle, """
+    rate_time: float = 0.1
+    """A rate takes this share of the time of all cycles, or has the number above."""
+    regular: float = 0.95
+    """A signal is held where this share of its steps are whole numbers of holds apart."""
+    held_step: float = 1e-3
+    """Steps of a held signal are larger than this share of its range, as those of a
+    converter are not.
+    """
+    end: float = 0.05
+    """The memory of what was before a record is wiped out when both ends of the range were
+    reached, within this share of the range.
+    """
+    warm_up: float = 0.4
+    """At most this share of a record is given to that."""
+    move: float = 0.002
+    """A change of the input that is less than this share of its range is no motion."""
+    rest: int = 20
+    """Samples that are kept of a rest before the motion."""
+
+
+_LIMITS = _Thresholds()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,12 +87,12 @@ class Cycles:
     @property
     def has_minor_loops(self) -> bool:
         """Whether at least three cycles, of different size, stay inside the whole range."""
-        minor = self.swing[self.swing < _MAJOR]
+        minor = self.swing[self.swing < _LIMITS.major]
         return minor.size >= 3 and float(np.ptp(minor)) > 0.1
 
 
 def _differ(first: float, second: float) -> bool:
-    return max(first, second) > _OTHER_RATE * min(first, second)
+    return max(first, second) > _LIMITS.other_rate * min(first, second)
 
 
 def by_rate(frequency_hz: Array, swing: Array) -> list[tuple[float, NDArray[np.intp]]]:
@@ -110,7 +123,7 @@ def by_rate(frequency_hz: Array, swing: Array) -> list[tuple[float, NDArray[np.i
     return [
         (float(frequency_hz[first]), np.sort(own))
         for (first, own), t, n in zip(found, time, many, strict=True)
-        if n >= _RATE_CYCLES or t >= _RATE_TIME * sum(time)
+        if n >= _LIMITS.rate_cycles or t >= _LIMITS.rate_time * sum(time)
     ]
 
 
@@ -179,12 +192,12 @@ def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
     """
     low, high = float(u.min()), float(u.max())
     noise = input_noise(u)
-    least = _NOISE_SWINGS * max(noise, noise_taken)
-    turning = turning_points(u, max(_SMALLEST_SWING * (high - low), least))
+    least = _LIMITS.noise_swing * max(noise, noise_taken)
+    turning = turning_points(u, max(_LIMITS.swing * (high - low), least))
     lower = turning[1:] if turning.size and _is_high(u, turning) else turning
     bounds = lower[::2]
-    if bounds.size < _FEW:
-        bounds = _with_ends(u, bounds, low + _AT_LOW_END * (high - low))
+    if bounds.size < _LIMITS.few:
+        bounds = _with_ends(u, bounds, low + _LIMITS.low_end * (high - low))
     count = max(bounds.size - 1, 0)
     swing, frequency = np.zeros(count), np.zeros(count)
     for i in range(count):
@@ -217,11 +230,11 @@ def held_samples(u: Array) -> int:
     """
     steps, size = np.abs(np.diff(u)), float(np.ptp(u))
     moved = np.flatnonzero(steps > 1e-9 * size)
-    if moved.size < _FEWEST_STEPS or float(np.median(steps[moved])) < _HELD_STEP * size:
+    if moved.size < _LIMITS.steps or float(np.median(steps[moved])) < _LIMITS.held_step * size:
         return 1
     between = np.diff(moved)
     held = int(np.median(between))
-    return held if float(np.mean(between % held == 0)) >= _REGULAR else 1
+    return held if float(np.mean(between % held == 0)) >= _LIMITS.regular else 1
 
 
 def _moving_time(part: Array, noise: float) -> float:
@@ -229,12 +242,12 @@ def _moving_time(part: Array, noise: float) -> float:
     steps = np.abs(np.diff(part))
     moving = np.flatnonzero(steps > max(1e-3 * float(steps.max()), 4.0 * noise))
     # a signal that jumps is no faster for it: a step has no rate
-    if moving.size < _FEWEST_STEPS:
+    if moving.size < _LIMITS.steps:
         return float(steps.size)
     # the time from one movement to the next: 1 where it moves at every sample, more on a staircase
     between = np.diff(np.concatenate(([-1], moving, [max(moving[-1], steps.size - 1)])))
     usual = max(float(np.median(between)), 1.0)
-    return float(np.sum(np.where(between > _WAIT * usual, usual, between)))
+    return float(np.sum(np.where(between > _LIMITS.wait * usual, usual, between)))
 
 
 def _with_ends(u: Array, bounds: NDArray[np.intp], at_most: float) -> NDArray[np.intp]:
@@ -254,12 +267,12 @@ def _is_high(u: Array, turning: NDArray[np.intp]) -> bool:
 def first_moving(u: Array) -> int:
     """Return where an input begins to move, less some samples; 0 where it moves from the start."""
     noise = input_noise(u)
-    still = np.abs(u - float(np.median(u[:_REST]))) <= max(
-        _SMALLEST_MOVE * float(np.ptp(u)), 6.0 * noise
+    still = np.abs(u - float(np.median(u[: _LIMITS.rest]))) <= max(
+        _LIMITS.move * float(np.ptp(u)), 6.0 * noise
     )
     moves = int(np.argmin(still)) if still[0] and not still.all() else 0
     # a slow start is a part of the motion: only a rest that is long beside it is left out
-    return max(moves - _REST, 0)
+    return max(moves - _LIMITS.rest, 0)
 
 
 def warm_up(u: Array, moves: Cycles) -> int:
@@ -269,7 +282,7 @@ def warm_up(u: Array, moves: Cycles) -> int:
     after = moves.bounds[moves.bounds >= both]
     more = 1 if after.size > 6 else 0
     end = int(after[more]) if after.size else both
-    longest = int(_LONGEST_WARM_UP * u.size)
+    longest = int(_LIMITS.warm_up * u.size)
     if end <= longest:
         return end
     return min(both, longest) if both <= longest else min(int(moves.bounds[0]), longest)
@@ -300,5 +313,5 @@ def early_text(parts: Sequence[tuple[Array, Cycles, float, int, float]]) -> str:
 def _both_ends(u: Array, moves: Cycles) -> int:
     """The sample at which an input has reached both ends of its range."""
     low, high = moves.range
-    reach = _END * (high - low)
+    reach = _LIMITS.end * (high - low)
     return max(int(np.argmax(u >= high - reach)), int(np.argmax(u <= low + reach)))

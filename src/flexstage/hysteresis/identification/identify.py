@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -47,7 +47,9 @@ from flexstage.hysteresis.identification.model_fit import (
     fits,
 )
 from flexstage.hysteresis.identification.verdict import Verdict, remarks, stands_still, verdict
+from flexstage.hysteresis.model_file import ModelFile
 from flexstage.hysteresis.models.registry import MODELS
+from flexstage.provenance import content_hash, provenance
 from flexstage.records import Record
 from flexstage.short_repr import short_repr
 
@@ -423,3 +425,24 @@ def _predicted(tried: FittedModel, data: FitData) -> tuple[Array, ...]:
         behind = filtered_whole(quasi, s, data.chain)[s.history :, 0]
         made.append(data.sign * (behind + tried.left.offset))
     return tuple(made)
+
+
+def identified_file(found: Identification, read: Sequence[Record]) -> ModelFile:
+    """Return the content of the model file of an identification, with the records that it is of."""
+    origin = provenance(content_hash(tuple(r.source_hash for r in read)), found.settings)
+    return ModelFile(
+        model=found.model,
+        provenance={
+            **asdict(origin),
+            "records": [{"file": r.source, "sha256": r.source_hash} for r in read],
+        },
+        errors={
+            "rms": found.rms_percent,
+            "max": found.max_percent,
+            "heldout_rms": found.heldout_rms_percent,
+            "heldout_max": found.heldout_max_percent,
+            "heldout_free_constant": found.heldout_free_rms_percent,
+            "heldout_95": found.heldout_band_percent,
+        },
+        warnings=found.warnings,
+    )

@@ -11,54 +11,53 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.identification.measurement import RecordSection, without_history
+from flexstage.hysteresis.identification.projection import orthonormal
+from flexstage.hysteresis.identification.resonance_search import Resonance
 
-#: A jump moves over this share of the range within so many samples, ...
-_LEAST_JUMP = 0.02
+
+@dataclass(frozen=True, slots=True)
+class _Thresholds:
+    """What a jump is, and what is believed of the ringing after it."""
+
+    share: float = 0.02
+    """A jump moves over this share of the range."""
+    steeper: float = 6.0
+    """It moves this many times as far as as many samples beside it do."""
+    quiet: int = 12
+    """Samples before and after a jump that it is compared with."""
+    samples: int = 3000
+    """What follows a jump is looked at for so many samples at most."""
+    periods: float = 40.0
+    """What follows a jump is looked at for so many periods of the mode, once that is known."""
+    jumps: int = 12
+    """Jumps that are looked at, the largest of a record."""
+    worth: float = 0.3
+    """A mode is believed where it takes this share of the misfit of a plain delay away."""
+    vague: float = 0.01
+    """A mode is believed where the standard error of its frequency is below this share of it."""
+    least_damping: float = 5e-4
+    """A mode that decays has this damping ratio or more."""
+    most_damping: float = 0.3
+    """Largest damping ratio that is looked for."""
+    sampled: float = 2.5
+    """A mode is sampled so many times in a period at least."""
+    faint: float = 30.0
+    """What may ring has a line in the spectrum this many times above the median."""
+    line: float = 100.0
+    """What surely rings has a line this many times above the median."""
+    visible: float = 5.0
+    """What surely rings is this many times as large as the noise."""
+    bent: float = 0.1
+    """The hysteresis in a jump moves the phase of a mode by this share of the duration."""
+
+
+_LIMITS = _Thresholds()
+#: Numbers of samples within which a jump moves.
 _WIDTHS = (2, 8)
-#: ... and this many times as far as as many samples do, of so many before it and after it.
-_STEEPER = 6.0
-_QUIET = 12
-#: What follows a jump is looked at for so many samples at most, ...
-_LONGEST = 3000
-#: ... or periods of the mode, once that is known.
-_PERIODS = 40.0
-#: Jumps that are looked at, the largest of a record.
-_MOST_JUMPS = 12
-#: A mode is believed where it takes this share of the misfit of a plain delay away, ...
-_WORTH = 0.3
-#: ... its frequency is known to this share, it decays, ...
-_VAGUE = 0.01
-_SMALLEST_DAMPING, _LARGEST_DAMPING = 5e-4, 0.3
-#: ... and it is sampled so many times in a period at least.
-_SAMPLED = 2.5
-#: What may ring has a line in the spectrum this many times above the median, what surely does ...
-_FAINT, _LINE = 30.0, 100.0
-#: ... so many, and is this many times as large as the noise.
-_VISIBLE = 5.0
+
+
 #: Where a jump lies between two samples is not known: of the length of a sample.
 _WITHIN = 1.0 / math.sqrt(12.0)
-#: What the hysteresis does in a jump moves the phase of a mode by this share of its duration.
-_BENT = 0.1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JumpResponse:
-    """What jumps of the input show of the chain."""
-
-    delay: float
-    """Delay of the output against the input [s]."""
-    delay_error: float
-    """Its standard error [s]."""
-    frequency_hz: float = 0.0
-    """Natural frequency of the mode that rings after them [Hz]; 0 where none was found."""
-    frequency_error_hz: float = math.inf
-    """Its standard error [Hz]."""
-    damping_ratio: float = 0.0
-    """Its damping ratio [1]."""
-    share: float = 1.0
-    """Part of the motion that goes through the mode; the rest follows at once [1]."""
-    unexplained_hz: float = 0.0
-    """Frequency of a ringing that could not be fitted [Hz]; 0 for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,9 +73,7 @@ class _Window:
     @classmethod
     def of(cls, t: Array, y: Array, slow: Array, corners: Array, bends: Array) -> "_Window":
         """Take what is slow out of the output."""
-        columns = slow / np.maximum(np.linalg.norm(slow, axis=0), 1e-300)
-        basis, size, _ = np.linalg.svd(columns, full_matrices=False)
-        basis = basis[:, size > 1e-7 * size[0]]
+        basis = orthonormal(slow)
         y = y - basis @ (basis.T @ y)
         return cls(t=t, y=y, slow=basis, corners=corners, bends=bends)
 
@@ -107,18 +104,18 @@ def jumps(u: Array) -> NDArray[np.intp]:
     """
     found: list[tuple[int, int]] = []
     for width in _WIDTHS:
-        if u.size < 4 * (_QUIET + width):
+        if u.size < 4 * (_LIMITS.quiet + width):
             break
         step = np.abs(u[width:] - u[:-width])
         # the largest of the neighbours on either side, beyond those that share in the jump
-        pad = _QUIET + width + 1
-        beside = maximum_filter1d(np.pad(step, pad), _QUIET - 1, mode="constant")
-        middle, reach = np.arange(step.size) + pad, _QUIET // 2 + width + 1
+        pad = _LIMITS.quiet + width + 1
+        beside = maximum_filter1d(np.pad(step, pad), _LIMITS.quiet - 1, mode="constant")
+        middle, reach = np.arange(step.size) + pad, _LIMITS.quiet // 2 + width + 1
         around = np.maximum(beside[middle - reach], beside[middle + reach])
-        at = np.flatnonzero((step > _LEAST_JUMP * np.ptp(u)) & (step > _STEEPER * around))
+        at = np.flatnonzero((step > _LIMITS.share * np.ptp(u)) & (step > _LIMITS.steeper * around))
         for run in np.split(at, np.flatnonzero(np.diff(at) > width + 1) + 1) if at.size else []:
             i = int(run[int(np.argmax(step[run]))])
-            if all(abs(i - other) > _QUIET for other, _ in found):
+            if all(abs(i - other) > _LIMITS.quiet for other, _ in found):
                 found.append(_whole(u, i, i + width))
     return np.array(sorted(found), dtype=np.intp).reshape(-1, 2)
 
@@ -137,7 +134,7 @@ def _whole(u: Array, start: int, stop: int) -> tuple[int, int]:
     return start, stop
 
 
-def jump_response(section: RecordSection) -> JumpResponse | None:
+def jump_response(section: RecordSection) -> Resonance | None:
     r"""Find the delay and the lowest mode of an output that answers jumps of its input.
 
     About each jump the output is a slow motion, the jump itself, and the jump behind a mode of
@@ -166,17 +163,17 @@ def jump_response(section: RecordSection) -> JumpResponse | None:
         plain = None
     else:
         error = _curvature_error(windows, plain_delay, plain_cost, dt, count)
-        plain = JumpResponse(delay=plain_delay, delay_error=math.hypot(error, _WITHIN * dt))
+        plain = Resonance(delay=plain_delay, delay_error=math.hypot(error, _WITHIN * dt))
     at, height = _line(windows, plain_delay, dt)
-    if at == 0.0 or height < _FAINT:
+    if at == 0.0 or height < _LIMITS.faint:
         return plain
     mode = _mode(windows, at, dt)
     if mode is not None:
         return mode
-    shown = height > _LINE and _size(windows, plain_delay) > _VISIBLE * section.noise
+    shown = height > _LIMITS.line and _size(windows, plain_delay) > _LIMITS.visible * section.noise
     if not shown or plain is None:
         return plain
-    return JumpResponse(delay=plain.delay, delay_error=plain.delay_error, unexplained_hz=at)
+    return Resonance(delay=plain.delay, delay_error=plain.delay_error, unexplained_hz=at)
 
 
 def _windows(section: RecordSection) -> list[_Window]:
@@ -185,13 +182,13 @@ def _windows(section: RecordSection) -> list[_Window]:
     size = np.abs(u[at[:, 1]] - u[at[:, 0]])
     ends = np.append(at[1:, 0], u.size)
     made = []
-    for k in np.sort(np.argsort(-size)[:_MOST_JUMPS]):
+    for k in np.sort(np.argsort(-size)[: _LIMITS.jumps]):
         first, last = (int(i) for i in at[k])
-        after = u[last : min(int(ends[k]), last + _LONGEST)]
+        after = u[last : min(int(ends[k]), last + _LIMITS.samples)]
         away = np.flatnonzero(np.abs(after - after[0]) > 0.5 * size[k])
         stop = last + (int(away[0]) if away.size else after.size)
-        start = max(first - _QUIET, int(at[k - 1, 1]) if k else 0)
-        if stop - last >= 2 * _QUIET:
+        start = max(first - _LIMITS.quiet, int(at[k - 1, 1]) if k else 0)
+        if stop - last >= 2 * _LIMITS.quiet:
             made.append(_window(section, slice(start, stop), first, last))
     return made
 
@@ -267,7 +264,7 @@ def _line(windows: list[_Window], delay: float, dt: float) -> tuple[float, float
         power += np.abs(np.fft.rfft(left * np.hanning(2 * left.size)[left.size :], size)) ** 2
     f = np.fft.rfftfreq(size, dt)
     long = max(w.t[-1] for w in windows)
-    inside = (f > 4.0 / long) & (f < 1.0 / (_SAMPLED * dt))
+    inside = (f > 4.0 / long) & (f < 1.0 / (_LIMITS.sampled * dt))
     if not inside.any():
         return 0.0, 0.0
     best = int(np.argmax(np.where(inside, power, 0.0)))
@@ -283,9 +280,9 @@ def _size(windows: list[_Window], delay: float) -> float:
     )
 
 
-def _mode(windows: list[_Window], at: float, dt: float) -> JumpResponse | None:
+def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
     """The mode near a line, where it is one."""
-    short = [_until(w, _PERIODS / at) for w in windows]
+    short = [_until(w, _LIMITS.periods / at) for w in windows]
     scale = np.array([0.01 * at, 0.01, dt])
 
     def left(x: Array) -> Array:
@@ -305,7 +302,7 @@ def _mode(windows: list[_Window], at: float, dt: float) -> JumpResponse | None:
         for delay in np.linspace(0.0, longest, 25)
     ]
     low = np.array([0.8 * at, 1e-4, 0.0]) / scale
-    high = np.array([1.25 * at, _LARGEST_DAMPING, 2.0 * longest]) / scale
+    high = np.array([1.25 * at, _LIMITS.most_damping, 2.0 * longest]) / scale
     begins = sorted(starts, key=cost)[:2]
     found = min(
         (
@@ -318,21 +315,21 @@ def _mode(windows: list[_Window], at: float, dt: float) -> JumpResponse | None:
     )
     f, damping, delay = (float(v) for v in found.x * scale)
     plain = _plain(short, 2.0 * longest, dt)[1]
-    decays = _SMALLEST_DAMPING < damping < 0.9 * _LARGEST_DAMPING
-    if 2.0 * found.cost > (1.0 - _WORTH) * plain or not decays:
+    decays = _LIMITS.least_damping < damping < 0.9 * _LIMITS.most_damping
+    if 2.0 * found.cost > (1.0 - _LIMITS.worth) * plain or not decays:
         return None
     spread = np.linalg.pinv(found.jac.T @ found.jac) * 2.0 * found.cost
     spread /= max(found.fun.size - 3 - sum(w.slow.shape[1] + 2 for w in short), 1)
     error = np.sqrt(np.maximum(np.diag(spread), 0.0)) * scale
-    if error[0] > _VAGUE * f:
+    if error[0] > _LIMITS.vague * f:
         return None
     share = _share(short, f, damping, delay)
     width = max(float(w.corners[-1]) for w in short)
     if not share > 0.0:
         return None
-    return JumpResponse(
+    return Resonance(
         delay=delay,
-        delay_error=math.hypot(float(error[2]), _BENT * width),
+        delay_error=math.hypot(float(error[2]), _LIMITS.bent * width),
         frequency_hz=f,
         frequency_error_hz=float(error[0]),
         damping_ratio=damping,
@@ -354,7 +351,7 @@ def _share(windows: list[_Window], f: float, damping: float, delay: float) -> fl
 def _until(window: _Window, end: float) -> _Window:
     """The first part of a window."""
     n = int(np.searchsorted(window.t, end))
-    if n >= window.t.size or n < 4 * _QUIET:
+    if n >= window.t.size or n < 4 * _LIMITS.quiet:
         return window
     return _Window.of(
         t=window.t[:n], y=window.y[:n], slow=window.slow[:n], corners=window.corners,

@@ -74,6 +74,13 @@ class Solution:
     """Of the nuisance columns, shape (k,)."""
 
 
+def orthonormal(columns: Array) -> Array:
+    """Return orthonormal columns that span others."""
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    return basis[:, sizes > 1e-7 * sizes[0]]
+
+
 def normal_equations(
     columns: Array, nuisance: Array, y: Array, runs: Sequence[slice] = (slice(None),)
 ) -> Normal:

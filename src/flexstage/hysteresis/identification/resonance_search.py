@@ -1,5 +1,6 @@
 """The lowest resonance, from a part of a record that excites it."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,18 +25,22 @@ _VAGUE = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resonance:
-    """A mode in the output."""
+    """A mode in the output, and the delay beside it."""
 
-    frequency_hz: float
-    """Its natural frequency [Hz]."""
-    damping_ratio: float
+    frequency_hz: float = 0.0
+    """Its natural frequency [Hz]; 0 where there is a delay alone."""
+    damping_ratio: float = 0.0
     """Its damping ratio [1]."""
-    frequency_error_hz: float
+    frequency_error_hz: float = math.inf
     """Standard error of the frequency [Hz]."""
     delay: float = 0.0
     """Delay of the output against the input [s]."""
     delay_error: float = 0.0
     """Its standard error [s]."""
+    share: float = 1.0
+    """Part of the motion that goes through the mode; the rest follows at once [1]."""
+    unexplained_hz: float = 0.0
+    """Frequency of a ringing that is not that of one mode [Hz]; 0 for none."""
 
 
 def find_resonance(section: RecordSection) -> Resonance | None:

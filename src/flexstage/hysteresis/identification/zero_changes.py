@@ -21,34 +21,50 @@ from flexstage.hysteresis.identification.fit_rows import (
 )
 from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
-from flexstage.hysteresis.identification.projection import normal_equations, solve
+from flexstage.hysteresis.identification.projection import (
+    normal_equations,
+    orthonormal,
+    solve,
+)
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.units import readable, readable_unit
 
+
+@dataclass(frozen=True, slots=True)
+class _Thresholds:
+    """What tells a change of the zero from hysteresis, creep and noise, and what is looked at."""
+
+    samples: int = 12_000
+    """Samples of all records that are looked at."""
+    rows: int = 6000
+    """Rows of them."""
+    fewest_rows: int = 50
+    """Records of fewer rows tell nothing of their zero."""
+    jumps: int = 3
+    """Jumps that are looked for in all records, at most."""
+    share: float = 0.15
+    """A change is named where it takes this share of the mean square away."""
+    certainty: float = 5.0
+    """A change is named where it is so many times its standard error."""
+    told: float = 0.01
+    """A jump is named where this share of it could be neither hysteresis nor creep."""
+    drift: float = 0.5
+    """A drift over the record is named from this on [% of the stroke]."""
+    goes_on: float = 0.5
+    """A drift goes on in the slower half of the record at this share of its speed in the
+    other: creep slows down.
+    """
+    creep: float = 0.3
+    """Largest creep that is tried [1 per decade]."""
+    usual_creep: float = 0.05
+    """A spectrum whose slowest lag, as slow as the record is long, has more of the motion
+    than this is none of creep: a drift is in it.
+    """
+
+
+_LIMITS = _Thresholds()
 #: Plays and intervals of the dictionary that stands for any hysteresis.
 _DICTIONARY = (8, 8)
-#: Samples of all records that are looked at, and rows of them.
-_SAMPLES, _ROWS = 12_000, 6000
-#: A change of the zero is named where it takes this share of the mean square away, ...
-_WORTH = 0.15
-#: ... exceeds this many times its standard error, ...
-_CERTAIN = 5.0
-#: ... and at most 99 % of it could be hysteresis and creep.
-_TELLS = 0.01
-#: Jumps that are looked for in all records.
-_MOST_JUMPS = 3
-#: A drift over the record is named from this [% of the stroke] on, ...
-_SMALLEST_DRIFT = 0.5
-#: ... and where it goes on in the slower half of the record at this share of its speed in the
-#: other.
-_GOES_ON = 0.5
-#: Largest creep that is tried [1 per decade].
-_LARGEST_CREEP = 0.3
-#: A spectrum whose slowest lag, as slow as the record is long, has more of the motion than this is
-#: none of creep: a drift is in it.
-_USUAL_CREEP = 0.05
-#: Records of fewer rows tell nothing of their zero.
-_FEWEST_ROWS = 50
 
 
 def zero_changes(data: FitData) -> list[RecordFault]:
@@ -67,10 +83,10 @@ def zero_changes(data: FitData) -> list[RecordFault]:
     that does not go with the logarithm of time may be named as a drift.
     """
     fit = _Fit(data)
-    if min(r.at.size for r in fit.rows) < _FEWEST_ROWS:
+    if min(r.at.size for r in fit.rows) < _LIMITS.fewest_rows:
         return []
     rows: list[int] = []
-    while len(rows) < _MOST_JUMPS:
+    while len(rows) < _LIMITS.jumps:
         found = fit.next_jump(rows)
         if found is None:
             break
@@ -102,10 +118,10 @@ class _Fit:
     """A coarse model of all records, one below the other."""
 
     def __init__(self, data: FitData) -> None:
-        share = max(1, _SAMPLES // len(data.sections))
+        share = max(1, _LIMITS.samples // len(data.sections))
         short = tuple(averaged(s, share) for s in data.sections)
         self.sections, self._full = short, data.sections
-        self.rows = rows_of(short, _ROWS)
+        self.rows = rows_of(short, _LIMITS.rows)
         self._bare = replace(data.chain, creep_per_decade=0.0, spectrum=None)
         own = replace(data, sections=short, chain=self._bare, rows=self.rows, use=(), memo={})
         method = PreisachFit(*_DICTIONARY)
@@ -145,7 +161,7 @@ class _Fit:
         every: list[tuple[Sequence[RecordSection], CreepSpectrum | None]] = [
             (b, None) for b in begun
         ]
-        if chain.spectrum is not None and chain.creep.lag_gains[-1] <= _USUAL_CREEP:
+        if chain.spectrum is not None and chain.creep.lag_gains[-1] <= _LIMITS.usual_creep:
             every.append((self.sections, chain.spectrum))
         for sections, spectrum in every:
             made = copy(self)
@@ -201,7 +217,7 @@ class _Fit:
             weights = solution.coefficients
             if first:
                 continue
-            last, creep = creep, float(np.clip(creep + found[-1], 0.0, _LARGEST_CREEP))
+            last, creep = creep, float(np.clip(creep + found[-1], 0.0, _LIMITS.creep))
             if abs(creep - last) < 1e-5:
                 break
         return _Solved(left=left, weights=weights, creep=creep, extra=found[: extra.shape[1]])
@@ -212,15 +228,17 @@ class _Fit:
         first = self._likely(without, known)
         # with the jump beside it the model is what it is without
         row, share, left, basis = self._likely(self.solve(self.steps([*known, first[0]])), known)
-        if min(first[1], share) <= _WORTH:
+        if min(first[1], share) <= _LIMITS.share:
             return None
-        if _square(self.solve(self.steps([*known, row]))) > (1.0 - _WORTH) * _square(without):
+        if _square(self.solve(self.steps([*known, row]))) > (1.0 - _LIMITS.share) * _square(
+            without
+        ):
             return None
         step = self.steps([row])[:, 0]
         step -= basis @ (basis.T @ step)
         rest = left - step * float(step @ left) / float(step @ step)
         times = share / (1.0 - share) * self.y.size / self._alike(rest)
-        return row if times > _CERTAIN**2 else None
+        return row if times > _LIMITS.certainty**2 else None
 
     def _likely(self, solved: _Solved, known: list[int]) -> tuple[int, float, Array, Array]:
         """Row where a step takes most away, that share, what is left, and what the model takes."""
@@ -250,7 +268,7 @@ class _Fit:
     def _shares(self, solved: _Solved, columns: Array) -> tuple[Array, Array, Array]:
         """Share of the squares that a step at each row takes away; what is left; what is taken."""
         every = (self._tangents(solved), self.trends, self._nuisance, columns)
-        basis = _basis(np.column_stack(every))
+        basis = orthonormal(np.column_stack(every))
         left = self.y - basis @ (basis.T @ self.y)
         share = np.zeros(self.y.size)
         for k, (a, b) in enumerate(zip(self.ends[:-1], self.ends[1:], strict=True)):
@@ -258,7 +276,7 @@ class _Fit:
             taken = np.sum(np.cumsum(basis[a:b][::-1], axis=0)[::-1] ** 2, axis=1)
             after = np.arange(b - a, 0, -1.0)
             square = after - taken
-            told = square > _TELLS * after * (1.0 - after / (b - a))
+            told = square > _LIMITS.told * after * (1.0 - after / (b - a))
             own = np.where(told, product**2 / np.where(told, square, 1.0), 0.0)
             apart = self._apart[k]
             own[:apart] = own[max(b - a - apart, 0) :] = 0.0
@@ -280,7 +298,7 @@ class _Fit:
         """Standard error of the coefficient of a column."""
         held = solved.weights > 0.0
         model = (self._plain + solved.creep * self._creep)[:, held]
-        basis = _basis(
+        basis = orthonormal(
             np.column_stack((model, self._creep @ solved.weights, self._nuisance, others))
         )
         own = column - basis @ (basis.T @ column)
@@ -297,13 +315,6 @@ def _trend(rows: Rows) -> Array:
     """Rise by 1 from the first row to the last, about zero."""
     at = rows.at.astype(np.float64)
     return (at - at[0]) / max(at[-1] - at[0], 1.0) - 0.5
-
-
-def _basis(columns: Array) -> Array:
-    """Orthonormal columns that span others."""
-    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    return basis[:, sizes > 1e-7 * sizes[0]]
 
 
 def _steps(u: Array, near: int) -> NDArray[np.bool_]:
@@ -336,7 +347,7 @@ def _drifts(data: FitData, fits: Sequence[_Fit], without: float) -> list[RecordF
     """Compare the best model without a trend with the best one with it, of every start of creep."""
     solved = [(f, f.solve(f.trends)) for f in fits]
     fit, best = min(solved, key=lambda pair: _square(pair[1]))
-    if _square(best) > (1.0 - _WORTH) * without:
+    if _square(best) > (1.0 - _LIMITS.share) * without:
         return []
     early, late = np.minimum(fit.trends, 0.0), np.maximum(fit.trends, 0.0)
     halves = fit.solve(np.column_stack((early, late))).extra
@@ -353,13 +364,15 @@ def _drifts(data: FitData, fits: Sequence[_Fit], without: float) -> list[RecordF
         slow, fast = sorted((abs(halves[k]), abs(halves[count + k])))
         if (
             halves[k] * halves[count + k] <= 0.0
-            or slow < _GOES_ON * fast
-            or abs(percent) < _SMALLEST_DRIFT
-            or abs(size) < _CERTAIN * error
+            or slow < _LIMITS.goes_on * fast
+            or abs(percent) < _LIMITS.drift
+            or abs(size) < _LIMITS.certainty * error
         ):
             continue
         # starts that are as good give other trends
-        good = [o.extra[k] for _, o in solved if (1.0 - _WORTH) * _square(o) <= _square(best)]
+        good = [
+            o.extra[k] for _, o in solved if (1.0 - _LIMITS.share) * _square(o) <= _square(best)
+        ]
         error = math.hypot(error, 0.5 * longer * float(np.ptp(good)))
         unit, factor = readable_unit(size / (s.u.size * s.dt), f"{data.output_unit or 'units'}/s")
         per_second = factor / (s.u.size * s.dt)

@@ -17,6 +17,7 @@ from flexstage.hysteresis.model import (
     Response,
     Segments,
     checked,
+    sampled,
     samples,
 )
 from flexstage.hysteresis.models.bouc_wen_steps import (
@@ -26,7 +27,7 @@ from flexstage.hysteresis.models.bouc_wen_steps import (
     law_segments,
     simulate_samples,
 )
-from flexstage.hysteresis.models.decay import decayed, distance_to_zero, saturating
+from flexstage.hysteresis.models.power_law import decayed, distance_to_zero, saturating
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
 
 #: What is said of the parameters in C.
@@ -74,9 +75,7 @@ class BoucWenModel(HysteresisModel):
             return None
         cubic, law = self._compiled()
         start = self._state(state)
-        inputs = samples(u, "input")
-        if inputs.size < 2:
-            raise ModelError("segments lie between samples: got one sample, give two or more")
+        inputs = sampled(u)
         h = advance(start[1], start[0], inputs[0] - start[0], law)
         table = np.empty((5, 4 * inputs.size))
         count, h = law_segments(inputs, h, cubic[0], law, table)

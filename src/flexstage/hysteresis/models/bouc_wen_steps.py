@@ -20,8 +20,9 @@ from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.power_law import moved, time_to_zero
 
-_ITERATIONS = 100
-_ROUNDING = 2.3e-16
+#: Most steps of a Newton iteration, and the rounding of a number.
+ITERATIONS = 100
+ROUNDING = 2.3e-16
 _LEAST_RATE = 1e-5
 
 
@@ -138,7 +139,7 @@ def _inverse_step(
     low = 0.0
     # The least slope bounds the way from above, with a margin for rounding.
     high = target / least
-    high += 4.0 * _ROUNDING * (high + abs(h) / least)
+    high += 4.0 * ROUNDING * (high + abs(h) / least)
     limited = high > room
     high = min(high, room)
     v = high if limited else min(high, target / _slope(0.0, h, u, s, cubic, law))
@@ -149,13 +150,13 @@ def _inverse_step(
         # The hysteresis sees the rounded input; so does the last evaluation.
         after = advance(h, u, end - u, law)
         count += 1
-        if found or count > _ITERATIONS:
+        if found or count > ITERATIONS:
             return end, after
         # Divided differences of the powers: no cancellation.
         secant = cubic[0] + cubic[1] * (u + end) + cubic[2] * (u * u + u * end + end * end)
         excess = (end - u) * s * secant - s * (after - h) - target
         if limited and excess < 0.0:
-            tolerance = 8.0 * _ROUNDING * (abs(h) + limits[2] * (abs(u) + room) + target)
+            tolerance = 8.0 * ROUNDING * (abs(h) + limits[2] * (abs(u) + room) + target)
             return (end, after) if excess > -tolerance else (np.nan, np.nan)
         limited = False
         if excess > 0.0:
@@ -166,7 +167,7 @@ def _inverse_step(
         if not low <= v - correction <= high:
             correction = v - 0.5 * (low + high)
         v -= correction
-        found = abs(correction) <= _ROUNDING * (abs(u) + v)
+        found = abs(correction) <= ROUNDING * (abs(u) + v)
 
 
 @compiled

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import Array, samples
+from flexstage.hysteresis.model import Array
 
 Indices = NDArray[np.int64]
 
@@ -35,9 +35,9 @@ def play_columns(u: ArrayLike, thresholds: ArrayLike, state: ArrayLike | None = 
            [1.5, 1. ],
            [3.5, 2. ]])
     """
-    r = rising(thresholds, "thresholds of plays", lowest=0.0)
-    before = play_state(np.zeros(r.size + 1) if state is None else np.array(state, float), r)
-    return _columns(samples(u, "input"), r, before[1:])
+    r = np.array(thresholds, dtype=np.float64)
+    before = np.zeros(r.size + 1) if state is None else np.array(state, dtype=np.float64)
+    return _columns(np.ascontiguousarray(u, dtype=np.float64), r, before[1:])
 
 
 def play_state(state: Array, thresholds: Array) -> Array:

@@ -13,6 +13,7 @@ from flexstage.hysteresis.model import (
     ModelProperty,
     Response,
     Segments,
+    sampled,
     samples,
 )
 from flexstage.hysteresis.models import play_sum
@@ -141,14 +142,6 @@ def least_slope(gain: float, thresholds: Array, slopes: Array) -> float:
     """
     sums = gain + np.cumsum(np.min(slopes, axis=1))
     return float(np.min(sums if thresholds[0] == 0.0 else np.append(sums, gain)))
-
-
-def sampled(u: ArrayLike) -> Array:
-    """Return a sequence of at least two finite inputs."""
-    given = samples(u, "input")
-    if given.size < 2:
-        raise ModelError("between samples there must be two at least, got 1: give a longer input")
-    return given
 
 
 def segments_of(values: Array, terms: Sum, state: Array, *, backward: bool) -> Segments:

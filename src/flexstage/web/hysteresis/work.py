@@ -20,7 +20,7 @@ from flexstage.hysteresis import (
 )
 from flexstage.hysteresis.drive_model import DriveModel, Start, in_unit_of_model, lowest_reading
 from flexstage.hysteresis.identification.fit_rows import ChainValues
-from flexstage.hysteresis.identification.identified_file import identified_file
+from flexstage.hysteresis.identification.identify import identified_file
 from flexstage.hysteresis.inversion import command_record, reading_in_proportion
 from flexstage.hysteresis.prediction import predict_each
 from flexstage.records import Record

@@ -12,11 +12,9 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, ModelProperty, Response, samples
 from flexstage.hysteresis.models.bouc_wen_common import BoucWenModel, classical_law, simulate_runs
-from flexstage.hysteresis.models.decay import decayed
+from flexstage.hysteresis.models.bouc_wen_steps import ITERATIONS, ROUNDING
+from flexstage.hysteresis.models.power_law import decayed
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
-
-_ITERATIONS = 100
-_ROUNDING = 2.3e-16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,7 +193,7 @@ def _inverse_step(
     low = 0.0
     # The least slope bounds the way from above, with a margin for rounding.
     high = target / least
-    high += 4.0 * _ROUNDING * (high + abs(F) / least)
+    high += 4.0 * ROUNDING * (high + abs(F) / least)
     v = min(high, target / (gain - _slope(F, s, sigma, limit, i)))
     found = False
     count = 0
@@ -204,7 +202,7 @@ def _inverse_step(
         # The hysteresis sees the rounded input; so does the last evaluation.
         after = _advance(F, end - u, sigma, limit, i)
         count += 1
-        if found or count > _ITERATIONS:
+        if found or count > ITERATIONS:
             return end, after
         excess = s * (gain * (end - u) - (after - F)) - target
         if excess > 0.0:
@@ -215,7 +213,7 @@ def _inverse_step(
         if not low <= v - correction <= high:
             correction = v - 0.5 * (low + high)
         v -= correction
-        found = abs(correction) <= _ROUNDING * (abs(u) + v)
+        found = abs(correction) <= ROUNDING * (abs(u) + v)
 
 
 def c_code(model: Dahl) -> HysteresisCode:

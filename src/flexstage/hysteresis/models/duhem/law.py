@@ -17,10 +17,10 @@ from flexstage.hysteresis.model import (
     Response,
     Segments,
     checked,
+    sampled,
     samples,
 )
 from flexstage.hysteresis.models.play import ROUNDING, fixed
-from flexstage.hysteresis.models.play_model import sampled
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
 
 #: Inputs at which the conditions are looked at.
@@ -268,7 +268,7 @@ def duhem_columns(u: ArrayLike, rate: float, curve: int, tangent: int) -> Array:
     >>> duhem_columns([80.0, 30.0], 0.04, 3, 1) @ [2.0, 0.45, 0.4e-3, 0.3]
     array([35.76095275, 19.26880817])
     """
-    return _columns(samples(u, "input"), rate, curve, tangent)
+    return _columns(np.ascontiguousarray(u, dtype=np.float64), rate, curve, tangent)
 
 
 @compiled

@@ -1,7 +1,7 @@
 """The generalised Maxwell-slip model: springs and dry sliders that the displacement drives."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +15,7 @@ from flexstage.hysteresis.model import (
     Response,
     Segments,
     checked,
+    sampled,
     samples,
 )
 from flexstage.hysteresis.models import play_sum
@@ -24,7 +25,6 @@ from flexstage.hysteresis.models.play_model import (
     elements,
     largest_pieces,
     least_slope,
-    sampled,
     segments_of,
     sum_numbers,
     terms,
@@ -156,15 +156,7 @@ class GeneralisedMaxwellSlip(HysteresisModel):
         given = sampled(u)
         first = self.simulate(given[:1], state)
         found = segments_of(given, self.play_terms(), _inner(first.state), backward=True)
-        return Segments(
-            start=found.start,
-            constant=found.constant,
-            slope=found.slope,
-            amplitude=found.amplitude,
-            rate=found.rate,
-            samples=found.samples,
-            state=_outer(given[-1], found.state),
-        )
+        return replace(found, state=_outer(given[-1], found.state))
 
     def properties(self) -> tuple[ModelProperty, ...]:
         # a closed cycle takes in the work of the sliders: sum of k_i r_i times the way that slider

@@ -96,15 +96,12 @@ class Preisach(PlayModel):
         return terms(self.gain, self.thresholds, self.knots[1:-1], self.slopes)
 
 
-def preisach_columns(
-    u: ArrayLike, thresholds: ArrayLike, knots: ArrayLike, state: ArrayLike | None = None
-) -> Array:
+def preisach_columns(u: ArrayLike, thresholds: ArrayLike, knots: ArrayLike) -> Array:
     """Return the output of a Preisach model per unit of each of its slopes.
 
     A model without gain gives ``preisach_columns(u, thresholds, knots) @ slopes.ravel()``.
     Thresholds [V], shape (m,), none negative and rising, and knots [V], shape (k,), at least two,
-    as those of the model; columns [V], shape (n, m (k - 1)), play by play. The state is as in
-    `play_columns`.
+    as those of the model; columns [V], shape (n, m (k - 1)), play by play, from rest.
 
     Notes
     -----
@@ -116,9 +113,7 @@ def preisach_columns(
     array([[40., 38., 40., 31.],
            [32.,  0., 39.,  0.]])
     """
-    k = rising(knots, "knots", least=2)
-    plays = play_columns(u, thresholds, state)
-    return _ramps(plays, k)
+    return _ramps(play_columns(u, thresholds), np.array(knots, dtype=np.float64))
 
 
 @compiled
