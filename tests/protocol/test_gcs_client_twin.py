@@ -11,8 +11,8 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError
+from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
-from flexstage.instruments.pi.profile import TransferLimits
 from flexstage.instruments.pi.simulated.address import Loopback
 from flexstage.instruments.pi.simulated.clock import FastTime
 from flexstage.instruments.pi.simulated.controller import VirtualController

@@ -7,7 +7,6 @@ from typing import Any
 from sqlalchemy import Connection, Select, Table, insert, select, update
 
 from flexstage.errors import RecordError
-from flexstage.instruments.catalogue.database import Database
 from flexstage.instruments.catalogue.entries import (
     CalibrationEntry,
     ModelEntry,
@@ -20,6 +19,7 @@ from flexstage.instruments.catalogue.tables import (
     MODELS,
     RUNS,
     STAGES,
+    Database,
     Entry,
     entry_of,
     question,

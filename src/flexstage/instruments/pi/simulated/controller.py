@@ -14,7 +14,7 @@ from flexstage.instruments.pi.simulated.axis_state import (
 )
 from flexstage.instruments.pi.simulated.controller_core import ControllerCore
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError, require
-from flexstage.instruments.pi.simulated.wave_tables import WaveRun
+from flexstage.instruments.pi.simulated.tables import WaveRun
 from flexstage.system.servo import ServoSettings
 
 #: Part by which a speed may pass its limit because texts are rounded.

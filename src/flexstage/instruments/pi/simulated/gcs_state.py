@@ -9,11 +9,11 @@ from itertools import islice
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.instruments.pi.replies import METRES
 from flexstage.instruments.pi.simulated.clock import Pace
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.device import AxisDescription, Refusal, require
 from flexstage.instruments.pi.simulated.record_store import RecordStore
-from flexstage.instruments.pi.units import METRES
 from flexstage.system.servo import Notch, ServoSettings
 
 #: Commands of controllers with reference or limit switches.
