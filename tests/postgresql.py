@@ -34,16 +34,20 @@ def postgresql_server() -> Iterator[str]:
 
 @contextmanager
 def database(server: str) -> Iterator[str]:
-    """Give the address of a new, empty database."""
+    """Give the address of a schema that is new and empty: to its user, a database of its own.
+
+    A database proper takes the server ten times as long to make and to remove.
+    """
     import psycopg
+    from psycopg import sql
 
     name = f"catalogue_{secrets.token_hex(6)}"
     with closing(psycopg.connect(f"{server}/postgres", autocommit=True)) as connection:
-        connection.execute(f"CREATE DATABASE {name}".encode())
+        connection.execute(sql.SQL("CREATE SCHEMA {}").format(sql.Identifier(name)))
         try:
-            yield f"{server}/{name}"
+            yield f"{server}/postgres?options=-csearch_path%3D{name}"
         finally:
-            connection.execute(f"DROP DATABASE {name} WITH (FORCE)".encode())
+            connection.execute(sql.SQL("DROP SCHEMA {} CASCADE").format(sql.Identifier(name)))
 
 
 @contextmanager

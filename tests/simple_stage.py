@@ -11,7 +11,7 @@ from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
-from flexstage.virtual.hammer import Blow
+from flexstage.virtual.laboratory import Blow
 from flexstage.virtual.sensors import ChannelDescription
 from flexstage.virtual.stage import StageSamples, VirtualStage
 

@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import resample
 
 from flexstage.instruments.pi.simulated.controller import VirtualController
-from flexstage.instruments.pi.simulated.data_recorder import resampled
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
+from flexstage.instruments.pi.simulated.tables import resampled
 from flexstage.instruments.protocol import Signal
 from tests.simple_stage import ACROSS, GAIN, SimpleStage, pulse, ring
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
-from flexstage.instruments.pi.simulated.wave_tables import WaveRun, WaveTables
+from flexstage.instruments.pi.simulated.tables import WaveRun, WaveTables
 from tests.simple_stage import SimpleStage
 
 TABLE = np.array([3.0, 4.5, 4.1, 2.2, 2.9])

@@ -17,8 +17,7 @@ from flexstage.stage import Screw
 from flexstage.system import modes
 from flexstage.system.characteristics import axis_mode
 from flexstage.system.servo import ServoSettings
-from flexstage.virtual.build import virtual_stage
-from flexstage.virtual.default_servo import largest_slope
+from flexstage.virtual.build import largest_slope, virtual_stage
 from flexstage.virtual.piezo_stage import PiezoStage
 from flexstage.virtual.screw_stage import ScrewStage
 from flexstage.virtual.stage import VirtualStage

@@ -11,7 +11,6 @@ from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.lumped import lumped_system
 from flexstage.system import frequency_response, modes
 from flexstage.virtual.as_built import as_built
-from flexstage.virtual.hammer import HammerBench
 from flexstage.virtual.imperfections import (
     GuideErrors,
     Scatter,
@@ -21,6 +20,7 @@ from flexstage.virtual.imperfections import (
     random_guide,
 )
 from flexstage.virtual.laboratory import (
+    HammerBench,
     Laboratory,
     motion_record,
     sphere_record,

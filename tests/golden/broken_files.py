@@ -24,8 +24,7 @@ from flexstage.errors import FlexstageError
 from flexstage.experiments import plan_stage, read_campaign, read_plan
 from flexstage.experiments.state import read_state
 from flexstage.hysteresis.model_file import read_model_file
-from flexstage.instruments.recording.archive import file_summary
-from flexstage.instruments.recording.recovery import examine
+from flexstage.instruments.recording.archive import examine, file_summary
 from flexstage.measure import read_budget
 from tests.golden.broken_cases import (
     budget,

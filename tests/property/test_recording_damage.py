@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import RecordError
-from flexstage.instruments.recording.recovery import examine, recover
+from flexstage.instruments.recording.archive import examine, recover
 from tests.recordings import RATE, assert_true, written
 
 CHUNKS = [3, 1, 8, 2, 5, 6, 1, 1]
@@ -34,6 +34,8 @@ def stream(tmp_path):
 
 def spoilt(path, data):
     other = path.with_name("spoilt.stream")
+    # some file systems wait for the disk where a file is written over, and not for a new one
+    other.unlink(missing_ok=True)
     other.write_bytes(data)
     return other
 

@@ -9,9 +9,9 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ControllerError, FlexstageError, LimitError, NotConnectedError
-from flexstage.instruments.pi.client import GcsClient
+from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
-from flexstage.instruments.pi.profile import TransferLimits
+from flexstage.instruments.pi.conversation import GcsClient
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.transport import InProcess, NoAnswerError, TcpLink
 from flexstage.instruments.waveform import Waveform

@@ -12,7 +12,7 @@ import socket
 import numpy as np
 import pytest
 
-from flexstage.instruments.pi.profile import parse_identity
+from flexstage.instruments.pi.connection import parse_identity
 from flexstage.instruments.pi.simulated.clock import Pacemaker
 from flexstage.instruments.pi.simulated.gcs_state import MODELS
 from flexstage.instruments.pi.simulated.interpreter import Interpreter

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from flexstage.instruments.recording.recovery import examine, recover
+from flexstage.instruments.recording.archive import examine, recover
 from tests.recordings import assert_true
 from tests.tiers import sizes
 

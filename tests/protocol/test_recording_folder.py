@@ -6,8 +6,8 @@ import pytest
 from flexstage.errors import NotConnectedError
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.record_run import record_now, run_waveform
+from flexstage.instruments.recording.archive import recover
 from flexstage.instruments.recording.metadata import RunMetadata
-from flexstage.instruments.recording.recovery import recover
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import read_record

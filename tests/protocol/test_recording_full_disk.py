@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexstage.errors import RecordError
-from flexstage.instruments.recording.recovery import examine, recover
+from flexstage.instruments.recording.archive import examine, recover
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.records import read_record
 from tests.recordings import (

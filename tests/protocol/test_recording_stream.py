@@ -12,9 +12,8 @@ import pytest
 
 from flexstage.errors import RecordError
 from flexstage.instruments.recording import archive
-from flexstage.instruments.recording.archive import archived, file_summary
+from flexstage.instruments.recording.archive import archived, examine, file_summary, recover
 from flexstage.instruments.recording.metadata import RunMetadata, read_metadata
-from flexstage.instruments.recording.recovery import examine, recover
 from flexstage.instruments.recording.stream import Irregularity, in_use
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.records import read_record

@@ -9,8 +9,8 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError
 from flexstage.instruments import FlyScan, MotionStatus, ScanAxis, Signal, Waveform
+from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
-from flexstage.instruments.pi.profile import TransferLimits
 from flexstage.instruments.pi.simulated.address import Loopback
 from flexstage.instruments.transport import InProcess
 from tests.gcs_device import controller

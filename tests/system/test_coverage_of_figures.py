@@ -8,8 +8,7 @@ import pytest
 from flexstage.designs import design
 from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.virtual.as_built import as_built
-from flexstage.virtual.hammer import HammerBench
-from flexstage.virtual.laboratory import Laboratory
+from flexstage.virtual.laboratory import HammerBench, Laboratory
 from tests.tiers import limits, sizes
 from tests.true_figures import true_figures
 

@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 
-from flexstage.instruments.recording.recovery import examine, recover
+from flexstage.instruments.recording.archive import examine, recover
 from flexstage.records import read_record
 from tests.tiers import sizes
 

@@ -205,8 +205,7 @@ def recover(
     remove
         Remove the stream after the HDF5 file has been read back and compared.
     """
-    from flexstage.instruments.recording.archive import rescued
-    from flexstage.instruments.recording.recovery import examine
+    from flexstage.instruments.recording.archive import examine, rescued
 
     found = examine(file)
     target = None

@@ -7,7 +7,7 @@ from flexstage.errors import PlanError
 from flexstage.instruments.waveform import Quantity
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.stage.limits import AxisLimits, stage_limits
-from flexstage.virtual.published import platform_stroke
+from flexstage.virtual.as_built import platform_stroke
 
 #: Of a stroke that is only estimated, the middle part that a command under control keeps to.
 _CLEAR = 0.03

@@ -10,9 +10,8 @@ from flexstage.records import Record
 from flexstage.sensor import SensorSpecification
 from flexstage.system import modes
 from flexstage.virtual.as_built import AsBuilt
-from flexstage.virtual.hammer import HammerBench
 from flexstage.virtual.imperfections import MOTIONS
-from flexstage.virtual.laboratory import SPHERES, Laboratory, record_of
+from flexstage.virtual.laboratory import SPHERES, HammerBench, Laboratory, record_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
     from flexstage.instruments.protocol import Signal
     from flexstage.instruments.record_run import record_now, run_waveform
+    from flexstage.instruments.recording.archive import recover
     from flexstage.instruments.recording.metadata import RunMetadata
-    from flexstage.instruments.recording.recovery import recover
     from flexstage.instruments.recording.writer import RunWriter
     from flexstage.instruments.scan_devices import FlyScan, MotionStatus, ScanAxis
     from flexstage.instruments.waveform import Waveform

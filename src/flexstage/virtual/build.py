@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hysteresis.build_model import assembled_model
 from flexstage.hysteresis.chain.amplifier import Amplifier
@@ -26,18 +28,17 @@ from flexstage.stage.assumptions import (
 from flexstage.stage.limits import AxisLimits, stage_limits
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.characteristics import axis_mode
-from flexstage.virtual.as_built import AsBuilt, as_built
-from flexstage.virtual.default_servo import delivered_settings
-from flexstage.virtual.hammer import Hammer
+from flexstage.system.servo import Notch, ServoSettings
+from flexstage.virtual.as_built import AsBuilt, as_built, loop_share
 from flexstage.virtual.imperfections import (
     Scatter,
     displaced_system,
     displacements,
     manufactured,
 )
-from flexstage.virtual.piezo_loop import amplifier_of
-from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage
-from flexstage.virtual.published import loop_share
+from flexstage.virtual.laboratory import Hammer
+from flexstage.virtual.piezo_loop import amplifier_of, sampled_response
+from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage, stack_of
 from flexstage.virtual.screw_stage import ScrewAxis, ScrewStage
 from flexstage.virtual.sensors import EDDY_CURRENT_SENSORS, SensorBench
 from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, matched_stacks, virtual_stack
@@ -116,10 +117,6 @@ def virtual_stage(
         raise ModelError(f"an amplifier drives by 'voltage' or 'charge', got {amplifier!r}")
     if not 1e3 <= sample_rate_hz <= 50e3:
         raise ModelError(f"the rate of a twin's loop is 1 to 50 kHz, got {sample_rate_hz:g} Hz")
-    if not stage.axes:
-        raise ModelError(
-            f"stage '{stage.name}' names no axis, a drive and the probe that reads it: add one"
-        )
     drives = [stage.drive_of(axis.name) for axis in stage.axes]
     screws = all(isinstance(d, Screw) for d in drives)
     if twice := sorted({d.name for d in drives if drives.count(d) > 1}):
@@ -269,9 +266,7 @@ def _screws(built: AsBuilt, seed: int, rate: float, *, quiet: bool, scatter: boo
     rng = _draws(seed)
     axes = []
     for state in built.axes:
-        drive = built.stage.drive_of(state.name)
-        if not isinstance(drive, Screw):
-            raise ModelError(f"drive '{drive.name}' is no screw: a twin needs screws on all axes")
+        drive = cast(Screw, built.stage.drive_of(state.name))
         off = rng.standard_normal(2).tolist() if scatter else (0.0, 0.0)
         stroke = state.stroke * (1.0 + STROKE_SPREAD * off[0])
         backlash = BACKLASH * float(np.clip(1.0 + BACKLASH_SPREAD * off[1], 0.3, 1.7))
@@ -296,3 +291,91 @@ def _screws(built: AsBuilt, seed: int, rate: float, *, quiet: bool, scatter: boo
 
 def _draws(seed: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(8,)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Delivered:
+    """How a position control is set as a stage is delivered: slow enough to be safe."""
+
+    sensitivity: float = 1.6
+    """Largest of |1 / (1 + L)|: by it the gain may double (6 dB) before the loop is unstable."""
+    share: float = 0.7
+    """Part of the gain that would reach this."""
+    notch_damping: float = 0.5
+    """Damping ratio of the poles of a notch."""
+    grid: int = 4000
+    """Frequencies that are looked at."""
+
+
+_DELIVERED = _Delivered()
+
+
+def delivered_settings(
+    model: DynamicModel, parts: Sequence[PiezoAxis], sample_rate_hz: float
+) -> list[PiezoAxis]:
+    """Give each axis an integral control with a notch at the mode that it excites most.
+
+    Notes
+    -----
+    Validity: each axis by itself, at the steepest slope of its major loop, with all modes and the
+    delay of the loop.
+    """
+    model = replace(model, step=1.0 / sample_rate_hz)
+    natural = model.omega / (2.0 * np.pi)
+    frequency = np.geomspace(0.1, 0.499 * sample_rate_hz, _DELIVERED.grid)
+    # and close to each mode, whose peak is narrower than any grid
+    near = natural[natural < 0.49 * sample_rate_hz]
+    fine = near[:, None] * (1.0 + 0.05 * np.linspace(-1.0, 1.0, 201) ** 3)
+    frequency = np.sort(np.concatenate((frequency, fine.ravel())))
+    frequency = frequency[frequency < 0.5 * sample_rate_hz]
+    out = []
+    for part in parts:
+        drive = model.drive(part.drive)
+        response = sampled_response(
+            model, part.drive, part.probe, frequency, slope=largest_slope(drive)
+        ) * np.exp(-2j * np.pi * frequency / sample_rate_hz)
+        weights = drive.modal_gain * model.probe_shapes[model.row(part.probe)]
+        notches = _notch(np.abs(weights), natural, sample_rate_hz)
+        unit = ServoSettings(integral=1.0, notches=notches)
+        loop = response * unit.response(frequency, sample_rate_hz)
+        settings = ServoSettings(integral=_DELIVERED.share * _largest_gain(loop), notches=notches)
+        out.append(replace(part, settings=settings))
+    return out
+
+
+def largest_slope(drive: ModelDrive) -> float:
+    """Return the steepest slope of the major loop of a virtual stack, without creep [m/V]."""
+    low, high = drive.input_range or (0.0, 1.0)
+    line = np.linspace(low, high, 300)
+    u = np.concatenate([line, line[::-1], line, line[::-1]])
+    du, dw = np.diff(u), np.diff(stack_of(drive).simulate(u).values)
+    return float(np.max(dw[du != 0.0] / du[du != 0.0]))
+
+
+def _notch(size: Array, frequency_hz: Array, sample_rate_hz: float) -> tuple[Notch, ...]:
+    size[frequency_hz > 0.4 * sample_rate_hz] = 0.0
+    if not np.any(size):
+        return ()
+    return (
+        Notch(
+            frequency_hz=float(frequency_hz[int(np.argmax(size))]),
+            zero_damping=0.02,
+            pole_damping=_DELIVERED.notch_damping,
+        ),
+    )
+
+
+def _largest_gain(loop: NDArray[np.complex128]) -> float:
+    """Return the gain at which the sensitivity reaches its bound, coming from zero."""
+
+    def peak(gain: float) -> float:
+        return float(np.max(1.0 / np.abs(1.0 + gain * loop)))
+
+    gain = 1e-3 / float(np.max(np.abs(loop)))
+    while peak(gain) < _DELIVERED.sensitivity:
+        gain *= 1.03
+    low, high = gain / 1.03, gain
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if peak(middle) < _DELIVERED.sensitivity else (low, middle)
+    return low

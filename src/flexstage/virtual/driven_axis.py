@@ -22,6 +22,7 @@ from flexstage.stage.assumptions import (
     POSITION_NOISE,
 )
 from flexstage.system import MechanicalSystem, modes
+from flexstage.virtual.as_built import loop_share
 from flexstage.virtual.stack import matched_stacks, virtual_stack
 
 #: Samples in a second [Hz].
@@ -100,8 +101,7 @@ def driven_axis(stage: Stage, system: MechanicalSystem, axis: str, *, seed: int 
     limits = drive.voltage_range
     lowest = float(modes(system, drives="in place", count=1).frequency_hz[0])
     stroke = measured_value(stage.published, "output_displacement", axis)
-    width = measured_value(stage.published, "hysteresis_loop_width", axis)
-    share = LOOP_WIDTH if stroke is None or width is None else width / stroke
+    share = LOOP_WIDTH if stroke is None else loop_share(stage, axis, stroke)
 
     def wired(free: float, own: float) -> DrivenAxis:
         model = dynamic_model(

@@ -115,6 +115,12 @@ def random_guide(
     return GuideErrors(stroke=stroke, coefficients=coefficients)
 
 
+def require_size(what: str, value: float) -> None:
+    """Refuse a size that is negative or not finite."""
+    if not 0.0 <= value < math.inf:
+        raise ModelError(f"{what} must be 0 or more and finite, got {value!r}")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scatter:
     """How far a process misses what it was told.
@@ -159,8 +165,7 @@ class Scatter:
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
-            if not 0.0 <= (value := getattr(self, name)) < math.inf:
-                raise ModelError(f"scatter of {name} must be 0 or more and finite, got {value!r}")
+            require_size(f"scatter of {name}", getattr(self, name))
 
 
 def manufactured(stage: Stage, scatter: Scatter, *, seed: int = 0) -> Stage:

@@ -16,8 +16,8 @@ from flexstage.stage.assumptions import LOOP_CONVERTER_BITS
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.disturbances import Disturbances
-from flexstage.virtual.hammer import Blow, Hammer
 from flexstage.virtual.imperfections import GuideErrors
+from flexstage.virtual.laboratory import Blow, Hammer
 from flexstage.virtual.piezo_loop import (
     DriveArrays,
     LoopState,

@@ -10,7 +10,8 @@ from flexstage.centring.move import Positioner, PositionerAxis
 from flexstage.errors import ModelError
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.stage.assumptions import CONVERTER_BITS, POSITION_NOISE, SETTLING, VOLTAGE_RANGE
-from flexstage.virtual.published import loop_share, platform_stroke
+from flexstage.virtual.as_built import loop_share, platform_stroke
+from flexstage.virtual.imperfections import require_size
 from flexstage.virtual.stack import virtual_stack
 
 if TYPE_CHECKING:
@@ -210,8 +211,7 @@ class VirtualPositioner(Positioner):
                 f"a scale is centred by a stage of two axes, got {len(stage.axes)} of {stage.name}"
             )
         for what, value in (("noise", noise), ("sensor noise", sensor_noise)):
-            if not 0.0 <= value < math.inf:
-                raise ModelError(f"the {what} must be 0 or more and finite, got {value!r} m")
+            require_size(f"the {what}", value)
         if any(not -1.0 <= share <= 1.0 for share in start):
             raise ModelError(f"the start must be shares of the stroke from -1 to 1, got {start!r}")
         if mode == "open loop":

@@ -12,8 +12,8 @@ from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.disturbances import Disturbances
-from flexstage.virtual.hammer import Hammer
 from flexstage.virtual.imperfections import GuideErrors
+from flexstage.virtual.laboratory import Hammer
 from flexstage.virtual.sensors import (
     SensorBench,
     kinds_of,

@@ -3,7 +3,6 @@
 The motions are polynomials of the position, so that a loop can follow them.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.sensor import SensorSpecification
 from flexstage.stage.assumptions import (
@@ -21,7 +19,7 @@ from flexstage.stage.assumptions import (
     POSITION_NOISE,
     TRANSVERSE_NOISE,
 )
-from flexstage.virtual.imperfections import ANGLES, MOTIONS, GuideErrors
+from flexstage.virtual.imperfections import ANGLES, MOTIONS, GuideErrors, require_size
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,8 +36,7 @@ class SimulatedSensor(SensorSpecification):
     def __post_init__(self) -> None:
         SensorSpecification.__post_init__(self)
         for name in ("noise_rms", "mains_amplitude"):
-            if not 0.0 <= (value := getattr(self, name)) < math.inf:
-                raise ModelError(f"the {name} of a sensor must be 0 or more, got {value!r}")
+            require_size(f"the {name} of a sensor", getattr(self, name))
 
 
 #: Sensors that a laboratory puts around a stage: capacitive ones, and an autocollimator.

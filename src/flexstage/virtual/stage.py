@@ -15,10 +15,8 @@ from flexstage.records import Channel, Record
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
-from flexstage.virtual.hammer import Blow, Hammer
+from flexstage.virtual.laboratory import Blow, Hammer
 from flexstage.virtual.sensors import ChannelDescription, beside_channels
-
-_BLOCK = 50_000  # samples of a record that are simulated at once
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,14 +112,15 @@ class VirtualStage(ABC):
         lead = max(round(0.5 * rate_hz), 1)
         whole = np.concatenate((voltage[0] * np.arange(lead) / lead, voltage))
         found = np.empty((2, whole.size))
-        for first in range(0, whole.size, _BLOCK):
-            at = np.arange(first, min(first + _BLOCK, whole.size), 1.0 / many)
+        block = 50_000  # samples of the record that are simulated at once
+        for first in range(0, whole.size, block):
+            at = np.arange(first, min(first + block, whole.size), 1.0 / many)
             command = np.zeros((len(self.axes), at.size))
             command[number] = np.interp(at, np.arange(whole.size), whole)
             samples = self.run(command, [False] * len(self.axes))
             own = samples.voltage[number], samples.reading[number]
-            found[:, first : first + _BLOCK] = [values[::many] for values in own]
-            progress.update("playing", min(1.0, (first + _BLOCK) / whole.size))
+            found[:, first : first + block] = [values[::many] for values in own]
+            progress.update("playing", min(1.0, (first + block) / whole.size))
         return Record(
             channels=(
                 Channel(name="voltage", values=found[0, lead:], unit="V"),

@@ -7,9 +7,8 @@ from pathlib import Path
 from flexstage.errors import FlexstageError, RecordError
 from flexstage.instruments.catalogue.catalogue import Catalogue
 from flexstage.instruments.catalogue.entries import RunEntry, RunStatus, StageEntry
-from flexstage.instruments.recording.archive import file_summary
+from flexstage.instruments.recording.archive import examine, file_summary
 from flexstage.instruments.recording.metadata import RunMetadata
-from flexstage.instruments.recording.recovery import examine
 from flexstage.instruments.recording.stream import STREAM_SUFFIX
 
 #: What an entry takes from the description of its run as it is.

@@ -5,10 +5,9 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
-from flexstage.instruments.ni.backend import NiBackend
 from flexstage.instruments.ni.outputs import NiOutputs
 from flexstage.instruments.ni.recorder import NiRecorder
-from flexstage.instruments.ni.setup import DriveOutput, NiSetup
+from flexstage.instruments.ni.setup import DriveOutput, NiBackend, NiSetup
 from flexstage.instruments.protocol import Capability, Identity, Instrument, MotionAxis
 from flexstage.instruments.ramp import to_safe, wait_for_rest
 from flexstage.stage import Stage

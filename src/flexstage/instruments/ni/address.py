@@ -9,9 +9,8 @@ import numpy as np
 
 from flexstage.errors import ModelError, UnitError
 from flexstage.instruments.ni.acquisition import NiAcquisition
-from flexstage.instruments.ni.backend import NiBackend
 from flexstage.instruments.ni.daqmx import DaqmxBackend, driver_found
-from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput, Terminal
+from flexstage.instruments.ni.setup import DriveOutput, NiBackend, NiSetup, SensorInput, Terminal
 from flexstage.instruments.ni.simulated import SimulatedBackend
 from flexstage.stage import Stage
 from flexstage.stage.limits import stage_limits

@@ -11,8 +11,14 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
-from flexstage.instruments.ni.backend import CardInfo, InputTask, NiBackend
-from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
+from flexstage.instruments.ni.setup import (
+    CardInfo,
+    DriveOutput,
+    InputTask,
+    NiBackend,
+    NiSetup,
+    SensorInput,
+)
 from flexstage.lazy import require_extra
 
 #: Numbers of errors by which a card is gone, or was never there.

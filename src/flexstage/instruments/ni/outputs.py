@@ -10,8 +10,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_voltage, check_waveform
-from flexstage.instruments.ni.backend import InputTask, NiBackend, OutputTask
-from flexstage.instruments.ni.setup import DriveOutput, NiSetup
+from flexstage.instruments.ni.setup import DriveOutput, InputTask, NiBackend, NiSetup, OutputTask
 from flexstage.instruments.protocol import WaveGenerator
 from flexstage.instruments.waveform import Waveform
 from flexstage.stage.limits import AxisLimits

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError
-from flexstage.instruments.ni.backend import CardInfo, InputTask, NiBackend
-from flexstage.instruments.ni.setup import NiSetup
+from flexstage.instruments.ni.setup import CardInfo, InputTask, NiBackend, NiSetup
 from flexstage.instruments.protocol import Recorder, Signal
 from flexstage.records import Channel, Record
 

@@ -8,8 +8,14 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError
-from flexstage.instruments.ni.backend import CardInfo, InputTask, NiBackend
-from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
+from flexstage.instruments.ni.setup import (
+    CardInfo,
+    DriveOutput,
+    InputTask,
+    NiBackend,
+    NiSetup,
+    SensorInput,
+)
 
 _CALL = 1e-4  # what a call takes [s]
 _RATE = 250e3  # of all inputs together, and of the outputs [Hz]

@@ -3,17 +3,30 @@
 import time
 from collections.abc import Callable, Mapping
 from typing import Self
+from urllib.parse import urlsplit
 
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.instruments.connect import longest_silence, options_of
 from flexstage.instruments.pi.axis import PiAxis
-from flexstage.instruments.pi.client import GcsClient
-from flexstage.instruments.pi.connection import Connection
+from flexstage.instruments.pi.connection import (
+    Connection,
+    ControllerProfile,
+    TransferLimits,
+    read_profile,
+)
+from flexstage.instruments.pi.conversation import GcsClient
 from flexstage.instruments.pi.discovery import discover
-from flexstage.instruments.pi.profile import ControllerProfile, TransferLimits, read_profile
 from flexstage.instruments.pi.recorder import PiRecorder
 from flexstage.instruments.pi.waves import PiWaves
 from flexstage.instruments.protocol import Capability, ChannelMap, Identity, Instrument
-from flexstage.instruments.transport import Transport
+from flexstage.instruments.transport import (
+    DEFAULT_BAUD,
+    DEFAULT_PORT,
+    GatewayLink,
+    SerialLink,
+    TcpLink,
+    Transport,
+)
 from flexstage.stage import Stage
 
 
@@ -226,3 +239,49 @@ class PiController(Instrument):
 
     def _can_strike(self) -> bool:
         return self.profile.knows("IMP") and self._connection.has_drives
+
+
+def open_network(
+    address: str, stage: Stage, *, axes: Mapping[str, str] | None, timeout: float | None
+) -> PiController:
+    """Connect to a controller in the network: ``gcs://HOST:PORT``."""
+    parts = urlsplit(address.strip())
+    options_of(address, parts, ())
+    try:
+        port = parts.port
+    except ValueError as error:
+        raise ModelError(
+            f"the port of '{address}' must be a number from 1 to 65535, as in gcs://192.168.0.10:"
+            f"{DEFAULT_PORT}"
+        ) from error
+    if not parts.hostname or parts.path.strip("/"):
+        raise ModelError(
+            f"'{address}' names no host: write gcs://HOST:PORT, as in gcs://127.0.0.1:50000"
+        )
+    link = TcpLink(parts.hostname, DEFAULT_PORT if port is None else port)
+    return PiController.open(link, stage, axes=axes, timeout=longest_silence(timeout))
+
+
+def open_serial(
+    address: str, stage: Stage, *, axes: Mapping[str, str] | None, timeout: float | None
+) -> PiController:
+    """Connect to a controller at a serial port: ``serial:///dev/ttyUSB0?baud=115200``."""
+    parts = urlsplit(address.strip())
+    options = options_of(address, parts, ("baud",))
+    baud = options.get("baud", str(DEFAULT_BAUD))
+    port = parts.netloc or parts.path
+    if not port.strip("/") or (parts.netloc and parts.path.strip("/")):
+        raise ModelError(f"'{address}' names no port: write serial:///dev/ttyUSB0 or serial://COM3")
+    if not baud.isdecimal() or not 300 <= int(baud) <= 12_000_000:
+        raise ModelError(f"the baud rate of '{address}' must be 300 to 12000000, got '{baud}'")
+    link = SerialLink(port, baud=int(baud))
+    return PiController.open(link, stage, axes=axes, timeout=longest_silence(timeout))
+
+
+def open_gateway(
+    gateway: object, stage: Stage, *, axes: Mapping[str, str] | None, timeout: float | None
+) -> PiController:
+    """Connect to a controller through an object of the user's own."""
+    return PiController.open(
+        GatewayLink(gateway), stage, axes=axes, timeout=longest_silence(timeout)
+    )

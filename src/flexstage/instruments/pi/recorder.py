@@ -8,8 +8,7 @@ import numpy as np
 
 from flexstage.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.pi.axis import PiAxis
-from flexstage.instruments.pi.connection import Connection
-from flexstage.instruments.pi.profile import describe
+from flexstage.instruments.pi.connection import Connection, describe
 from flexstage.instruments.pi.replies import parse_array
 from flexstage.instruments.protocol import Recorder, Signal
 from flexstage.records import Channel, Record

@@ -23,9 +23,8 @@ from flexstage.hysteresis import Tracking, cycles, loop_width, tracking
 from flexstage.instruments.limits import check_position, check_voltage, check_waveform
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.record_run import record_now
-from flexstage.instruments.recording.archive import rescued
+from flexstage.instruments.recording.archive import examine, rescued
 from flexstage.instruments.recording.metadata import RunMetadata
-from flexstage.instruments.recording.recovery import examine
 from flexstage.instruments.recording.stream import STREAM_SUFFIX, in_use
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.instruments.waveform import Waveform

@@ -6,9 +6,9 @@ from urllib.parse import urlsplit
 
 from flexstage.designs import design
 from flexstage.errors import ModelError, NotConnectedError
-from flexstage.instruments.address import flag, longest_silence, number, one_of, options_of
+from flexstage.instruments.connect import flag, longest_silence, number, one_of, options_of
+from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
-from flexstage.instruments.pi.profile import TransferLimits
 from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.interpreter import Interpreter

@@ -15,7 +15,7 @@ from flexstage.instruments.pi.simulated.device import (
     Refusal,
     require,
 )
-from flexstage.instruments.pi.simulated.wave_tables import WaveRun
+from flexstage.instruments.pi.simulated.tables import WaveRun
 
 #: Time constant with which the reading is smoothed before it is compared with the target [s].
 _SMOOTHING = 1e-3

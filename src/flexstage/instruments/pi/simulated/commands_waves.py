@@ -1,4 +1,4 @@
-"""Commands of the wave generator: tables and segments, who runs which, rate, cycles, start."""
+"""Commands of tables: of the wave generator (segments, rate, start), and of the data recorder."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,6 +20,7 @@ from flexstage.instruments.pi.simulated.command import (
 from flexstage.instruments.pi.simulated.commands_identity import identity_line
 from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.pi.simulated.gcs_state import ControllerState
+from flexstage.instruments.pi.simulated.record_store import RECORD_OPTIONS
 
 #: Bits of the start mode: begin at once; begin each cycle where the one before has ended.
 _START, _ONWARD = 1, 1 << 8
@@ -46,33 +47,33 @@ def _define(state: ControllerState, words: Sequence[str]) -> Reply:
     require(len(words) >= 3, Refusal.NUMBER_OF_WAVE_PARAMETERS)
     table, how = _table(state, words[0]), words[1].upper()
     require(how in ("X", "&"), Refusal.SYNTAX)
-    held = state.waves.size(table) if how == "&" else 0
-    room = state.waves.room(table) - held
-    samples = segment(words[2].upper(), words[3:], held=held, room=room)
-    if how == "&":
-        state.waves.append(table, samples)
-    else:
-        state.waves.replace(table, samples)
+    before = state.device.wave(table) if how == "&" else np.empty(0)
+    room = state.device.wave_room(table) - before.size
+    samples = segment(words[2].upper(), words[3:], held=before.size, room=room)
+    state.device.set_wave(table, np.concatenate((before, samples)))
     return None
 
 
 def _clear(state: ControllerState, words: Sequence[str]) -> Reply:
     tables = [_table(state, word) for (word,) in groups(words, 1)]
-    require(not any(state.waves.in_use(table) for table in tables), Refusal.WAVE_RUNNING)
+    device = state.device
+    used = [t for a in device.axes if device.wave_running(a) for t in device.wave_choice(a)]
+    require(not set(tables) & set(used), Refusal.WAVE_RUNNING)
     for table in tables:
-        state.waves.replace(table, np.empty(0))
+        device.set_wave(table, np.empty(0))
     return None
 
 
 def _samples(state: ControllerState, words: Sequence[str]) -> Reply:
     require(len(words) != 1, Refusal.NUMBER_OF_PARAMETERS)
-    tables = [_table(state, word) for word in words[2:]] or state.waves.filled()
-    least = min((state.waves.size(table) for table in tables), default=0)
+    held = {t: state.device.wave(t) for t in range(1, state.device.wave_tables + 1)}
+    tables = [_table(state, word) for word in words[2:]] or [t for t in held if held[t].size]
+    least = min((held[table].size for table in tables), default=0)
     require(least, Refusal.WAVE_NOT_DEFINED)
     first, count = (unsigned(words[0]), unsigned(words[1])) if words else (1, least)
     there = first >= 1 and count >= 1 and first - 1 + count <= least
     require(there, Refusal.WAVE_OUT_OF_RANGE)
-    columns = [state.waves.samples(table)[first - 1 : first - 1 + count] for table in tables]
+    columns = [held[table][first - 1 : first - 1 + count] for table in tables]
     names = [f"Wave Table {table}" for table in tables]
     step = state.device.wave_rate_divider() / state.device.sample_rate_hz
     return array_text(columns, names, step, identity_line(state))
@@ -113,21 +114,21 @@ def _start(state: ControllerState, modes: Mapping[str, int]) -> None:
     _require_at_rest(state, [g for g, mode in modes.items() if mode])
     if starting:
         state.require_ready(dict.fromkeys(starting, math.nan))
-        state.waves.give(starting)
-        for axis in starting:
-            _require_soft(state, axis)
-        state.recorder.run(lambda: state.device.start_waves(starting, onward))
+        scales = state.wave_scales(starting)
+        for axis, (unit, offset) in scales.items():
+            _require_soft(state, axis, unit, offset)
+        state.recorder.run(lambda: state.device.start_waves(starting, onward, scales))
     if stopping:
         state.device.stop_waves(stopping)
     state.start_modes.update(modes)
 
 
-def _require_soft(state: ControllerState, axis: str) -> None:
+def _require_soft(state: ControllerState, axis: str, unit: float, offset: float) -> None:
     """Refuse a waveform beyond limits that clients have set."""
     samples = state.device.wave(state.device.wave_choice(axis)[0])
     voltages = not state.device.servo_on(axis)
     for end in (samples.min(), samples.max()):
-        state.require_ready({axis: float(end)}, voltages=voltages)
+        state.require_ready({axis: float(end + offset) * unit}, voltages=voltages)
 
 
 def _started(state: ControllerState, generator: str) -> int:
@@ -137,7 +138,7 @@ def _started(state: ControllerState, generator: str) -> int:
 
 def _set_offsets(state: ControllerState, given: Mapping[str, float]) -> None:
     _require_at_rest(state, list(given))
-    state.waves.offsets.update({state.generators[g]: offset for g, offset in given.items()})
+    state.offsets.update({state.generators[g]: offset for g, offset in given.items()})
 
 
 #: Commands of the wave generator.
@@ -234,3 +235,91 @@ def _line(curve: int, rounded: int) -> Array:
     down = 1.0 - 0.5 * speed * (curve - i) ** 2 / rounded
     even = speed * (i - 0.5 * rounded)
     return np.where(i < rounded, up, np.where(i > curve - rounded, down, even))
+
+
+#: What starts the recorder, by number.
+_TRIGGERS = {
+    0: "default setting: start of a waveform, or a blow",
+    1: "any command changing target position or open-loop voltage, too",
+    2: "next command, with reset to 0",
+    4: "immediately",
+}
+
+
+def _record_table(state: ControllerState, word: str) -> int:
+    tables = range(1, state.recorder.tables + 1)
+    return within(unsigned(word), tables, Refusal.UNKNOWN_RECORD_TABLE)
+
+
+def _options(state: ControllerState, _: None) -> Reply:
+    sources = {number: state.recorder.sources(o) for number, o in RECORD_OPTIONS.items()}
+    offered = {number: o for number, o in RECORD_OPTIONS.items() if sources[number]}
+    return [
+        "#RecordOptions",
+        "0=Nothing is recorded",
+        *(f"{number}={option.text}" for number, option in offered.items()),
+        "#TriggerOptions",
+        *(f"{number}={text}" for number, text in _TRIGGERS.items()),
+        "#Parameters to be set with SPA",
+        "0x16000000=Data Recorder Table Rate",
+        "0x16000300=Data Recorder Chan Number",
+        "#Additional information",
+        f"{state.recorder.tables} record tables (TNR?)",
+        f"{state.device.recorder.capacity} points in each record table",
+        f"Positions are in {state.model.unit}, sensors in um and urad, blows in N and m/s^2",
+        "#Sources for Record Options",
+        *(f"{number}={' '.join(sources[number])}" for number in offered),
+        "end of help",
+    ]
+
+
+def _configure(state: ControllerState, given: Sequence[tuple[int, str, int]]) -> None:
+    signals = {table: state.recorder.signal(source, option) for table, source, option in given}
+    for table, signal in signals.items():
+        state.recorder.choose(table, signal)
+
+
+def _set_trigger(state: ControllerState, words: Sequence[str]) -> Reply:
+    given = groups(words, 3)
+    for table, _, _ in given:
+        if table != "0":
+            _record_table(state, table)
+    triggers = {unsigned(trigger) for _, trigger, _ in given}
+    # all tables record together
+    require(len(triggers) == 1 and triggers <= set(_TRIGGERS), Refusal.BAD_VALUE)
+    state.recorder.set_trigger(triggers.pop())
+    return None
+
+
+def _recorded(state: ControllerState, table: int) -> int:
+    return state.device.recorder.recorded if table in state.recorder.kept else 0
+
+
+def _records(state: ControllerState, words: Sequence[str]) -> Reply:
+    require(len(words) != 1, Refusal.NUMBER_OF_PARAMETERS)
+    there = state.device.recorder.recorded
+    first, count = (unsigned(words[0]), unsigned(words[1])) if words else (1, there)
+    kept = state.recorder.kept
+    tables = [_record_table(state, word) for word in words[2:]] or sorted(kept)
+    recorded = first >= 1 and count >= 1 and first - 1 + count <= there
+    require(tables and kept.keys() >= set(tables) and recorded, Refusal.NOT_RECORDED)
+    columns = [state.recorder.column(table, first - 1, count) for table in tables]
+    names = [state.recorder.title(kept[table]) for table in tables]
+    return array_text(columns, names, state.recorder.kept_step, identity_line(state))
+
+
+#: Commands of the data recorder.
+RECORDER = (
+    order("DRC", "{<RecTableID> <Source> <RecOption>}", "Set Data Recorder Configuration",
+          _configure),
+    question("DRL?", "[{<RecTableID>}]", "Get Number Of Recorded Points", _recorded, poll=True),
+    GcsCommand("DRR?", "[<StartPoint> <NumberOfPoints> [{<RecTableID>}]]",
+               "Get Recorded Data Values", _records, free=True),
+    GcsCommand("DRT", "{<RecTableID> <TriggerSource> <Value>}", "Set Data Recorder Trigger Source",
+               _set_trigger, changes=True, free=True),
+    GcsCommand("HDR?", "", "Get All Data Recorder Options", _options),
+    order("RTR", "<RecTableRate>", "Set Record Table Rate",
+          lambda s, given: s.device.recorder.set_divider(given[0])),
+    question("RTR?", "", "Get Record Table Rate", lambda s, _: s.device.recorder.divider),
+    question("TNR?", "", "Get Number Of Record Tables", lambda s, _: s.recorder.tables),
+)  # fmt: skip

@@ -11,13 +11,18 @@ from flexstage import __version__
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.instruments.pi.simulated.axis_state import AxisState
-from flexstage.instruments.pi.simulated.data_recorder import DataRecorder, Trigger, resampled
 from flexstage.instruments.pi.simulated.device import (
     AxisDescription,
     Refusal,
     require,
 )
-from flexstage.instruments.pi.simulated.wave_tables import WaveRun, WaveTables
+from flexstage.instruments.pi.simulated.tables import (
+    DataRecorder,
+    Trigger,
+    WaveRun,
+    WaveTables,
+    resampled,
+)
 from flexstage.instruments.protocol import Capability, Identity, Signal
 from flexstage.stage import Stage
 from flexstage.virtual.stage import StageSamples, VirtualStage
