@@ -7,13 +7,12 @@ from typing import Any, NamedTuple
 
 from flexstage.errors import StageError
 from flexstage.stage.curve import Curve
-from flexstage.stage.drawing.contours import CHORD, DrawnContour, DrawnPart
+from flexstage.stage.drawing.contours import DrawnContour, DrawnPart
 from flexstage.stage.drawing.notch import NeckFrame
 from flexstage.stage.drawing.profiles import Neck
-from flexstage.stage.drawing.strokes import Pair, rounded
+from flexstage.stage.drawing.strokes import SAME, Pair, rounded
 from flexstage.stage.outline import Circle, Loop
-
-_SAME = 1e-9  # two points are one, a corner is none [m]
+from flexstage.stage.shapes import CHORD
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,7 +149,7 @@ def _between(contour: DrawnContour, first: _Cut, last: _Cut) -> list[Curve]:
         out = [curves[first.stroke].part(first.share, 1.0)]
         out += [curves[(first.stroke + 1 + k) % count] for k in range(steps)]
         out.append(curves[last.stroke].part(0.0, last.share))
-    out = [c for c in out if c.length > _SAME]
+    out = [c for c in out if c.length > SAME]
     if not out:
         return [Curve(first.point, last.point)]
     out[0] = Curve(first.point, out[0].end, out[0].bulge)
@@ -166,7 +165,7 @@ def _gathered(
     """Tell outlines from openings, and give each opening to the body that it is in."""
     from shapely import Polygon
 
-    slack = max(_SAME, 4.0 * part.rounding)
+    slack = max(SAME, 4.0 * part.rounding)
     outer: list[tuple[Loop, Any, list[tuple[int, int]]]] = []
     inner: list[tuple[Loop | Circle, Any, list[tuple[int, int]], str]] = []
     for curves, roots in loops:
@@ -218,7 +217,7 @@ def _gathered(
 
 def _loop(curves: list[Curve], slack: float) -> Loop:
     """Return a loop, without corners that are none."""
-    kept = [c for c in curves if c.length > _SAME]
+    kept = [c for c in curves if c.length > SAME]
     points = [(rounded(c.start[0]), rounded(c.start[1])) for c in kept]
     bulges = [c.bulge for c in kept]
     k = 0

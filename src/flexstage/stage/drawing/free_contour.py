@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,18 +11,38 @@ from flexstage.arrays import Array
 from flexstage.errors import HingeError
 from flexstage.hinges import AsDrawn, Profile
 from flexstage.stage.curve import Curve
-from flexstage.stage.drawing.notch import LEAF_STEP, NeckFrame, Sides, quarter, slope_at
+from flexstage.stage.drawing.notch import (
+    LEAF_STEP,
+    PARALLEL,
+    NeckFrame,
+    Sides,
+    quarter,
+    slope_at,
+)
 from flexstage.stage.drawing.smooth_fit import chains_of, nearest_frame
 from flexstage.stage.drawing.strokes import DrawnStroke, rounded
 from flexstage.stage.outline import arc
 
-_BACK = 0.15  # a side comes back where its slope is below level, or beyond upright, by more [rad]
-_LEVEL = 2e-3  # a side that rises less runs along the hinge [rad]
-_CHORD = 1e-9  # points on arcs are so close that chords are off by less [m]
-_LEVELS = (0.1, 0.25, 0.5, 0.75, 0.95)  # of the depth that all sides reach, where they are compared
-_PARALLEL = 0.02  # sides that could be those of a leaf differ by no more [rad]
-_LEAST_DEPTH = 0.1  # a notch is at least so deep, in thicknesses of its neck
-_MOST = 400  # pieces of one side of a notch
+
+@dataclass(frozen=True, slots=True)
+class _FreeRules:
+    """What is taken for the contour of a notch."""
+
+    back: float = 0.15
+    """A side comes back where its slope is below level, or beyond upright, by more [rad]."""
+    level: float = 2e-3
+    """A side that rises less runs along the hinge [rad]."""
+    chord: float = 1e-9
+    """Largest distance of chords between points on arcs from these [m]."""
+    compared: tuple[float, ...] = (0.1, 0.25, 0.5, 0.75, 0.95)
+    """Where the sides are compared, in parts of the depth that all of them reach."""
+    least_depth: float = 0.1
+    """A notch is at least so deep, in thicknesses of its neck."""
+    most: int = 400
+    """Most pieces of one side."""
+
+
+_RULES = _FreeRules()
 
 
 def free_contour(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
@@ -69,7 +90,7 @@ def _first_frame(sides: Sides) -> NeckFrame | None:
     right, left = sides.stroke(False).curve, sides.stroke(True).curve
     (ax, ay), (bx, by) = right.direction(0.5), left.direction(0.5)
     if not right.bulge and not left.bulge:
-        if abs(ax * by - ay * bx) < _PARALLEL:
+        if abs(ax * by - ay * bx) < PARALLEL:
             wa, wb = right.length, left.length
             frame = NeckFrame(right.start, math.atan2(wa * ay - wb * by, wa * ax - wb * bx))
             ends = frame.local(np.array([*right[:2], *left[:2]]))
@@ -100,10 +121,9 @@ def _run(sides: Sides, frame: NeckFrame, left: bool, ahead: bool) -> list[DrawnS
     """Return the pieces of a side outward, as long as they lead away and get deeper."""
     run: list[DrawnStroke] = []
     for k, stroke in enumerate(sides.walk(left, ahead)):
-        first, last = (slope_at(stroke.curve, frame, left, ahead, s) for s in (0.0, 1.0))
-        if k and not (-_BACK < first < 0.5 * math.pi + _BACK):
-            break
-        if (k and not (-_BACK < last < 0.5 * math.pi + _BACK)) or len(run) > _MOST:
+        slopes = [slope_at(stroke.curve, frame, left, ahead, s) for s in (0.0, 1.0)]
+        back, upright = -_RULES.back, 0.5 * math.pi + _RULES.back
+        if len(run) > _RULES.most or (k and not all(back < s < upright for s in slopes)):
             break
         run.append(stroke)
     return run
@@ -150,7 +170,7 @@ def _settled(
             keep = at[:, 0] > 0.0
             reached[key] = (at[keep, 0], np.maximum.accumulate(np.maximum(depth[keep], 0.0)))
         deepest = min(float(np.max(d, initial=0.0)) for _, d in reached.values())
-        levels = deepest * np.array(_LEVELS)
+        levels = deepest * np.array(_RULES.compared)
         rows = [np.interp(levels, d, x) if len(d) else levels for x, d in reached.values()]
         return ((np.array(rows[1:]) - rows[0]) / size).ravel()
 
@@ -165,7 +185,7 @@ def _settled(
 
 
 def _dense(stroke: DrawnStroke) -> list[tuple[float, float]]:
-    return stroke.points(_CHORD)
+    return stroke.points(_RULES.chord)
 
 
 def _across(points: dict[tuple[bool, bool], Array], frame: NeckFrame, left: bool) -> Array:
@@ -185,13 +205,13 @@ def _profile(
     key = min(corners, key=lambda k: (corners[k][-1][0] > reach + 1e-6, corners[k][-1][1]))
     chosen = corners[key]
     (x0, d0, _), (x1, d1, bulge) = chosen[-2:]
-    if not bulge and x1 - x0 < _LEVEL * (d1 - d0):
+    if not bulge and x1 - x0 < _RULES.level * (d1 - d0):
         # an edge of the body, or of a leaf between sharp corners
-        if d0 > _LEAST_DEPTH * placed.neck:
+        if d0 > _RULES.least_depth * placed.neck:
             chosen = chosen[:-1]
         else:
             chosen[-1] = (x1, d0 + min(d1 - d0, LEAF_STEP * placed.neck), 0.0)
-    if chosen[-1][1] < _LEAST_DEPTH * placed.neck:
+    if chosen[-1][1] < _RULES.least_depth * placed.neck:
         return None
     return AsDrawn(
         neck_thickness=rounded(placed.neck),
@@ -215,11 +235,12 @@ def _corners(
         if curve is None:
             continue
         first, last = (slope_at(curve, frame, left, ahead, s) for s in (0.0, 1.0))
-        if first < -_LEVEL or last < -_LEVEL or max(first, last) > 0.5 * math.pi + _LEVEL:
+        level = _RULES.level
+        if min(first, last) < -level or max(first, last) > 0.5 * math.pi + level:
             break
         x, depth = quarter(frame, half, np.array([curve.end]), left, ahead)[0].tolist()
-        along = abs(first) < _LEVEL and abs(last) < _LEVEL
-        if along and depth > _LEAST_DEPTH * half:
+        along = abs(first) < level and abs(last) < level
+        if along and depth > _RULES.least_depth * half:
             break  # the side of a bar that the notch is cut into
         if x - out[-1][0] > 1e-9 or depth - out[-1][1] > 1e-9:
             out.append((x, depth, mirrored * curve.bulge))

@@ -12,11 +12,13 @@ from flexstage.arrays import Array
 from flexstage.hinges import Profile
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.contours import DrawnPart
-from flexstage.stage.drawing.strokes import LARGEST_CHORD_ERROR, DrawnStroke, Pair
+from flexstage.stage.drawing.strokes import ARCS, DrawnStroke, Pair
 from flexstage.stage.drawing.thickness import Place
 
 #: Deepest step of a leaf, in its thicknesses, where the edges of the bodies have room for more.
 LEAF_STEP = 4.0
+#: Two sides that could be those of a leaf differ by no more in direction (sine).
+PARALLEL = 0.02
 
 _CHORD = 2e-6  # points on arcs are so close that chords are off by less [m]
 # a contour that goes on with such a slope against the hinge gets deeper [rad]
@@ -161,7 +163,7 @@ def _lines_follow(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
                 at = np.array(middles)
                 inside = (at[:, 0] > 0.0) & (at[:, 0] < half - slack) & (at[:, 1] < profile.depth)
                 off = _off_contour(profile, at[inside])
-                if np.max(off, initial=0.0) > LARGEST_CHORD_ERROR:
+                if np.max(off, initial=0.0) > ARCS.chord_error:
                     return False
     return True
 
