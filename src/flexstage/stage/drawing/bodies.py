@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 from flexstage.errors import StageError
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.contours import DrawnContour, DrawnPart
-from flexstage.stage.drawing.notch import NeckFrame
 from flexstage.stage.drawing.profiles import Neck
 from flexstage.stage.drawing.strokes import SAME, Pair, rounded
 from flexstage.stage.outline import Circle, Loop
@@ -74,13 +73,9 @@ def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
                 raise StageError(
                     f"the contours about {part.place(end.point)} do not close to a body"
                 )
-            curves.append(Curve(curves[-1].end, _start_of(across[0])))
+            curves.append(Curve(curves[-1].end, across[0][0].start))
         loops.append((curves, roots))
     return _gathered(part, loops, loose)
-
-
-def _start_of(curves: list[Curve]) -> Pair:
-    return curves[0].start
 
 
 def _cuts(part: DrawnPart, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
@@ -93,23 +88,16 @@ def _cuts(part: DrawnPart, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
             deep = 0.0 if profile.one_sided and not left else profile.depth
             place = neck.sides.left if left else neck.sides.right
             for which, ahead in ((0, False), (1, True)):
-                point = _plane(
-                    neck.frame, half if ahead else -half, (top + deep) * (1.0 if left else -1.0)
+                x, y = neck.frame.plane(
+                    half if ahead else -half, (top + deep) * (1.0 if left else -1.0)
                 )
+                point = (rounded(x), rounded(y))
                 stroke, share = _find(part, neck, left, ahead, point)
                 # the right side runs from body a to b, the left one back
                 outward = ahead != left
                 cut = _Cut(stroke, share, point, (n, which), left, outward)
                 found.setdefault(place.contour, []).append(cut)
     return found
-
-
-def _plane(frame: NeckFrame, along: float, across: float) -> Pair:
-    c, s = math.cos(frame.direction), math.sin(frame.direction)
-    return (
-        rounded(frame.at[0] + c * along - s * across),
-        rounded(frame.at[1] + s * along + c * across),
-    )
 
 
 def _find(part: DrawnPart, neck: Neck, left: bool, ahead: bool, point: Pair) -> tuple[int, float]:

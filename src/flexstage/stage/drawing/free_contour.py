@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -71,18 +71,11 @@ def free_contour(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
         if placed is None:
             continue
         try:
-            profile = _profile(placed, runs, one_sided)
+            profile = _profile(*placed, runs, one_sided)
         except HingeError:
             continue
         if profile is not None:
-            yield turned, placed.frame, profile
-
-
-class _Placed(NamedTuple):
-    """The axes of a neck, and its thickness."""
-
-    frame: NeckFrame
-    neck: float
+            yield turned, placed[0], profile
 
 
 def _first_frame(sides: Sides) -> NeckFrame | None:
@@ -97,9 +90,7 @@ def _first_frame(sides: Sides) -> NeckFrame | None:
             low = max(min(ends[0, 0], ends[1, 0]), min(ends[2, 0], ends[3, 0]))
             high = min(max(ends[0, 0], ends[1, 0]), max(ends[2, 0], ends[3, 0]))
             x, y = 0.5 * float(low + high), 0.5 * float(np.mean(ends[2:, 1]) + np.mean(ends[:2, 1]))
-            c, s = math.cos(frame.direction), math.sin(frame.direction)
-            at = (right.start[0] + c * x - s * y, right.start[1] + s * x + c * y)
-            return NeckFrame(at, frame.direction)
+            return NeckFrame(frame.plane(x, y), frame.direction)
     elif right.bulge < 0.0 and left.bulge < 0.0:
         cr, cl = arc(*right)[0], arc(*left)[0]
         p, q = _towards(right, cl), _towards(left, cr)
@@ -134,20 +125,20 @@ def _settled(
     frame: NeckFrame,
     runs: dict[tuple[bool, bool], list[DrawnStroke]],
     one_sided: bool,
-) -> _Placed | None:
-    """Move the axes until both halves, and both sides, are as alike as they can be."""
+) -> tuple[NeckFrame, float] | None:
+    """Return the axes where both halves, and both sides, are most alike, and the thickness."""
     from scipy.optimize import least_squares
 
-    points = {key: np.array([p for s in run for p in _dense(s)]) for key, run in runs.items()}
+    points = {
+        key: np.array([p for s in run for p in s.points(_RULES.chord)]) for key, run in runs.items()
+    }
     line = sides.stroke(False).curve
     size = max(math.dist(sides.right.at, sides.left.at), 1e-9)
 
     def moved(q: Any) -> NeckFrame:
-        c, s = math.cos(frame.direction), math.sin(frame.direction)
         x, y = size * float(q[0]), size * float(q[1]) if len(q) > 2 else 0.0
         turn = float(q[-1]) if len(q) > 1 else 0.0
-        at = (frame.at[0] + c * x - s * y, frame.at[1] + s * x + c * y)
-        return NeckFrame(at, frame.direction + turn)
+        return NeckFrame(frame.plane(x, y), frame.direction + turn)
 
     def heights(trial: NeckFrame) -> tuple[float, float]:
         """Where the two sides are nearest to each other, across the hinge."""
@@ -178,14 +169,8 @@ def _settled(
     found = least_squares(residual, start, diff_step=1e-5, max_nfev=60, xtol=1e-12)
     placed = moved(found.x)
     low, high = heights(placed)
-    c, s = math.cos(placed.direction), math.sin(placed.direction)
-    centre = 0.5 * (low + high)
-    at = (placed.at[0] - s * centre, placed.at[1] + c * centre)
-    return _Placed(NeckFrame(at, placed.direction), low - high) if low > high else None
-
-
-def _dense(stroke: DrawnStroke) -> list[tuple[float, float]]:
-    return stroke.points(_RULES.chord)
+    at = placed.plane(0.0, 0.5 * (low + high))
+    return (NeckFrame(at, placed.direction), low - high) if low > high else None
 
 
 def _across(points: dict[tuple[bool, bool], Array], frame: NeckFrame, left: bool) -> Array:
@@ -193,10 +178,13 @@ def _across(points: dict[tuple[bool, bool], Array], frame: NeckFrame, left: bool
 
 
 def _profile(
-    placed: _Placed, runs: dict[tuple[bool, bool], list[DrawnStroke]], one_sided: bool
+    frame: NeckFrame,
+    neck: float,
+    runs: dict[tuple[bool, bool], list[DrawnStroke]],
+    one_sided: bool,
 ) -> Profile | None:
     """Return the contour of one quarter, as far as all go on alike."""
-    frame, half = placed.frame, 0.5 * placed.neck
+    half = 0.5 * neck
     corners = {key: _corners(frame, half, run, key) for key, run in runs.items()}
     if any(len(c) < 2 for c in corners.values()):
         return None
@@ -207,14 +195,14 @@ def _profile(
     (x0, d0, _), (x1, d1, bulge) = chosen[-2:]
     if not bulge and x1 - x0 < _RULES.level * (d1 - d0):
         # an edge of the body, or of a leaf between sharp corners
-        if d0 > _RULES.least_depth * placed.neck:
+        if d0 > _RULES.least_depth * neck:
             chosen = chosen[:-1]
         else:
-            chosen[-1] = (x1, d0 + min(d1 - d0, LEAF_STEP * placed.neck), 0.0)
-    if chosen[-1][1] < _RULES.least_depth * placed.neck:
+            chosen[-1] = (x1, d0 + min(d1 - d0, LEAF_STEP * neck), 0.0)
+    if chosen[-1][1] < _RULES.least_depth * neck:
         return None
     return AsDrawn(
-        neck_thickness=rounded(placed.neck),
+        neck_thickness=rounded(neck),
         one_sided=one_sided,
         distances=tuple(rounded(x) for x, _, _ in chosen[1:]),
         depths=tuple(rounded(max(d, 0.0)) for _, d, _ in chosen[1:]),

@@ -41,6 +41,11 @@ class NeckFrame(NamedTuple):
         d = np.asarray(points, dtype=float) - np.array(self.at)
         return np.column_stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]])
 
+    def plane(self, along: float, across: float) -> Pair:
+        """Return the point of the plane so far along and across the hinge [m]."""
+        c, s = math.cos(self.direction), math.sin(self.direction)
+        return self.at[0] + c * along - s * across, self.at[1] + s * along + c * across
+
     def turned(self) -> "NeckFrame":
         """Return the axes of the same hinge with its bodies exchanged."""
         turn = math.pi if self.direction <= 0.0 else -math.pi
@@ -188,9 +193,7 @@ def _slope_beyond(
     sides: Sides, frame: NeckFrame, neck: float, root: Pair, left: bool, ahead: bool
 ) -> float:
     """Return the slope of a side just beyond the end of a root."""
-    c, s = math.cos(frame.direction), math.sin(frame.direction)
-    along, across = root[0] * (1 if ahead else -1), (neck + root[1]) * (1 if left else -1)
-    point = (frame.at[0] + c * along - s * across, frame.at[1] + s * along + c * across)
+    point = frame.plane(root[0] * (1 if ahead else -1), (neck + root[1]) * (1 if left else -1))
     found = False
     for stroke in sides.walk(left, ahead):
         curve = stroke.curve

@@ -309,8 +309,7 @@ def _two_lines(sides: Sides, right: Curve, left: Curve) -> Iterator[Proposal]:
     if neck <= 0.0:
         return
     middle = 0.5 * (low + high)
-    at = (origin[0] + c * centre - s * middle, origin[1] + s * centre + c * middle)
-    frame = NeckFrame(at, direction)
+    frame = NeckFrame(NeckFrame(origin, direction).plane(centre, middle), direction)
     deep = {
         key: end.kind != "other" and end.x < x[key[1]] + 2.0 * sides.part.tolerance
         for key, end in ends.items()

@@ -250,10 +250,8 @@ def _one_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame,
     def placed(q: Any) -> tuple[Array, Array, float]:
         return points[:, 0] - q[0], points[:, 1] - bottom - q[1], q[1]
 
-    c, s = math.cos(frame.direction), math.sin(frame.direction)
     for kind, q, p in _solutions(placed, [0.0, thickness / size]):
-        x, y = size * q[0], size * (bottom + 0.5 * q[1])
-        at = (frame.at[0] + c * x - s * y, frame.at[1] + s * x + c * y)
+        at = frame.plane(size * q[0], size * (bottom + 0.5 * q[1]))
         yield from _made(kind, p, sides, chains, NeckFrame(at, frame.direction), size, q[1], True)
 
 
@@ -354,7 +352,7 @@ def _made(
         made = kind.profile(
             neck_thickness=rounded(neck),
             one_sided=one_sided,
-            **{k: _exponent(v) if k == "exponent" else rounded(v * size) for k, v in sizes.items()},
+            **{k: round(v, 7) if k == "exponent" else rounded(v * size) for k, v in sizes.items()},
         )
     except (HingeError, OverflowError, ValueError):
         return  # dimensions that no notch of this kind has
@@ -364,7 +362,3 @@ def _made(
         radius = rounded(0.5 * (made.half_length + made.notch_depth))
         made = RightCircular(neck_thickness=rounded(neck), one_sided=one_sided, radius=radius)
     yield sides, frame, made
-
-
-def _exponent(value: float) -> float:
-    return round(float(value), 7)

@@ -7,7 +7,7 @@ from pathlib import Path
 from nicegui import ui
 
 from flexstage.designs import DESIGNS, StageTemplate
-from flexstage.stage.drawing.endings import DRAWINGS
+from flexstage.stage.drawing import DRAWINGS
 from flexstage.web.design.drawing_dialog import ask_drawing
 from flexstage.web.design.state import DesignState
 from flexstage.web.design.work import template_of
