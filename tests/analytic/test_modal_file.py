@@ -23,7 +23,7 @@ from flexstage.export.universal_format import trace_lines
 from flexstage.lumped import lumped_system
 from flexstage.records.universal_file import read_universal
 from flexstage.stage import Stage, mass_properties
-from flexstage.system import MechanicalSystem, RayleighDamping, frequency_response, modes
+from flexstage.system import RayleighDamping, frequency_response, modes
 
 pyuff = pytest.importorskip("pyuff")
 
@@ -282,27 +282,16 @@ def test_names_are_plain_text_of_80_characters_and_the_file_is_the_same_each_tim
         if name.endswith(".uff"):
             lines = content.decode("ascii").split("\n")
             assert max(map(len, lines)) <= 81
-            assert len(of_kind(read(content, tmp_path), 151)) == 1
-    dated = modal_file(odd, system, modes(system, count=1), time_stamp="2031-05-06T07:08:09")
-    (heading,) = of_kind(read(dated, tmp_path), 151)
-    assert (heading["date_file_written"], heading["time_file_written"]) == ("06-MAY-31", "07:08:09")
+            (heading,) = of_kind(read(content, tmp_path), 151)
+            written = (heading["date_file_written"], heading["time_file_written"])
+            assert written == ("01-JAN-70", "00:00:00")
 
 
 def test_what_cannot_be_written_is_refused_in_one_sentence() -> None:
-    small: MechanicalSystem = lumped_system(design("parallelogram"))
-    with pytest.raises(ModelError, match="give modes of this system"):
-        modal_file(STAGE, SYSTEM, modes(small))
-    with pytest.raises(ModelError, match="no frequency response"):
-        frf_file(STAGE, [])
     with pytest.raises(ModelError, match="two frequencies or more, got 1"):
         frf_file(STAGE, [frequency_response(SYSTEM, 3.0, "x", "x")])
     with pytest.raises(ModelError, match="number of modes must be 1 or more"):
         universal_files(STAGE, SYSTEM, count=0)
-    with pytest.raises(ModelError, match=r"date and a time .*, got 'yesterday'"):
-        universal_files(STAGE, SYSTEM, count=1, time_stamp="yesterday")
     foreign = replace(frequency_response(SYSTEM, (1.0, 2.0), "x", "x"), probe="z")
     with pytest.raises(StageError, match="'z', which does not exist"):
         frf_file(STAGE, [foreign])
-    speed = replace(frequency_response(SYSTEM, (1.0, 2.0), "x", "x"), unit="m/s/N")
-    with pytest.raises(ModelError, match="m/N or m/m, got 'm/s/N'"):
-        frf_file(STAGE, [speed])

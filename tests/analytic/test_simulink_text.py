@@ -13,8 +13,8 @@ from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Block, Diagram, SignalLine
 from flexstage.export.diagram.stage_diagram import stage_diagram
+from flexstage.export.simulink.chains import hysteresis_function
 from flexstage.export.simulink.files import simulink_files
-from flexstage.export.simulink.functions import hysteresis_function
 from flexstage.export.simulink.matlab_text import (
     Variables,
     comment,
@@ -25,7 +25,6 @@ from flexstage.export.simulink.matlab_text import (
     quoted,
 )
 from flexstage.hysteresis import (
-    Amplifier,
     BoucWen,
     HysteresisModel,
     LogCreep,
@@ -172,12 +171,6 @@ def test_bad_times_are_refused() -> None:
 def test_a_diagram_without_ends_is_refused() -> None:
     with pytest.raises(ModelError, match="needs an input and an output"):
         simulink_files(Diagram(title="none", blocks=(), lines=()), name="x")
-
-
-def test_chains_of_several_signals_are_refused() -> None:
-    diagram = one("amplifier", width=2, model=Amplifier(bandwidth_hz=300.0))
-    with pytest.raises(ModelError, match="amplifier of 2 signals"):
-        simulink_files(diagram, name="x")
 
 
 def test_a_diagram_of_another_stage_is_refused() -> None:

@@ -297,9 +297,7 @@ def test_period_of_a_mode_swings_about_rest(tmp_path: Path) -> None:
 
 def test_files_of_finite_elements_are_read_and_move(tmp_path: Path) -> None:
     model, analysis = plane()
-    files = field_files(
-        SMALL, analysis, mesh=model, frames=2, animated=1, divisions=3, largest=0.05
-    )
+    files = field_files(SMALL, analysis, mesh=model, frames=2, animated=1, divisions=3)
     assert {"static-x.vtu", "mode-12.vtu", "modes.pvd", "regions.csv"} <= set(files)
     grid = read(files["static-x.vtu"], tmp_path)
     area = sum(p.mass for p in mass_properties(SMALL).values())
@@ -313,7 +311,7 @@ def test_files_of_finite_elements_are_read_and_move(tmp_path: Path) -> None:
     rest = read(files["mode-01.vtu"], tmp_path)
     assert 0.5 * (points(there) + points(back)) == pytest.approx(points(rest), abs=1e-15)
     shape = array(rest.GetPointData(), "displacement")
-    far = 0.05 * np.linalg.norm(np.ptp(points(rest), axis=0))
+    far = 0.02 * np.linalg.norm(np.ptp(points(rest), axis=0))
     assert points(there) == pytest.approx(points(rest) + far * shape, abs=1e-12)
     assert array(there.GetPointData(), "displacement") == pytest.approx(shape, abs=1e-12)
     assert not any("frame" in name for name in field_files(SMALL, analysis, mesh=model))
@@ -364,11 +362,7 @@ def test_files_of_a_solid_are_read_and_fill_its_volume(tmp_path: Path) -> None:
 def test_what_cannot_be_drawn_is_refused_in_one_sentence() -> None:
     analysis, _ = lumped()
     model, _ = plane()
-    with pytest.raises(ModelError, match="no modes with drives gone: choose from removed"):
-        field_files(PIEZO, analysis, drives="gone")  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="0 or 2 to 360 frames"):
         field_files(PIEZO, analysis, frames=1)
-    with pytest.raises(ModelError, match="above 0 and at most 1 diagonal"):
-        field_files(PIEZO, analysis, largest=0.0)
     with pytest.raises(ModelError, match="give the mesh that was analysed"):
         field_files(PIEZO, analysis, mesh=model)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from flexstage.export.simulink.functions import hysteresis_function
+from flexstage.export.simulink.chains import hysteresis_function
 from flexstage.hysteresis import (
     AsymmetricBoucWen,
     BoucWen,

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from flexstage.designs import design
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ModelError
 from flexstage.export import field_files
 from flexstage.fem import MeshSettings, StageModel
 from flexstage.system import Analysis
@@ -219,6 +218,3 @@ def test_names_of_axes_become_names_of_files(plane: tuple[StageModel, Analysis])
         n for n in field_files(STAGE, named, mesh=model, divisions=1) if n.startswith("static")
     ]
     assert files == ["static-a.vtu", "static-x+.vtu", "static-X+-2.vtu", "static-θ-z.vtu"]
-    few = replace(analysis, modes={"removed": analysis.modes["removed"]})
-    with pytest.raises(ModelError, match="no modes with drives locked"):
-        field_files(STAGE, few, mesh=model, drives="locked")

@@ -19,7 +19,7 @@ from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.settings import require_known
 from flexstage.files.yaml_text import flow_text
 from flexstage.stage import Stage, stage_from_text, stage_to_text
-from flexstage.stage.drawing.endings import DRAWINGS
+from flexstage.stage.drawing import DRAWINGS
 from flexstage.stage.format import STAGE_FILE
 from flexstage.units import to_text
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import flexstage
 from flexstage.errors import StageError
 from flexstage.export.request import ExportRequest
-from flexstage.export.time_stamp import NO_TIME, read_time
 from flexstage.files.names import file_name
 from flexstage.stage import Circle, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour
@@ -19,9 +18,10 @@ if TYPE_CHECKING:
 
 _SAME_SIZE = 1e-9  # relative, of an area before and after faces are joined
 _ON_FACE = 1e-5  # a point lies on a face [mm]
+_TIME = "1970-01-01T00:00:00"  # of every file
 
 
-def step_files(stage: Stage, *, time_stamp: str = NO_TIME) -> dict[str, bytes]:
+def step_files(stage: Stage) -> dict[str, bytes]:
     """Return the plate of a stage as a STEP file.
 
     Bodies and notches are one solid without seams between them. Arcs are cylinders and straight
@@ -29,8 +29,8 @@ def step_files(stage: Stage, *, time_stamp: str = NO_TIME) -> dict[str, bytes]:
 
     ``NAME.step`` is ISO 10303-21 text, application protocol 214, in millimetres. The plate lies
     from z = -thickness/2 to thickness/2, so that z = 0 is its middle plane, as in every other file
-    that flexstage writes. The time stamp in its header (ISO 8601) is the same for every file where
-    not given, so that the same stage gives the same bytes.
+    that flexstage writes. The time in its header is the same for every file, so that the same stage
+    gives the same bytes.
 
     Notes
     -----
@@ -46,13 +46,12 @@ def step_files(stage: Stage, *, time_stamp: str = NO_TIME) -> dict[str, bytes]:
     >>> files["parallelogram.step"].count(b"= CYLINDRICAL_SURFACE(")
     10
     """
-    when = read_time(time_stamp).isoformat(timespec="seconds")
     # numbers stand for the names until the text is written: the kernel breaks long lines, within a
     # letter of several bytes as well
     names: list[str] = []
     text = _written(_solids(stage, names))
     text = re.sub(r"'flexstage(\d+)name'", lambda found: _quoted(names[int(found[1])]), text)
-    return {f"{file_name(stage.name)}.step": _headed(text, stage, when).encode("ascii")}
+    return {f"{file_name(stage.name)}.step": _headed(text, stage).encode("ascii")}
 
 
 # ------------------------------------------------------------------ the shape
@@ -148,7 +147,7 @@ def _written(solids: "list[TopoDS_Shape]") -> str:
         return path.read_text(encoding="utf-8")
 
 
-def _headed(text: str, stage: Stage, when: str) -> str:
+def _headed(text: str, stage: Stage) -> str:
     """Put a header and product names of our own in place of those of the geometry kernel."""
     begin = text.index("DATA;")
     said = (
@@ -160,7 +159,7 @@ def _headed(text: str, stage: Stage, when: str) -> str:
     header = (
         "ISO-10303-21;\nHEADER;\n"
         f"FILE_DESCRIPTION((\n{_quoted(said)}),\n'2;1');\n"
-        f"FILE_NAME({_quoted(file_name(stage.name) + '.step')},{_quoted(when)},\n"
+        f"FILE_NAME({_quoted(file_name(stage.name) + '.step')},{_quoted(_TIME)},\n"
         f"(''),(''),'Open CASCADE',{ours},'');\n"
         "FILE_SCHEMA(('AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }'));\nENDSEC;\n"
     )

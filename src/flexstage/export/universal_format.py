@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.export.time_stamp import read_time
 
 #: Numbers of kinds of quantities.
 DISPLACEMENT, FORCE = 8, 13
 _FREQUENCY = 18
 _FRF = 4  # a function that is a response over a reference
 _NAMES = {DISPLACEMENT: ("displacement", "m"), FORCE: ("force", "N")}
-_MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
+# of every file, so that the same stage gives the same bytes
+_TIME = "01-JAN-70 00:00:00"
 _LONGEST = 250  # points of a line
 
 
@@ -40,19 +40,16 @@ def _reals(values: Sequence[float], width: int, digits: int, in_line: int) -> li
     return ["".join(words[i : i + in_line]) for i in range(0, len(words), in_line)]
 
 
-def heading(name: str, description: str, program: str, time_stamp: str) -> str:
+def heading(name: str, description: str, program: str) -> str:
     """Write data set 151, the heading of the file."""
-    at = read_time(time_stamp)
-    # months by their English names, whatever language the machine speaks
-    when = f"{at:%d}-{_MONTHS[at.month - 1]}-{at:%y} {at:%H:%M:%S}  "
     lines = (
         _text(name),
         _text(description),
         _text(program),
-        f"{when}{0:10d}{0:10d}{0:10d}",
-        when,
+        f"{_TIME}  {0:10d}{0:10d}{0:10d}",
+        _TIME,
         _text(program),
-        when,
+        _TIME,
     )
     return _set(151, [line.rstrip() for line in lines])
 

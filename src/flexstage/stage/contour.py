@@ -27,20 +27,25 @@ def half_notch(hinge: Hinge, which: int) -> Loop:
     >>> round(half_notch(hinge, 1).integrals().area * 1e6, 4)
     0.9292
     """
-    profile = hinge.profile
-    half_neck = 0.5 * profile.neck_thickness
-    contour = profile.contour()
+    return _from_neck(hinge, which, hinge.profile.contour())
+
+
+def _from_neck(hinge: Hinge, which: int, contour: Sequence[Vertex]) -> Loop:
+    """Return the outline of what lies between the neck and the end of a contour of one side.
+
+    It runs along the left side from the neck to the end, across, and back along the right side.
+    """
+    half_neck = 0.5 * hinge.profile.neck_thickness
     side = (-1.0, 1.0)[which]
-    # along the left side from the neck to the root, across, and back along the right side
-    points = [(side * v.x, half_neck + v.depth) for v in contour]
-    bulges = [side * v.bulge for v in contour[:-1]] + [0.0]
-    if profile.one_sided:
-        points += [(side * contour[-1].x, -half_neck), (0.0, -half_neck)]
-        bulges += [0.0, 0.0]
+    left = [(side * v.x, half_neck + v.depth) for v in contour]
+    bent = [side * v.bulge for v in contour[:-1]]
+    if hinge.profile.one_sided:
+        points = [*left, (side * contour[-1].x, -half_neck), (0.0, -half_neck)]
+        bulges = [*bent, 0.0, 0.0, 0.0]
     else:
-        points += [(x, -y) for x, y in reversed(points)]
+        points = [*left, *((x, -y) for x, y in reversed(left))]
         # mirrored and run backwards, an arc turns to the same side
-        bulges += [*reversed(bulges[:-1]), 0.0]
+        bulges = [*bent, 0.0, *reversed(bent), 0.0]
     return Loop(tuple(hinge.to_plane(*p) for p in points), tuple(bulges) if any(bulges) else ())
 
 
@@ -114,18 +119,7 @@ def inner_notch(hinge: Hinge, which: int, share: float) -> Loop:
     `which` is 0 for the half of body a, 1 for that of body b. It reaches a `share`, above 0 and
     below 1, of the half length of the notch, and ends in a straight line across.
     """
-    inner, _ = _sides(hinge, share)
-    half_neck = 0.5 * hinge.profile.neck_thickness
-    side = (-1.0, 1.0)[which]
-    left = [(side * v.x, half_neck + v.depth) for v in inner]
-    bent = [v.bulge * side for v in inner[:-1]]
-    if hinge.profile.one_sided:
-        points = [*left, (side * inner[-1].x, -half_neck), (0.0, -half_neck)]
-        bulges = [*bent, 0.0, 0.0, 0.0]
-    else:
-        points = [*left, *((x, -y) for x, y in reversed(left))]
-        bulges = [*bent, 0.0, *reversed(bent), 0.0]
-    return Loop(tuple(hinge.to_plane(*p) for p in points), tuple(bulges) if any(bulges) else ())
+    return _from_neck(hinge, which, _sides(hinge, share)[0])
 
 
 def body_contour(

@@ -1,6 +1,6 @@
 """Blocks, the lines between them, and what these carry: a diagram as data, and writing it down."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -108,33 +108,31 @@ class Diagram:
     """Unit of each ``input`` and ``output`` block, by its name."""
 
     def __post_init__(self) -> None:
+        for fault in self._faults():
+            raise ModelError(fault)
+
+    def _faults(self) -> Iterator[str]:
+        """What does not fit together."""
         by_name = {b.name: b for b in self.blocks}
         if len(by_name) != len(self.blocks):
-            raise ModelError("two blocks of a diagram have one name")
-        for name in by_name:
-            if not (name.isidentifier() and name.isascii()) or name.startswith("_"):
-                raise ModelError(
-                    f"the name of a block is letters, digits and underscores, got '{name}'"
-                )
+            yield "two blocks of a diagram have one name"
         groups = {g.name for g in self.groups}
         for b in self.blocks:
+            if not (b.name.isidentifier() and b.name.isascii()) or b.name.startswith("_"):
+                yield f"the name of a block is letters, digits and underscores, got '{b.name}'"
             if b.group and b.group not in groups:
-                raise ModelError(f"block '{b.name}' is in group '{b.group}', which does not exist")
+                yield f"block '{b.name}' is in group '{b.group}', which does not exist"
             if b.kind == "gain" and (b.matrix is None or b.matrix.shape[0] != b.width):
-                raise ModelError(f"gain '{b.name}' needs a matrix of {b.width} rows")
-        taken: set[tuple[str, int]] = set()
+                yield f"gain '{b.name}' needs a matrix of {b.width} rows"
+        ends = {b.name: (b.inputs, int(b.kind != "output")) for b in self.blocks}
+        yield from wiring_faults(ends, [(x.source, 0, x.target, x.port) for x in self.lines])
         for line in self.lines:
-            if line.source not in by_name or line.target not in by_name:
-                raise ModelError(f"a line leads from '{line.source}' to '{line.target}': no block")
-            target = by_name[line.target]
-            if not 0 <= line.port < target.inputs or (line.target, line.port) in taken:
-                raise ModelError(f"input {line.port} of '{line.target}' is not there, or taken")
-            taken.add((line.target, line.port))
-            self._fit(by_name[line.source], target)
-        for b in self.blocks:
-            for port in range(b.inputs):
-                if (b.name, port) not in taken:
-                    raise ModelError(f"input {port} of block '{b.name}' has no line")
+            source, target = by_name[line.source], by_name[line.target]
+            takes = target.width if target.matrix is None else target.matrix.shape[1]
+            if source.width != takes:
+                yield (
+                    f"'{source.name}' gives {source.width} signals, '{target.name}' takes {takes}"
+                )
 
     def block(self, name: str) -> Block:
         """Return a block by name."""
@@ -143,17 +141,28 @@ class Diagram:
                 return b
         raise ModelError(f"the diagram has no block '{name}'")
 
-    @staticmethod
-    def _fit(source: Block, target: Block) -> None:
-        if source.kind == "output":
-            raise ModelError(f"output '{source.name}' cannot be the source of a line")
-        wanted = target.width
-        if target.kind == "gain" and target.matrix is not None:
-            wanted = target.matrix.shape[1]
-        if source.width != wanted:
-            raise ModelError(
-                f"'{source.name}' gives {source.width} signals, '{target.name}' takes {wanted}"
-            )
+
+def wiring_faults(
+    ends: Mapping[str, tuple[int, int]], lines: Iterable[tuple[str, int, str, int]]
+) -> Iterator[str]:
+    """Say what is wrong with lines between blocks: every input has exactly one.
+
+    Blocks are given by their numbers of inputs and outputs, lines by source, output, target and
+    input, counted from 0.
+    """
+    taken: set[tuple[str, int]] = set()
+    for source, output, target, port in lines:
+        if source not in ends or target not in ends:
+            yield f"a line leads from '{source}' to '{target}': no such block"
+        elif not 0 <= output < ends[source][1]:
+            yield f"block '{source}' has no output {output}"
+        elif not 0 <= port < ends[target][0] or (target, port) in taken:
+            yield f"input {port} of block '{target}' is not there, or taken"
+        taken.add((target, port))
+    for name, (inputs, _) in ends.items():
+        for port in range(inputs):
+            if (name, port) not in taken:
+                yield f"input {port} of block '{name}' has no line"
 
 
 SignalKind = Literal["motion", "rate", "force", "other"]

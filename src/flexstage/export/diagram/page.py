@@ -64,22 +64,39 @@ class PageLayout:
     """Names of signals."""
 
 
-# All in pixels. From the top of a frame to the blocks of its first row, and between rows of blocks.
-_HEAD, _ROW = 56.0, 78.0
-# Between blocks of a row, and with a line that branches there.
-_GAP, _BRANCH = 24.0, 44.0
-# Between lines side by side, and from a line to the frame beside it.
-_APART, _BESIDE = 9.0, 14.0
-# Room at the left of a group for the names of what enters, and at the right for what leaves.
-_ENTRY, _EXIT = 46.0, 66.0
-# A line enters below the row that it leads to, and turns up before the sum.
-_BELOW, _TURN = 30.0, 12.0
-# Frames stand apart by a line and the room beside it.
-_BETWEEN = 44.0
-# Left of the first column lines lead back to it: motion and rate of the input, then of the output.
-_LEFT = _BESIDE + 3.0 * _APART + _BESIDE
-# Top of the second row: below an input with damper and spring, and lines in between.
-_SECOND = 278.0
+@dataclass(frozen=True, slots=True)
+class _Template:
+    """Sizes of the template [px]."""
+
+    head: float = 56.0
+    """From the top of a frame to the blocks of its first row."""
+    row: float = 78.0
+    """Between rows of blocks."""
+    gap: float = 24.0
+    """Between blocks of a row."""
+    branch: float = 44.0
+    """Between blocks of a row where a line branches."""
+    apart: float = 9.0
+    """Between lines side by side."""
+    beside: float = 14.0
+    """From a line to the frame beside it."""
+    entry: float = 46.0
+    """Room at the left of a group for the names of what enters."""
+    exit: float = 66.0
+    """Room at the right of a group for the names of what leaves."""
+    below: float = 30.0
+    """How far below a row a line enters that leads to it."""
+    turn: float = 12.0
+    """How far before a sum such a line turns up."""
+    between: float = 44.0
+    """Between frames, with a line and the room beside it."""
+    left: float = 55.0
+    """Left edge of the first column: motion and rate of input and output lead back beside it."""
+    second: float = 278.0
+    """Top of the second row: below an input with damper and spring, and lines in between."""
+
+
+_AT = _Template()
 
 _DRIVE = ("command", "amplifier", "hysteresis", "scale", "gain", "creep", "compression", "spring",
           "force")  # fmt: skip
@@ -136,8 +153,8 @@ class _Page:
         points = [p for segments in self.wires.values() for segment in segments for p in segment]
         points += [(f.right, f.bottom) for f in self.frames]
         return PageLayout(
-            width=max(x for x, _ in points) + _BESIDE,
-            height=max(y for _, y in points) + _BESIDE,
+            width=max(x for x, _ in points) + _AT.beside,
+            height=max(y for _, y in points) + _AT.beside,
             frames=tuple(self.frames),
             blocks=tuple(self.placed.values()),
             wires={name: tuple(segments) for name, segments in self.wires.items()},
@@ -162,7 +179,7 @@ class _Page:
             signal = self.lines[source, target].signal.partition(" [")[0]
             if signal:
                 self.labels.append(PlacedLabel(text=signal, x=last.right + 3.0, y=axis - 5.0))
-            room = _BRANCH if self.branches(source) else _GAP
+            room = _AT.branch if self.branches(source) else _AT.gap
             last = self.put(
                 target, last.right + max(room, text_width(plain(signal), SMALL) + 6.0), axis
             )
@@ -215,14 +232,14 @@ class _Page:
 
     def drive(self, x: float, top: float) -> Frame:
         """Place the drive: its chain, and its spring with a damper below."""
-        axis = top + _HEAD
-        last = self.row("drive", _DRIVE, x + _ENTRY, axis)
-        bottom = axis + _BELOW + 2.0 * _TURN
+        axis = top + _AT.head
+        last = self.row("drive", _DRIVE, x + _AT.entry, axis)
+        bottom = axis + _AT.below + 2.0 * _AT.turn
         if "drive_damper" in self.blocks:
-            self.put("drive_damper", self.placed["drive_spring"].x, axis + _ROW)
-            self.lead("drive_damper", "drive_force", last.x - _TURN)
-            bottom = axis + _ROW + _BELOW
-        return self.frame("drive", x, top, last.right + _EXIT, bottom)
+            self.put("drive_damper", self.placed["drive_spring"].x, axis + _AT.row)
+            self.lead("drive_damper", "drive_force", last.x - _AT.turn)
+            bottom = axis + _AT.row + _AT.below
+        return self.frame("drive", x, top, last.right + _AT.exit, bottom)
 
     def mass(self, name: str, x: float, level: float, *, rate_below: bool) -> _Mass:
         """Place a mass, whose first force comes at a level: feedbacks run back below it."""
@@ -230,58 +247,59 @@ class _Page:
         axis = level + cell.axis - cell.pins["in0"].y
         motion = self.row(name, ("forces", "inverse_mass", "rate", "motion"), x + 60.0, axis)
         total, rate = self.placed[f"{name}_forces"], self.placed[f"{name}_rate"]
-        rate_x, motion_x = rate.right + 0.5 * _BRANCH, motion.right + 0.5 * _BRANCH
+        rate_x, motion_x = rate.right + 0.5 * _AT.branch, motion.right + 0.5 * _AT.branch
         y = bottom = axis + max(0.5 * cell.height + 24.0, 58.0)
-        backs = ((rate, "damper", rate_x, _TURN), (motion, "spring", motion_x, _TURN + _APART))
+        outer = _AT.turn + _AT.apart
+        backs = ((rate, "damper", rate_x, _AT.turn), (motion, "spring", motion_x, outer))
         for source, back, branch, left in backs:
             block = f"{name}_{back}"
             if block in self.blocks:
-                self.put(block, branch - _BESIDE, y, flipped=True)
+                self.put(block, branch - _AT.beside, y, flipped=True)
                 self.lead(source.block.name, block, branch)
                 self.lead(block, f"{name}_forces", total.x - left)
-                bottom, y = y + _BELOW, y + 48.0
-        frame = self.frame(name, x, level - _HEAD, motion_x + _EXIT, bottom)
-        rate_y = axis + _BELOW if rate_below else axis - 34.0
+                bottom, y = y + _AT.below, y + 48.0
+        frame = self.frame(name, x, level - _AT.head, motion_x + _AT.exit, bottom)
+        rate_y = axis + _AT.below if rate_below else axis - 34.0
         return _Mass(frame=frame, axis=axis, rate_x=rate_x, rate_y=rate_y)
 
     def transmission(self, x: float, top: float) -> Frame:
         """Place lever, spring and damper between two masses: the force back above, rates below."""
-        axis = top + _HEAD + 52.0
+        axis = top + _AT.head + 52.0
         group = "transmission"
         names = ("motion_ratio", "deformation", "spring", "force")
-        last = self.row(group, names, x + _ENTRY, axis)
-        bottom = axis + _BELOW + _BESIDE
+        last = self.row(group, names, x + _AT.entry, axis)
+        bottom = axis + _AT.below + _AT.beside
         if "transmission_rate" in self.blocks:
-            self.row(group, ("rate_ratio", "rate", "damper"), x + _ENTRY, axis + _ROW)
-            self.lead("transmission_damper", "transmission_force", last.x - _TURN)
-            bottom += _ROW
-        back = self.put("transmission_back", last.right + _GAP + _BESIDE, top + _HEAD)
-        self.lead(last.block.name, "transmission_back", last.right + _BESIDE)
-        return self.frame(group, x, top, back.right + _EXIT, bottom)
+            self.row(group, ("rate_ratio", "rate", "damper"), x + _AT.entry, axis + _AT.row)
+            self.lead("transmission_damper", "transmission_force", last.x - _AT.turn)
+            bottom += _AT.row
+        back = self.put("transmission_back", last.right + _AT.gap + _AT.beside, top + _AT.head)
+        self.lead(last.block.name, "transmission_back", last.right + _AT.beside)
+        return self.frame(group, x, top, back.right + _AT.exit, bottom)
 
     def probe(self, x: float, axis: float) -> Frame:
         """Place the probe."""
-        last = self.row("probe", ("ratio", "sensor", "reading"), x + _ENTRY, axis)
-        return self.frame("probe", x, axis - _HEAD, last.right + _BESIDE, axis + 52.0)
+        last = self.row("probe", ("ratio", "sensor", "reading"), x + _AT.entry, axis)
+        return self.frame("probe", x, axis - _AT.head, last.right + _AT.beside, axis + 52.0)
 
     # pages
 
     def one_mass(self) -> None:
         """Drive, mass and probe beside one another."""
-        drive = self.drive(_LEFT, 0.0)
-        head = self.mass("input", drive.right + _BETWEEN, _HEAD, rate_below=False)
+        drive = self.drive(_AT.left, 0.0)
+        head = self.mass("input", drive.right + _AT.between, _AT.head, rate_below=False)
         self.force(drive, head)
-        self.to_drive(drive, head, max(drive.bottom, head.frame.bottom) + _BESIDE)
+        self.to_drive(drive, head, max(drive.bottom, head.frame.bottom) + _AT.beside)
         self.to_probe("input_motion", head)
 
     def two_masses(self) -> None:
         """Drive and input above, transmission, output and probe below; motions lead back left."""
-        drive = self.drive(_LEFT, 0.0)
-        lever = self.transmission(_LEFT, _SECOND)
-        x = max(drive.right, lever.right) + _BETWEEN
-        head = self.mass("input", x, _HEAD, rate_below=False)
+        drive = self.drive(_AT.left, 0.0)
+        lever = self.transmission(_AT.left, _AT.second)
+        x = max(drive.right, lever.right) + _AT.between
+        head = self.mass("input", x, _AT.head, rate_below=False)
         self.force(drive, head)
-        self.to_drive(drive, head, _SECOND - _BETWEEN + _BESIDE)
+        self.to_drive(drive, head, _AT.second - _AT.between + _AT.beside)
         level = self.placed["transmission_motion_ratio"].pin("in0")[1]
         tail = self.mass("output", x, level, rate_below=True)
         self.to_probe("output_motion", tail)
@@ -290,23 +308,23 @@ class _Page:
         self.lead(force, "output_forces")
         self.exit(lever, force, "output_forces")
         self.entry(tail.frame, force, "output_forces")
-        self.lead("transmission_back", "input_forces", x - 0.5 * _BETWEEN)
+        self.lead("transmission_back", "input_forces", x - 0.5 * _AT.between)
         self.exit(lever, "transmission_back", "input_forces")
         self.entry(head.frame, "transmission_back", "input_forces")
         # motions and rates that deform it: those of the output come from below
-        y = max(lever.bottom, tail.frame.bottom) + _BESIDE
-        right, left = tail.frame.right + _BESIDE, _LEFT - _BESIDE
+        y = max(lever.bottom, tail.frame.bottom) + _AT.beside
+        right, left = tail.frame.right + _AT.beside, _AT.left - _AT.beside
         for kind, at, low, to, track in (
             ("rate", right, y, "rate", left),
-            ("motion", right + _APART, y + _APART, "deformation", left - _APART),
+            ("motion", right + _AT.apart, y + _AT.apart, "deformation", left - _AT.apart),
         ):
             source, target = f"output_{kind}", f"transmission_{to}"
             if (source, target) in self.lines:
                 sum_ = self.placed[target]
-                enters = sum_.pin("out")[1] + _BELOW
+                enters = sum_.pin("out")[1] + _AT.below
                 self.lead(
                     source, target, *self.leaving(tail, kind), at, low, track, enters,
-                    sum_.x - _TURN,
+                    sum_.x - _AT.turn,
                 )  # fmt: skip
                 self.exit(tail.frame, source, target, self.leaves(tail, kind))
                 self.entry(lever, source, target, enters)
@@ -336,17 +354,17 @@ class _Page:
 
     def to_drive(self, drive: Frame, head: _Mass, y: float) -> None:
         """Lead motion and rate of the input back to the drive and to the transmission."""
-        right, left = head.frame.right + _BESIDE, _BESIDE
+        right, left = head.frame.right + _AT.beside, _AT.beside
         for kind, at, low, to, track in (
             ("motion", right, y, "compression", left),
-            ("rate", right + _APART, y + _APART, "damper", left + _APART),
+            ("rate", right + _AT.apart, y + _AT.apart, "damper", left + _AT.apart),
         ):
             way = (*self.leaving(head, kind), at, low, track)
             source, target = f"input_{kind}", f"drive_{to}"
             if kind == "motion" and (source, target) in self.lines:
                 sum_ = self.placed[target]
-                enters = sum_.pin("out")[1] + _BELOW + _TURN
-                self.lead(source, target, *way, enters, sum_.x - _TURN)
+                enters = sum_.pin("out")[1] + _AT.below + _AT.turn
+                self.lead(source, target, *way, enters, sum_.x - _AT.turn)
                 self.entry(drive, source, target, enters)
             else:
                 self.lead(source, target, *way)
@@ -358,7 +376,7 @@ class _Page:
 
     def to_probe(self, source: str, mass: _Mass) -> None:
         """Lead the motion of a mass straight to the probe beside it."""
-        frame = self.probe(mass.frame.right + _BETWEEN, mass.axis)
+        frame = self.probe(mass.frame.right + _AT.between, mass.axis)
         target = next(t for s, t in self.lines if s == source and t.startswith("probe_"))
         self.lead(source, target)
         self.entry(frame, source, target)

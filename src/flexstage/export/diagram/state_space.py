@@ -1,6 +1,7 @@
 """The equations that a diagram holds, by walking along its lines."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -35,7 +36,9 @@ class DiagramEquations:
         return iter((self.A, self.B, self.C, self.D))
 
 
-def diagram_state_space(diagram: Diagram, *, nonlinear: str = "refuse") -> DiagramEquations:
+def diagram_state_space(
+    diagram: Diagram, *, nonlinear: Literal["refuse", "pass", "cut"] = "refuse"
+) -> DiagramEquations:
     """Return the linear equations that a diagram holds.
 
     Hysteresis, amplifiers, creep and sensors are refused (``refuse``), let their input through
@@ -57,8 +60,6 @@ def diagram_state_space(diagram: Diagram, *, nonlinear: str = "refuse") -> Diagr
     >>> diagram_state_space(Diagram(title="lag", blocks=blocks, lines=lines)).A
     array([[-3.]])
     """
-    if nonlinear not in ("refuse", "pass", "cut"):
-        raise ModelError(f"nonlinear is refuse, pass or cut, got '{nonlinear}'")
     if nonlinear == "refuse":
         for b in diagram.blocks:
             if b.kind in _NONLINEAR:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from html import escape
 from typing import Literal, NamedTuple
 
@@ -11,12 +12,73 @@ from flexstage.stage import Loop
 Pair = tuple[float, float]
 #: Widths of lines on technical drawings [mm].
 THICK, MEDIUM, THIN = 0.5, 0.25, 0.18
-#: Height of the box of a line of text, in font sizes; and how far it reaches below the baseline.
-_RISE, _FALL = 0.78, 0.24
-_PAST = 1.5  # how far an extension line goes on past the dimension line [mm]
-_OFF = 0.8  # gap between the part and an extension line, and between a line and its number [mm]
-_TAIL = 5.0  # tail of an arrow that stands outside [mm]
-_BETWEEN = 6.0  # a dimension shorter than this has its arrows outside [mm]
+
+
+@dataclass(frozen=True, slots=True)
+class SheetSizes:
+    """Sizes on a sheet [mm], but where a unit is given."""
+
+    rise: float = 0.78
+    """Height of the box of a line of text above its base line [font sizes]."""
+    fall: float = 0.24
+    """How far that box reaches below the base line [font sizes]."""
+    past: float = 1.5
+    """How far an extension line goes on past the dimension line."""
+    off: float = 0.8
+    """Gap between the part and an extension line, and between a line and its number."""
+    tail: float = 5.0
+    """Tail of an arrow that stands outside."""
+    shortest: float = 6.0
+    """A dimension shorter than this has its arrows outside."""
+    left: float = 16.0
+    """Room on the left of the view for its dimension."""
+    below: float = 16.0
+    """Room below the view for its dimension."""
+    around: float = 5.0
+    """How far labels may stand beyond the plate."""
+    label: float = 2.5
+    """Font of labels."""
+    label_gap: float = 0.5
+    """Between labels."""
+    label_line: float = 4.0
+    """How much further away a label may stand for a line less that runs through it."""
+    arrow: float = 9.0
+    """Length of the arrow of a drive or a probe."""
+    body: float = 3.0
+    """How much of the bodies is shown about a notch."""
+    row: float = 4.0
+    """Height of a row of a table, and of the notes."""
+    font: float = 2.6
+    """Font of tables and notes."""
+    pad: float = 0.6
+    """Beside the text of a cell."""
+    heading: float = 5.5
+    """Height of the title of a table."""
+    margin: float = 8.0
+    """Between the edge of the sheet and its frame."""
+    gap: float = 4.0
+    """Between blocks."""
+    title_row: float = 6.0
+    """Height of a row of the title block, which has five."""
+    bar: float = 11.0
+    """Height that the scale bar takes."""
+    bar_room: float = 110.0
+    """Width that the scale bar takes."""
+
+
+PAPER = SheetSizes()
+
+
+def millimetres(value: float, digits: int = 6) -> str:
+    """Write a length [m] in millimetres, without the unit and without zeros at its end.
+
+    Examples
+    --------
+    >>> millimetres(0.35e-3), millimetres(-0.0)
+    ('0.35', '0')
+    """
+    text = f"{value * 1e3:.{digits}f}".rstrip("0").rstrip(".")
+    return "0" if text in ("-0", "") else text
 
 
 class Box(NamedTuple):
@@ -144,8 +206,8 @@ class Canvas:
         before = {"start": 0.0, "middle": 0.5 * width, "end": width}[anchor]
         x, y = at
         if upright:
-            return Box(x - _RISE * size, y - width + before, x + _FALL * size, y + before)
-        return Box(x - before, y - _RISE * size, x - before + width, y + _FALL * size)
+            return Box(x - PAPER.rise * size, y - width + before, x + PAPER.fall * size, y + before)
+        return Box(x - before, y - PAPER.rise * size, x - before + width, y + PAPER.fall * size)
 
     def svg(self, title: str, description: str) -> bytes:
         """Return the drawing."""
@@ -189,19 +251,21 @@ def dimension(
     for along, across in ends:
         if across != at:
             sign = math.copysign(1.0, at - across)
-            canvas.line(place(along, across + _OFF * sign), place(along, at + _PAST * sign))
+            canvas.line(
+                place(along, across + PAPER.off * sign), place(along, at + PAPER.past * sign)
+            )
     first, last = (along for along, _ in ends)
     width = text_width(text, size)
     if last - first >= width + 1.0:
-        middle = place(0.5 * (first + last), at - _OFF)
+        middle = place(0.5 * (first + last), at - PAPER.off)
         canvas.text(middle, text, size, anchor="middle", upright=upright)
-        outside = last - first < _BETWEEN
+        outside = last - first < PAPER.shortest
     else:
-        start = last + _TAIL
+        start = last + PAPER.tail
         canvas.line(place(start, at), place(start + width, at))
-        canvas.text(place(start, at - _OFF), text, size, upright=upright)
+        canvas.text(place(start, at - PAPER.off), text, size, upright=upright)
         outside = True
-    tail, way = (_TAIL, -1.0) if outside else (0.0, 1.0)
+    tail, way = (PAPER.tail, -1.0) if outside else (0.0, 1.0)
     canvas.line(place(first - tail, at), place(last + tail, at))
     canvas.arrow(place(first, at), place(-way, 0.0))
     canvas.arrow(place(last, at), place(way, 0.0))

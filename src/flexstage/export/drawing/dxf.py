@@ -5,12 +5,14 @@ import io
 from collections.abc import Iterator
 from typing import Any
 
+import flexstage
+from flexstage.export.drawing.canvas import millimetres
 from flexstage.export.drawing.contours import Pair, PlateContours, plate_contours
 from flexstage.export.drawing.cuts import CUT_ORDER_RULE, Cut, cuts
-from flexstage.export.drawing.notes import millimetres, notes, title_lines
 from flexstage.export.drawing.offset import offset_contours
 from flexstage.export.request import ExportRequest
 from flexstage.files.names import file_name
+from flexstage.hinges.arcs import ARC_TOLERANCE, CurvedProfile
 from flexstage.stage import Circle, Loop, Stage
 
 #: Layers by name: what they hold, colour index, line width in 1/100 mm.
@@ -32,16 +34,14 @@ _DECIMALS = 3  # of a dimension [mm]
 _START_HOLE = 1e-3  # m
 
 
-def dxf_files(
-    stage: Stage, *, kerf: float | None = None, start_hole: float | None = None
-) -> dict[str, bytes]:
+def dxf_files(stage: Stage, *, kerf: float | None = None) -> dict[str, bytes]:
     """Return the drawing of a stage for wire cutting.
 
     ``NAME.dxf`` is of version R2010, in millimetres, with the layers of `DXF_LAYERS`. Contours are
     closed polylines whose arcs are bulges, full circles are circles. The kerf is the width of the
     cut [m]: diameter of the wire and both spark gaps. Where given, the path of the wire's centre is
     drawn as well, with start holes, lead-in lines and order of cutting. Start holes have a diameter
-    of 1 mm where none is given [m], or the width of a wider cut.
+    of 1 mm, or the width of a wider cut.
 
     Notes
     -----
@@ -57,8 +57,7 @@ def dxf_files(
     (['parallelogram.dxf'], True)
     """
     plate = plate_contours(stage)
-    if start_hole is None:
-        start_hole = max(_START_HOLE, kerf or 0.0)
+    start_hole = max(_START_HOLE, kerf or 0.0)
     made: tuple[Cut, ...] = ()
     if kerf is not None:
         paths = offset_contours(plate, 0.5 * kerf)
@@ -201,10 +200,10 @@ def _words(
     """Write title and notes below the plate."""
     (x0, y0), _ = _bounds(plate)
     height = 0.012 * _extent(plate)
-    lines = [f"{label}: {text}" for label, text in title_lines(stage)]
+    lines = [f"{label}: {text}" for label, text in _title_lines(stage)]
     if kerf is not None:
         lines.append(f"Cut: {millimetres(kerf)} mm wide")
-    lines += notes(stage, kerf=kerf, start_hole=start_hole, order=CUT_ORDER_RULE)
+    lines += _notes(stage, kerf=kerf, start_hole=start_hole, order=CUT_ORDER_RULE)
     y = y0 - 4.0 * height
     for line in lines:
         _text(space, line, (x0, y), height, "NOTES")
@@ -231,6 +230,40 @@ def _written(document: Any) -> bytes:
     stream = io.StringIO()
     document.write(stream)
     return document.encode(stream.getvalue())
+
+
+def _title_lines(stage: Stage) -> list[tuple[str, str]]:
+    """Return what stands in the title block: label and text of each line."""
+    return [
+        ("Stage", stage.name),
+        ("Title", stage.title or "-"),
+        ("Material", stage.material.name),
+        ("Thickness", f"{millimetres(stage.thickness)} mm"),
+        ("Units", "mm"),
+        ("Made by", f"flexstage {flexstage.__version__}"),
+    ]
+
+
+def _notes(stage: Stage, *, kerf: float | None, start_hole: float, order: str) -> list[str]:
+    """Return the notes of a drawing."""
+    profiles = {h.profile.kind for h in stage.hinges if isinstance(h.profile, CurvedProfile)}
+    lines = ["Contours are those of the finished part; mounting holes are drilled."]
+    if profiles:
+        lines.append(
+            f"Notches ({', '.join(sorted(profiles))}): arcs within {ARC_TOLERANCE * 1e9:.0f} nm of "
+            "the profile, with common tangents."
+        )
+    if kerf is None:
+        lines.append("No wire path: the shop sets the offset.")
+    else:
+        lines += [
+            f"WIRE_PATH is the centre of the wire, {millimetres(0.5 * kerf)} mm inside the waste, "
+            f"for a cut {millimetres(kerf)} mm wide (wire and both spark gaps).",
+            f"Re-entrant corners keep a fillet of {millimetres(0.5 * kerf)} mm.",
+            f"Start holes: diameter {millimetres(start_hole)} mm, one for each closed cut.",
+            f"Order of cutting: {order}.",
+        ]
+    return lines
 
 
 def export(request: ExportRequest) -> dict[str, bytes]:

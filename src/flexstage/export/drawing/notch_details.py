@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, get_args, get_origin, get_type_hints
 
-from flexstage.export.drawing.canvas import THICK, Canvas, dimension
-from flexstage.export.drawing.notes import millimetres
+from flexstage.export.drawing.canvas import PAPER, THICK, Canvas, dimension, millimetres
 from flexstage.hinges import Profile
 from flexstage.hinges.arcs import CurvedProfile
 from flexstage.stage import Hinge, Loop, Stage
@@ -30,7 +29,6 @@ _SHORT = {
     "notch_length": "length",
     "leaf_length": "length",
 }
-_BODY = 3.0  # how much of the bodies is shown about it [mm]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,7 +129,7 @@ def draw_detail(canvas: Canvas, corner: Pair, kind: NotchKind) -> None:
     def place(p: Pair) -> Pair:
         return cx + scale * p[0], cy - scale * (p[1] - middle)
 
-    upper, lower, shape = _outlines(profile, _BODY / scale)
+    upper, lower, shape = _outlines(profile, PAPER.body / scale)
     canvas.loops([(shape, True)], place, 0.0, fill="#e8e8e8")
     for line in (upper, lower):
         canvas.loops([(line, False)], place, THICK)
@@ -140,11 +138,11 @@ def draw_detail(canvas: Canvas, corner: Pair, kind: NotchKind) -> None:
     left, right = place((-0.5 * length, top)), place((0.5 * length, top))
     low = place((0.5 * length, top - height))
     dimension(canvas, left, right, left[1] - 10.0, millimetres(length * 1e-3, 4))
-    beside = right[0] + _BODY + 6.0
+    beside = right[0] + PAPER.body + 6.0
     dimension(canvas, right, low, beside, millimetres(height * 1e-3, 4), upright=True)
     text = millimetres(profile.neck_thickness)
     _neck(canvas, place((0.0, half_neck)), place((0.0, -half_neck)), low[1] + 4.0, text)
-    _radius(canvas, profile, place, left[1] - _BODY + 0.5)
+    _radius(canvas, profile, place, left[1] - PAPER.body + 0.5)
 
 
 def _outlines(profile: Profile, body: float) -> tuple[Loop, Loop, Loop]:

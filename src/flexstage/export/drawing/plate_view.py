@@ -11,15 +11,16 @@ from typing import Any, NamedTuple
 
 from flexstage.export.drawing.canvas import (
     MEDIUM,
+    PAPER,
     THICK,
     THIN,
     Box,
     Canvas,
     dimension,
+    millimetres,
 )
 from flexstage.export.drawing.contours import PlateContours
 from flexstage.export.drawing.notch_details import NotchKind, step_scale
-from flexstage.export.drawing.notes import millimetres
 from flexstage.export.svg import text_width
 from flexstage.stage import Circle, Loop, Stage
 
@@ -42,16 +43,8 @@ class Label(NamedTuple):
 #: Distances of a label from its thing that are tried [mm].
 _DISTANCES = (1.5, 2.5, 4.0, 6.0, 8.5, 11.5, 15.0, 20.0, 27.0, 36.0)
 _DIRECTIONS = 24
-_LINE = 4.0  # how much nearer a label without a line through it may be further away for it [mm]
-_GAP = 0.5  # between labels [mm]
-#: Room beside the view for dimensions: on the left and below [mm].
-LEFT, BELOW = 16.0, 16.0
-#: Length of the arrow of a drive or a probe [mm].
-ARROW = 9.0
-_FONT = 2.5
 _DRIVE, _PROBE = "#a00000", "#0040a0"
 _CENTRE = "4 0.8 0.8 0.8"
-_AROUND = 5.0  # how far labels may stand beyond the plate [mm]
 _CHORD = 5e-6
 
 
@@ -79,12 +72,12 @@ class View:
         """
         points = plate.outline.loop.polyline(_CHORD)
         (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-        width = room.right - room.left - LEFT - 2.0 * _AROUND
-        height = room.bottom - room.top - BELOW - 2.0 * _AROUND
+        width = room.right - room.left - PAPER.left - 2.0 * PAPER.around
+        height = room.bottom - room.top - PAPER.below - 2.0 * PAPER.around
         scale = step_scale(min(width / (x1 - x0), height / (y1 - y0)) * 1e-3)
         k = 1e3 * scale
-        left = 0.5 * (room.left + LEFT + room.right - k * (x1 - x0))
-        top = 0.5 * (room.top + room.bottom - BELOW - k * (y1 - y0))
+        left = 0.5 * (room.left + PAPER.left + room.right - k * (x1 - x0))
+        top = 0.5 * (room.top + room.bottom - PAPER.below - k * (y1 - y0))
         origin = (left - k * x0, top + k * y1)
         return cls(scale=scale, origin=origin, bounds=(x0, y0, x1, y1))
 
@@ -112,7 +105,7 @@ def draw_view(
     left, bottom = view.place((x0, y0))
     right, top = view.place((x1, y1))
     # beside the labels that stand around the plate
-    away = _AROUND + 7.0
+    away = PAPER.around + 7.0
     width, height = millimetres(x1 - x0, 3), millimetres(y1 - y0, 3)
     dimension(canvas, (left, bottom), (right, bottom), bottom + away, width)
     dimension(canvas, (left, top), (left, bottom), left - away, height, upright=True)
@@ -128,12 +121,17 @@ def draw_view(
         canvas.line(*ends, MEDIUM)
         centre = (0.5 * (ends[0][0] + ends[1][0]), 0.5 * (ends[0][1] + ends[1][1]))
         labels.append(Label(centre, marks[neck.hinge], radius=0.5 * math.dist(*ends)))
-    area = Box(left - _AROUND, top - _AROUND, right + _AROUND, bottom + _AROUND)
+    area = Box(
+        left - PAPER.around,
+        top - PAPER.around,
+        right + PAPER.around,
+        bottom + PAPER.around,
+    )
     place_labels(
         canvas,
         labels,
         Surroundings(_lines(view, loops, labels, strokes), area, canvas.boxes),
-        _FONT,
+        PAPER.label,
     )
 
 
@@ -184,10 +182,10 @@ def _arrows(
     for drive in stage.drives:
         tip = view.place(drive.at[0])
         c, s = math.cos(drive.direction), -math.sin(drive.direction)
-        tail = (tip[0] - ARROW * c, tip[1] - ARROW * s)
+        tail = (tip[0] - PAPER.arrow * c, tip[1] - PAPER.arrow * s)
         canvas.line(tail, (tip[0] - c, tip[1] - s), THICK, colour=_DRIVE)
         canvas.arrow(tip, (c, s), size=3.0, colour=_DRIVE)
-        middle = (tip[0] - 0.6 * ARROW * c, tip[1] - 0.6 * ARROW * s)
+        middle = (tip[0] - 0.6 * PAPER.arrow * c, tip[1] - 0.6 * PAPER.arrow * s)
         strokes.append((tail, tip))
         labels.append(Label(middle, f"drive {drive.name}", _DRIVE, 1.0))
     for probe in stage.probes:
@@ -198,7 +196,7 @@ def _arrows(
             labels.append(Label(start, f"probe {probe.name}", _PROBE, reach))
             continue
         c, s = probe.along[0], -probe.along[1]
-        tip = (start[0] + ARROW * c, start[1] + ARROW * s)
+        tip = (start[0] + PAPER.arrow * c, start[1] + PAPER.arrow * s)
         canvas.line(start, (tip[0] - c, tip[1] - s), MEDIUM, colour=_PROBE)
         canvas.arrow(tip, (c, s), size=2.5, colour=_PROBE)
         strokes.append((start, tip))
@@ -208,7 +206,7 @@ def _arrows(
 
 def _turning_arrow(canvas: Canvas, centre: Pair, strokes: list[tuple[Pair, Pair]]) -> float:
     """Draw an arrow three quarters round a point, to the left; return its radius."""
-    radius = 0.45 * ARROW
+    radius = 0.45 * PAPER.arrow
     turns = [math.radians(a) for a in range(-135, 136, 15)]
     around = [(centre[0] + radius * math.cos(a), centre[1] - radius * math.sin(a)) for a in turns]
     for line in pairwise(around):
@@ -241,8 +239,8 @@ def scale_bar(canvas: Canvas, at: Pair, scale: float) -> None:
     for share in (0.0, 1.0):
         end = x + share * length * scale
         canvas.line((end, y - 1.5), (end, y + 1.5), MEDIUM)
-        canvas.text((end, y - 2.3), f"{share * length:g}", _FONT, anchor="middle")
-    canvas.text((x + length * scale + 3.0, y + 0.9), "mm", _FONT)
+        canvas.text((end, y - 2.3), f"{share * length:g}", PAPER.label, anchor="middle")
+    canvas.text((x + length * scale + 3.0, y + 0.9), "mm", PAPER.label)
 
 
 class Surroundings:
@@ -254,7 +252,7 @@ class Surroundings:
         self.tree = STRtree(list(lines))
         self.area = area
         # what is written elsewhere cannot be in the way
-        self.taken = [t for t in taken if t.meets(area, _GAP)]
+        self.taken = [t for t in taken if t.meets(area, PAPER.label_gap)]
         self.leaders: list[Any] = []
 
     def cost(self, box: Box, leader: Any) -> float | None:
@@ -269,12 +267,14 @@ class Surroundings:
             return None
         if not (a.top <= box.top and box.bottom <= a.bottom):
             return None
-        if any(box.meets(t, _GAP) for t in self.taken):
+        if any(box.meets(t, PAPER.label_gap) for t in self.taken):
             return None
         own = rectangle(*box)
         if any(own.intersects(other) for other in self.leaders):
             return None
-        cost = _LINE * len(self.tree.query(own, predicate="dwithin", distance=_GAP))
+        cost = PAPER.label_line * len(
+            self.tree.query(own, predicate="dwithin", distance=PAPER.label_gap)
+        )
         if leader is not None:
             if any(leader.intersects(rectangle(*t)) for t in self.taken):
                 return None

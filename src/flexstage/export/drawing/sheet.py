@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import flexstage
-from flexstage.export.drawing.canvas import MEDIUM, THICK, THIN, Box, Canvas
+from flexstage.export.drawing.canvas import MEDIUM, PAPER, THICK, THIN, Box, Canvas, millimetres
 from flexstage.export.drawing.contours import PlateContours, plate_contours
 from flexstage.export.drawing.notch_details import CELL, draw_detail, notch_kinds, ratio
-from flexstage.export.drawing.notes import millimetres
 from flexstage.export.drawing.plate_view import (
     View,
     draw_view,
@@ -20,22 +19,10 @@ from flexstage.export.request import ExportRequest
 from flexstage.export.svg import text_width, wrapped
 from flexstage.stage import Probe, Stage
 
-#: Height of a row, and font size [mm].
-ROW, SIZE = 4.0, 2.6
-_PAD = 0.6  # beside the text of a cell [mm]
-_TITLE = 5.5  # height of the title of a table [mm]
-
-
-_MARGIN = 8.0  # between the edge of the sheet and its frame [mm]
-_GAP = 4.0  # between blocks [mm]
-_COLUMN = 2.0 * CELL[0] + _GAP  # width of the column of details and tables [mm]
-_TITLE_ROW = 6.0
-_TITLE_HEIGHT = 5.0 * _TITLE_ROW
+_COLUMN = 2.0 * CELL[0] + PAPER.gap  # width of the column of details and tables [mm]
+_TITLE_HEIGHT = 5.0 * PAPER.title_row
 _SHEETS = (("A3", 420.0, 297.0), ("A2", 594.0, 420.0), ("A1", 841.0, 594.0), ("A0", 1189.0, 841.0))
 _SMALLEST_SCALE = 0.5  # at which a stage is drawn before a larger sheet is taken
-
-_BAR = 11.0  # height that the scale bar takes [mm]
-_BAR_ROOM = 110.0  # and width
 
 _HINGES = (("no.", 9.0), ("name", 18.0), ("x", 14.0), ("y", 14.0), ("dir.", 14.0))
 _LONG_NAMES = (("no.", 9.0), ("name", 91.0), ("x", 14.0), ("y", 14.0), ("dir.", 14.0))
@@ -88,12 +75,12 @@ def drawing_svg(stage: Stage) -> bytes:
     blocks = _blocks(stage, plate, marks)
     name, width, height, view = _sheet(plate, blocks)
     canvas = Canvas(width, height)
-    frame = Box(_MARGIN, _MARGIN, width - _MARGIN, height - _MARGIN)
+    frame = Box(PAPER.margin, PAPER.margin, width - PAPER.margin, height - PAPER.margin)
     _frame(canvas, frame)
-    column = frame.right - _GAP - _COLUMN
-    y = frame.top + _GAP
+    column = frame.right - PAPER.gap - _COLUMN
+    y = frame.top + PAPER.gap
     for k, kind in enumerate(kinds):
-        corner = (column + (k % 2) * (CELL[0] + _GAP), y + (k // 2) * CELL[1])
+        corner = (column + (k % 2) * (CELL[0] + PAPER.gap), y + (k // 2) * CELL[1])
         draw_detail(canvas, corner, kind)
     y += CELL[1] * math.ceil(len(kinds) / 2)
     if blocks.notches:
@@ -161,7 +148,9 @@ def _notes(stage: Stage) -> list[str]:
         "Contours in full precision are in the DXF file.",
     ]
     return [
-        line for text in lines for line in wrapped(text, _COLUMN - _GAP, SIZE, break_words=True)
+        line
+        for text in lines
+        for line in wrapped(text, _COLUMN - PAPER.gap, PAPER.font, break_words=True)
     ]
 
 
@@ -180,15 +169,15 @@ def _lower_height(blocks: _Blocks) -> float:
     """Height of what lies below the view: tables of holes, drives and probes, and the scale bar."""
     holes = table_height(len(blocks.holes), _hole_blocks(blocks)) if blocks.holes else 0.0
     ports = table_height(len(blocks.ports)) if blocks.ports else 0.0
-    return max(holes, ports + _BAR)
+    return max(holes, ports + PAPER.bar)
 
 
 def _notes_height(blocks: _Blocks) -> float:
-    return 5.5 + ROW * len(blocks.notes) + 2.0
+    return 5.5 + PAPER.row * len(blocks.notes) + 2.0
 
 
 def _column_height(blocks: _Blocks) -> float:
-    height = _GAP + _notes_height(blocks) + _TITLE_HEIGHT
+    height = PAPER.gap + _notes_height(blocks) + _TITLE_HEIGHT
     if blocks.notches:
         height += CELL[1] * math.ceil(len(blocks.notches) / 2)
         height += table_height(len(blocks.notches)) + table_height(
@@ -199,14 +188,18 @@ def _column_height(blocks: _Blocks) -> float:
 
 def _sheet(plate: PlateContours, blocks: _Blocks) -> tuple[str, float, float, View]:
     """Choose the smallest sheet on which everything has room."""
-    column, lower = _column_height(blocks), _lower_height(blocks) + _GAP
+    column, lower = _column_height(blocks), _lower_height(blocks) + PAPER.gap
     for name, width, height in _SHEETS:
         view = _view(plate, width, height, lower)
-        if view is not None and view.scale >= _SMALLEST_SCALE and column <= height - 2.0 * _MARGIN:
+        if (
+            view is not None
+            and view.scale >= _SMALLEST_SCALE
+            and column <= height - 2.0 * PAPER.margin
+        ):
             return name, width, height, view
     # more than the largest sheet has room for: it becomes longer
     _, width, height = _SHEETS[-1]
-    height = max(height, math.ceil(2.0 * _MARGIN + max(column, 2.0 * lower)))
+    height = max(height, math.ceil(2.0 * PAPER.margin + max(column, 2.0 * lower)))
     view = _view(plate, width, height, lower)
     assert view is not None
     return f"{width:.0f} × {height:.0f}", width, height, view
@@ -214,18 +207,18 @@ def _sheet(plate: PlateContours, blocks: _Blocks) -> tuple[str, float, float, Vi
 
 def _view(plate: PlateContours, width: float, height: float, lower: float) -> View | None:
     """Fit the plate into what tables leave of a sheet, if that is a good part of it."""
-    inner = height - 2.0 * _MARGIN
+    inner = height - 2.0 * PAPER.margin
     if lower > 0.6 * inner:
         return None
-    right = width - _MARGIN - 2.0 * _GAP - _COLUMN
-    return View.fitted(plate, Box(_MARGIN, _MARGIN, right, height - _MARGIN - lower))
+    right = width - PAPER.margin - 2.0 * PAPER.gap - _COLUMN
+    return View.fitted(plate, Box(PAPER.margin, PAPER.margin, right, height - PAPER.margin - lower))
 
 
 def _write_notes(canvas: Canvas, at: tuple[float, float], blocks: _Blocks) -> None:
     x, y = at
     canvas.text((x, y + 3.5), "Notes", 3.0, bold=True)
     for k, text in enumerate(blocks.notes, start=1):
-        canvas.text((x, y + 4.5 + ROW * k), text, SIZE)
+        canvas.text((x, y + 4.5 + PAPER.row * k), text, PAPER.font)
 
 
 def _frame(canvas: Canvas, frame: Box) -> None:
@@ -241,7 +234,7 @@ def _frame(canvas: Canvas, frame: Box) -> None:
 
 def _title_block(canvas: Canvas, frame: Box, stage: Stage, sheet: str, scale: float) -> None:
     """Draw the title block in the lower right corner."""
-    width = _COLUMN + _GAP
+    width = _COLUMN + PAPER.gap
     left, top = frame.right - width, frame.bottom - _TITLE_HEIGHT
     half = 0.5 * width
     rows = [
@@ -252,7 +245,7 @@ def _title_block(canvas: Canvas, frame: Box, stage: Stage, sheet: str, scale: fl
         [("Units", "mm"), ("Made by", f"flexstage {flexstage.__version__}")],
     ]
     for k, row in enumerate(rows):
-        y = top + _TITLE_ROW * k
+        y = top + PAPER.title_row * k
         canvas.line((left, y), (frame.right, y), THICK if k == 0 else MEDIUM)
         for column, (label, text) in enumerate(row):
             x = left + half * column
@@ -265,26 +258,26 @@ def _title_block(canvas: Canvas, frame: Box, stage: Stage, sheet: str, scale: fl
             words = shown[0] + ("…" if len(shown) > 1 else "") if shown else "-"
             canvas.text((x + 1.5, y + 4.5), words, size, bold=k == 0)
         if len(row) > 1:
-            canvas.line((left + half, y), (left + half, y + _TITLE_ROW), MEDIUM)
+            canvas.line((left + half, y), (left + half, y + PAPER.title_row), MEDIUM)
     canvas.line((left, top), (left, frame.bottom), THICK)
 
 
 def _lower_left(canvas: Canvas, frame: Box, blocks: _Blocks, scale: float) -> None:
     """Draw the tables of drives, probes and holes below the view, and the scale bar."""
-    x, y = frame.left + _GAP, frame.bottom - _lower_height(blocks)
+    x, y = frame.left + PAPER.gap, frame.bottom - _lower_height(blocks)
     scale_bar(canvas, (x + 2.0, frame.bottom - 4.0), scale)
     if blocks.ports:
         table(canvas, (x, y), "Drives and probes", _PORTS, blocks.ports)
-        x += sum(w for _, w in _PORTS) + _GAP
+        x += sum(w for _, w in _PORTS) + PAPER.gap
     else:
-        x += _BAR_ROOM
+        x += PAPER.bar_room
     if blocks.holes:
         table(canvas, (x, y), "Round holes", _HOLES, blocks.holes, _hole_blocks(blocks))
 
 
 def table_height(rows: int, blocks: int = 1) -> float:
     """Return how high a table is, with title and gap [mm]; blocks share its rows, side by side."""
-    return _TITLE + ROW * (1 + -(-rows // blocks)) + 3.0
+    return PAPER.heading + PAPER.row * (1 + -(-rows // blocks)) + 3.0
 
 
 def table(
@@ -303,23 +296,23 @@ def table(
     canvas.text((x0, y0 + 3.5), title, 3.0, bold=True)
     width = sum(w for _, w in columns)
     per_block = -(-len(rows) // blocks)
-    top = y0 + _TITLE
+    top = y0 + PAPER.heading
     for block in range(blocks):
         part = rows[block * per_block : (block + 1) * per_block]
         if not part:
             continue
         left = x0 + block * (width + 3.0)
-        bottom = top + ROW * (1 + len(part))
+        bottom = top + PAPER.row * (1 + len(part))
         for k in range(len(part) + 2):
             weight = MEDIUM if k in (0, 1, len(part) + 1) else 0.5 * THIN
-            canvas.line((left, top + ROW * k), (left + width, top + ROW * k), weight)
+            canvas.line((left, top + PAPER.row * k), (left + width, top + PAPER.row * k), weight)
         x = left
         for column, (heading, w) in enumerate(columns):
             canvas.line((x, top), (x, bottom), MEDIUM if column == 0 else THIN)
             cells = [heading, *(row[column] for row in part)]
             for k, cell in enumerate(cells):
-                where = (x + _PAD, top + ROW * (k + 1) - 1.2)
-                canvas.text(where, _fitting(cell, w - 2.0 * _PAD), SIZE, bold=k == 0)
+                where = (x + PAPER.pad, top + PAPER.row * (k + 1) - 1.2)
+                canvas.text(where, _fitting(cell, w - 2.0 * PAPER.pad), PAPER.font, bold=k == 0)
             x += w
         canvas.line((x, top), (x, bottom), MEDIUM)
     return y0 + table_height(len(rows), blocks)
@@ -327,14 +320,14 @@ def table(
 
 def fits(text: str, width: float) -> bool:
     """Tell whether a text has room in a column of a width [mm]."""
-    return text_width(text, SIZE) <= width - 2.0 * _PAD
+    return text_width(text, PAPER.font) <= width - 2.0 * PAPER.pad
 
 
 def _fitting(text: str, width: float) -> str:
     """Cut a text off where it is too long."""
-    if text_width(text, SIZE) <= width:
+    if text_width(text, PAPER.font) <= width:
         return text
-    while text and text_width(text + "…", SIZE) > width:
+    while text and text_width(text + "…", PAPER.font) > width:
         text = text[:-1]
     return text.rstrip() + "…"
 

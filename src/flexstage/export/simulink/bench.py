@@ -7,7 +7,7 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Block, Diagram
-from flexstage.export.simulink.functions import Functions
+from flexstage.export.simulink.chains import Functions
 from flexstage.export.simulink.matlab_text import Variables
 from flexstage.export.simulink.structure import modal, structure
 from flexstage.export.simulink.system import Node, System, Wiring

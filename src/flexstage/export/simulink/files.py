@@ -11,7 +11,7 @@ from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.export.request import ExportRequest
 from flexstage.export.simulink.bench import Bench, bench
-from flexstage.export.simulink.functions import Functions
+from flexstage.export.simulink.chains import Functions
 from flexstage.export.simulink.matlab_text import Variables, identifier, plain, valid_name
 from flexstage.export.simulink.script import build_script
 from flexstage.export.simulink.system import System

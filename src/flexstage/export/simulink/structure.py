@@ -8,7 +8,7 @@ import numpy as np
 from flexstage.export.control_object import linear_part
 from flexstage.export.diagram.graph import Block, Diagram
 from flexstage.export.simulink import chains
-from flexstage.export.simulink.functions import Functions
+from flexstage.export.simulink.chains import Functions
 from flexstage.export.simulink.matlab_text import Variables, identifiers, literal
 from flexstage.export.simulink.system import Node, System, Wiring
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
@@ -155,7 +155,6 @@ def _node(block: Block, variables: Variables, functions: Functions, sample_time:
         )
     if block.kind == "sum":
         return _sum(block)
-    chains.refuse_columns(block.width, block.name, block.kind)
     inside = _element(block, variables, functions, sample_time)
     return Node(block.name, "SubSystem", inside=inside, meaning=block.meaning)
 

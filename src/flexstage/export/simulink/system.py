@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 from flexstage.errors import ModelError
+from flexstage.export.diagram.graph import wiring_faults
 
 #: Where each type of block comes from; these paths are those of every release since 2006.
 LIBRARY: Mapping[str, str] = {
@@ -153,20 +154,10 @@ class Wiring:
 
     def system(self, notes: Iterable[str] = ()) -> System:
         """Return the system."""
-        taken: set[tuple[str, int]] = set()
-        for w in self._wires:
-            source, target = self._nodes.get(w.source), self._nodes.get(w.target)
-            if source is None or target is None:
-                raise ModelError(f"a line leads from '{w.source}' to '{w.target}': no such block")
-            if not 1 <= w.output <= source.outputs:
-                raise ModelError(f"block '{w.source}' has no output {w.output}")
-            if not 1 <= w.port <= target.inputs or (w.target, w.port) in taken:
-                raise ModelError(f"input {w.port} of block '{w.target}' is not there, or taken")
-            taken.add((w.target, w.port))
-        for node in self._nodes.values():
-            for port in range(1, node.inputs + 1):
-                if (node.name, port) not in taken:
-                    raise ModelError(f"input {port} of block '{node.name}' has no line")
+        ends = {name: (n.inputs, n.outputs) for name, n in self._nodes.items()}
+        lines = [(w.source, w.output - 1, w.target, w.port - 1) for w in self._wires]
+        for fault in wiring_faults(ends, lines):
+            raise ModelError(fault)
         return System(
             title=self.title,
             nodes=tuple(self._nodes.values()),

@@ -22,12 +22,14 @@ from flexstage.export.vtu.format import (
 )
 from flexstage.files.names import file_names
 from flexstage.stage import Stage
-from flexstage.system import Analysis, AxisAnalysis, DriveCondition
+from flexstage.system import Analysis, AxisAnalysis
 
 if TYPE_CHECKING:
     from flexstage.fem import StageModel
 
 _MOST_FRAMES = 360
+# motion that is drawn at most, as part of the diagonal of the stage
+_LARGEST = 0.02
 
 
 Fields = dict[str, Values]
@@ -56,10 +58,8 @@ def field_files(
     analysis: Analysis,
     *,
     mesh: "StageModel | None" = None,
-    drives: DriveCondition = "removed",
     frames: int | None = None,
     animated: int = 6,
-    largest: float = 0.02,
     divisions: int | None = None,
 ) -> dict[str, bytes]:
     """Return statics and modes of a model as files of the Visualization Toolkit.
@@ -70,16 +70,15 @@ def field_files(
     ``displacement`` as part of the largest [1], its frequency as field data ``frequency_hz``;
     ``modes.pvd`` opens them all, with the number of the mode as time. ``mode-NN-period.pvd`` with
     its ``mode-NN-frame-KK.vtu``: one period of the mode, with the part of the period as time;
-    points are moved already, by `largest` at most, which can let bodies seem to run into each
-    other. Every cell has its ``region`` and its ``body``, numbers whose names stand in
-    ``regions.csv``. Points are in metres.
+    points are moved already, by 2 % of the diagonal of the stage at most, which can let bodies seem
+    to run into each other. Every cell has its ``region`` and its ``body``, numbers whose names are
+    in ``regions.csv``. Points are in metres.
 
     The mesh is that of the finite elements behind the analysis. Where not given, bodies are drawn
     as rigid ones, as the lumped model has them, and as the condensed bodies move on the whole.
     `frames` are pictures in one period of each of the `animated` lowest modes, 0 for none, else 2
-    to 360; where not given, 12, but none of a mesh, whose files are large. `largest` is the largest
-    motion that is drawn, as part of the diagonal of the stage [1]; `divisions` are parts of each
-    edge of a finite element: where None its order but 4 at most in the plane, and 2 in three
+    to 360; where not given, 12, but none of a mesh, whose files are large. `divisions` are parts of
+    each edge of a finite element: where None its order but 4 at most in the plane, and 2 in three
     dimensions and in frames.
 
     Notes
@@ -100,18 +99,8 @@ def field_files(
     >>> [name for name in files if "frame" in name][-1]
     'mode-01-frame-04.vtu'
     """
-    if drives not in analysis.modes:
-        raise ModelError(
-            f"the analysis has no modes with drives {drives}: choose from "
-            f"{', '.join(analysis.modes)}"
-        )
     if frames is None:
         frames = 12 if mesh is None else 0
-    if not 0.0 < largest <= 1.0:
-        raise ModelError(
-            "the largest motion drawn is above 0 and at most 1 diagonal of the stage, got "
-            f"{largest!r}"
-        )
     if not (frames == 0 or 2 <= frames <= _MOST_FRAMES) or animated < 0:
         raise ModelError(
             f"an animation has 0 or 2 to {_MOST_FRAMES} frames of 0 or more modes, got "
@@ -124,10 +113,10 @@ def field_files(
         still = _of_mesh(mesh, _fine(mesh) if divisions is None else divisions)
         # frames are many and small
         moving = _of_mesh(mesh, 2) if frames and divisions is None else still
-    files = _still(analysis, drives, still)
+    files = _still(analysis, still)
     if frames:
-        size = largest * float(np.linalg.norm(np.ptp(moving.points, axis=0)))
-        files |= _moving(analysis, drives, moving, (frames, animated), size)
+        size = _LARGEST * float(np.linalg.norm(np.ptp(moving.points, axis=0)))
+        files |= _moving(analysis, moving, (frames, animated), size)
     return files
 
 
@@ -201,7 +190,7 @@ def _of_bodies(stage: Stage, analysis: Analysis) -> _Drawn:
 # ------------------------------------------------------------------ the files
 
 
-def _still(analysis: Analysis, drives: DriveCondition, drawn: _Drawn) -> dict[str, bytes]:
+def _still(analysis: Analysis, drawn: _Drawn) -> dict[str, bytes]:
     """Write statics and modes, with the names of the regions."""
     files: dict[str, bytes] = {}
     what = f"{analysis.system.model} model of {analysis.stage.name}"
@@ -216,7 +205,7 @@ def _still(analysis: Analysis, drives: DriveCondition, drawn: _Drawn) -> dict[st
             remark=f"{what}, axis {axis.axis} at full stroke: {fields}",
         )
     names = []
-    found = analysis.modes[drives]
+    found = analysis.modes["removed"]
     for k, frequency in enumerate(found.frequency_hz.tolist(), start=1):
         moved = _part_of_largest(drawn.displacement(found.shapes[:, k - 1]))
         names.append(f"mode-{k:02d}.vtu")
@@ -225,7 +214,7 @@ def _still(analysis: Analysis, drives: DriveCondition, drawn: _Drawn) -> dict[st
             drawn.cells,
             at_points={"displacement": Values(values=moved)},
             about={"frequency_hz": _one(frequency, "Hz"), "mode": _one(float(k))},
-            remark=f"{what}, drives {drives}, mode {k} at {frequency:.6g} Hz: displacement as part "
+            remark=f"{what}, drives removed, mode {k} at {frequency:.6g} Hz: displacement as part "
             "of the largest",
         )
     if names:
@@ -237,13 +226,13 @@ def _still(analysis: Analysis, drives: DriveCondition, drawn: _Drawn) -> dict[st
 
 
 def _moving(
-    analysis: Analysis, drives: DriveCondition, drawn: _Drawn, counts: tuple[int, int], size: float
+    analysis: Analysis, drawn: _Drawn, counts: tuple[int, int], size: float
 ) -> dict[str, bytes]:
     """Write one period, in some frames, of each of some modes; the largest motion is the size."""
     frames, animated = counts
     files: dict[str, bytes] = {}
     what = f"{analysis.system.model} model of {analysis.stage.name}"
-    found = analysis.modes[drives]
+    found = analysis.modes["removed"]
     for k, frequency in enumerate(found.frequency_hz[:animated].tolist(), start=1):
         moved = _part_of_largest(drawn.displacement(found.shapes[:, k - 1]))
         names, times = [], [i / frames for i in range(frames)]
@@ -265,7 +254,7 @@ def _moving(
         files[f"mode-{k:02d}-period.pvd"] = collection_file(
             names,
             times,
-            remark=f"{what}, drives {drives}: one period of mode {k} at {frequency:.6g} Hz; time: "
+            remark=f"{what}, drives removed: one period of mode {k} at {frequency:.6g} Hz; time: "
             "part of the period",
         )
     return files

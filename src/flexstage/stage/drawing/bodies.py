@@ -7,13 +7,11 @@ from typing import Any, NamedTuple
 
 from flexstage.errors import StageError
 from flexstage.stage.curve import Curve
-from flexstage.stage.drawing.contours import CHORD, DrawnContour, DrawnPart
-from flexstage.stage.drawing.notch import NeckFrame
+from flexstage.stage.drawing.contours import DrawnContour, DrawnPart
 from flexstage.stage.drawing.profiles import Neck
-from flexstage.stage.drawing.strokes import Pair, rounded
+from flexstage.stage.drawing.strokes import SAME, Pair, rounded
 from flexstage.stage.outline import Circle, Loop
-
-_SAME = 1e-9  # two points are one, a corner is none [m]
+from flexstage.stage.shapes import CHORD
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,13 +73,9 @@ def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
                 raise StageError(
                     f"the contours about {part.place(end.point)} do not close to a body"
                 )
-            curves.append(Curve(curves[-1].end, _start_of(across[0])))
+            curves.append(Curve(curves[-1].end, across[0][0].start))
         loops.append((curves, roots))
     return _gathered(part, loops, loose)
-
-
-def _start_of(curves: list[Curve]) -> Pair:
-    return curves[0].start
 
 
 def _cuts(part: DrawnPart, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
@@ -94,23 +88,16 @@ def _cuts(part: DrawnPart, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
             deep = 0.0 if profile.one_sided and not left else profile.depth
             place = neck.sides.left if left else neck.sides.right
             for which, ahead in ((0, False), (1, True)):
-                point = _plane(
-                    neck.frame, half if ahead else -half, (top + deep) * (1.0 if left else -1.0)
+                x, y = neck.frame.plane(
+                    half if ahead else -half, (top + deep) * (1.0 if left else -1.0)
                 )
+                point = (rounded(x), rounded(y))
                 stroke, share = _find(part, neck, left, ahead, point)
                 # the right side runs from body a to b, the left one back
                 outward = ahead != left
                 cut = _Cut(stroke, share, point, (n, which), left, outward)
                 found.setdefault(place.contour, []).append(cut)
     return found
-
-
-def _plane(frame: NeckFrame, along: float, across: float) -> Pair:
-    c, s = math.cos(frame.direction), math.sin(frame.direction)
-    return (
-        rounded(frame.at[0] + c * along - s * across),
-        rounded(frame.at[1] + s * along + c * across),
-    )
 
 
 def _find(part: DrawnPart, neck: Neck, left: bool, ahead: bool, point: Pair) -> tuple[int, float]:
@@ -150,7 +137,7 @@ def _between(contour: DrawnContour, first: _Cut, last: _Cut) -> list[Curve]:
         out = [curves[first.stroke].part(first.share, 1.0)]
         out += [curves[(first.stroke + 1 + k) % count] for k in range(steps)]
         out.append(curves[last.stroke].part(0.0, last.share))
-    out = [c for c in out if c.length > _SAME]
+    out = [c for c in out if c.length > SAME]
     if not out:
         return [Curve(first.point, last.point)]
     out[0] = Curve(first.point, out[0].end, out[0].bulge)
@@ -166,7 +153,7 @@ def _gathered(
     """Tell outlines from openings, and give each opening to the body that it is in."""
     from shapely import Polygon
 
-    slack = max(_SAME, 4.0 * part.rounding)
+    slack = max(SAME, 4.0 * part.rounding)
     outer: list[tuple[Loop, Any, list[tuple[int, int]]]] = []
     inner: list[tuple[Loop | Circle, Any, list[tuple[int, int]], str]] = []
     for curves, roots in loops:
@@ -218,7 +205,7 @@ def _gathered(
 
 def _loop(curves: list[Curve], slack: float) -> Loop:
     """Return a loop, without corners that are none."""
-    kept = [c for c in curves if c.length > _SAME]
+    kept = [c for c in curves if c.length > SAME]
     points = [(rounded(c.start[0]), rounded(c.start[1])) for c in kept]
     bulges = [c.bulge for c in kept]
     k = 0

@@ -11,14 +11,13 @@ from flexstage.errors import StageError
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.strokes import DrawnStroke, Pair, circle_of, rounded, tidy
 from flexstage.stage.outline import Circle, Loop, arc
+from flexstage.stage.shapes import CHORD
 
 #: Largest gap that is closed where no other is asked for [m].
 GAP = 2e-6
 #: Largest distance of what was drawn from the profile that it is taken for, of a drawing with all
 #: digits [m].
 FIT_TOLERANCE = 0.5e-6
-#: Largest distance of polygons that stand for contours from their arcs [m].
-CHORD = 0.5e-6
 
 _ASKEW = 0.1  # lines that are nearer to parallel have no sure crossing (sine)
 _SAME = 2e-9  # two points are one, or two lines one on the other [m]

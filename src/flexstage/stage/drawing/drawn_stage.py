@@ -9,9 +9,9 @@ from pathlib import Path
 from flexstage.errors import StageError
 from flexstage.files.names import file_name
 from flexstage.material import Material, material
+from flexstage.stage.drawing import DRAWINGS, DXF, STEP
 from flexstage.stage.drawing.bodies import DrawnBody, bodies_of
 from flexstage.stage.drawing.contours import GAP, DrawnPart, part_of
-from flexstage.stage.drawing.endings import DRAWINGS, DXF, STEP
 from flexstage.stage.drawing.entities import Sheet, read_dxf
 from flexstage.stage.drawing.marks import Places, add_axes, drives_of, probes_of, whole
 from flexstage.stage.drawing.necks import certainty, find_necks
@@ -142,10 +142,10 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
         unit_name=sheet.unit_name,
         rounding=sheet.rounding,
     )
-    found = find_necks(part, o.neck_limit)
-    drawn = bodies_of(part, found.necks)
+    found, gap = find_necks(part, o.neck_limit)
+    drawn = bodies_of(part, found)
     bodies, order = _named_bodies(part, drawn, o, sheet)
-    hinges, necks = _hinges(part, found.necks, drawn, bodies, order, found.gap)
+    hinges, necks = _hinges(part, found, drawn, bodies, order, gap)
     at = Places(sheet.unit, sheet.unit_name)
     driven = drives_of(bodies, sheet, o.drives, at)
     probes = probes_of(bodies, sheet, o.probes, at)

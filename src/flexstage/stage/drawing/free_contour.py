@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,18 +11,38 @@ from flexstage.arrays import Array
 from flexstage.errors import HingeError
 from flexstage.hinges import AsDrawn, Profile
 from flexstage.stage.curve import Curve
-from flexstage.stage.drawing.notch import LEAF_STEP, NeckFrame, Sides, quarter, slope_at
+from flexstage.stage.drawing.notch import (
+    LEAF_STEP,
+    PARALLEL,
+    NeckFrame,
+    Sides,
+    quarter,
+    slope_at,
+)
 from flexstage.stage.drawing.smooth_fit import chains_of, nearest_frame
 from flexstage.stage.drawing.strokes import DrawnStroke, rounded
 from flexstage.stage.outline import arc
 
-_BACK = 0.15  # a side comes back where its slope is below level, or beyond upright, by more [rad]
-_LEVEL = 2e-3  # a side that rises less runs along the hinge [rad]
-_CHORD = 1e-9  # points on arcs are so close that chords are off by less [m]
-_LEVELS = (0.1, 0.25, 0.5, 0.75, 0.95)  # of the depth that all sides reach, where they are compared
-_PARALLEL = 0.02  # sides that could be those of a leaf differ by no more [rad]
-_LEAST_DEPTH = 0.1  # a notch is at least so deep, in thicknesses of its neck
-_MOST = 400  # pieces of one side of a notch
+
+@dataclass(frozen=True, slots=True)
+class _FreeRules:
+    """What is taken for the contour of a notch."""
+
+    back: float = 0.15
+    """A side comes back where its slope is below level, or beyond upright, by more [rad]."""
+    level: float = 2e-3
+    """A side that rises less runs along the hinge [rad]."""
+    chord: float = 1e-9
+    """Largest distance of chords between points on arcs from these [m]."""
+    compared: tuple[float, ...] = (0.1, 0.25, 0.5, 0.75, 0.95)
+    """Where the sides are compared, in parts of the depth that all of them reach."""
+    least_depth: float = 0.1
+    """A notch is at least so deep, in thicknesses of its neck."""
+    most: int = 400
+    """Most pieces of one side."""
+
+
+_RULES = _FreeRules()
 
 
 def free_contour(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
@@ -50,18 +71,11 @@ def free_contour(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
         if placed is None:
             continue
         try:
-            profile = _profile(placed, runs, one_sided)
+            profile = _profile(*placed, runs, one_sided)
         except HingeError:
             continue
         if profile is not None:
-            yield turned, placed.frame, profile
-
-
-class _Placed(NamedTuple):
-    """The axes of a neck, and its thickness."""
-
-    frame: NeckFrame
-    neck: float
+            yield turned, placed[0], profile
 
 
 def _first_frame(sides: Sides) -> NeckFrame | None:
@@ -69,16 +83,14 @@ def _first_frame(sides: Sides) -> NeckFrame | None:
     right, left = sides.stroke(False).curve, sides.stroke(True).curve
     (ax, ay), (bx, by) = right.direction(0.5), left.direction(0.5)
     if not right.bulge and not left.bulge:
-        if abs(ax * by - ay * bx) < _PARALLEL:
+        if abs(ax * by - ay * bx) < PARALLEL:
             wa, wb = right.length, left.length
             frame = NeckFrame(right.start, math.atan2(wa * ay - wb * by, wa * ax - wb * bx))
             ends = frame.local(np.array([*right[:2], *left[:2]]))
             low = max(min(ends[0, 0], ends[1, 0]), min(ends[2, 0], ends[3, 0]))
             high = min(max(ends[0, 0], ends[1, 0]), max(ends[2, 0], ends[3, 0]))
             x, y = 0.5 * float(low + high), 0.5 * float(np.mean(ends[2:, 1]) + np.mean(ends[:2, 1]))
-            c, s = math.cos(frame.direction), math.sin(frame.direction)
-            at = (right.start[0] + c * x - s * y, right.start[1] + s * x + c * y)
-            return NeckFrame(at, frame.direction)
+            return NeckFrame(frame.plane(x, y), frame.direction)
     elif right.bulge < 0.0 and left.bulge < 0.0:
         cr, cl = arc(*right)[0], arc(*left)[0]
         p, q = _towards(right, cl), _towards(left, cr)
@@ -100,10 +112,9 @@ def _run(sides: Sides, frame: NeckFrame, left: bool, ahead: bool) -> list[DrawnS
     """Return the pieces of a side outward, as long as they lead away and get deeper."""
     run: list[DrawnStroke] = []
     for k, stroke in enumerate(sides.walk(left, ahead)):
-        first, last = (slope_at(stroke.curve, frame, left, ahead, s) for s in (0.0, 1.0))
-        if k and not (-_BACK < first < 0.5 * math.pi + _BACK):
-            break
-        if (k and not (-_BACK < last < 0.5 * math.pi + _BACK)) or len(run) > _MOST:
+        slopes = [slope_at(stroke.curve, frame, left, ahead, s) for s in (0.0, 1.0)]
+        back, upright = -_RULES.back, 0.5 * math.pi + _RULES.back
+        if len(run) > _RULES.most or (k and not all(back < s < upright for s in slopes)):
             break
         run.append(stroke)
     return run
@@ -114,20 +125,20 @@ def _settled(
     frame: NeckFrame,
     runs: dict[tuple[bool, bool], list[DrawnStroke]],
     one_sided: bool,
-) -> _Placed | None:
-    """Move the axes until both halves, and both sides, are as alike as they can be."""
+) -> tuple[NeckFrame, float] | None:
+    """Return the axes where both halves, and both sides, are most alike, and the thickness."""
     from scipy.optimize import least_squares
 
-    points = {key: np.array([p for s in run for p in _dense(s)]) for key, run in runs.items()}
+    points = {
+        key: np.array([p for s in run for p in s.points(_RULES.chord)]) for key, run in runs.items()
+    }
     line = sides.stroke(False).curve
     size = max(math.dist(sides.right.at, sides.left.at), 1e-9)
 
     def moved(q: Any) -> NeckFrame:
-        c, s = math.cos(frame.direction), math.sin(frame.direction)
         x, y = size * float(q[0]), size * float(q[1]) if len(q) > 2 else 0.0
         turn = float(q[-1]) if len(q) > 1 else 0.0
-        at = (frame.at[0] + c * x - s * y, frame.at[1] + s * x + c * y)
-        return NeckFrame(at, frame.direction + turn)
+        return NeckFrame(frame.plane(x, y), frame.direction + turn)
 
     def heights(trial: NeckFrame) -> tuple[float, float]:
         """Where the two sides are nearest to each other, across the hinge."""
@@ -150,7 +161,7 @@ def _settled(
             keep = at[:, 0] > 0.0
             reached[key] = (at[keep, 0], np.maximum.accumulate(np.maximum(depth[keep], 0.0)))
         deepest = min(float(np.max(d, initial=0.0)) for _, d in reached.values())
-        levels = deepest * np.array(_LEVELS)
+        levels = deepest * np.array(_RULES.compared)
         rows = [np.interp(levels, d, x) if len(d) else levels for x, d in reached.values()]
         return ((np.array(rows[1:]) - rows[0]) / size).ravel()
 
@@ -158,14 +169,8 @@ def _settled(
     found = least_squares(residual, start, diff_step=1e-5, max_nfev=60, xtol=1e-12)
     placed = moved(found.x)
     low, high = heights(placed)
-    c, s = math.cos(placed.direction), math.sin(placed.direction)
-    centre = 0.5 * (low + high)
-    at = (placed.at[0] - s * centre, placed.at[1] + c * centre)
-    return _Placed(NeckFrame(at, placed.direction), low - high) if low > high else None
-
-
-def _dense(stroke: DrawnStroke) -> list[tuple[float, float]]:
-    return stroke.points(_CHORD)
+    at = placed.plane(0.0, 0.5 * (low + high))
+    return (NeckFrame(at, placed.direction), low - high) if low > high else None
 
 
 def _across(points: dict[tuple[bool, bool], Array], frame: NeckFrame, left: bool) -> Array:
@@ -173,10 +178,13 @@ def _across(points: dict[tuple[bool, bool], Array], frame: NeckFrame, left: bool
 
 
 def _profile(
-    placed: _Placed, runs: dict[tuple[bool, bool], list[DrawnStroke]], one_sided: bool
+    frame: NeckFrame,
+    neck: float,
+    runs: dict[tuple[bool, bool], list[DrawnStroke]],
+    one_sided: bool,
 ) -> Profile | None:
     """Return the contour of one quarter, as far as all go on alike."""
-    frame, half = placed.frame, 0.5 * placed.neck
+    half = 0.5 * neck
     corners = {key: _corners(frame, half, run, key) for key, run in runs.items()}
     if any(len(c) < 2 for c in corners.values()):
         return None
@@ -185,16 +193,16 @@ def _profile(
     key = min(corners, key=lambda k: (corners[k][-1][0] > reach + 1e-6, corners[k][-1][1]))
     chosen = corners[key]
     (x0, d0, _), (x1, d1, bulge) = chosen[-2:]
-    if not bulge and x1 - x0 < _LEVEL * (d1 - d0):
+    if not bulge and x1 - x0 < _RULES.level * (d1 - d0):
         # an edge of the body, or of a leaf between sharp corners
-        if d0 > _LEAST_DEPTH * placed.neck:
+        if d0 > _RULES.least_depth * neck:
             chosen = chosen[:-1]
         else:
-            chosen[-1] = (x1, d0 + min(d1 - d0, LEAF_STEP * placed.neck), 0.0)
-    if chosen[-1][1] < _LEAST_DEPTH * placed.neck:
+            chosen[-1] = (x1, d0 + min(d1 - d0, LEAF_STEP * neck), 0.0)
+    if chosen[-1][1] < _RULES.least_depth * neck:
         return None
     return AsDrawn(
-        neck_thickness=rounded(placed.neck),
+        neck_thickness=rounded(neck),
         one_sided=one_sided,
         distances=tuple(rounded(x) for x, _, _ in chosen[1:]),
         depths=tuple(rounded(max(d, 0.0)) for _, d, _ in chosen[1:]),
@@ -215,11 +223,12 @@ def _corners(
         if curve is None:
             continue
         first, last = (slope_at(curve, frame, left, ahead, s) for s in (0.0, 1.0))
-        if first < -_LEVEL or last < -_LEVEL or max(first, last) > 0.5 * math.pi + _LEVEL:
+        level = _RULES.level
+        if min(first, last) < -level or max(first, last) > 0.5 * math.pi + level:
             break
         x, depth = quarter(frame, half, np.array([curve.end]), left, ahead)[0].tolist()
-        along = abs(first) < _LEVEL and abs(last) < _LEVEL
-        if along and depth > _LEAST_DEPTH * half:
+        along = abs(first) < level and abs(last) < level
+        if along and depth > _RULES.least_depth * half:
             break  # the side of a bar that the notch is cut into
         if x - out[-1][0] > 1e-9 or depth - out[-1][1] > 1e-9:
             out.append((x, depth, mirrored * curve.bulge))

@@ -1,7 +1,5 @@
 """Which thin places of a part are necks, and how sure that is."""
 
-from typing import NamedTuple
-
 from flexstage.errors import StageError
 from flexstage.stage.drawing.contours import DrawnPart
 from flexstage.stage.drawing.profiles import Neck, neck_of, parted
@@ -14,21 +12,13 @@ LEAST_RATIO = 1.5
 CLEAR_RATIO = 2.0
 
 
-class FoundNecks(NamedTuple):
-    """The necks of a part."""
+def find_necks(
+    part: DrawnPart, limit: float | None = None
+) -> tuple[list[Neck], tuple[float, float] | None]:
+    """Return the necks of a part, and the gap in thickness above them.
 
-    necks: tuple[Neck, ...]
-    """The necks."""
-    bodies: tuple[tuple[int, int], ...]
-    """For each the numbers of the two thick places that it joins, of the side that its contour on
-    the right comes from first.
-    """
-    gap: tuple[float, float] | None
-    """Thickness of the thickest neck, and of the thinnest place that is none [m]."""
-
-
-def find_necks(part: DrawnPart, limit: float | None = None) -> FoundNecks:
-    """Find the necks of a part.
+    That is the thickness of the thickest neck, and of the thinnest place that is none [m]; None
+    where all thin places are necks.
 
     All places thinner than `limit` are necks [m]; where none is given, those below the widest gap
     in the thicknesses of all thin places, and above it those whose sides are a notch by its own
@@ -36,7 +26,7 @@ def find_necks(part: DrawnPart, limit: float | None = None) -> FoundNecks:
     """
     found = relief(part)
     chosen = _chosen(part, found, limit)
-    necks, ends = [], []
+    necks = []
     for each in chosen:
         neck = neck_of(part, each)
         if neck is None:
@@ -48,16 +38,14 @@ def find_necks(part: DrawnPart, limit: float | None = None) -> FoundNecks:
                 "leave it out"
             )
         necks.append(neck)
-        ends.append(each.hills)
     if not necks:
         raise StageError(
             "the drawing holds no neck: no place of the part is so much thinner than what lies on "
             "both sides of it; give --neck-limit, the thickest neck that counts"
         )
     thickest = max(n.profile.neck_thickness for n in necks)
-    necks = parted(necks)
     others = [p.thickness for p in found.passes if p not in chosen and p.thickness > thickest]
-    return FoundNecks(tuple(necks), tuple(ends), (thickest, min(others)) if others else None)
+    return parted(necks), (thickest, min(others)) if others else None
 
 
 def _chosen(part: DrawnPart, found: Relief, limit: float | None) -> list[Pass]:

@@ -12,11 +12,13 @@ from flexstage.arrays import Array
 from flexstage.hinges import Profile
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.contours import DrawnPart
-from flexstage.stage.drawing.strokes import LARGEST_CHORD_ERROR, DrawnStroke, Pair
+from flexstage.stage.drawing.strokes import ARCS, DrawnStroke, Pair
 from flexstage.stage.drawing.thickness import Place
 
 #: Deepest step of a leaf, in its thicknesses, where the edges of the bodies have room for more.
 LEAF_STEP = 4.0
+#: Two sides that could be those of a leaf differ by no more in direction (sine).
+PARALLEL = 0.02
 
 _CHORD = 2e-6  # points on arcs are so close that chords are off by less [m]
 # a contour that goes on with such a slope against the hinge gets deeper [rad]
@@ -38,6 +40,11 @@ class NeckFrame(NamedTuple):
         c, s = math.cos(self.direction), math.sin(self.direction)
         d = np.asarray(points, dtype=float) - np.array(self.at)
         return np.column_stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]])
+
+    def plane(self, along: float, across: float) -> Pair:
+        """Return the point of the plane so far along and across the hinge [m]."""
+        c, s = math.cos(self.direction), math.sin(self.direction)
+        return self.at[0] + c * along - s * across, self.at[1] + s * along + c * across
 
     def turned(self) -> "NeckFrame":
         """Return the axes of the same hinge with its bodies exchanged."""
@@ -161,7 +168,7 @@ def _lines_follow(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
                 at = np.array(middles)
                 inside = (at[:, 0] > 0.0) & (at[:, 0] < half - slack) & (at[:, 1] < profile.depth)
                 off = _off_contour(profile, at[inside])
-                if np.max(off, initial=0.0) > LARGEST_CHORD_ERROR:
+                if np.max(off, initial=0.0) > ARCS.chord_error:
                     return False
     return True
 
@@ -186,9 +193,7 @@ def _slope_beyond(
     sides: Sides, frame: NeckFrame, neck: float, root: Pair, left: bool, ahead: bool
 ) -> float:
     """Return the slope of a side just beyond the end of a root."""
-    c, s = math.cos(frame.direction), math.sin(frame.direction)
-    along, across = root[0] * (1 if ahead else -1), (neck + root[1]) * (1 if left else -1)
-    point = (frame.at[0] + c * along - s * across, frame.at[1] + s * along + c * across)
+    point = frame.plane(root[0] * (1 if ahead else -1), (neck + root[1]) * (1 if left else -1))
     found = False
     for stroke in sides.walk(left, ahead):
         curve = stroke.curve

@@ -6,7 +6,7 @@ Whatever is proposed is held against what was drawn, and counts where all of it 
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from flexstage.stage.drawing.contours import DrawnPart
 from flexstage.stage.drawing.free_contour import free_contour
 from flexstage.stage.drawing.notch import (
     LEAF_STEP,
+    PARALLEL,
     NeckFrame,
     Sides,
     distance_from,
@@ -25,19 +26,30 @@ from flexstage.stage.drawing.notch import (
     slope_at,
 )
 from flexstage.stage.drawing.smooth_fit import smooth_fits
-from flexstage.stage.drawing.strokes import DrawnStroke, Pair, rounded
+from flexstage.stage.drawing.strokes import SAME, DrawnStroke, Pair, rounded
 from flexstage.stage.drawing.thickness import Pass, Place
 from flexstage.stage.outline import arc
 
-_TANGENT = 2e-3  # a corner that turns less is none [rad]
-_PARALLEL = 0.02  # two sides that could be those of a leaf differ by no more [rad]
-# a fit is as near as before where what was drawn is off by this much more, or less than that [m]
-_AS_NEAR, _NOTHING = 1.3, 1e-12
-_EXACT = 10e-9  # a profile that is off by less is no other one [m]
-_APART = 1e-9  # ends of a notch that are nearer are the same [m]
-_DIGITS = (6, 7, 8, 9)  # decimals of a length in metres that are tried for a dimension
 
-_SHARE = 0.45  # of an edge between two leaves, for the step of each
+@dataclass(frozen=True, slots=True)
+class _PieceRules:
+    """What makes a notch of lines and arcs, and how its sizes are rounded."""
+
+    tangent: float = 2e-3
+    """A corner that turns less is none [rad]."""
+    as_near: float = 1.3
+    """A rounded notch is as near as before where what was drawn is off by this much more."""
+    nothing: float = 1e-12
+    """What is off by less is not rounded [m]."""
+    exact: float = 10e-9
+    """A profile that is off by less is no other one [m]."""
+    digits: tuple[int, ...] = (6, 7, 8, 9)
+    """Decimals of a length in metres that are tried for a dimension."""
+    share: float = 0.45
+    """Part of an edge between two leaves for the step of each."""
+
+
+_RULES = _PieceRules()
 
 _ENDS = ((False, False), (False, True), (True, False), (True, True))  # left, ahead
 
@@ -69,7 +81,7 @@ def neck_of(part: DrawnPart, found: Pass) -> Neck | None:
                 continue
             if profile.kind == AsDrawn.kind or not goes_on(profile, turned, frame):
                 best = Neck(turned, frame, profile, off, found)
-                if off < _EXACT:
+                if off < _RULES.exact:
                     break
         if best is not None:
             return _rounded(best)
@@ -78,9 +90,9 @@ def neck_of(part: DrawnPart, found: Pass) -> Neck | None:
 
 def _rounded(neck: Neck) -> Neck:
     """Return a neck with the roundest place and sizes that are as near to what was drawn."""
-    if neck.off < _NOTHING:
+    if neck.off < _RULES.nothing:
         return neck
-    room = _AS_NEAR * neck.off
+    room = _RULES.as_near * neck.off
     x, y = (rounded(c, neck.off) for c in neck.frame.at)
     degrees = math.degrees(neck.frame.direction)
     lean = math.radians(abs(degrees - round(degrees))) * neck.profile.length
@@ -93,7 +105,7 @@ def _rounded(neck: Neck) -> Neck:
     if neck.profile.kind == AsDrawn.kind:
         return neck
     sizes: dict[str, Any] = {f.name: getattr(neck.profile, f.name) for f in fields(neck.profile)}
-    for digits in _DIGITS:
+    for digits in _RULES.digits:
         round_sizes: dict[str, Any] = {
             # an exponent, a pure number, is of the order of a length in millimetres
             name: round(v, digits - 4 * (name == "exponent")) if isinstance(v, float) else v
@@ -108,7 +120,7 @@ def _rounded(neck: Neck) -> Neck:
         ends = max(
             abs(profile.length - neck.profile.length), abs(profile.depth - neck.profile.depth)
         )
-        if off <= room and ends <= max(room, _APART):
+        if off <= room and ends <= max(room, SAME):
             return neck._replace(profile=profile, off=off)
     return neck
 
@@ -126,7 +138,7 @@ def parted(necks: Sequence[Neck]) -> list[Neck]:
             for n in found:
                 leaf = out[n].profile
                 assert isinstance(leaf, Leaf)
-                depth = min(leaf.notch_depth, rounded(_SHARE * curve.length))
+                depth = min(leaf.notch_depth, rounded(_RULES.share * curve.length))
                 out[n] = out[n]._replace(profile=replace(leaf, notch_depth=depth))
     return out
 
@@ -234,7 +246,7 @@ def _round(
         following = walked[1].curve if len(walked) > 1 else None
         straight = following is not None and not following.bulge
         lean = slope_at(following, frame, left, ahead, 0.0) if straight and following else 0.0
-        tangent = straight and abs(lean - turns[-1]) < max(_TANGENT, 0.1 * turns[-1])
+        tangent = straight and abs(lean - turns[-1]) < max(_RULES.tangent, 0.1 * turns[-1])
         flanks.append(following.length if tangent and following else 0.0)
         leans.append(lean)
     common = {"neck_thickness": rounded(neck), "one_sided": one_sided}
@@ -269,7 +281,7 @@ class _End(NamedTuple):
 
 def _two_lines(sides: Sides, right: Curve, left: Curve) -> Iterator[Proposal]:
     (ax, ay), (bx, by) = right.direction(0.0), left.direction(0.0)
-    if abs(ax * by - ay * bx) > _PARALLEL or ax * bx + ay * by > 0.0:
+    if abs(ax * by - ay * bx) > PARALLEL or ax * bx + ay * by > 0.0:
         return
     # the mean direction, the longer side counting more
     wa, wb = right.length, left.length
@@ -297,8 +309,7 @@ def _two_lines(sides: Sides, right: Curve, left: Curve) -> Iterator[Proposal]:
     if neck <= 0.0:
         return
     middle = 0.5 * (low + high)
-    at = (origin[0] + c * centre - s * middle, origin[1] + s * centre + c * middle)
-    frame = NeckFrame(at, direction)
+    frame = NeckFrame(NeckFrame(origin, direction).plane(centre, middle), direction)
     deep = {
         key: end.kind != "other" and end.x < x[key[1]] + 2.0 * sides.part.tolerance
         for key, end in ends.items()
@@ -343,7 +354,7 @@ def _flat_end(sides: Sides, frame: NeckFrame, left: bool, ahead: bool) -> _End:
         stop = slope_at(following, frame, left, ahead, 1.0)
         upright = stop if stop > 0.0 else stop + 2.0 * math.pi
         radius = abs(following.radius)
-        smooth = abs(start) < max(_TANGENT, math.sqrt(2.0 * sides.part.tolerance / radius))
+        smooth = abs(start) < max(_RULES.tangent, math.sqrt(2.0 * sides.part.tolerance / radius))
         round_enough = upright >= 0.5 * math.pi - max(sides.part.tolerance / radius, 1e-6)
         turns_out = slope_at(following, frame, left, ahead, 0.5) > 0.0
         if smooth and turns_out and round_enough:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,16 +20,30 @@ from flexstage.hinges import (
 from flexstage.stage.drawing.notch import NeckFrame, Sides, quarter
 from flexstage.stage.drawing.strokes import DrawnStroke, Pair, rounded
 
-#: A corner that turns more than this ends a smooth side [rad].
-CORNER = math.radians(40.0)
-# an arc goes over into a line of the same curve at its tangent, give or take this [rad]
-_TANGENT = 0.05
 
-_CHORD = 0.5e-6  # points on arcs are so close that chords are off by less [m]
-_LONG = 2.5  # a line that is so many times as long as what it goes on from is of a body
-_FEWEST, _MOST = 9, 160  # points of a side that is fitted
-_STEPS, _NEAR = (12, 60), 1e-2  # steps until a fit is near, and in all; what is near, in sizes
-_PARALLEL = 1e-3  # the straight side of a notch may lean by so much at first [rad]
+@dataclass(frozen=True, slots=True)
+class _FitRules:
+    """What is fitted, and when a fit is near."""
+
+    corner: float = math.radians(40.0)
+    """A corner that turns more than this ends a smooth side [rad]."""
+    tangent: float = 0.05
+    """An arc goes over into a line of the same curve at its tangent, give or take this [rad]."""
+    chord: float = 0.5e-6
+    """Largest distance of chords between points on arcs from these [m]."""
+    long: float = 2.5
+    """A line that is so many times as long as what it goes on from is of a body."""
+    fewest: int = 9
+    """Fewest points of a side that is fitted."""
+    most: int = 160
+    """Most points of a side that is fitted."""
+    steps: tuple[int, int] = (12, 60)
+    """Steps until a fit is near, and in all."""
+    near: float = 1e-2
+    """Largest distance of a fit that is near, in sizes of the notch."""
+
+
+_RULES = _FitRules()
 
 
 class Chains(NamedTuple):
@@ -64,7 +79,7 @@ def chains_of(sides: Sides, shorter: int = 0) -> Chains:
         # backwards along the contour, then forwards; the piece at the neck is in both
         back = [s.reversed() for s in reversed(halves[0])]
         strokes = [*back, *halves[1][1:]]
-        points = [p for s in strokes for p in s.points(_CHORD)]
+        points = [p for s in strokes for p in s.points(_RULES.chord)]
         found.append(np.array(points))
         straight.append(len(strokes) == 1 and not strokes[0].curve.bulge)
     return Chains(found[0], found[1], (straight[0], straight[1]))
@@ -77,12 +92,12 @@ def _run(sides: Sides, left: bool, ahead: bool, shorter: int) -> list[DrawnStrok
             before, onward = run[-1].curve, stroke.curve.direction(0.0)
             straight = not stroke.curve.bulge and not stroke.trace
             if _turn(before.direction(1.0), onward) > (
-                _TANGENT if straight and before.bulge else CORNER
+                _RULES.tangent if straight and before.bulge else _RULES.corner
             ):
                 break
             # but at the bottom, which may be flat
-            leans = _turn(run[0].curve.direction(0.0), onward) > _TANGENT
-            if straight and leans and stroke.curve.length > _LONG * before.length:
+            leans = _turn(run[0].curve.direction(0.0), onward) > _RULES.tangent
+            if straight and leans and stroke.curve.length > _RULES.long * before.length:
                 break
         run.append(stroke)
     return run[: max(1, len(run) - shorter)]
@@ -190,7 +205,7 @@ _KINDS = (
 
 def _two_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
     begin = nearest_frame(chains)
-    if begin is None or min(len(chains.right), len(chains.left)) < _FEWEST:
+    if begin is None or min(len(chains.right), len(chains.left)) < _RULES.fewest:
         return
     frame, thickness = begin
 
@@ -222,7 +237,7 @@ def _two_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame,
 def _one_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
     """The straight side is on the right."""
     begin = nearest_frame(chains)
-    if begin is None or len(chains.left) < _FEWEST:
+    if begin is None or len(chains.left) < _RULES.fewest:
         return
     frame, thickness = begin
     along = chains.right[-1] - chains.right[0]
@@ -235,18 +250,16 @@ def _one_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame,
     def placed(q: Any) -> tuple[Array, Array, float]:
         return points[:, 0] - q[0], points[:, 1] - bottom - q[1], q[1]
 
-    c, s = math.cos(frame.direction), math.sin(frame.direction)
     for kind, q, p in _solutions(placed, [0.0, thickness / size]):
-        x, y = size * q[0], size * (bottom + 0.5 * q[1])
-        at = (frame.at[0] + c * x - s * y, frame.at[1] + s * x + c * y)
+        at = frame.plane(size * q[0], size * (bottom + 0.5 * q[1]))
         yield from _made(kind, p, sides, chains, NeckFrame(at, frame.direction), size, q[1], True)
 
 
 def _some(points: Array) -> Array:
     """Return so many points as a fit needs, evenly picked."""
-    if len(points) <= _MOST:
+    if len(points) <= _RULES.most:
         return points
-    return points[np.unique(np.linspace(0, len(points) - 1, _MOST).round().astype(int))]
+    return points[np.unique(np.linspace(0, len(points) - 1, _RULES.most).round().astype(int))]
 
 
 def _solutions(
@@ -272,7 +285,7 @@ def _solutions(
             worst = float(np.max(np.abs(residual(found))))
             if best is None or worst < best[0]:
                 best = (worst, found)
-        if best is not None and best[0] < _NEAR:
+        if best is not None and best[0] < _RULES.near:
             yield kind, best[1][:count].tolist(), best[1][count:].tolist()
 
 
@@ -285,8 +298,8 @@ def _fitted(residual: Callable[[Array], Array], start: Array) -> Array:
     """
     x, r = start, residual(start)
     damping = 1e-3
-    for step in range(_STEPS[1]):
-        if step == _STEPS[0] and float(np.max(np.abs(r))) > _NEAR:
+    for step in range(_RULES.steps[1]):
+        if step == _RULES.steps[0] and float(np.max(np.abs(r))) > _RULES.near:
             break
         moves = 1e-7 * np.maximum(np.abs(x), 1e-2)
         columns = [
@@ -339,7 +352,7 @@ def _made(
         made = kind.profile(
             neck_thickness=rounded(neck),
             one_sided=one_sided,
-            **{k: _exponent(v) if k == "exponent" else rounded(v * size) for k, v in sizes.items()},
+            **{k: round(v, 7) if k == "exponent" else rounded(v * size) for k, v in sizes.items()},
         )
     except (HingeError, OverflowError, ValueError):
         return  # dimensions that no notch of this kind has
@@ -349,7 +362,3 @@ def _made(
         radius = rounded(0.5 * (made.half_length + made.notch_depth))
         made = RightCircular(neck_thickness=rounded(neck), one_sided=one_sided, radius=radius)
     yield sides, frame, made
-
-
-def _exponent(value: float) -> float:
-    return round(float(value), 7)

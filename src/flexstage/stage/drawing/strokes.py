@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -13,22 +14,36 @@ from flexstage.stage.outline import arc
 
 Pair = tuple[float, float]
 
-#: Largest distance of the corners of a polyline from the arc that they are taken for [m].
-ARC_TOLERANCE = 0.2e-6
-#: Largest distance of an arc from the chords of a polyline that is taken for it [m].
-LARGEST_CHORD_ERROR = 25e-6
-# the same corners are tried with tighter tolerances first, so that an arc does not reach into what
-# goes on from it smoothly
-_TOLERANCES = (2e-9, 20e-9)
-_SHARPEST = math.radians(50.0)  # largest turn of a polyline between two chords of an arc
-_FEWEST = 3  # chords of an arc
-_UNEVEN = math.log(
-    6.0
-)  # neighbouring chords of an arc differ by less than this ratio, as logarithm
-_ROUND_CORNERS = 12  # of a polygon that stands for a circle
-_CURVED = 50.0  # an arc rises this many tolerances above its chord
-_ROUND = 1.9 * math.pi  # more than this is never one arc
-_SAME = 1e-9  # two points, or two circles, are one [m]
+#: Points, circles or corners that are nearer than this are one [m].
+SAME = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class ArcRules:
+    """When the corners of a polyline are those of an arc."""
+
+    tolerance: float = 0.2e-6
+    """Largest distance of the corners from the arc [m]."""
+    tighter: tuple[float, ...] = (2e-9, 20e-9)
+    """Tighter ones, which are tried first, so that an arc does not reach into what goes on from it
+    smoothly [m]."""
+    chord_error: float = 25e-6
+    """Largest distance of the arc from the chords [m]."""
+    sharpest: float = math.radians(50.0)
+    """Largest turn between two chords [rad]."""
+    fewest: int = 3
+    """Fewest chords."""
+    uneven: float = math.log(6.0)
+    """Logarithm of the ratio by which neighbouring chords differ at most."""
+    round_corners: int = 12
+    """Fewest corners of a polygon that stands for a circle."""
+    curved: float = 50.0
+    """Least rise of the arc above its chord, in tolerances."""
+    round: float = 1.9 * math.pi
+    """Largest turn of one arc [rad]."""
+
+
+ARCS = ArcRules()
 
 
 class DrawnStroke(NamedTuple):
@@ -81,12 +96,12 @@ def rounded(value: float, room: float = 0.0) -> float:
 
 def tidy(loop: Sequence[Curve], rounding: float = 0.0) -> list[DrawnStroke]:
     """Return a closed contour as few pieces; coordinates may be off by a rounding [m]."""
-    tolerance = max(ARC_TOLERANCE, 2.0 * rounding)
+    tolerance = max(ARCS.tolerance, 2.0 * rounding)
     corners = np.array([c.start for c in loop])
-    if len(corners) >= _ROUND_CORNERS and not any(c.bulge for c in loop):
+    if len(corners) >= ARCS.round_corners and not any(c.bulge for c in loop):
         _, radius, off = circle_of(corners)
         half = 0.5 * max(c.length for c in loop)
-        if off <= tolerance and _chord_error(radius, half) <= LARGEST_CHORD_ERROR:
+        if off <= tolerance and _chord_error(radius, half) <= ARCS.chord_error:
             return _as_arcs(np.vstack([corners, corners[:1]]))
     strokes = [DrawnStroke(c) for c in loop if math.dist(c.start, c.end) > 0.0]
     # begin at the longest straight line, or at an arc: no polyline that stands for an arc is cut
@@ -104,7 +119,7 @@ def tidy(loop: Sequence[Curve], rounding: float = 0.0) -> list[DrawnStroke]:
             run = run or [stroke.curve.start]
             run.append(stroke.curve.end)
     made += _refined(run, tolerance)
-    return _merged(made, tolerance, max(_SAME, 4.0 * rounding))
+    return _merged(made, tolerance, max(SAME, 4.0 * rounding))
 
 
 def circle_of(points: Array) -> tuple[Pair, float, float]:
@@ -152,7 +167,7 @@ def _refined(run: list[Pair], tolerance: float) -> list[DrawnStroke]:
     i, last = 0, len(run) - 1
     points = np.array(run)
     while i < last:
-        j = _arc_end(points, i, tolerance) if last - i >= _FEWEST else i
+        j = _arc_end(points, i, tolerance) if last - i >= ARCS.fewest else i
         if j > i:
             out += _as_arcs(points[i : j + 1])
             i = j
@@ -171,21 +186,21 @@ def _arc_end(points: Array, i: int, loosest: float) -> int:
         steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0],
         np.sum(steps[:-1] * steps[1:], axis=1),
     )
-    good = (np.abs(turns) < _SHARPEST) & (turns * turns[0] > 0.0)
-    good &= np.abs(np.log(lengths[1:] / lengths[:-1])) < _UNEVEN
+    good = (np.abs(turns) < ARCS.sharpest) & (turns * turns[0] > 0.0)
+    good &= np.abs(np.log(lengths[1:] / lengths[:-1])) < ARCS.uneven
     most = int(np.argmin(good)) if not np.all(good) else len(good)
-    if most + 1 < _FEWEST or turns[0] == 0.0:
+    if most + 1 < ARCS.fewest or turns[0] == 0.0:
         return i
     end, reached = i + most + 1, i
-    for tolerance in (*_TOLERANCES, loosest):
+    for tolerance in (*ARCS.tighter, loosest):
         j = _reach(points, i, end, tolerance)
-        if j - i < _FEWEST:
+        if j - i < ARCS.fewest:
             continue
         _, radius, _ = circle_of(points[i : j + 1])
         half = 0.5 * float(np.max(lengths[: j - i]))
-        if _chord_error(radius, half) > LARGEST_CHORD_ERROR:
+        if _chord_error(radius, half) > ARCS.chord_error:
             continue
-        if _rise(points[i : j + 1]) > _CURVED * tolerance:
+        if _rise(points[i : j + 1]) > ARCS.curved * tolerance:
             return j
         reached = j
     # no arc, but a curve that one stands for as well as its chords do
@@ -203,7 +218,7 @@ def _reach(points: Array, i: int, end: int, tolerance: float) -> int:
     def fits(j: int) -> bool:
         return circle_of(points[i : j + 1])[2] <= tolerance
 
-    good, step = i + _FEWEST, _FEWEST
+    good, step = i + ARCS.fewest, ARCS.fewest
     if good > end or not fits(good):
         return i
     while good < end:
@@ -240,7 +255,7 @@ def _as_arcs(points: Array) -> list[DrawnStroke]:
     angles = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
     trace = tuple((x, y) for x, y in points.tolist())
     last = len(points) - 1
-    ends = [0, last // 2, last] if abs(angles[-1] - angles[0]) > _ROUND else [0, last]
+    ends = [0, last // 2, last] if abs(angles[-1] - angles[0]) > ARCS.round else [0, last]
     made = []
     for a, b in pairwise(ends):
         bulge = math.tan(0.25 * float(angles[b] - angles[a]))
@@ -278,8 +293,8 @@ def _join(a: DrawnStroke, b: DrawnStroke, tolerance: float, straight: float) -> 
         return None
     first, second = arc(*a.curve), arc(*b.curve)
     sweep = first[3] + second[3]
-    near = math.dist(first[0], second[0]) < _SAME and abs(first[1] - second[1]) < _SAME
-    if not near or abs(sweep) > _ROUND:
+    near = math.dist(first[0], second[0]) < SAME and abs(first[1] - second[1]) < SAME
+    if not near or abs(sweep) > ARCS.round:
         return None
     return DrawnStroke(Curve(start, end, math.tan(0.25 * sweep)))
 
@@ -292,12 +307,12 @@ def _join_traces(a: DrawnStroke, b: DrawnStroke, tolerance: float) -> DrawnStrok
     points = np.array(corners)
     (x, y), radius, off = circle_of(points)
     half = 0.5 * float(np.max(np.hypot(*np.diff(points, axis=0).T)))
-    if off > tolerance or _chord_error(radius, half) > LARGEST_CHORD_ERROR:
+    if off > tolerance or _chord_error(radius, half) > ARCS.chord_error:
         return None
     angles = np.unwrap(np.arctan2(points[:, 1] - y, points[:, 0] - x))
     turns = np.diff(angles)
     sweep = float(angles[-1] - angles[0])
     same = bool(np.all(turns * sweep > 0.0)) and sweep * (a.curve.bulge + b.curve.bulge) > 0.0
-    if not same or abs(sweep) > _ROUND:
+    if not same or abs(sweep) > ARCS.round:
         return None
     return DrawnStroke(Curve(corners[0], corners[-1], math.tan(0.25 * sweep)), tuple(corners))

@@ -9,6 +9,7 @@ than the pass between them are one. That is the persistence of the pass (H. Edel
 D. Letscher, A. Zomorodian, Discrete Comput. Geom. 28 (2002) 511), as a ratio.
 """
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,16 +18,30 @@ from flexstage.arrays import Array
 from flexstage.stage.drawing.contours import DrawnContour, DrawnPart
 from flexstage.stage.drawing.strokes import Pair
 
-#: A body is at least this much thicker than a neck that leads to it [1].
-LEAST_RATIO = 1.25
 
-_ARC_STEP = 0.17  # turn of an arc between two points [rad]
-_COARSE = 6000  # points of all contours at first
-_FINEST = 2e-6  # points are never nearer [m]
-_MOST = 400_000  # points in all
-_DENSE = 2.0  # points are nearer along a contour than this part of the thickness there, inverted
-_FLAT = 1e-7  # a triangle of less area, in squares of its longest side, is a line
-_AROUND = 3.0  # way along the contour, in straight ways, that makes two places opposite
+@dataclass(frozen=True, slots=True)
+class _ReliefRules:
+    """How finely the contours are sampled, and which passes count."""
+
+    least_ratio: float = 1.25
+    """A body is at least this much thicker than a neck that leads to it [1]."""
+    arc_step: float = 0.17
+    """Turn of an arc between two points [rad]."""
+    coarse: int = 6000
+    """Points of all contours at first."""
+    finest: float = 2e-6
+    """Points are never nearer [m]."""
+    most: int = 400_000
+    """Points in all."""
+    dense: float = 2.0
+    """Points are nearer along a contour than this part of the thickness there, inverted."""
+    flat: float = 1e-7
+    """A triangle of less area, in squares of its longest side, is a line."""
+    around: float = 3.0
+    """Way along the contour, in straight ways, that makes two places opposite."""
+
+
+_RULES = _ReliefRules()
 
 
 class Place(NamedTuple):
@@ -87,14 +102,14 @@ def relief(part: DrawnPart) -> Relief:
 def _sampled(part: DrawnPart, walls: list[int]) -> _Samples:
     total = sum(s.curve.length for k in walls for s in part.contours[k].strokes)
     shares = {
-        (k, n): _even(part.contours[k], n, total / _COARSE)
+        (k, n): _even(part.contours[k], n, total / _RULES.coarse)
         for k in walls
         for n in range(len(part.contours[k].strokes))
     }
     while True:
         samples, step = _gathered(part, walls, shares)
         wanted = _too_coarse(samples, step)
-        if not len(wanted) or len(samples.at) > _MOST:
+        if not len(wanted) or len(samples.at) > _RULES.most:
             return samples
         for i in wanted.tolist():
             key = (int(samples.contour[i]), int(samples.stroke[i]))
@@ -110,7 +125,7 @@ def _even(contour: DrawnContour, n: int, step: float) -> list[float]:
     curve = contour.strokes[n].curve
     count = max(1, int(np.ceil(curve.length / step)))
     if curve.bulge:
-        count = max(count, int(np.ceil(4.0 * abs(np.arctan(curve.bulge)) / _ARC_STEP)))
+        count = max(count, int(np.ceil(4.0 * abs(np.arctan(curve.bulge)) / _RULES.arc_step)))
     return [j / count for j in range(count)]
 
 
@@ -152,10 +167,10 @@ def _too_coarse(samples: _Samples, step: Array) -> Any:
     """Return the points after which the contour wants another, as material is thin there."""
     from scipy.spatial import KDTree
 
-    coarse = np.flatnonzero(step > 2.0 * _FINEST)
+    coarse = np.flatnonzero(step > 2.0 * _RULES.finest)
     middle = 0.5 * (samples.at + samples.at[samples.following])
     tree = KDTree(samples.at)
-    found = tree.query_ball_point(middle[coarse], _DENSE * step[coarse])
+    found = tree.query_ball_point(middle[coarse], _RULES.dense * step[coarse])
     counts = np.array([len(f) for f in found])
     i = np.repeat(coarse, counts)
     j = np.concatenate([np.array(f, dtype=int) for f in found]) if len(i) else np.array([], int)
@@ -166,7 +181,7 @@ def _too_coarse(samples: _Samples, step: Array) -> Any:
     inside = ahead[:, 0] * away[:, 1] - ahead[:, 1] * away[:, 0] > 0.3 * step[i] * straight
     way = np.abs(samples.along[j] - samples.along[i] - 0.5 * step[i])
     way = np.minimum(way, samples.length[i] - way)
-    opposite = (samples.contour[i] != samples.contour[j]) | (way > _AROUND * straight)
+    opposite = (samples.contour[i] != samples.contour[j]) | (way > _RULES.around * straight)
     return np.unique(i[inside & opposite])
 
 
@@ -200,7 +215,7 @@ def _passes(samples: _Samples) -> Relief:
             continue
         if top[a] < top[b]:
             a, b = b, a
-        if top[b] <= LEAST_RATIO * width[e]:
+        if top[b] <= _RULES.least_ratio * width[e]:
             hill[b] = a
         else:
             found.append((float(width[e]), a, b, e))
@@ -242,7 +257,7 @@ def _radii(at: Array, triangles: Any) -> Array:
     area = 0.5 * np.abs(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
     sides = np.array([np.hypot(*ab.T), np.hypot(*ac.T), np.hypot(*bc.T)])
     longest = sides.max(axis=0)
-    flat = area < _FLAT * longest**2
+    flat = area < _RULES.flat * longest**2
     return np.where(flat, 0.5 * longest, sides.prod(axis=0) / (4.0 * np.where(flat, 1.0, area)))
 
 

@@ -10,8 +10,8 @@ from flexstage.designs import DESIGNS, StageTemplate
 from flexstage.files.write import write_whole
 from flexstage.material import CATALOGUE
 from flexstage.report.tables import necks_table
+from flexstage.stage.drawing import DRAWINGS
 from flexstage.stage.drawing.drawn_stage import DrawingOptions, DrawnStage
-from flexstage.stage.drawing.endings import DRAWINGS
 from flexstage.units import parse
 from flexstage.web.design.state import DesignState
 from flexstage.web.design.work import drawing_found, template_of
