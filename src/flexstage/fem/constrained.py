@@ -44,11 +44,11 @@ class Constrained:
         self.rigid = part.rigid
         self.weighted = part.mass_times(self.rigid)
         self._balance = np.zeros((part.size, 0)), np.zeros((part.size, 0))
-        stiffness, self._free = part.stiffness, np.arange(part.size)
+        stiffness = part.stiffness
         if floating:
-            # Balanced loads leave nothing to the three unknowns that are held, whichever they are.
-            self._free = np.delete(self._free, part.pins)
-            stiffness = stiffness[self._free][:, self._free]
+            # balanced loads leave nothing to springs at three unknowns, whichever they are
+            for pin in part.pins:
+                stiffness[pin, pin] *= 2.0
             factor = np.linalg.cholesky(self.rigid.T @ self.weighted)
             self._balance = (
                 np.linalg.solve(factor, self.rigid.T).T,
@@ -89,8 +89,7 @@ class Constrained:
         Of a body that is held, the response to all of the load.
         """
         rigid, weighted = self._balance
-        u = np.zeros_like(load)
-        u[self._free] = self._factor.solve((load - weighted @ (rigid.T @ load))[self._free])
+        u = self._factor.solve(load - weighted @ (rigid.T @ load))
         return u - rigid @ (weighted.T @ u)
 
     def _multipliers(self, gap: Array, moment: Array) -> tuple[Array, Array]:
