@@ -583,7 +583,7 @@ def test_lowest_modes_and_responses_of_a_joined_stage(count: int) -> None:
     np.testing.assert_allclose(basis.T @ joint.M @ basis, np.eye(omega.size), atol=1e-9)
     stiffness = basis.T @ joint.K @ basis / np.outer(omega, omega)
     np.testing.assert_allclose(stiffness, np.eye(omega.size), atol=1e-7)
-    forces = np.array([*joint.drives.values(), *joint.probes.values()]).T
+    forces = np.array([*joint.ports.drives.values(), *joint.ports.probes.values()]).T
     response = np.linalg.solve(joint.K, forces)
     found = basis @ ((basis.T @ forces) / omega[:, None] ** 2)
     np.testing.assert_allclose(found, response, rtol=1e-6, atol=1e-8 * np.abs(response).max())

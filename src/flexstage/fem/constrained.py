@@ -12,6 +12,7 @@ from flexstage.fem.block_lanczos import softest_modes
 from flexstage.fem.layered_plate import LayeredPlate, factorised
 
 _ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
+_SPRING = 1e3  # as many times as stiff as the mesh is there
 _SETTLED = 1e-3  # of the squares of frequencies, from one step to the next
 _BLOCK = 8  # loads that the search for modes starts with
 
@@ -46,9 +47,9 @@ class Constrained:
         self._balance = np.zeros((part.size, 0)), np.zeros((part.size, 0))
         stiffness = part.stiffness
         if floating:
-            # balanced loads leave nothing to springs at three unknowns, whichever they are
+            # balanced loads leave nothing to stiff springs at three unknowns, whichever they are
             for pin in part.pins:
-                stiffness[pin, pin] *= 2.0
+                stiffness[pin, pin] *= _SPRING
             factor = np.linalg.cholesky(self.rigid.T @ self.weighted)
             self._balance = (
                 np.linalg.solve(factor, self.rigid.T).T,

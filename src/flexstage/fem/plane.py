@@ -93,7 +93,6 @@ def plane_model(
         faces,
         [(continuum, modes, False)],
         settings,
-        name="plane",
         validity=(
             f"Plane finite elements: plane {words} at the notches ({PLANE_RULE}), plane stress in "
             "the bodies; out-of-plane motion is not modelled.",

@@ -83,7 +83,6 @@ def solid_model(
         faces,
         [(inside, modes[0], False), (outside, modes[1], True)],
         settings,
-        name="solid",
         validity=(
             "3D finite elements: drives, probes and extra masses act in the middle plane of the "
             "plate; mounting holes are fixed over their whole depth.",
