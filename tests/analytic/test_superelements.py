@@ -32,9 +32,9 @@ from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals, factorised
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel
 from flexstage.fem.necks import IN_PLANE, layered_stress, neck_points, neck_stress
-from flexstage.fem.plane import plane_model
 from flexstage.fem.substructure import Substructure
 from flexstage.fem.superelement import SuperelementModel, superelement_model
+from flexstage.fem.whole_stage import plane_model
 from flexstage.stage import Body, Circle, Loop, Screw
 from flexstage.system import (
     analyse_axis,

@@ -14,7 +14,6 @@ from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.constrained import Constrained
-from flexstage.fem.freedom import LOADS
 from flexstage.fem.geometry import (
     MOUNTING,
     StageFaces,
@@ -26,7 +25,7 @@ from flexstage.fem.geometry import (
 from flexstage.fem.half_notch import REACH, NotchBlock, neck_tractions, stress_of_necks
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import MESHER, sound_mesh
-from flexstage.fem.neck_motions import edge_means, motion_rows, neck_mix, neck_motions
+from flexstage.fem.neck_motions import LOADS, edge_means, motion_rows, neck_mix, neck_motions
 from flexstage.fem.ports import drive_vector, rigid_regions
 from flexstage.fem.substructure import BODY, CutNeck, PointReading, Substructure
 from flexstage.fem.through_thickness import ThroughThickness
@@ -37,9 +36,9 @@ from flexstage.stage import MassProperties, mass_properties
 class Condensed:
     r"""A body in a few coordinates, :math:`u = T q + \Phi \eta + U p`.
 
-    The coordinates are the motions of its interfaces (those of `flexstage.fem.freedom.freedom` for
-    each neck, then 1 for each patch), its modes with held interfaces, and its responses to loads
-    inside it with held interfaces.
+    The coordinates are the motions of its interfaces (those of `Freedom` for each neck, then 1 for
+    each patch), its modes with held interfaces, and its responses to loads inside it with held
+    interfaces.
     """
 
     stiffness: Array
@@ -47,10 +46,9 @@ class Condensed:
     mass: Array
     """Mass of the coordinates, shape (r, r)."""
     loads: Array
-    """Forces on the coordinates, shape (l, r), of each of `flexstage.fem.freedom.LOADS` and of a
-    unit force at each reading. So the first three rows are the mean displacement x, y of the body
-    at its centre of mass and its rotation too, and the last ones the readings. Out of the plane
-    they are of `LOADS_OUT_OF_PLANE`.
+    """Forces on the coordinates, shape (l, r), of each of `Freedom.loads` and of a unit force at
+    each reading. So the first three rows are the mean motion of the body at its centre of mass too,
+    in its plane displacement x, y and rotation, and the last ones the readings.
     """
     reactions: Array
     """Forces that hold the interfaces while the other coordinates move, shape (i, r - i)."""
@@ -79,7 +77,7 @@ class Condensed:
 
     @property
     def motion(self) -> Array:
-        """Mean displacement x, y [m] at the centre of mass, and rotation [rad], shape (3, r)."""
+        """Mean motion at the centre of mass, in the plane x, y [m] and rotation [rad], (3, r)."""
         return self.loads[:3]
 
     @property

@@ -21,7 +21,7 @@ from flexstage.fem.coupling_loads import (
     whole_body,
 )
 from flexstage.fem.cutting import Placed
-from flexstage.fem.freedom import Freedom, freedom
+from flexstage.fem.neck_motions import Freedom, freedom
 from flexstage.fem.stage_system import Ports, lifted_probes, side_by_side
 from flexstage.fem.substructure import REFERENCE
 from flexstage.stage import Stage

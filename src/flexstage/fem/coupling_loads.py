@@ -9,7 +9,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.fem.condensation import Condensed
 from flexstage.fem.cutting import Placed
-from flexstage.fem.freedom import Freedom
+from flexstage.fem.neck_motions import Freedom
 from flexstage.fem.stage_system import lifted_probes
 from flexstage.fem.substructure import REFERENCE
 from flexstage.stage import Stage

@@ -12,9 +12,8 @@ from flexstage.arrays import Array
 from flexstage.elasticity.resources import memory_available, memory_needed
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
-from flexstage.fem.mesher import SMALLEST, first_hits
 from flexstage.fem.part import Part, PartSurface, part_surface
-from flexstage.fem.part_mesh import PartMesh
+from flexstage.fem.part_mesh import SMALLEST, PartMesh, first_hits
 
 _PLACES = 1500  # places on the surface at which the size is asked for
 _LEAST = 6  # of them on each face

@@ -19,10 +19,10 @@ from flexstage.fem.condensed_bodies import condense_all
 from flexstage.fem.coupling import Joint, join, joined_stress, lowest, stacked
 from flexstage.fem.cutting import Placed, cut_free, in_space
 from flexstage.fem.mesh import MeshSettings
-from flexstage.fem.plane import common_validity
 from flexstage.fem.ports import Supports
 from flexstage.fem.stage_system import stage_system
 from flexstage.fem.substructure import Substructure
+from flexstage.fem.whole_stage import common_validity
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
