@@ -20,8 +20,7 @@ from flexstage.hinges import (
     Profile,
     RightCircular,
 )
-from flexstage.hinges.finite_element import surface_stress
-from flexstage.hinges.half_mesh import _on_a_circle, _on_a_line
+from flexstage.hinges.finite_element import _on_a_circle, _on_a_line, surface_stress
 from flexstage.stage.hinge_attachment import hinge_root
 from flexstage.system import static_forces
 from tests.hinged_bars import R1, T1, hinged_bars

@@ -209,12 +209,25 @@ def _with_changes(
     )
 
 
-# of what a lower order and more modes change, how much can be left: see `with_estimates`
-_OF_ORDER, _OF_MODES = 1.5, 1.25
-_BY_NECK = 6  # modes of a body, and twice as many as the model has at least
-# Of any figure, what meshes scatter in those that the mechanism alone fixes; in space, what the
-# functions through the thickness leave out. Of a stress, which is read at points.
-_LEAST, _LEAST_IN_SPACE, _LEAST_OF_STRESS = 2e-5, 2e-4, 2e-2
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Margins:
+    """What `with_estimates` multiplies and adds."""
+
+    of_order: float = 1.5
+    """How much can be left of what a lower order changes."""
+    of_modes: float = 1.25
+    """How much can be left of what more modes change."""
+    by_neck: int = 6
+    """Modes of a body by neck, and twice as many as the model has at least."""
+    least: float = 2e-5
+    """Of any figure, what meshes scatter in those that the mechanism alone fixes."""
+    least_in_space: float = 2e-4
+    """The same in space, where the functions through the thickness leave something out."""
+    least_of_stress: float = 2e-2
+    """Of a stress, which is read at points."""
+
+
+_MARGINS = _Margins()
 _OF_STRESS = ("max_stress", "safety_factor", "fatigue_safety")
 _WORDS = (
     "Uncertainties are estimated from bodies of a lower order and from bodies with more modes, and "
@@ -260,7 +273,7 @@ def with_estimates(
         analyse(model.stage, model.of_other_bodies(bodies)) for bodies in _coarser(model, cache)
     )
     in_space = any(p.part.through.in_space for p in model.placed)
-    least = _LEAST_IN_SPACE if in_space else _LEAST
+    least = _MARGINS.least_in_space if in_space else _MARGINS.least
     stress = model.system.stress
     unseen = 0.0
     if stress is not None:
@@ -272,7 +285,8 @@ def with_estimates(
         if all(key in table for table in tables):
             left = float(_left_out(row.value, *(table[key] for table in tables)))
             if row.quantity in _OF_STRESS:
-                left += (unseen + _LEAST_OF_STRESS) * abs(row.value) + scatter_at_points(row)
+                left += (unseen + _MARGINS.least_of_stress) * abs(row.value)
+                left += scatter_at_points(row)
             if left:
                 left += least * abs(row.value)
             # what is a figure of the drawing alone has none
@@ -294,7 +308,7 @@ def with_estimates(
 
 
 def _left_out(fine: Array | float, coarse: Array | float, rich: Array | float) -> Array:
-    return _OF_ORDER * np.abs(np.subtract(fine, coarse)) + _OF_MODES * np.abs(
+    return _MARGINS.of_order * np.abs(np.subtract(fine, coarse)) + _MARGINS.of_modes * np.abs(
         np.subtract(coarse, rich)
     )
 
@@ -307,9 +321,9 @@ def _coarser(
     if fine.order == 1:
         raise ModelError("elements of order 1 have none below to estimate by: take order 2 or more")
     mesh = replace(fine, order=fine.order - 1)
+    own = [p.part for p in model.placed]
     parts = [
-        replace(p.part, mesh=mesh, modes=max(_BY_NECK * len(p.part.necks), 2 * p.part.modes))
-        for p in model.placed
+        replace(p, mesh=mesh, modes=max(_MARGINS.by_neck * len(p.necks), 2 * p.modes)) for p in own
     ]
     # body by body, as both motions of one in space share its mesh
     each = len(model.stage.bodies)

@@ -17,12 +17,33 @@ from flexstage.errors import ModelError
 
 #: Smallest element that thinness asks for, in sizes of the part.
 SMALLEST = 2e-3
-_OPPOSED = -0.85  # a wall ends where the surface looks back within 32 degrees: no wedge is thin
-_PASSES, _THINNER = 5, 0.9  # searches at most; a search that finds no thinner place is the last
-_REPAIRS, _FINER = 7, 1.5  # meshes that are tried, each with more elements to a radius
-_FLATTENED = 0.02  # least over mean Jacobian determinant of an element that counts as folded
-_STRAIGHTENED = 0.01  # part of the elements that may be straightened
-_ROUNDS = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Meshing:
+    """How thin places are looked for, and folded elements repaired."""
+
+    opposed: float = -0.85
+    """A wall ends where the surface looks back within 32 degrees: no wedge is thin."""
+    passes: int = 5
+    """Searches for thin places at most."""
+    thinner: float = 0.9
+    """A search that finds no place so much thinner is the last."""
+    repairs: int = 7
+    """Meshes that are tried."""
+    finer: float = 1.5
+    """As many times more elements to a radius each of them has."""
+    flattened: float = 0.02
+    """Least over mean Jacobian determinant of an element that counts as folded."""
+    straightened: float = 0.01
+    """Part of the elements that may be straightened."""
+    rounds: int = 8
+    """How often elements are straightened."""
+    lost: float = 0.01
+    """Part of the volume that a mesh may lack."""
+
+
+_CHOSEN = _Meshing()
 # where rays start in a triangle: in its middle and towards its corners
 _SPREAD = np.array([[1 / 3, 1 / 3, 1 / 3], [0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])
 
@@ -63,17 +84,17 @@ def generate(task: MeshTask) -> object | None:
     """
     at, sizes = np.zeros((0, 3)), np.zeros(0)
     thinnest = np.inf
-    for _ in range(_PASSES if task.thin else 0):
+    for _ in range(_CHOSEN.passes if task.thin else 0):
         surface = _run(task, task.curvature, (at, sizes), MeshingStep.MESHSURFACE)
         more, wall = thickness_below(surface, task.largest / task.thin)
         at = np.concatenate([at, more])
         sizes = np.concatenate([sizes, np.maximum(task.thin * wall, SMALLEST * task.diagonal)])
         now = float(wall.min(initial=np.inf))
-        if not now < _THINNER * thinnest:
+        if not now < _CHOSEN.thinner * thinnest:
             break
         thinnest = now
-    for k in range(_REPAIRS):
-        made = _run(task, task.curvature * _FINER**k, (at, sizes), MeshingStep.MESHVOLUME)
+    for k in range(_CHOSEN.repairs):
+        made = _run(task, task.curvature * _CHOSEN.finer**k, (at, sizes), MeshingStep.MESHVOLUME)
         mesh = ng.Mesh(made)
         if mesh.ne == 0:
             raise MesherError("it made no element")
@@ -108,7 +129,7 @@ def _folded(mesh: ng.Mesh, rule: ng.IntegrationRule) -> NDArray[np.intp]:
     """Return the elements that curving folds, or nearly folds."""
     determinant = ng.Det(ng.specialcf.JacobianMatrix(3))
     values = determinant(mesh.MapToAllElements(rule, ng.VOL)).reshape(mesh.ne, -1)
-    return np.flatnonzero(values.min(axis=1) < _FLATTENED * np.abs(values).mean(axis=1))
+    return np.flatnonzero(values.min(axis=1) < _CHOSEN.flattened * np.abs(values).mean(axis=1))
 
 
 def unfold(mesh: ng.Mesh, order: int) -> bool:
@@ -124,7 +145,7 @@ def unfold(mesh: ng.Mesh, order: int) -> bool:
     bad = _folded(mesh, rule)
     if order < 2 or not len(bad):
         return True
-    if len(bad) > _STRAIGHTENED * mesh.ne:
+    if len(bad) > _CHOSEN.straightened * mesh.ne:
         return False
     space = ng.VectorH1(mesh, order=order)
     bend = ng.GridFunction(space)
@@ -136,14 +157,14 @@ def unfold(mesh: ng.Mesh, order: int) -> bool:
     mesh.Curve(1)
     mesh.SetDeformation(bend)
     touched: set[int] = set()
-    for k in range(_ROUNDS):
+    for k in range(_CHOSEN.rounds):
         touched.update(bad.tolist())
         for e in bad:
             dofs = np.array(space.GetDofNrs(ng.ElementId(ng.VOL, int(e))))
-            values[dofs] *= 0.6 if k < _ROUNDS // 2 else 0.0
+            values[dofs] *= 0.6 if k < _CHOSEN.rounds // 2 else 0.0
         bad = _folded(mesh, rule)
         if not len(bad):
-            return len(touched) <= _STRAIGHTENED * mesh.ne
+            return len(touched) <= _CHOSEN.straightened * mesh.ne
     return False
 
 
@@ -188,7 +209,7 @@ def first_hits(triangles: Array, normal: Array, starts: Array, rays: Array, limi
         along = offset @ ray
         span = reach + wide
         # triangles that look back, and that a ray from here can meet within the limit
-        near = (normal @ ray > -_OPPOSED) & (along > -span) & (along < limit + span)
+        near = (normal @ ray > -_CHOSEN.opposed) & (along > -span) & (along < limit + span)
         near &= np.einsum("ij,ij->i", offset, offset) - along**2 < span**2
         which = np.flatnonzero(near)
         if len(which):
@@ -217,9 +238,6 @@ def _hits(origins: Array, ray: Array, a: Array, ab: Array, ac: Array) -> Array:
     edge = 1e-9
     inside = (u >= -edge) & (v >= -edge) & (u + v <= 1.0 + edge) & (distance > 0.0)
     return np.where(inside, distance, np.inf).min(axis=1)
-
-
-_LOST = 0.01  # part of the volume that a mesh may lack
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -315,7 +333,7 @@ def mesh_shape(
     unfold(mesh, settings.order)
     whole = sum(s.mass for s in shape.solids)
     meshed = float(ng.Integrate(ng.CoefficientFunction(1.0), mesh))
-    if settings.order > 1 and abs(meshed - whole) > _LOST * whole:
+    if settings.order > 1 and abs(meshed - whole) > _CHOSEN.lost * whole:
         raise ModelError(
             f"the mesh of {source} holds {meshed:.6g} mm^3 of its {whole:.6g} mm^3: the mesher "
             "lost a face; change the mesh size or repair the part"

@@ -74,3 +74,25 @@ def plane_moduli(modulus: float, poisson: float, plane: PlaneState) -> tuple[flo
     if plane == "stress":
         return modulus, poisson
     return modulus / (1.0 - poisson**2), poisson / (1.0 - poisson)
+
+
+def strip_compliance(
+    ends: tuple[float, float], width: float, middle: float, poisson: float, side: float = 1.0
+) -> Array:
+    """Return the compliance about a neck of a strip of a body, as a beam with shear.
+
+    It lies between two distances from the neck, with its middle so far to the left of the hinge's
+    line; `side` is 1 in body b, -1 in body a. Times E b, shape (3, 3).
+    """
+    start, end = ends
+    # integrals of 1, x and x^2
+    i0, i1, i2 = end - start, (end**2 - start**2) / 2.0, (end**3 - start**3) / 3.0
+    bend = 12.0 / width**3
+    c = np.empty((3, 3))
+    c[0, 0] = i0 / width + bend * middle**2 * i0
+    c[1, 1] = bend * i2 + 2.4 * (1.0 + poisson) * i0 / width
+    c[2, 2] = bend * i0
+    c[0, 2] = c[2, 0] = bend * middle * i0
+    c[1, 2] = c[2, 1] = -side * bend * i1
+    c[0, 1] = c[1, 0] = -side * bend * middle * i1
+    return c

@@ -1,7 +1,7 @@
 """What a drawing says in words: the lines of its title block and its notes."""
 
 import flexstage
-from flexstage.hinges.arcs import ARC_TOLERANCE, CurvedProfile
+from flexstage.hinges.profile import ARC_TOLERANCE, CurvedProfile
 from flexstage.stage import Stage
 
 
