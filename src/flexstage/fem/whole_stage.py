@@ -5,31 +5,18 @@ from typing import Literal
 from flexstage import progress
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.resources import require_memory
+from flexstage.fem.cutting import notch_states
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
 from flexstage.fem.mesh import MIDDLE, MeshSettings, prism_mesh, sound_mesh
 from flexstage.fem.model import StageModel, assemble
 from flexstage.fem.ports import Supports
-from flexstage.hinges import Leaf, plane_state
+from flexstage.hinges import Leaf
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.stage import Stage
 from flexstage.stage.assumptions import DAMPING_RATIO
 
 #: Modes that are kept besides the static responses.
 PLANE_MODES = 16
-
-
-def strained_notches(stage: Stage, plane: PlaneState | Literal["auto"]) -> tuple[str, str]:
-    """Choose the regions in plane strain.
-
-    Returns their regular expression, empty for none, and the choice in words.
-    """
-    chosen = {
-        h.name: plane_state(stage.thickness, h.profile.neck_thickness) if plane == "auto" else plane
-        for h in stage.hinges
-    }
-    wide = [n for n, state in chosen.items() if state == "strain"]
-    words = " and ".join(sorted(set(chosen.values()))) or "stress"
-    return either(notch_region(n, i) for n in wide for i in (0, 1)), words
 
 
 def plane_model(
@@ -78,13 +65,15 @@ def plane_model(
     progress.update("mesh")
     faces = stage_faces(stage)
     mesh = sound_mesh(stage, faces, settings)
-    strain, words = strained_notches(stage, plane)
+    states = notch_states(stage, plane)
+    words = " and ".join(sorted(set(states))) or "stress"
+    wide = [h.name for h, s in zip(stage.hinges, states, strict=True) if s == "strain"]
     continuum = Continuum(
         mesh,
         stage.material,
         order=settings.order,
         thickness=stage.thickness,
-        strain=strain,
+        strain=either(notch_region(n, i) for n in wide for i in (0, 1)),
         held=MOUNTING,
     )
     require_memory(continuum.size, 2, settings.order)

@@ -384,7 +384,7 @@ def closed_form_compliance(
             f"'{form.name}' ({form.quantity}) holds for a two-sided {form.kind} notch, "
             f"not for a {cut} {profile.kind} one"
         )
-    state = plane_state(width, profile.neck_thickness) if plane == "auto" else plane
+    state = plane_state(width, profile.neck_thickness, plane)
     e, nu = plane_moduli(modulus, poisson, state)
     sizes = [getattr(profile, name) for name in form.arguments]
     extra = [nu] if form.takes_poisson else []

@@ -101,7 +101,7 @@ def compliance(
         raise HingeError(f"unknown method '{method}': expected one of {', '.join(METHODS)}")
     if not (modulus > 0.0 and width > 0.0):
         raise HingeError(f"modulus and width must be positive, got {modulus!r} and {width!r}")
-    state = plane_state(width, profile.neck_thickness) if plane == "auto" else plane
+    state = plane_state(width, profile.neck_thickness, plane)
     e, nu = plane_moduli(modulus, poisson, state)
     if method == "finite-element":
         from flexstage.hinges.finite_element import condensed_compliance

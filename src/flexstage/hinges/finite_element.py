@@ -54,6 +54,7 @@ from flexstage.hinges.hinge_spring import (
     strip_compliance,
 )
 from flexstage.hinges.profile import Array, Profile
+from flexstage.hinges.stress import rows_of_factors
 from flexstage.material import Material
 
 _Points = list[tuple[float, float]]
@@ -453,14 +454,7 @@ def condensed_stress_rows(
     [-404, 404]
     """
     factors = surface_stress(profile, poisson, plane, root_width)
-    t, half = profile.neck_thickness, 0.5 * profile.flat_length
-    equivalent = 1.0 if plane == "stress" else math.sqrt(1.0 - poisson + poisson**2)
-    rows = []
-    for x in (-half, half) if half > 0.0 else (0.0,):
-        for sign, axial, bending in zip((-1.0, 1.0), factors.axial, factors.bending, strict=True):
-            per_moment = sign * 6.0 * bending / (width * t**2)
-            rows.append((axial / (width * t), -x * per_moment, per_moment))
-    return equivalent * np.array(rows)
+    return rows_of_factors(profile, width, poisson, plane, (factors.axial, factors.bending))
 
 
 # --------------------------------------------------------------------------- one half

@@ -46,7 +46,9 @@ class HingeCompliance:
         return 0.5 * (inverse + inverse.T)
 
 
-def plane_state(width: float, neck_thickness: float) -> PlaneState:
+def plane_state(
+    width: float, neck_thickness: float, plane: PlaneState | Literal["auto"] = "auto"
+) -> PlaneState:
     """Choose plane strain or plane stress for a notch, by its width against its neck.
 
     Parameters
@@ -55,17 +57,21 @@ def plane_state(width: float, neck_thickness: float) -> PlaneState:
         Width of the hinge, the thickness of the plate [m].
     neck_thickness : float
         Thickness of the neck [m].
+    plane : str
+        ``stress`` or ``strain`` where it is said, ``auto`` to choose.
 
     Returns
     -------
     str
-        ``strain`` from five necks of width on, ``stress`` below.
+        Where nothing is said, ``strain`` from five necks of width on, ``stress`` below.
 
     Examples
     --------
     >>> plane_state(10e-3, 0.5e-3)
     'strain'
     """
+    if plane != "auto":
+        return plane
     return "strain" if width >= WIDE_NECK * neck_thickness else "stress"
 
 
