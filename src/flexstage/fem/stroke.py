@@ -8,9 +8,8 @@ import numpy as np
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.characteristic import Characteristic, Characteristics
-from flexstage.elasticity.buckling import buckling
 from flexstage.elasticity.large_displacement import follow_drive
-from flexstage.elasticity.loaded import stress_stiffening
+from flexstage.elasticity.loaded import buckling, stress_stiffening
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.geometry import patches
 from flexstage.fem.mesh import MeshSettings
