@@ -101,16 +101,6 @@ class Condensed:
         return slice(self.stiffness.shape[0] - len(self.loads), self.stiffness.shape[0])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DisplacementRecovery:
-    """The way back from the coordinates of a body to the displacement on its mesh."""
-
-    continuum: Continuum
-    """The body on its mesh, relative to its own point of reference."""
-    basis: Array
-    """Displacement for each coordinate, shape (n, r)."""
-
-
 def condense(part: Substructure) -> Condensed:
     r"""Condense a body of a plate to the mean motions of its necks, as `part.through` has it.
 
@@ -134,28 +124,11 @@ def condense(part: Substructure) -> Condensed:
     with means in place of single displacements. Validity: exact but for the shape of the traction
     in the necks, which is that of notches whose two halves are alike for about a neck's thickness.
     """
-    return _condense(part)[0]
+    return condensed_with_shapes(part)[0]
 
 
-def recover(part: Substructure, condensed: Condensed) -> DisplacementRecovery:
-    """Return to the displacements of a body of a plane model that was condensed before."""
-    again, basis, flat = _condense(part)
-    # Modes may have come with other signs, and equal ones mixed: both know how the interfaces and
-    # the loads move them.
-    m, modes = again.interfaces, again.modes
-    was, now = (
-        np.concatenate(
-            (c.mass[:m, modes] / np.abs(c.mass[:m, modes]).max(initial=1e-300), c.motion[:, modes])
-        )
-        for c in (condensed, again)
-    )
-    left, _, right = np.linalg.svd(now.T @ was)
-    basis[:, modes] = basis[:, modes] @ (left @ right)
-    return DisplacementRecovery(continuum=flat, basis=basis)
-
-
-def _condense(part: Substructure) -> tuple[Condensed, Array, Continuum]:
-    """Condense a body; return besides its displacement along the middle plane, and that plane."""
+def condensed_with_shapes(part: Substructure) -> tuple[Condensed, LayeredPlate, Array]:
+    """Condense a body; return besides its unknowns, and their displacement for each coordinate."""
     tractions = [_tractions(part, neck) for neck in part.necks] if part.through.in_space else None
     with MESHER:
         ready = _prepared(part, tractions)
@@ -175,10 +148,10 @@ def _condense(part: Substructure) -> tuple[Condensed, Array, Continuum]:
         inertia=(ready.properties.mass, *ready.properties.centre, ready.properties.inertia),
         elements=int(plate.plane.mesh.ne),
         # of a plane model with those that are held
-        unknowns=plate.size if part.through.in_space else ready.flat.size,
+        unknowns=plate.size if part.through.in_space else 2 * plate.plane.width,
         held=ready.held,
     )
-    return condensed, plate.in_middle(basis), ready.flat
+    return condensed, plate, basis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -186,8 +159,6 @@ class _Ready:
     """A body on its mesh, before anything is factorised."""
 
     plate: LayeredPlate
-    flat: Continuum
-    """Its plane, on the same mesh."""
     rows: Array
     """Motions of its interfaces, shape (m, n)."""
     loads: Array
@@ -231,14 +202,6 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
             for i, n in enumerate(part.necks)
         ],
     )
-    flat = Continuum(
-        plane.mesh,
-        part.material(),
-        order=plane.order,
-        thickness=through.thickness,
-        strain=_strained(part),
-        held=MOUNTING if part.held else "",
-    )
     passed, rest, _, _ = neck_motions(through, plane.order)
     rows = [np.zeros((0, plate.size))]
     for neck, own, mix in zip(part.necks, means, tractions or [None] * len(means), strict=True):
@@ -250,6 +213,9 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
     if through.out_of_plane:
         loads = [*motion, plate.thermal(1.0, 1)]
     else:
+        flat = Continuum(
+            plane.mesh, part.material(), order=plane.order, thickness=through.thickness
+        )
         pushed = (drive_vector(flat, stage, d, faces.patches, "elastic") for d in stage.drives)
         rows += [plate.mean(row)[None] for row in pushed]
         thermal = (plate.thermal(c, 0) for c in (1.0, ng.x / METRE, ng.y / METRE))
@@ -259,7 +225,6 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
         loads = [*motion, *thermal, *readings]
     return _Ready(
         plate=plate,
-        flat=flat,
         rows=np.concatenate(rows),
         loads=np.array(loads),
         properties=properties,

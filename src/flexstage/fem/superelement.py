@@ -1,20 +1,18 @@
 """A stage of condensed bodies: as exact as its mesh in the plane, in small matrices."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import ngsolve as ng
 import numpy as np
 from scipy.linalg import block_diag
 
 from flexstage.arrays import Array
 from flexstage.cache.cache import Cache
-from flexstage.elasticity import Continuum
 from flexstage.errors import ModelError
-from flexstage.fem.condensation import Condensed, recover
+from flexstage.fem.condensation import Condensed
 from flexstage.fem.condensed_bodies import condense_all
 from flexstage.fem.coupling import Joint, join, joined_stress, lowest, stacked
 from flexstage.fem.cutting import Placed, cut_free, in_space
@@ -32,20 +30,6 @@ from flexstage.system import MechanicalSystem
 BODIES = MeshSettings(neck_size=0.7, grading=0.75)
 #: Modes of each body with held interfaces, and modes of the stage that its system keeps.
 MODES, KEPT = 3, 16
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BodyField:
-    """Displacement of one body on its mesh."""
-
-    body: str
-    """Name of the body."""
-    origin: tuple[float, float]
-    """Where the origin of its mesh lies in the plane of the stage [m]."""
-    continuum: Continuum
-    """The body with its half notches as a continuum, of the `REFERENCE` material."""
-    displacement: ng.GridFunction
-    """Its displacement [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,38 +83,6 @@ class SuperelementModel:
         said = self.system.validity, self.system.settings
         joined = _joined(self.stage, self.placed, condensed, KEPT)
         return _in_lowest_modes(self.stage, self.placed, condensed, joined, said)
-
-    def displacement(self, q: Array, bodies: Iterable[str] | None = None) -> list[BodyField]:
-        """Return the displacement on the meshes of bodies, which are made anew for it.
-
-        q are the coordinates of `system`, shape (r,). All bodies are given where none are named, in
-        the order of the stage.
-
-        Raises
-        ------
-        ModelError
-            The bodies are those of a plate in space.
-        """
-        if any(p.part.through.in_space for p in self.placed):
-            raise ModelError(
-                "superelements in space keep no displacement on a mesh: take the solid model for "
-                "pictures in space, or the plane superelements for those in the plane"
-            )
-        wanted = None if bodies is None else set(bodies)
-        found = []
-        joined = self.basis @ q
-        for p, c, (at, own) in zip(self.placed, self.condensed, self.joint.shares, strict=True):
-            if wanted is None or p.body.name in wanted:
-                back = recover(p.part, c)
-                found.append(
-                    BodyField(
-                        body=p.body.name,
-                        origin=p.origin,
-                        continuum=back.continuum,
-                        displacement=back.continuum.field(back.basis @ (own @ joined[at])),
-                    )
-                )
-        return found
 
 
 def superelement_model(
