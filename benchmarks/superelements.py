@@ -20,9 +20,8 @@ from benchmarks.timing import Timed
 from flexstage.cache import Cache
 from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
 from flexstage.designs.vgtu import PIEZO
-from flexstage.fem.plane import plane_model
-from flexstage.fem.solid import solid_model
 from flexstage.fem.superelement import superelement_model
+from flexstage.fem.whole_stage import plane_model, solid_model
 from flexstage.hinges import RightCircular
 from flexstage.stage import Axis, Body, Circle, ExtraMass, Force, Hinge, Loop, Probe, Stage
 from flexstage.system import analyse

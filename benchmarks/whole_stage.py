@@ -70,9 +70,8 @@ def _processor() -> float:
 
 def _ours(model: str, settings: dict[str, Any]) -> Found:
     from flexstage.fem.mesh import MeshSettings
-    from flexstage.fem.plane import plane_model
-    from flexstage.fem.solid import solid_model
     from flexstage.fem.superelement import BODIES, superelement_model
+    from flexstage.fem.whole_stage import plane_model, solid_model
 
     models: dict[str, Callable[[Stage, MeshSettings], Any]] = {
         "plane": lambda s, m: plane_model(s, m, plane="stress"),

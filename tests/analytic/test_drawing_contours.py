@@ -11,7 +11,7 @@ from flexstage.designs import design
 from flexstage.errors import StageError
 from flexstage.export.drawing.contours import plate_contours
 from flexstage.hinges import RightCircular
-from flexstage.hinges.arcs import CurvedProfile
+from flexstage.hinges.profile import CurvedProfile
 from flexstage.hinges.registry import PROFILES
 from flexstage.stage import Circle, Loop, Stage, check, mass_properties
 from flexstage.stage.contour import body_contour

@@ -20,8 +20,7 @@ from flexstage.hinges import (
     Profile,
     RightCircular,
 )
-from flexstage.hinges.finite_element import surface_stress
-from flexstage.hinges.half_mesh import _on_a_circle, _on_a_line
+from flexstage.hinges.finite_element import _on_a_circle, _on_a_line, surface_stress
 from flexstage.stage.hinge_attachment import hinge_root
 from flexstage.system import static_forces
 from tests.hinged_bars import R1, T1, hinged_bars
@@ -46,7 +45,7 @@ def test_a_small_fillet_feels_the_width_of_its_body() -> None:
     hinges = (replace(stage.hinges[0], profile=short), *stage.hinges[1:])
     stage = replace(stage, hinges=hinges)
     fine = MeshSettings(order=5, neck_size=0.2, grading=0.5)
-    mine, other = superelement_model(stage, cache=False), plane_model(stage, fine)
+    mine, other = superelement_model(stage, cache=False), plane_model(stage, fine, modes=1)
     found, expected = (static_forces(m.system, {"push": 1.0}).hinge_stress for m in (mine, other))
     assert found["first"] == pytest.approx(expected["first"], rel=8e-3)
 

@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from flexstage.designs import design
-from flexstage.elasticity.buckling import buckling
+from flexstage.elasticity.loaded import buckling
 from flexstage.errors import ModelError
 from flexstage.fem import plane_model
 from flexstage.fem.stroke import _drive_row, _rig, bar_buckling_load, two_notch_bars

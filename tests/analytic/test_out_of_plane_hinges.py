@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from flexstage.hinges import Leaf, RightCircular
-from flexstage.hinges.out_of_plane import out_of_plane_compliance, torsion_constant
+from flexstage.hinges.compliance import out_of_plane_compliance, torsion_constant
 
 E, NU, B = 117.3e9, 0.341, 7e-3
 G = E / (2.0 * (1.0 + NU))

@@ -1,17 +1,17 @@
 """What a mesh is expected to be, beside what it becomes; and the triangles that tell it."""
 
 import math
+from dataclasses import replace
 
 import ngsolve as ng
 import numpy as np
 import pytest
 from netgen import occ
 
-from flexstage.fem import mesher
-from flexstage.fem.mesher import first_hits
+from flexstage.fem import part_mesh
 from flexstage.fem.part import Part, part_surface
 from flexstage.fem.part_estimate import estimate_part
-from flexstage.fem.part_mesh import PartMesh
+from flexstage.fem.part_mesh import PartMesh, first_hits
 
 
 def block() -> Part:
@@ -106,14 +106,14 @@ def test_rays_go_to_the_first_triangle_that_looks_back() -> None:
 
 def test_elements_that_were_folded_keep_their_corners(monkeypatch: pytest.MonkeyPatch) -> None:
     """A tube of too few elements: curving folds some, and it is as high and wide as before."""
-    monkeypatch.setattr(mesher, "_STRAIGHTENED", 1.0)
+    monkeypatch.setattr(part_mesh, "_CHOSEN", replace(part_mesh._CHOSEN, straightened=1.0))
     shape = occ.Cylinder((0, 0, 0), occ.Z, 10, 5) - occ.Cylinder((0, 0, 0), occ.Z, 9.5, 5)
     mesh = ng.Mesh(occ.OCCGeometry(shape).GenerateMesh(maxh=6.0, curvaturesafety=0.5, grading=0.9))
     mesh.Curve(2)
     rule = ng.IntegrationRule(ng.ET.TET, 4)
-    assert len(mesher._folded(mesh, rule))
-    assert mesher.unfold(mesh, 2)
-    assert not len(mesher._folded(mesh, rule))
+    assert len(part_mesh._folded(mesh, rule))
+    assert part_mesh.unfold(mesh, 2)
+    assert not len(part_mesh._folded(mesh, rule))
     places = ng.CoefficientFunction((ng.x, ng.y, ng.z))(mesh.MapToAllElements(rule, ng.VOL))
     assert np.hypot(places[:, 0], places[:, 1]).max() < 10.0
     assert 0.0 < places[:, 2].min() < places[:, 2].max() < 5.0

@@ -16,7 +16,7 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import mesh as plane_meshes
-from flexstage.fem.condensation import Condensed, condense, recover
+from flexstage.fem.condensation import Condensed, condensed_with_shapes
 from flexstage.fem.constrained import Constrained
 from flexstage.fem.coupling import join, lowest
 from flexstage.fem.cutting import Placed, cut_free
@@ -28,13 +28,13 @@ from flexstage.fem.geometry import (
     patch_edge,
     stage_faces,
 )
-from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals, factorised
+from flexstage.fem.layered_plate import LayeredPlate, factorised
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel
 from flexstage.fem.necks import IN_PLANE, layered_stress, neck_points, neck_stress
-from flexstage.fem.plane import plane_model
 from flexstage.fem.substructure import Substructure
 from flexstage.fem.superelement import SuperelementModel, superelement_model
+from flexstage.fem.whole_stage import plane_model
 from flexstage.stage import Body, Circle, Loop, Screw
 from flexstage.system import (
     analyse_axis,
@@ -64,7 +64,7 @@ def whole() -> StageModel:
 @pytest.fixture(scope="module")
 def finer() -> StageModel:
     """The same, finer: on the other mesh the stress of a load is 2 % off at the fillet."""
-    return plane_model(hinged_bars(), replace(FINE, neck_size=0.3))
+    return plane_model(hinged_bars(), replace(FINE, neck_size=0.3), modes=1)
 
 
 @pytest.fixture(scope="module")
@@ -126,12 +126,16 @@ def test_stress_is_that_of_the_forces_on_the_own_neck(bars: SuperelementModel) -
         (static_loads(bars.system, {"gravity y": 1.0}), 1e-2),
     ):
         own = bars.system.stress.components(state.q)
-        for i, field in enumerate(bars.displacement(state.q)):
-            body, part = bars.condensed[i], bars.placed[i].part
-            points = neck_points(field.continuum.mesh, part.stage())
-            u = np.asarray(field.displacement.vec.FV().NumPy())[:, None]
+        joined = bars.basis @ state.q
+        for i, (placed, (where, share)) in enumerate(
+            zip(bars.placed, bars.joint.shares, strict=True)
+        ):
+            part = placed.part
+            body, plate, basis = condensed_with_shapes(part)
+            points = neck_points(plate.plane.mesh, part.stage())
+            u = basis @ (share @ joined[where])
             modulus = bars.stage.material.youngs_modulus / 1e11
-            expected = modulus * neck_stress(field.continuum, points, u)[:, IN_PLANE, 0]
+            expected = modulus * layered_stress(plate, points, u[:, None])[0, :, :, 0]
             found = own[at[i] : at[i + 1], IN_PLANE]
             for k, neck in enumerate(part.necks):
                 mine, theirs = body.neck == k, points.owner == k
@@ -165,7 +169,7 @@ def test_matrices_are_symmetric_and_positive(bars: SuperelementModel) -> None:
 def small(lying: tuple[Placed, Condensed]) -> tuple[Constrained, np.ndarray, np.ndarray]:
     """A floating body on a coarse mesh with its dense stiffness and mass."""
     part = replace(lying[0].part, mesh=COARSE)
-    continuum = recover(part, condense(part)).continuum
+    continuum, plate = floating(part)
     rows, direction = [], (0.8, 0.6)
     for name, arm in (("0", ng.y / METRE), ("1", ng.x / METRE)):
         edge = exactly(neck_edge(name))
@@ -173,7 +177,6 @@ def small(lying: tuple[Placed, Condensed]) -> tuple[Constrained, np.ndarray, np.
         rows += [continuum.mean(edge, c) for c in unit]
         rows.append(continuum.mean(edge, (arm - 0.001) * (unit[0] + unit[1])))
     rows.append(continuum.mean(exactly(patch_edge("0", 0)), direction))
-    plate = plane_plate(part, continuum)
     u, v = continuum.space.TnT()
     energy = continuum.lame * ng.div(u) * ng.div(v)
     energy += (
@@ -186,7 +189,7 @@ def small(lying: tuple[Placed, Condensed]) -> tuple[Constrained, np.ndarray, np.
     stiffness = np.zeros((continuum.size, continuum.size))
     stiffness[i, j] = values
     # the same unknowns in another order and of another size
-    turn = plate.in_middle(np.eye(plate.size))
+    turn = in_plane(plate, np.eye(plate.size))
     stiffness, mass = (turn.T @ m for m in (stiffness @ turn, continuum.mass_times(turn)))
     np.testing.assert_allclose(
         plate.stiffness.toarray(), stiffness, atol=1e-12 * np.abs(stiffness).max()
@@ -195,13 +198,21 @@ def small(lying: tuple[Placed, Condensed]) -> tuple[Constrained, np.ndarray, np.
     return body, stiffness, mass
 
 
-def plane_plate(part: Substructure, continuum: Continuum) -> LayeredPlate:
-    """A floating body of a plane model on the mesh of its continuum."""
-    strain = either(
-        notch_region(str(i), n.which) for i, n in enumerate(part.necks) if n.plane == "strain"
+def floating(part: Substructure) -> tuple[Continuum, LayeredPlate]:
+    """A body as a continuum in its plane, and as a plate with one function of z."""
+    plate = condensed_with_shapes(part)[1]
+    necks = enumerate(part.necks)
+    strain = either(notch_region(str(i), n.which) for i, n in necks if n.plane == "strain")
+    mesh, order = plate.plane.mesh, plate.plane.order
+    continuum = Continuum(
+        mesh, part.material(), order=order, thickness=part.thickness, strain=strain
     )
-    plane = PlaneIntegrals(continuum.mesh, order=continuum.order, held="", strain=strain)
-    return LayeredPlate(plane, part.material(), part.through, [])
+    return continuum, plate
+
+
+def in_plane(plate: LayeredPlate, u: np.ndarray) -> np.ndarray:
+    """Return displacements of a plate with one function of z as a continuum has them."""
+    return plate.expanded(u).reshape(2 * plate.plane.width, -1) / np.sqrt(plate.through.thickness)
 
 
 def test_condensed_stiffness_of_a_floating_body(
@@ -247,13 +258,11 @@ def test_response_to_loads_with_held_interfaces(
 
 def test_stress_of_many_displacements_at_once(lying: tuple[Placed, Condensed]) -> None:
     part = lying[0].part
-    back = recover(part, lying[1])
-    points = neck_points(back.continuum.mesh, part.stage())
-    chosen = back.basis[:, [0, 2, 4]]
-    expected = neck_stress(back.continuum, points, chosen)
-    plate = plane_plate(part, back.continuum)
-    columns = np.array([plate.mean(column) for column in chosen.T]).T * plate.through.thickness
-    found = layered_stress(plate, points, columns)[0]
+    continuum, plate = floating(part)
+    points = neck_points(continuum.mesh, part.stage())
+    chosen = condensed_with_shapes(part)[2][:, [0, 2, 4]]
+    expected = neck_stress(continuum, points, in_plane(plate, chosen))
+    found = layered_stress(plate, points, chosen)[0]
     scale = np.abs(expected).max()
     np.testing.assert_allclose(found, expected[:, IN_PLANE], atol=1e-9 * scale)
     assert np.abs(expected[:, 2]).max() > 0.1 * scale  # a notch in plane strain is among them
@@ -330,7 +339,7 @@ def test_the_interface_system_is_the_same_stage() -> None:
 def test_a_frame_that_gives_way_under_its_drive() -> None:
     """The drive stands on the block, 9 mm beside its own line."""
     mine = superelement_model(hinged_bars(), FINE, supports="elastic", cache=False)
-    other = plane_model(hinged_bars(), FINE, supports="elastic")
+    other = plane_model(hinged_bars(), FINE, supports="elastic", modes=1)
     for load in ({"push": 1.0}, {"push": -3.0}):
         a, b = static_forces(mine.system, load), static_forces(other.system, load)
         assert a.drive_displacement == pytest.approx(b.drive_displacement, rel=1e-5)
@@ -344,7 +353,7 @@ def test_a_frame_that_gives_way_under_its_drive() -> None:
 
 def test_what_rides_on_a_body(whole: StageModel) -> None:
     bare = superelement_model(hinged_bars(extra=False), FINE, cache=False)
-    other = plane_model(hinged_bars(extra=False), FINE)
+    other = plane_model(hinged_bars(extra=False), FINE, modes=2)
     mine, theirs = (modes(m.system, count=2).frequency_hz for m in (bare, other))
     np.testing.assert_allclose(mine, theirs, rtol=1e-5)
     assert mine[0] > 1.1 * modes(whole.system, count=1).frequency_hz[0]
@@ -358,7 +367,7 @@ def test_another_material_and_thickness_need_no_new_mesh() -> None:
     other = replace(stage, thickness=6.2e-3, material=material)
     keys = [[p.part.key() for p in cut_free(s, FINE, modes=2)] for s in (stage, other)]
     assert keys[0] == keys[1]
-    mine, theirs = superelement_model(other, FINE, cache=False), plane_model(other, FINE)
+    mine, theirs = superelement_model(other, FINE, cache=False), plane_model(other, FINE, modes=2)
     a, b = (modes(m.system, count=2).frequency_hz for m in (mine, theirs))
     np.testing.assert_allclose(a, b, rtol=1e-5)
     for load in ("gravity x", "temperature", "temperature gradient y"):
@@ -366,39 +375,6 @@ def test_another_material_and_thickness_need_no_new_mesh() -> None:
         assert a.readings["tip"] == pytest.approx(b.readings["tip"], rel=3e-5)
     a, b = (static_forces(m.system, {"push": 5.0}) for m in (mine, theirs))
     assert a.hinge_stress["first"] == pytest.approx(b.hinge_stress["first"], rel=3e-3)
-
-
-def test_displacement_on_the_meshes_of_bodies(bars: SuperelementModel) -> None:
-    q = static_forces(bars.system, {"push": 40.0}).q
-    found = bars.displacement(q)
-    assert [f.body for f in found] == ["block", "lying", "standing"]
-    for f in found:
-        motion = bars.system.body(f.body)
-        at = [c - o for c, o in zip(motion.centre, f.origin, strict=True)]
-        _, rows = f.continuum.rigid_motion(".*", at)
-        mean = rows @ np.asarray(f.displacement.vec.FV().NumPy())
-        assert mean == pytest.approx(motion.matrix @ q, rel=1e-7, abs=1e-15)
-    neck = [f for f in found if f.body != "standing"]
-    means = []
-    for f, edge in zip(neck, ("0", "0"), strict=True):
-        # both halves of the first neck move alike
-        rows = [f.continuum.mean(exactly(neck_edge(edge)), d) for d in ((1.0, 0.0), (0.0, 1.0))]
-        means.append([row @ np.asarray(f.displacement.vec.FV().NumPy()) for row in rows])
-    assert means[0] == pytest.approx(means[1], rel=1e-3)
-    assert abs(means[0][1]) > 1e-9
-
-
-def test_modes_of_another_run_may_have_other_signs(lying: tuple[Placed, Condensed]) -> None:
-    placed, body = lying
-    turn = np.eye(body.stiffness.shape[0])
-    c, s = np.cos(0.7), np.sin(0.7)
-    first = body.modes.start
-    turn[first : first + 2, first : first + 2] = [[c, -s], [s, c]]
-    turn[first + 2, first + 2] = -1.0
-    other = replace(body, mass=turn.T @ body.mass @ turn, loads=body.loads @ turn)
-    expected = recover(placed.part, body).basis @ turn
-    found = recover(placed.part, other).basis
-    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
 
 
 def test_a_body_on_no_hinge_is_refused() -> None:
@@ -583,7 +559,7 @@ def test_lowest_modes_and_responses_of_a_joined_stage(count: int) -> None:
     np.testing.assert_allclose(basis.T @ joint.M @ basis, np.eye(omega.size), atol=1e-9)
     stiffness = basis.T @ joint.K @ basis / np.outer(omega, omega)
     np.testing.assert_allclose(stiffness, np.eye(omega.size), atol=1e-7)
-    forces = np.array([*joint.drives.values(), *joint.probes.values()]).T
+    forces = np.array([*joint.ports.drives.values(), *joint.ports.probes.values()]).T
     response = np.linalg.solve(joint.K, forces)
     found = basis @ ((basis.T @ forces) / omega[:, None] ** 2)
     np.testing.assert_allclose(found, response, rtol=1e-6, atol=1e-8 * np.abs(response).max())
@@ -601,11 +577,6 @@ def test_a_stage_without_frequencies_is_refused(
         lowest(replace(bars.joint, blocks=((K, M),)), count)
 
 
-def test_in_space_there_is_no_plane_state_and_no_mesh_to_draw() -> None:
+def test_in_space_there_is_no_plane_state() -> None:
     with pytest.raises(ModelError, match="no plane state, got 'strain'"):
         superelement_model(hinged_bars(), space=True, plane="strain", cache=False)
-    model = superelement_model(
-        hinged_bars(), MeshSettings(order=2, neck_size=2.0), space=True, cache=False
-    )
-    with pytest.raises(ModelError, match="no displacement on a mesh"):
-        model.displacement(np.zeros(model.system.K.shape[0]))

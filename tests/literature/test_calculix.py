@@ -47,7 +47,7 @@ def test_circular_hinge_in_three_dimensions() -> None:
 @pytest.mark.evidence
 def test_whole_stage() -> None:
     """The piezo stage as 35 000 wedges, against the prisms of order 4 that are the default."""
-    from flexstage.fem.solid import solid_model
+    from flexstage.fem.whole_stage import solid_model
     from flexstage.system import analyse_axis, modes
 
     stage = design("vgtu-piezo")

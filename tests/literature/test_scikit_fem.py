@@ -5,7 +5,7 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.fem.geometry import stage_faces
-from flexstage.fem.plane import plane_model
+from flexstage.fem.whole_stage import plane_model
 from flexstage.system import analyse_axis, modes
 from tests.peers import reference_piece as piece
 from tests.peers import scikit_fem

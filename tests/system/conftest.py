@@ -25,7 +25,8 @@ def undrawn() -> Iterator[None]:
 
 @pytest.fixture
 def meshed_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The mesher runs in this process: for parts that it bears, where what it makes matters."""
+    """Mesher and geometry kernel run in this process: for parts that they bear."""
+    from flexstage.elasticity import step_file
     from flexstage.fem import part_mesh
 
     def called(work: Callable[..., Any], *given: Any, **_: object) -> Any:
@@ -33,3 +34,4 @@ def meshed_here(monkeypatch: pytest.MonkeyPatch) -> None:
         return pickle.loads(pickle.dumps(work(*pickle.loads(pickle.dumps(given)))))
 
     monkeypatch.setattr(part_mesh, "in_own_process", called)
+    monkeypatch.setattr(step_file, "in_own_process", called)

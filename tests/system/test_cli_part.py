@@ -70,6 +70,7 @@ def test_a_free_part_has_no_modes_at_nothing(bar: str, capsys: pytest.CaptureFix
     assert 0.95 * first < shown[0] < first
 
 
+@pytest.mark.usefixtures("meshed_here")
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -104,6 +105,7 @@ def test_bad_input(
     assert said in captured.err
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_a_file_without_a_solid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "face.step"
     Box((0, 0, 0), (1, 1, 1)).faces[0].WriteStep(str(path))
@@ -196,6 +198,7 @@ def test_an_assembly_of_two_materials(chain: str, capsys: pytest.CaptureFixture[
     assert "joined, as if bonded: shell and stack at " in shown
 
 
+@pytest.mark.usefixtures("meshed_here")
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -215,6 +218,7 @@ def test_bad_assemblies(
     assert said in captured.err
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_solids_that_overlap(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "overlap.step"
     Compound([Box((0, 0, 0), (5, 4, 3)), Box((4.9, 1, 0), (9, 3, 2))]).WriteStep(str(path))
@@ -222,6 +226,7 @@ def test_solids_that_overlap(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert "overlap, body1, body2: joined they fall into 3 pieces" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_a_mesh_that_will_not_fit_is_refused_before_it_is_made(
     bar: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -260,6 +265,7 @@ def test_words_of_the_geometry_kernel_stay_off_standard_output(
     assert captured.err.count("\n") == 1
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_a_picture_with_the_names_of_faces(
     bar: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -243,7 +243,7 @@ def test_a_model_is_read_with_all_that_it_says(
     assert first.mesh is not None
     memo = memory(tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr("flexstage.fem.plane.plane_model", None)
+        patch.setattr("flexstage.fem.whole_stage.plane_model", None)
         read = memo.recall("plane", run_model, stage, "plane", options)
     assert memo.read == ("plane",)
     assert analysis_results(read.analysis, responses=True) == analysis_results(

@@ -12,10 +12,10 @@ import pytest
 from flexstage.cli import main
 from flexstage.designs import design
 from flexstage.errors import ModelError
+from flexstage.fem.accuracy import fewer_modes
 from flexstage.fem.condensation import condense
 from flexstage.fem.cutting import cut_free
 from flexstage.fem.mesh import MeshSettings
-from flexstage.fem.superelement_accuracy import fewer_modes
 from flexstage.stage import Stage
 from flexstage.studies.models import ModelOptions, run_model
 from tests.estimates_held import COUNT, FREQUENCIES, all_compared, held

@@ -10,7 +10,6 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
-from flexstage.comparison import MODEL_WORDS
 from flexstage.errors import ModelError
 
 
@@ -106,7 +105,12 @@ def _with_help(name: str, kind: Any, text: str, panel: str | None) -> Any:
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the result, or the error, as one JSON object.")
 ]
-_MODELS = "; ".join(f"{name}: {words}" for name, words in MODEL_WORDS.items())
+_MODELS = (
+    "lumped: rigid bodies joined by hinges, for thousands of variants and equations; superelement "
+    "or, in space, superelement-3d: finite elements with condensed bodies, for all usual work; "
+    "plane or, in space, solid: finite elements of the whole, as the reference; plane also for "
+    "large displacement"
+)
 ModelOption = Annotated[
     str,
     option("NAME", f"{_MODELS}."),

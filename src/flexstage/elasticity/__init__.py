@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.elasticity.buckling import buckling
     from flexstage.elasticity.continuum import AttachedMass, Continuum
     from flexstage.elasticity.large_displacement import follow_drive, follow_load
-    from flexstage.elasticity.loaded import loaded, material_stress, stress_stiffening, von_mises
+    from flexstage.elasticity.loaded import buckling, stress_stiffening, von_mises
     from flexstage.elasticity.resources import parallel
     from flexstage.elasticity.shapes import face
 
@@ -24,8 +23,6 @@ __all__ = [
     "face",
     "follow_drive",
     "follow_load",
-    "loaded",
-    "material_stress",
     "parallel",
     "stress_stiffening",
     "von_mises",

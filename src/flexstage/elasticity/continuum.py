@@ -1,6 +1,6 @@
 """Linear elasticity of a meshed part: matrices, loads, readings, statics, modes, stress."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any
@@ -262,7 +262,12 @@ class Continuum:
         return found
 
     def modes(
-        self, count: int, *, attached: Sequence[AttachedMass] = (), tolerance: float = 1e-9
+        self,
+        count: int,
+        *,
+        attached: Sequence[AttachedMass] = (),
+        respond: Callable[[Array], Array] | None = None,
+        tolerance: float = 1e-9,
     ) -> tuple[Array, Array]:
         r"""Return the lowest natural modes, :math:`K\phi = \omega^2 M\phi`.
 
@@ -272,6 +277,8 @@ class Continuum:
             How many.
         attached : sequence of AttachedMass
             What rides on the part.
+        respond : callable, optional
+            Displacement under a load, where more holds the part than `solve` knows of.
         tolerance : float
             Relative tolerance of the eigenvalues.
 
@@ -301,9 +308,10 @@ class Continuum:
             nonlocal steps
             steps += 1
             progress.update("modes", steps / (steps + max(4.0 * count - steps, 0.15 * steps)))
-            return self.solve(x.ravel())
+            return answer(x.ravel())
 
-        start = self.solve(np.random.default_rng(0).standard_normal(n))
+        answer = respond or self.solve
+        start = answer(np.random.default_rng(0).standard_normal(n))
         operator: Any = spl.LinearOperator  # its types do not know its keywords
         weigh = operator((n, n), matvec=mass, dtype=float)
         try:

@@ -13,7 +13,9 @@ from flexstage.elasticity.loaded import green_strain, volume_unit
 from flexstage.elasticity.resources import parallel
 from flexstage.errors import ConvergenceError, ModelError
 
-Field = ng.CoefficientFunction | float
+# Last correction over the displacement, in the norm of the energy, whose square is about the error
+# that is left; and factorisations before a step is halved.
+_TOLERANCE, _MOST = 1e-8, 25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,10 +50,7 @@ class _Path:
         vector: Array,
         *,
         driven: bool,
-        load: Array | None,
-        change: Field,
-        tolerance: float,
-        most_iterations: int,
+        load: Array | None = None,
     ) -> None:
         space = continuum.space
         self.free = np.array(space.FreeDofs(), dtype=bool)
@@ -63,10 +62,8 @@ class _Path:
         self.vector = self._checked("the row or load", vector)
         self.load = 0.0 if load is None else self._checked("the other load", load)
         self.driven = driven
-        self.tolerance, self.most_iterations = tolerance, most_iterations
-        self.share = ng.Parameter(0.0)
         self.space = space
-        strain = green_strain(ng.Grad(space.TrialFunction()), continuum, self.share * change)
+        strain = green_strain(ng.Grad(space.TrialFunction()))
         energy = 0.5 * continuum.lame * ng.Trace(strain) ** 2
         energy += continuum.shear_modulus * ng.InnerProduct(strain, strain)
         self.form = ng.BilinearForm(space, symmetric=True, condense=True)
@@ -108,13 +105,12 @@ class _Path:
         equilibrium.
         """
         u, d, first, compliance = start.copy(), self.vector, 0.0, 0.0
-        self.share.Set(share)
         if not self.driven:
             force = value
         # where the last step ended its last correction was tiny, so that its tangent is still good;
         # a form that is assembled again takes it away
         tangent, self.last, made = self.last, None, 0
-        for count in range(1, self.most_iterations + 1):
+        for count in range(1, _MOST + 1):
             self.state.FV().NumPy()[:] = u
             if count > 1 or tangent is None:
                 tangent, made = self._tangent(), made + 1
@@ -136,7 +132,7 @@ class _Path:
             if work > 1e6 * first:
                 return u, force, compliance, made, False
             self.state.FV().NumPy()[:] = u
-            if work <= self.tolerance**2 * abs(float(self.form.Energy(self.state))):
+            if work <= _TOLERANCE**2 * abs(float(self.form.Energy(self.state))):
                 self.last = tangent
                 return u, force, compliance, made, True
         return u, force, compliance, made, False
@@ -190,9 +186,6 @@ def follow_drive(
     values: Sequence[float] | Array,
     *,
     load: Array | None = None,
-    change: Field = 0.0,
-    tolerance: float = 1e-8,
-    most_iterations: int = 25,
     most_halvings: int = 6,
 ) -> Equilibria:
     r"""Return the equilibria of a part as a drive imposes its reading, with finite displacements.
@@ -210,13 +203,6 @@ def follow_drive(
         What the reading is in turn [m or rad], from rest.
     load : numpy.ndarray, optional
         Other loads that keep their direction [N], shape (n,); they come on with the first value.
-    change : ngsolve.CoefficientFunction or float
-        Change of temperature [K]; it comes on with the first value.
-    tolerance : float
-        Last correction over the displacement, in the norm of the energy; the error that is left
-        is about its square.
-    most_iterations : int
-        Factorisations before a step is halved.
     most_halvings : int
         How often the way to a value may be halved.
 
@@ -263,15 +249,7 @@ def follow_drive(
     >>> round(float(path.force[1] / path.force[0] / 1000), 4)  # stiffens as it bends
     1.0693
     """
-    path = _Path(
-        continuum,
-        row,
-        driven=True,
-        load=load,
-        change=change,
-        tolerance=tolerance,
-        most_iterations=most_iterations,
-    )
+    path = _Path(continuum, row, driven=True, load=load)
     if not path.vector.any():
         raise ModelError("the row of the drive reads nothing that can move")
     return path.follow(values, most_halvings)
@@ -282,9 +260,6 @@ def follow_load(
     load: Array,
     factors: Sequence[float] | Array,
     *,
-    change: Field = 0.0,
-    tolerance: float = 1e-8,
-    most_iterations: int = 25,
     most_halvings: int = 6,
 ) -> Equilibria:
     """Return the equilibria of a part under multiples of a load, with finite displacements.
@@ -297,10 +272,8 @@ def follow_load(
         The load, which keeps its direction [N], shape (n,).
     factors : sequence of float
         What it is multiplied by in turn [1], from rest.
-    change : ngsolve.CoefficientFunction or float
-        Change of temperature [K]; it comes on with the first factor.
-    tolerance, most_iterations, most_halvings
-        As in `follow_drive`.
+    most_halvings : int
+        How often the way to a factor may be halved.
 
     Returns
     -------
@@ -319,13 +292,5 @@ def follow_load(
     Validity: as `follow_drive`. Where the load passes a maximum the part snaps through, and only an
     imposed motion can follow it.
     """
-    path = _Path(
-        continuum,
-        load,
-        driven=False,
-        load=None,
-        change=change,
-        tolerance=tolerance,
-        most_iterations=most_iterations,
-    )
+    path = _Path(continuum, load, driven=False)
     return path.follow(factors, most_halvings)

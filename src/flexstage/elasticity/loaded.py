@@ -1,17 +1,18 @@
-"""A meshed part in a state of finite displacement: strain, stress, modes about it."""
+"""A meshed part in a loaded state: strain, modes about it, and by what factor it buckles."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import ngsolve as ng
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.elasticity.continuum import AttachedMass, Continuum
+from flexstage.elasticity.continuum import Continuum
+from flexstage.elasticity.resources import parallel
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ModelError
-
-Field = ng.CoefficientFunction | float
+from flexstage.errors import ConvergenceError, ModelError
 
 
 def volume_unit(continuum: Continuum) -> float:
@@ -20,57 +21,10 @@ def volume_unit(continuum: Continuum) -> float:
     return (1.0 / METRE if thickness is None else thickness) / METRE**2
 
 
-def green_strain(
-    gradient: ng.CoefficientFunction, continuum: Continuum, change: Field
-) -> ng.CoefficientFunction:
-    """Return Green's strain less the thermal strain.
-
-    The gradient is that of the displacement [m] by millimetres of the mesh, the change that of
-    temperature [K], which does nothing where the material gives no expansion. Shape (2, 2) of a
-    plane part.
-    """
+def green_strain(gradient: ng.CoefficientFunction) -> ng.CoefficientFunction:
+    """Return Green's strain of a gradient of the displacement [m] by millimetres of the mesh."""
     turn = METRE * gradient
-    strain = 0.5 * (turn + turn.trans + turn.trans * turn)
-    alpha = continuum.material.thermal_expansion
-    if alpha is None:
-        return strain
-    return strain - alpha * change * ng.Id(continuum.dimension)
-
-
-def material_stress(continuum: Continuum, u: Array, change: Field = 0.0) -> ng.CoefficientFunction:
-    """Return the second Piola-Kirchhoff stress at a finite displacement [Pa].
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The part.
-    u : numpy.ndarray
-        Displacements [m], shape (n,).
-    change : ngsolve.CoefficientFunction or float
-        Change of temperature that goes with them [K].
-
-    Returns
-    -------
-    ngsolve.CoefficientFunction
-        The tensor, 3 x 3, in axes that turn with the material; of a plane part with the stress
-        through its thickness.
-
-    Notes
-    -----
-    Validity: equal to the true stress in turned axes but for a share of the order of the strain, so
-    `von_mises` of it is what a strength is compared with.
-    """
-    d = continuum.dimension
-    strain = green_strain(ng.Grad(continuum.field(u)), continuum, change)
-    trace = ng.Trace(strain)
-    s = continuum.lame * trace * ng.Id(d) + 2.0 * continuum.shear_modulus * strain
-    if d == 3:
-        return s
-    zero = ng.CoefficientFunction(0.0)
-    through = continuum.in_strain * continuum.lame * trace
-    return ng.CoefficientFunction(
-        (s[0, 0], s[0, 1], zero, s[1, 0], s[1, 1], zero, zero, zero, through), dims=(3, 3)
-    )
+    return 0.5 * (turn + turn.trans + turn.trans * turn)
 
 
 def holding(solve: Callable[[Array], Array], rows: Array) -> Callable[[Array], Array]:
@@ -91,30 +45,25 @@ def holding(solve: Callable[[Array], Array], rows: Array) -> Callable[[Array], A
     return held
 
 
-class _Loaded(Continuum):
-    """Small motions about a loaded state: the stiffness is the tangent there."""
+class Loaded(Continuum):
+    """A part for small motions about a loaded state: its stiffness is the tangent there.
 
-    def __init__(self, base: Continuum, u0: Array, change: Field, locked: Array | None) -> None:
+    `solve` and `modes` use it, and the mass, the loads and the readings are those of the part
+    `base`; `u0` are the displacements of the state [m], from `follow_drive`, or from
+    `Continuum.solve` where they are small, shape (n,). Its `stress` is not meant.
+    """
+
+    def __init__(self, base: Continuum, u0: Array) -> None:
         self.__dict__.update(base.__dict__)  # the same mesh, space, mass and readings
         self._solver = None
         self._matrices = {"mass": base._mass}
         self._state = base.field(u0)
-        self._change = change
-        self._locked = None if locked is None else np.atleast_2d(locked)
-        self._held_solve: Callable[[Array], Array] | None = None
-
-    def solve(self, load: Array) -> Array:
-        if self._locked is None:
-            return super().solve(load)
-        if self._held_solve is None:
-            self._held_solve = holding(super().solve, self._locked)
-        return self._held_solve(load)
 
     def _form(self) -> ng.BilinearForm:
         d = self.dimension
         trial, test = self.space.TnT()
         turn = METRE * ng.Grad(self._state)
-        strain = green_strain(ng.Grad(self._state), self, self._change)
+        strain = green_strain(ng.Grad(self._state))
         stress = self.lame * ng.Trace(strain) * ng.Id(d) + 2.0 * self.shear_modulus * strain
         a, b = METRE * ng.Grad(trial), METRE * ng.Grad(test)
         now = (ng.Id(d) + turn).trans
@@ -128,44 +77,7 @@ class _Loaded(Continuum):
         return form
 
 
-def loaded(
-    continuum: Continuum, u0: Array, *, change: Field = 0.0, locked: Array | None = None
-) -> Continuum:
-    """Return the part for small motions about a loaded state.
-
-    Its stiffness is the tangent there; `solve` and `modes` use it, and the mass, the loads and the
-    readings are those of the part. Its `stress` is not meant: see `material_stress`.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The part.
-    u0 : numpy.ndarray
-        Displacements of the loaded state [m], from `follow_drive`, or from `Continuum.solve` where
-        they are small, shape (n,).
-    change : ngsolve.CoefficientFunction or float
-        Change of temperature of that state [K].
-    locked : numpy.ndarray, optional
-        Readings that stay as they are, such as the elongation of a stiff drive, shape (k, n).
-
-    Returns
-    -------
-    Continuum
-        The part about that state.
-    """
-    return _Loaded(continuum, u0, change, locked)
-
-
-def stress_stiffening(
-    continuum: Continuum,
-    u0: Array,
-    count: int,
-    *,
-    change: Field = 0.0,
-    locked: Array | None = None,
-    attached: Sequence[AttachedMass] = (),
-    tolerance: float = 1e-9,
-) -> tuple[Array, Array]:
+def stress_stiffening(continuum: Continuum, u0: Array, count: int) -> tuple[Array, Array]:
     """Return the lowest natural modes about a loaded state.
 
     Parameters
@@ -176,14 +88,6 @@ def stress_stiffening(
         Displacements of the loaded state [m], shape (n,).
     count : int
         How many.
-    change : ngsolve.CoefficientFunction or float
-        Change of temperature of that state [K].
-    locked : numpy.ndarray, optional
-        Readings that stay as they are, such as the elongation of a stiff drive, shape (k, n).
-    attached : sequence of AttachedMass
-        What rides on the part.
-    tolerance : float
-        Relative tolerance of the eigenvalues.
 
     Returns
     -------
@@ -200,15 +104,12 @@ def stress_stiffening(
 
     Notes
     -----
-    The error for an unstable state is the test of a branch that was followed too far: with
-    ``locked`` the row of the drive, of one under an imposed motion; without, under its force.
+    The error for an unstable state is the test of a branch that was followed too far under a force.
 
     Validity: undamped small vibrations; the loads of the state keep their direction. A drive that
-    holds the state adds no mass, and no stiffness unless it is locked.
+    holds the state adds no mass and no stiffness.
     """
-    omega, shapes = loaded(continuum, u0, change=change, locked=locked).modes(
-        count, attached=attached, tolerance=tolerance
-    )
+    omega, shapes = Loaded(continuum, u0).modes(count)
     # `modes` cuts a negative square off at nothing, and a held part has no mode at nothing
     if continuum.shift == 0.0 and omega[0] == 0.0:
         raise ModelError(
@@ -249,3 +150,202 @@ def von_mises_of(components: NDArray[np.float64]) -> NDArray[np.float64]:
     xx, yy, zz, yz, xz, xy = np.moveaxis(components, -1, 0)
     normal = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
     return np.sqrt(0.5 * normal + 3.0 * (yz**2 + xz**2 + xy**2))
+
+
+_MOST = 150  # vectors; 20 to 40 are usual
+# factors beyond this multiple of the smallest of both signs are left out
+_REACH = 100.0
+# of the residuals; that of the factors is about its square
+_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BucklingFactors:
+    """Factors of a reference load at which a part buckles."""
+
+    positive: Array
+    """Factors of the load as it acts, the smallest first [1]; empty where it cannot buckle the
+    part, shape (k,).
+    """
+    positive_shapes: Array
+    """Their shapes, of unit strain energy times two, shape (n, k)."""
+    negative: Array
+    """Factors of the reversed load, the smallest magnitude first [1], shape (m,)."""
+    negative_shapes: Array
+    """Their shapes, shape (n, m)."""
+
+
+def buckling(
+    continuum: Continuum,
+    u: Array,
+    *,
+    count: int = 1,
+    locked: Array | None = None,
+) -> BucklingFactors:
+    r"""Return the load factors of linear buckling.
+
+    .. math:: (K + \lambda K_g)\,\phi = 0, \quad
+       K_g = \int \sigma_0 : (\nabla\phi^T \nabla\psi)\,dV
+
+    with the stress sigma_0 of the reference state. It is solved for 1/lambda, whose extremes are
+    the factors wanted, with the factorised stiffness that the part has already.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The part; something must hold it.
+    u : numpy.ndarray
+        Displacements of the reference state by `Continuum.solve` [m], shape (n,).
+    count : int
+        How many factors of each sign.
+    locked : numpy.ndarray, optional
+        Readings that stay as they are while the part buckles, such as the elongation of a stiff
+        drive, shape (k, n).
+
+    Returns
+    -------
+    BucklingFactors
+        The factors and their shapes; those beyond 100 times the smallest of both signs are left
+        out.
+
+    Raises
+    ------
+    ModelError
+        Nothing holds the part, or the reference state has no stress.
+    ConvergenceError
+        The iteration did not end.
+
+    Notes
+    -----
+    Bathe 1996, *Finite Element Procedures*, sec. 6.8.2.
+
+    Validity: bifurcation from a straight path: the displacements before buckling are small and grow
+    with the load, which keeps its direction. A part that bends as it is loaded, or snaps through,
+    needs `follow_drive`; imperfections lower what real parts reach.
+
+    Examples
+    --------
+    A column of 60 x 1 x 10 mm, clamped at its foot; Euler: pi^2 E I / (4 L^2) = 40.95 N.
+
+    >>> import ngsolve as ng
+    >>> from netgen.occ import OCCGeometry, Rectangle
+    >>> from flexstage.elasticity import Continuum
+    >>> from flexstage.material import material
+    >>> column = Rectangle(60, 1).Face()
+    >>> for edge in column.edges:
+    ...     edge.name = {0.0: "foot", 60.0: "top"}.get(round(edge.center.x, 6), "side")
+    >>> mesh = ng.Mesh(OCCGeometry(column, dim=2).GenerateMesh(maxh=5))
+    >>> part = Continuum(
+    ...     mesh, material("Al 7075-T6"), order=4, thickness=10e-3, held="foot"
+    ... )
+    >>> u = part.solve(part.mean("top", (-1, 0)))
+    >>> round(float(buckling(part, u).positive[0]), 1)
+    41.0
+    """
+    if continuum.shift:
+        raise ModelError(
+            "buckling needs the stiffness alone, and this part has a shift: make it without one"
+        )
+    geometric = _geometric(continuum, u)
+    if not np.abs(geometric.data).max() > 0.0:
+        raise ModelError("the reference state has no stress, so it cannot buckle: load the part")
+    solve = continuum.solve
+    if locked is not None:
+        solve = holding(solve, np.atleast_2d(locked))
+    inverse, shapes = _extremes(-geometric, solve, count)
+    up, down = inverse > 0.0, inverse < 0.0
+    return BucklingFactors(
+        positive=1.0 / inverse[up],
+        positive_shapes=shapes[:, up],
+        negative=1.0 / inverse[down],
+        negative_shapes=shapes[:, down],
+    )
+
+
+def _geometric(continuum: Continuum, u: Array) -> sp.csr_matrix:
+    """What the stress of the reference state adds to the stiffness."""
+    d = continuum.dimension
+    trial, test = continuum.space.TnT()
+    a, b = METRE * ng.Grad(trial), METRE * ng.Grad(test)
+    full = continuum.stress(u)
+    # nothing varies through the thickness, so the stress through it does no work
+    stress = ng.CoefficientFunction(
+        tuple(full[i, j] for i in range(d) for j in range(d)), dims=(d, d)
+    )
+    with parallel():
+        form = ng.BilinearForm(continuum.space)
+        form += volume_unit(continuum) * ng.InnerProduct(stress, a.trans * b) * ng.dx
+        form.Assemble()
+    rows, columns, values = (np.asarray(part) for part in form.mat.COO())
+    return sp.csr_matrix((values, (rows, columns)), (continuum.size, continuum.size))
+
+
+def _extremes(
+    matrix: sp.csr_matrix,
+    solve: Callable[[Array], Array],
+    count: int,
+) -> tuple[Array, Array]:
+    """Eigenvalues of a matrix against the stiffness at both ends, and their vectors.
+
+    Lanczos' method with two starting vectors, so that a double factor is found as such, orthogonal
+    in the energy. A vector is kept with the load that makes it, v = K^-1 g: the stiffness itself is
+    then never needed. At either end it stops where no eigenvalue stands out from nothing, which is
+    where a restarted method would wait for ever.
+    """
+    n = matrix.indptr.size - 1
+    vectors, loads = np.empty((_MOST, n)), np.empty((_MOST, n))
+    projected = np.zeros((_MOST, _MOST))
+    kept = 0
+
+    def keep(load: Array) -> None:
+        nonlocal kept
+        v = solve(load)
+        before = np.sqrt(abs(load @ v))
+        for _ in range(2):  # the second time for what the first one's rounding left
+            parts = loads[:kept] @ v
+            v, load = v - parts @ vectors[:kept], load - parts @ loads[:kept]
+        norm = np.sqrt(max(load @ v, 0.0))
+        if norm > 1e-7 * before and kept < _MOST:
+            vectors[kept], loads[kept] = v / norm, load / norm
+            kept += 1
+
+    for start in np.random.default_rng(0).standard_normal((2, n)):
+        keep(start)
+    for i in range(_MOST):
+        load = matrix @ vectors[i]
+        keep(load)
+        projected[: i + 1, i] = projected[i, : i + 1] = vectors[: i + 1] @ load
+        done = i + 1 == kept
+        if not done and i < 2 * count + 8:
+            continue
+        values, turns = np.linalg.eigh(projected[: i + 1, : i + 1])
+        wrong = np.zeros_like(values)
+        if not done:
+            # what is left of K^-1 A v - value v lies in the vectors that were not multiplied yet;
+            # of the others than the outermost nothing is asked
+            outer = np.unique(np.r_[:count, -count:0] % values.size)
+            rest = vectors[i + 1 : kept] @ (matrix @ (turns[:, outer].T @ vectors[: i + 1]).T)
+            wrong[outer] = np.linalg.norm(rest, axis=0)
+        chosen = _chosen(values, wrong, count)
+        if chosen is not None:
+            return values[chosen], vectors[: i + 1].T @ turns[:, chosen]
+    raise ConvergenceError(
+        f"the buckling factors were not found in {_MOST} iterations: ask for fewer of them"
+    )
+
+
+def _chosen(values: Array, wrong: Array, count: int) -> list[int] | None:
+    """Pick the wanted eigenvalues of both signs, largest first; None where more work is needed."""
+    least = np.abs(values).max() / _REACH
+    found: list[int] = []
+    for sign in (1.0, -1.0):
+        for k in np.argsort(-sign * values)[:count]:
+            if sign * values[k] > least:
+                if wrong[k] > _TOLERANCE * abs(values[k]):
+                    return None
+                found.append(int(k))
+            elif wrong[k] > least:
+                return None
+            else:
+                break
+    return found

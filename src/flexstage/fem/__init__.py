@@ -10,10 +10,9 @@ if TYPE_CHECKING:
     from flexstage.fem.accuracy import LADDERS, Refinement, RefinementStep, refine
     from flexstage.fem.mesh import MeshSettings
     from flexstage.fem.model import StageModel, UncoupledProblem
-    from flexstage.fem.plane import plane_model
-    from flexstage.fem.solid import solid_model
     from flexstage.fem.stroke import follow_stroke
     from flexstage.fem.superelement import superelement_model
+    from flexstage.fem.whole_stage import plane_model, solid_model
 
 __all__ = [
     "LADDERS",

@@ -12,8 +12,8 @@ from scipy.linalg import block_diag
 from flexstage.arrays import Array
 from flexstage.errors import HingeError, StageError
 from flexstage.fem.condensation import Condensed
-from flexstage.fem.freedom import freedom
 from flexstage.fem.half_notch import NotchBlock, half_of, neck_response, notch_of
+from flexstage.fem.neck_motions import freedom
 from flexstage.fem.substructure import REFERENCE, Substructure
 from flexstage.hinges import Profile
 from flexstage.hinges.other_notch import with_neck_thickness

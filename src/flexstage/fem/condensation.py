@@ -14,7 +14,6 @@ from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.constrained import Constrained
-from flexstage.fem.freedom import LOADS
 from flexstage.fem.geometry import (
     MOUNTING,
     StageFaces,
@@ -26,7 +25,7 @@ from flexstage.fem.geometry import (
 from flexstage.fem.half_notch import REACH, NotchBlock, neck_tractions, stress_of_necks
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import MESHER, sound_mesh
-from flexstage.fem.neck_motions import edge_means, motion_rows, neck_mix, neck_motions
+from flexstage.fem.neck_motions import LOADS, edge_means, motion_rows, neck_mix, neck_motions
 from flexstage.fem.ports import drive_vector, rigid_regions
 from flexstage.fem.substructure import BODY, CutNeck, PointReading, Substructure
 from flexstage.fem.through_thickness import ThroughThickness
@@ -37,9 +36,9 @@ from flexstage.stage import MassProperties, mass_properties
 class Condensed:
     r"""A body in a few coordinates, :math:`u = T q + \Phi \eta + U p`.
 
-    The coordinates are the motions of its interfaces (those of `flexstage.fem.freedom.freedom` for
-    each neck, then 1 for each patch), its modes with held interfaces, and its responses to loads
-    inside it with held interfaces.
+    The coordinates are the motions of its interfaces (those of `Freedom` for each neck, then 1 for
+    each patch), its modes with held interfaces, and its responses to loads inside it with held
+    interfaces.
     """
 
     stiffness: Array
@@ -47,10 +46,9 @@ class Condensed:
     mass: Array
     """Mass of the coordinates, shape (r, r)."""
     loads: Array
-    """Forces on the coordinates, shape (l, r), of each of `flexstage.fem.freedom.LOADS` and of a
-    unit force at each reading. So the first three rows are the mean displacement x, y of the body
-    at its centre of mass and its rotation too, and the last ones the readings. Out of the plane
-    they are of `LOADS_OUT_OF_PLANE`.
+    """Forces on the coordinates, shape (l, r), of each of `Freedom.loads` and of a unit force at
+    each reading. So the first three rows are the mean motion of the body at its centre of mass too,
+    in its plane displacement x, y and rotation, and the last ones the readings.
     """
     reactions: Array
     """Forces that hold the interfaces while the other coordinates move, shape (i, r - i)."""
@@ -79,7 +77,7 @@ class Condensed:
 
     @property
     def motion(self) -> Array:
-        """Mean displacement x, y [m] at the centre of mass, and rotation [rad], shape (3, r)."""
+        """Mean motion at the centre of mass, in the plane x, y [m] and rotation [rad], (3, r)."""
         return self.loads[:3]
 
     @property
@@ -101,16 +99,6 @@ class Condensed:
     def inner(self) -> slice:
         """Which coordinates are responses to loads inside the body."""
         return slice(self.stiffness.shape[0] - len(self.loads), self.stiffness.shape[0])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DisplacementRecovery:
-    """The way back from the coordinates of a body to the displacement on its mesh."""
-
-    continuum: Continuum
-    """The body on its mesh, relative to its own point of reference."""
-    basis: Array
-    """Displacement for each coordinate, shape (n, r)."""
 
 
 def condense(part: Substructure) -> Condensed:
@@ -136,28 +124,11 @@ def condense(part: Substructure) -> Condensed:
     with means in place of single displacements. Validity: exact but for the shape of the traction
     in the necks, which is that of notches whose two halves are alike for about a neck's thickness.
     """
-    return _condense(part)[0]
+    return condensed_with_shapes(part)[0]
 
 
-def recover(part: Substructure, condensed: Condensed) -> DisplacementRecovery:
-    """Return to the displacements of a body of a plane model that was condensed before."""
-    again, basis, flat = _condense(part)
-    # Modes may have come with other signs, and equal ones mixed: both know how the interfaces and
-    # the loads move them.
-    m, modes = again.interfaces, again.modes
-    was, now = (
-        np.concatenate(
-            (c.mass[:m, modes] / np.abs(c.mass[:m, modes]).max(initial=1e-300), c.motion[:, modes])
-        )
-        for c in (condensed, again)
-    )
-    left, _, right = np.linalg.svd(now.T @ was)
-    basis[:, modes] = basis[:, modes] @ (left @ right)
-    return DisplacementRecovery(continuum=flat, basis=basis)
-
-
-def _condense(part: Substructure) -> tuple[Condensed, Array, Continuum]:
-    """Condense a body; return besides its displacement along the middle plane, and that plane."""
+def condensed_with_shapes(part: Substructure) -> tuple[Condensed, LayeredPlate, Array]:
+    """Condense a body; return besides its unknowns, and their displacement for each coordinate."""
     tractions = [_tractions(part, neck) for neck in part.necks] if part.through.in_space else None
     with MESHER:
         ready = _prepared(part, tractions)
@@ -177,10 +148,10 @@ def _condense(part: Substructure) -> tuple[Condensed, Array, Continuum]:
         inertia=(ready.properties.mass, *ready.properties.centre, ready.properties.inertia),
         elements=int(plate.plane.mesh.ne),
         # of a plane model with those that are held
-        unknowns=plate.size if part.through.in_space else ready.flat.size,
+        unknowns=plate.size if part.through.in_space else 2 * plate.plane.width,
         held=ready.held,
     )
-    return condensed, plate.in_middle(basis), ready.flat
+    return condensed, plate, basis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -188,8 +159,6 @@ class _Ready:
     """A body on its mesh, before anything is factorised."""
 
     plate: LayeredPlate
-    flat: Continuum
-    """Its plane, on the same mesh."""
     rows: Array
     """Motions of its interfaces, shape (m, n)."""
     loads: Array
@@ -233,14 +202,6 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
             for i, n in enumerate(part.necks)
         ],
     )
-    flat = Continuum(
-        plane.mesh,
-        part.material(),
-        order=plane.order,
-        thickness=through.thickness,
-        strain=_strained(part),
-        held=MOUNTING if part.held else "",
-    )
     passed, rest, _, _ = neck_motions(through, plane.order)
     rows = [np.zeros((0, plate.size))]
     for neck, own, mix in zip(part.necks, means, tractions or [None] * len(means), strict=True):
@@ -252,6 +213,9 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
     if through.out_of_plane:
         loads = [*motion, plate.thermal(1.0, 1)]
     else:
+        flat = Continuum(
+            plane.mesh, part.material(), order=plane.order, thickness=through.thickness
+        )
         pushed = (drive_vector(flat, stage, d, faces.patches, "elastic") for d in stage.drives)
         rows += [plate.mean(row)[None] for row in pushed]
         thermal = (plate.thermal(c, 0) for c in (1.0, ng.x / METRE, ng.y / METRE))
@@ -261,7 +225,6 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
         loads = [*motion, *thermal, *readings]
     return _Ready(
         plate=plate,
-        flat=flat,
         rows=np.concatenate(rows),
         loads=np.array(loads),
         properties=properties,

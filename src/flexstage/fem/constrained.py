@@ -12,6 +12,7 @@ from flexstage.fem.block_lanczos import softest_modes
 from flexstage.fem.layered_plate import LayeredPlate, factorised
 
 _ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
+_SPRING = 1e3  # as many times as stiff as the mesh is there
 _SETTLED = 1e-3  # of the squares of frequencies, from one step to the next
 _BLOCK = 8  # loads that the search for modes starts with
 
@@ -44,11 +45,11 @@ class Constrained:
         self.rigid = part.rigid
         self.weighted = part.mass_times(self.rigid)
         self._balance = np.zeros((part.size, 0)), np.zeros((part.size, 0))
-        stiffness, self._free = part.stiffness, np.arange(part.size)
+        stiffness = part.stiffness
         if floating:
-            # Balanced loads leave nothing to the three unknowns that are held, whichever they are.
-            self._free = np.delete(self._free, part.pins)
-            stiffness = stiffness[self._free][:, self._free]
+            # balanced loads leave nothing to stiff springs at three unknowns, whichever they are
+            for pin in part.pins:
+                stiffness[pin, pin] *= _SPRING
             factor = np.linalg.cholesky(self.rigid.T @ self.weighted)
             self._balance = (
                 np.linalg.solve(factor, self.rigid.T).T,
@@ -89,8 +90,7 @@ class Constrained:
         Of a body that is held, the response to all of the load.
         """
         rigid, weighted = self._balance
-        u = np.zeros_like(load)
-        u[self._free] = self._factor.solve((load - weighted @ (rigid.T @ load))[self._free])
+        u = self._factor.solve(load - weighted @ (rigid.T @ load))
         return u - rigid @ (weighted.T @ u)
 
     def _multipliers(self, gap: Array, moment: Array) -> tuple[Array, Array]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,6 @@ from flexstage.fem.block_lanczos import independent, softest_modes
 from flexstage.fem.condensation import Condensed
 from flexstage.fem.coupling_loads import (
     inner_responses,
-    lifted_probes,
     own_centre,
     reaction_offset,
     reference_scales,
@@ -21,8 +21,11 @@ from flexstage.fem.coupling_loads import (
     whole_body,
 )
 from flexstage.fem.cutting import Placed
-from flexstage.fem.freedom import Freedom, freedom
+from flexstage.fem.neck_motions import Freedom, freedom
+from flexstage.fem.stage_system import Ports, lifted_probes, side_by_side
+from flexstage.fem.substructure import REFERENCE
 from flexstage.stage import Stage
+from flexstage.system.stress_map import StressByForces, StressMap, StressOfForces
 
 # Stages of fewer coordinates than this for each mode are solved densely; squares of frequencies of
 # larger ones end with the last change of them.
@@ -37,14 +40,8 @@ class Joint:
     """Stiffness and mass of each of its motions that know nothing of one another."""
     coordinates: tuple[str, ...]
     """Name and unit of each coordinate."""
-    drives: dict[str, Array]
-    """Elongation of each drive, shape (n,)."""
-    probes: dict[str, Array]
-    """Reading of each probe, shape (n,)."""
-    bodies: dict[str, tuple[tuple[float, float], Array]]
-    """Centre [m] of each body and its motion there, shape (3, n)."""
-    loads: dict[str, tuple[Array, str]]
-    """Force on the coordinates, shape (n,), and unit of each load."""
+    ports: Ports
+    """What acts on the coordinates, and what is read of them."""
     shares: tuple[tuple[NDArray[np.intp], Array], ...]
     """For each body which coordinates move it, shape (c,), and its own coordinates for them, shape
     (r, c).
@@ -117,10 +114,12 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
     return Joint(
         blocks=((K, M),),
         coordinates=tuple(names),
-        drives=_drives(stage, placed, index, bodies, n),
-        probes=probes,
-        bodies=bodies,
-        loads={key: (f, loads[key].unit) for key, f in zip(whole, forces, strict=True)},
+        ports=Ports(
+            drives=_drives(stage, placed, index, bodies, n),
+            probes=probes,
+            bodies=bodies,
+            loads={key: (f, loads[key].unit) for key, f in zip(whole, forces, strict=True)},
+        ),
         shares=tuple(shares),
     )
 
@@ -178,19 +177,9 @@ def _drives(
 
 
 def stacked(joints: Sequence[Joint]) -> Joint:
-    """Put motions side by side that know nothing of each other.
-
-    Drives and bodies are those of the first.
-    """
-    first = joints[0]
-    offsets = np.cumsum([0, *(len(j.coordinates) for j in joints)])
-    n = int(offsets[-1])
-
-    def whole(k: int, rows: Array) -> Array:
-        found = np.zeros((*rows.shape[:-1], n))
-        found[..., offsets[k] : offsets[k + 1]] = rows
-        return found
-
+    """Put motions side by side that know nothing of each other."""
+    sizes = [len(j.coordinates) for j in joints]
+    offsets = np.cumsum([0, *sizes])
     return Joint(
         blocks=tuple(block for j in joints for block in j.blocks),
         coordinates=tuple(
@@ -198,15 +187,49 @@ def stacked(joints: Sequence[Joint]) -> Joint:
             for k, j in enumerate(joints)
             for name in j.coordinates
         ),
-        drives={name: whole(0, v) for name, v in first.drives.items()},
-        probes={name: whole(k, v) for k, j in enumerate(joints) for name, v in j.probes.items()},
-        bodies={name: (at, whole(0, rows)) for name, (at, rows) in first.bodies.items()},
-        loads={
-            name: (whole(k, v), unit)
-            for k, j in enumerate(joints)
-            for name, (v, unit) in j.loads.items()
-        },
+        ports=side_by_side([j.ports for j in joints], sizes),
         shares=tuple((at + offsets[k], own) for k, j in enumerate(joints) for at, own in j.shares),
+    )
+
+
+def joined_stress(
+    stage: Stage,
+    joint: Joint,
+    placed: Sequence[Placed],
+    condensed: Sequence[Condensed],
+    basis: Array,
+) -> StressMap:
+    """Stress of all notches; at the ends of a neck its two halves meet in one point."""
+    scale = stage.material.youngs_modulus / REFERENCE.youngs_modulus
+    # the motions in space know nothing of each other, but stress the same places
+    ways = len(condensed) // len(stage.bodies)
+    count = sum(c.neck.size for c in condensed) // ways
+    levels = max((int(np.abs(c.seam).max(initial=1)) for c in condensed), default=1)
+    shares = []
+    owner, point = np.zeros(count, dtype=np.intp), np.zeros(count, dtype=np.intp)
+    at, used = 0, 2 * levels * len(stage.hinges)
+    for k, (p, c, (index, own)) in enumerate(zip(placed, condensed, joint.shares, strict=True)):
+        at %= count or 1
+        here = slice(at, at + c.neck.size)
+        if not c.neck.size:
+            continue
+        each = c.stress.shape[2]
+        forces = scale * c.forces(own @ basis[index])
+        ends = np.searchsorted(c.neck, np.arange(len(p.hinges) + 1))
+        for i, (first, end) in enumerate(pairwise(ends.tolist())):
+            carried = forces[each * i : each * (i + 1)]
+            shares.append(StressByForces(at + first, c.stress[first:end], carried))
+        if k < len(stage.bodies):
+            owner[here] = np.array(p.hinges, dtype=np.intp)[c.neck]
+            shared = 2 * (levels * owner[here] + np.abs(c.seam) - 1) + (c.seam > 0)
+            point[here] = np.where(c.seam != 0, shared, used + c.point)
+            used += int(c.point.max()) + 1
+        at += c.neck.size
+    return StressMap(
+        hinges=tuple(h.name for h in stage.hinges),
+        matrix=StressOfForces(count=count, shares=tuple(shares)),
+        owner=owner,
+        point=point,
     )
 
 
@@ -231,10 +254,11 @@ def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         raise ModelError(
             "a body has no mass or hangs on nothing, so the stage has no natural frequencies"
         ) from error
+    ports = joint.ports
     vectors = [
-        *joint.drives.values(),
-        *joint.probes.values(),
-        *(v for v, _ in joint.loads.values()),
+        *ports.drives.values(),
+        *ports.probes.values(),
+        *(v for v, _ in ports.loads.values()),
     ]
     if not vectors or count == n:
         return omega, size[:, None] * modes, np.ones(count, dtype=bool)

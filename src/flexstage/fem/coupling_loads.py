@@ -9,11 +9,11 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.fem.condensation import Condensed
 from flexstage.fem.cutting import Placed
-from flexstage.fem.freedom import Freedom
-from flexstage.fem.model import STANDARD_GRAVITY
+from flexstage.fem.neck_motions import Freedom
+from flexstage.fem.stage_system import lifted_probes
 from flexstage.fem.substructure import REFERENCE
 from flexstage.stage import Stage
-from flexstage.stage.outline import Point
+from flexstage.system.mechanical import STANDARD_GRAVITY
 
 # what a load does inside the bodies, of all that it does, below which it is rounding
 _NOTHING = 1e-10
@@ -116,14 +116,6 @@ def stage_loads(
             for k, uses in enumerate(p.readings):
                 size = sum(s for name, s in uses if name == probe.name) / stiff
                 sizes[len(way.loads) + k] += size
-    return found
-
-
-def lifted_probes(stage: Stage) -> dict[str, tuple[str, Point]]:
-    """Name the readings out of the plane: of each body that a probe reads, at the first of them."""
-    found: dict[str, tuple[str, Point]] = {}
-    for probe in stage.probes:
-        found.setdefault(f"{probe.body} out of plane", (probe.body, probe.at))
     return found
 
 

@@ -45,8 +45,7 @@ def notch_states(stage: Stage, plane: PlaneState | Literal["auto"]) -> tuple[Pla
     One for each hinge; ``auto`` is by width against neck.
     """
     return tuple(
-        plane_state(stage.thickness, h.profile.neck_thickness) if plane == "auto" else plane
-        for h in stage.hinges
+        plane_state(stage.thickness, h.profile.neck_thickness, plane) for h in stage.hinges
     )
 
 

@@ -30,8 +30,8 @@ from flexstage.fem.necks import IN_PLANE, layered_stress, surface_points
 from flexstage.fem.substructure import REFERENCE, CutNeck, Substructure
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile
-from flexstage.hinges.arcs import CurvedProfile
 from flexstage.hinges.hinge_spring import PlaneState
+from flexstage.hinges.profile import CurvedProfile
 from flexstage.stage import Hinge
 from flexstage.stage.contour import half_notch, inner_notch
 from flexstage.stage.hinge_attachment import Root, hinge_root

@@ -2,11 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import ngsolve as ng
 import numpy as np
-import scipy.sparse.linalg as spl
 
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
@@ -16,6 +14,7 @@ from flexstage.errors import ConvergenceError, ModelError
 
 _PAIRS = ((1, 2), (2, 0), (0, 1))
 _STEPS = 60
+_TOLERANCE = 1e-8  # of eigenvalues of a part with mean interfaces
 
 
 def _rigid_fields(at: Sequence[float]) -> list[ng.CoefficientFunction]:
@@ -285,9 +284,7 @@ def _between_mean(
     return np.asarray(blocks.sum(axis=(0, 2)), dtype=float)
 
 
-def interface_modes(
-    continuum: Continuum, held: Sequence[str], count: int, *, tolerance: float = 1e-8
-) -> tuple[Array, Array]:
+def interface_modes(continuum: Continuum, held: Sequence[str], count: int) -> tuple[Array, Array]:
     r"""Return the natural modes of a part whose interfaces are held in the mean.
 
     The mean motion of each interface is kept at nothing by forces that are spread over it; the
@@ -303,27 +300,12 @@ def interface_modes(
     motion = np.vstack([interface_motion(continuum, name, (0.0, 0.0, 0.0)) for name in held])
     moved = continuum.solve(motion.T)
     inner = np.linalg.inv(motion @ moved)
-    n = continuum.size
 
-    def answer(x: Array) -> Array:
-        u = continuum.solve(x.ravel())
+    def answer(load: Array) -> Array:
+        u = continuum.solve(load)
         return u - moved @ (inner @ (motion @ u))
 
-    # scipy's types know neither these operators nor a tolerance
-    operator: Any = spl.LinearOperator
-    eigsh: Any = spl.eigsh
-    mass = operator((n, n), matvec=continuum.mass_times, dtype=float)
-    solve = operator((n, n), matvec=answer, dtype=float)
-    start = answer(np.random.default_rng(0).standard_normal(n))
-    try:
-        values, shapes = eigsh(
-            mass, k=count, M=mass, sigma=0.0, OPinv=solve, v0=start, tol=tolerance
-        )
-    except spl.ArpackError as error:
-        raise ConvergenceError(f"the modes of the mesh were not found: {error}") from error
-    order = np.argsort(values)
-    omega = np.sqrt(np.clip(values[order] - continuum.shift, 0.0, None))
-    return omega, shapes[:, order]
+    return continuum.modes(count, respond=answer, tolerance=_TOLERANCE)
 
 
 def _floating(continuum: Continuum, load: Array) -> Array:

@@ -205,15 +205,6 @@ class LayeredPlate:
         found[self._field_and_place] = u
         return found.reshape(*self._numbers.shape, u.shape[1])
 
-    def in_middle(self, u: Array) -> Array:
-        """Return displacements of the middle plane, x before y, shape (n, k) to (2 w, k)."""
-        values, fields = self.through.values_at(np.zeros(1)), self.expanded(u)
-        found = np.zeros((2, *fields.shape[1:]))
-        for field, (direction, kind, k) in zip(fields, self.through.components, strict=True):
-            if direction < 2:
-                found[direction] += values[kind][0][k, 0] * field
-        return found.reshape(2 * self.plane.width, -1)
-
     # ------------------------------------------------------------------ matrices
 
     @property

@@ -24,17 +24,11 @@ from flexstage.fem.ports import (
     probe_vector,
     rigid_regions,
 )
+from flexstage.fem.stage_system import Ports, lifted_probes, side_by_side, stage_system
 from flexstage.short_repr import short_repr
-from flexstage.stage import Force, MassProperties, Stage, mass_properties
+from flexstage.stage import MassProperties, Stage, mass_properties
 from flexstage.system import MechanicalSystem
-from flexstage.system.mechanical import (
-    STANDARD_GRAVITY,
-    AxisPort,
-    BodyPort,
-    DrivePort,
-    LoadPort,
-    ProbePort,
-)
+from flexstage.system.mechanical import STANDARD_GRAVITY
 from flexstage.system.stress_map import StressMap
 
 # what is left of a response once the others are taken out of it, below which it is rounding
@@ -149,7 +143,6 @@ def assemble(
     continua: Sequence[tuple[Continuum, int, bool]],
     settings: MeshSettings,
     *,
-    name: str,
     validity: tuple[str, ...],
     choices: Mapping[str, str],
     supports: Supports,
@@ -181,69 +174,20 @@ def assemble(
                 continuum=h.continuum, basis=basis, out_of_plane=h.out, points=h.points
             )
         )
-
-    first = uncoupled[0]
-    zeros = [np.zeros(s) for s in sizes[1:]]
-    drives = tuple(
-        DrivePort(
-            name=d.name,
-            vector=np.concatenate([first.drives[i], *zeros]),
-            stiffness=d.spring,
-            stroke=d.stroke,
-            smallest_displacement=d.smallest_displacement,
-            largest_force=d.largest_force if isinstance(d, Force) else None,
-        )
-        for i, d in enumerate(stage.drives)
-    )
-    probes = [
-        ProbePort(
-            name=p.name, vector=np.concatenate([first.probes[i], *zeros]), unit=p.unit, body=p.body
-        )
-        for i, p in enumerate(stage.probes)
-    ]
-    loads: list[LoadPort] = []
-    for i, h in enumerate(uncoupled):
-        for key, (vector, unit) in h.loads.items():
-            parts = [np.zeros(s) for s in sizes]
-            parts[i] = vector
-            loads.append(LoadPort(name=key, vector=np.concatenate(parts), unit=unit))
-        for key, vector in h.lifts.items():
-            parts = [np.zeros(s) for s in sizes]
-            parts[i] = vector
-            probes.append(
-                ProbePort(name=f"{key} out of plane", vector=np.concatenate(parts), body=key)
-            )
-    bodies = tuple(
-        BodyPort(
-            name=n,
-            centre=p.centre,
-            matrix=np.concatenate(
-                [first.bodies[n], *(np.zeros((3, s)) for s in sizes[1:])], axis=1
-            ),
-        )
-        for n, p in masses.items()
-    )
+    points = uncoupled[0].points
     stress = StressMap(
-        hinges=first.points.hinges,
+        hinges=points.hinges,
         matrix=np.concatenate([h.stress for h in uncoupled], axis=2),
-        owner=first.points.owner,
-        point=first.points.point,
+        owner=points.owner,
+        point=points.point,
     )
-    names = [t for h in uncoupled for t in h.coordinates]
-    system = MechanicalSystem(
-        name=stage.name,
-        model=name,
-        M=np.eye(omega.size),
-        K=np.diag(omega**2),
-        coordinates=tuple(names),
-        drives=drives,
-        probes=tuple(probes),
-        bodies=bodies,
-        stress=stress,
-        loads=tuple(loads),
-        axes=tuple(AxisPort(name=a.name, drives=a.moved_by, probe=a.probe) for a in stage.axes),
-        validity=validity,
-        settings={**choices, "supports": supports},
+    names = tuple(t for h in uncoupled for t in h.coordinates)
+    system = stage_system(
+        stage,
+        side_by_side([h.ports for h in uncoupled], sizes),
+        (np.eye(omega.size), np.diag(omega**2), names),
+        stress,
+        (validity, {**choices, "supports": supports}),
     )
     return StageModel(
         stage=stage,
@@ -264,11 +208,7 @@ class _UncoupledSystem:
     basis: Array
     out: bool
     coordinates: list[str]
-    drives: Array
-    probes: Array
-    lifts: dict[str, Array]
-    bodies: dict[str, Array]
-    loads: dict[str, tuple[Array, str]]
+    ports: Ports
     points: NeckPoints
     stress: Array
 
@@ -285,21 +225,18 @@ def _uncoupled(
 ) -> _UncoupledSystem:
     attached = attached_masses(continuum, stage)
     loads = _loads(continuum, stage, masses, attached, out_of_plane=out_of_plane)
-    none = np.zeros((0, continuum.size))
-    drives, probes, lifts = none, none, {}
+    drives: dict[str, Array] = {}
     if out_of_plane:
-        for body in dict.fromkeys(p.body for p in stage.probes):
-            probe = next(p for p in stage.probes if p.body == body)
-            _, motion = continuum.rigid_motion(rigid_regions(stage, body), (*probe.at, 0.0))
-            lifts[body] = motion[2]
+        probes = {
+            name: continuum.rigid_motion(rigid_regions(stage, body), (*at, 0.0))[1][2]
+            for name, (body, at) in lifted_probes(stage).items()
+        }
     else:
-        if stage.drives:
-            drives = np.array(
-                [drive_vector(continuum, stage, d, faces.patches, supports) for d in stage.drives]
-            )
-        if stage.probes:
-            probes = np.array([probe_vector(continuum, stage, p) for p in stage.probes])
-    vectors = [*drives, *probes, *lifts.values(), *(v for v, _ in loads.values())]
+        drives = {
+            d.name: drive_vector(continuum, stage, d, faces.patches, supports) for d in stage.drives
+        }
+        probes = {p.name: probe_vector(continuum, stage, p) for p in stage.probes}
+    vectors = [*drives.values(), *probes.values(), *(v for v, _ in loads.values())]
     right = np.array(vectors).reshape(-1, continuum.size).T
     omega, basis, is_mode = project(continuum, right, count, attached)
     progress.update("stress", 0.85)
@@ -313,18 +250,17 @@ def _uncoupled(
     continuum.release()
     bodies = {}
     if not out_of_plane:
-        bodies = {n: body_motion(continuum, stage, n, p.centre) @ basis for n, p in masses.items()}
+        bodies = {
+            n: (p.centre, body_motion(continuum, stage, n, p.centre)) for n, p in masses.items()
+        }
+    ports = Ports(drives=drives, probes=probes, bodies=bodies, loads=loads)
     return _UncoupledSystem(
         continuum=continuum,
         omega=omega,
         basis=basis,
         out=out_of_plane,
         coordinates=coordinates,
-        drives=drives @ basis,
-        probes=probes @ basis,
-        lifts={k: v @ basis for k, v in lifts.items()},
-        bodies=bodies,
-        loads={k: (v @ basis, unit) for k, (v, unit) in loads.items()},
+        ports=ports.changed(lambda rows: rows @ basis),
         points=points,
         stress=neck_stress(continuum, points, basis),
     )

@@ -12,9 +12,8 @@ from flexstage.arrays import Array
 from flexstage.elasticity.resources import memory_available, memory_needed
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
-from flexstage.fem.mesher import SMALLEST, first_hits
 from flexstage.fem.part import Part, PartSurface, part_surface
-from flexstage.fem.part_mesh import PartMesh
+from flexstage.fem.part_mesh import SMALLEST, PartMesh, first_hits
 
 _PLACES = 1500  # places on the surface at which the size is asked for
 _LEAST = 6  # of them on each face
@@ -23,20 +22,42 @@ _LARGER = 1.25  # from one size that is tried to the next
 _ALIKE = 1e-6  # corners at one place, to this part of the size
 _BENT = 1e-3  # angle between triangles of a plane, at most [rad]
 _GIGA = 1e9
-# Measured on 27 meshes of nine parts (a block, a bar, plates with holes, a tube, a notched bar, the
-# joints and the actuator of docs/explanation/ansys-comparison.md), 40 to 24 000 elements:
-_BY_VOLUME = 5.0  # tetrahedra for each cube of their size: 4.2 to 5.4 where they are small
-_BY_SURFACE = 1.8  # tetrahedra for each triangle of the surface of thin parts: 1.4 to 2.2
-_TRIANGLES = 2.25  # triangles for each square of their size: 1.7 to 2.7
-_FEW = 2.0  # elements through a wall by which a part is a shell of one layer of them
-# CPU time of one core of an AMD EPYC for meshing, factorisation, and solving
-_STARTING = 1.5  # [s]
-_MESHING = 4.5e-4  # [s] an element: 2.4e-4 to 7e-4
-_SEARCH = (2.0e-4, 6.0e-8)  # [s] a triangle, and a pair of triangles, for the thickness of walls
-_FACTORISING = 17.0  # [s] for a gigabyte, and as its power of 3/2: 12 to 24
-_SOLVING = 0.23  # [s] a gigabyte, for each solution
-_SOLUTIONS = 30  # for each factorisation
-_MESH = 2.0e3  # memory of an element: assumed [byte]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Experience:
+    """How many elements meshes had, and what they cost.
+
+    Measured on 27 meshes of nine parts (a block, a bar, plates with holes, a tube, a notched bar,
+    the joints and the actuator of docs/explanation/ansys-comparison.md), 40 to 24 000 elements;
+    times are those of one core of an AMD EPYC.
+    """
+
+    by_volume: float = 5.0
+    """Tetrahedra for each cube of their size: 4.2 to 5.4 where they are small [1]."""
+    by_surface: float = 1.8
+    """Tetrahedra for each triangle of the surface of thin parts: 1.4 to 2.2 [1]."""
+    triangles: float = 2.25
+    """Triangles for each square of their size: 1.7 to 2.7 [1]."""
+    few: float = 2.0
+    """Elements through a wall by which a part is a shell of one layer of them [1]."""
+    starting: float = 1.5
+    """Time before the mesher begins [s]."""
+    meshing: float = 4.5e-4
+    """Time of the mesher for an element: 2.4e-4 to 7e-4 [s]."""
+    search: tuple[float, float] = (2.0e-4, 6.0e-8)
+    """Time for the thickness of walls, for a triangle and for a pair of triangles [s]."""
+    factorising: float = 17.0
+    """Time for a gigabyte, and as its power of 3/2: 12 to 24 [s]."""
+    solving: float = 0.23
+    """Time for a gigabyte, for each solution [s]."""
+    solutions: float = 30.0
+    """Solutions for each factorisation [1]."""
+    mesh: float = 2.0e3
+    """Memory of an element, assumed [byte]."""
+
+
+_FOUND = _Experience()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -223,8 +244,8 @@ def estimate_part(part: Part, settings: PartMesh, *, factorisations: int = 1) ->
 
 def _estimate(places: _Places, part: Part, settings: PartMesh, factorisations: int) -> PartEstimate:
     by_volume, by_surface, across = _counts(places, part, settings)
-    triangles = _TRIANGLES * by_surface
-    elements = max(_BY_VOLUME * by_volume, _BY_SURFACE * triangles)
+    triangles = _FOUND.triangles * by_surface
+    elements = max(_FOUND.by_volume * by_volume, _FOUND.by_surface * triangles)
     unknowns = _unknowns(elements, triangles, settings.order)
     low, high = part.bounding_box
     solving = memory_needed(
@@ -232,17 +253,17 @@ def _estimate(places: _Places, part: Part, settings: PartMesh, factorisations: i
         3,
         settings.order,
         box=[h - b for b, h in zip(low, high, strict=True)],
-        layered=across < _FEW,
+        layered=across < _FOUND.few,
     )
     giga = solving / _GIGA
-    search = triangles * (_SEARCH[0] + _SEARCH[1] * triangles) if settings.thin else 0.0
-    meshing = _MESHING * elements + search
-    once = _FACTORISING * giga**1.5 + _SOLUTIONS * _SOLVING * giga
+    search = triangles * (_FOUND.search[0] + _FOUND.search[1] * triangles) if settings.thin else 0.0
+    meshing = _FOUND.meshing * elements + search
+    once = _FOUND.factorising * giga**1.5 + _FOUND.solutions * _FOUND.solving * giga
     return PartEstimate(
         elements=elements,
         unknowns=unknowns,
-        memory=solving + _MESH * elements,
-        seconds=_STARTING + meshing + factorisations * once,
+        memory=solving + _FOUND.mesh * elements,
+        seconds=_FOUND.starting + meshing + factorisations * once,
         meshing=meshing,
         largest=settings.largest(math.dist(low, high)),
     )

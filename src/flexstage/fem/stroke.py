@@ -8,15 +8,14 @@ import numpy as np
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.characteristic import Characteristic, Characteristics
-from flexstage.elasticity.buckling import buckling
 from flexstage.elasticity.large_displacement import follow_drive
-from flexstage.elasticity.loaded import stress_stiffening
+from flexstage.elasticity.loaded import buckling, stress_stiffening
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.geometry import patches
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel, UncoupledProblem
-from flexstage.fem.plane import plane_model
 from flexstage.fem.ports import Supports, body_motion, body_path, drive_vector
+from flexstage.fem.whole_stage import plane_model
 from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 from flexstage.stage import Body, Force, Hinge, Loop, Stage

@@ -1,28 +1,26 @@
 """A stage of condensed bodies: as exact as its mesh in the plane, in small matrices."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import ngsolve as ng
 import numpy as np
 from scipy.linalg import block_diag
 
 from flexstage.arrays import Array
 from flexstage.cache.cache import Cache
-from flexstage.elasticity import Continuum
 from flexstage.errors import ModelError
-from flexstage.fem.condensation import Condensed, recover
+from flexstage.fem.condensation import Condensed
 from flexstage.fem.condensed_bodies import condense_all
-from flexstage.fem.coupling import Joint, join, lowest, stacked
+from flexstage.fem.coupling import Joint, join, joined_stress, lowest, stacked
 from flexstage.fem.cutting import Placed, cut_free, in_space
-from flexstage.fem.joined_system import joined_system
 from flexstage.fem.mesh import MeshSettings
-from flexstage.fem.plane import common_validity
 from flexstage.fem.ports import Supports
+from flexstage.fem.stage_system import stage_system
 from flexstage.fem.substructure import Substructure
+from flexstage.fem.whole_stage import common_validity
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
@@ -32,20 +30,6 @@ from flexstage.system import MechanicalSystem
 BODIES = MeshSettings(neck_size=0.7, grading=0.75)
 #: Modes of each body with held interfaces, and modes of the stage that its system keeps.
 MODES, KEPT = 3, 16
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BodyField:
-    """Displacement of one body on its mesh."""
-
-    body: str
-    """Name of the body."""
-    origin: tuple[float, float]
-    """Where the origin of its mesh lies in the plane of the stage [m]."""
-    continuum: Continuum
-    """The body with its half notches as a continuum, of the `REFERENCE` material."""
-    displacement: ng.GridFunction
-    """Its displacement [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,59 +71,18 @@ class SuperelementModel:
         Three for each neck, one for each patch of a drive, the modes of the bodies and the inner
         responses to loads: larger than `system`.
         """
-        identity = np.eye(len(self.joint.coordinates))
-        return joined_system(
-            self.stage,
-            self.joint,
-            self.placed,
-            self.condensed,
-            (identity, self.joint.M, self.joint.K, self.joint.coordinates),
-            (self.system.validity, self.system.settings),
+        joint, said = self.joint, (self.system.validity, self.system.settings)
+        stress = joined_stress(
+            self.stage, joint, self.placed, self.condensed, np.eye(len(joint.coordinates))
         )
+        coordinates = joint.M, joint.K, joint.coordinates
+        return stage_system(self.stage, joint.ports, coordinates, stress, said)
 
     def of_other_bodies(self, condensed: Sequence[Condensed]) -> MechanicalSystem:
         """Return the system of the same stage with its bodies condensed otherwise."""
-        joint, basis, omega, names = _joined(self.stage, self.placed, condensed, KEPT)
-        return joined_system(
-            self.stage,
-            joint,
-            self.placed,
-            condensed,
-            (basis, np.eye(omega.size), np.diag(omega**2), names),
-            (self.system.validity, self.system.settings),
-        )
-
-    def displacement(self, q: Array, bodies: Iterable[str] | None = None) -> list[BodyField]:
-        """Return the displacement on the meshes of bodies, which are made anew for it.
-
-        q are the coordinates of `system`, shape (r,). All bodies are given where none are named, in
-        the order of the stage.
-
-        Raises
-        ------
-        ModelError
-            The bodies are those of a plate in space.
-        """
-        if any(p.part.through.in_space for p in self.placed):
-            raise ModelError(
-                "superelements in space keep no displacement on a mesh: take the solid model for "
-                "pictures in space, or the plane superelements for those in the plane"
-            )
-        wanted = None if bodies is None else set(bodies)
-        found = []
-        joined = self.basis @ q
-        for p, c, (at, own) in zip(self.placed, self.condensed, self.joint.shares, strict=True):
-            if wanted is None or p.body.name in wanted:
-                back = recover(p.part, c)
-                found.append(
-                    BodyField(
-                        body=p.body.name,
-                        origin=p.origin,
-                        continuum=back.continuum,
-                        displacement=back.continuum.field(back.basis @ (own @ joined[at])),
-                    )
-                )
-        return found
+        said = self.system.validity, self.system.settings
+        joined = _joined(self.stage, self.placed, condensed, KEPT)
+        return _in_lowest_modes(self.stage, self.placed, condensed, joined, said)
 
 
 def superelement_model(
@@ -236,7 +179,8 @@ def superelement_model(
     of_ways = [condensed[k :: len(ways)] for k in range(len(ways))]
     placed = [p for bodies in ways for p in bodies]
     condensed = [c for found in of_ways for c in found]
-    joint, basis, omega, names = _joined(stage, placed, condensed, kept)
+    joined = _joined(stage, placed, condensed, kept)
+    joint = joined[0]
     held = "; ".join(dict.fromkeys(c.held for c in condensed if c.held))
     planes = " and ".join(sorted({n.plane for p in cut for n in p.part.necks})) or "stress"
     choices = {
@@ -266,21 +210,13 @@ def superelement_model(
         ),
         *common_validity(stage, held),
     )
-    system = joined_system(
-        stage,
-        joint,
-        placed,
-        condensed,
-        (basis, np.eye(omega.size), np.diag(omega**2), names),
-        (validity, choices),
-    )
     return SuperelementModel(
         stage=stage,
-        system=system,
+        system=_in_lowest_modes(stage, placed, condensed, joined, (validity, choices)),
         placed=tuple(placed),
         condensed=tuple(condensed),
         joint=joint,
-        basis=basis,
+        basis=joined[1],
         mesh_settings=settings,
         built=tuple(dict.fromkeys(together[i].body.name for i in new)),
     )
@@ -318,3 +254,18 @@ def _joined(
         bases.append(basis)
         omegas.append(omega)
     return stacked(joints), np.asarray(block_diag(*bases)), np.concatenate(omegas), tuple(names)
+
+
+def _in_lowest_modes(
+    stage: Stage,
+    placed: Sequence[Placed],
+    condensed: Sequence[Condensed],
+    joined: tuple[Joint, Array, Array, tuple[str, ...]],
+    said: tuple[tuple[str, ...], Mapping[str, str]],
+) -> MechanicalSystem:
+    """Return the system of bodies that `_joined` gives in lowest modes."""
+    joint, basis, omega, names = joined
+    stress = joined_stress(stage, joint, placed, condensed, basis)
+    coordinates = np.eye(omega.size), np.diag(omega**2), names
+    ports = joint.ports.changed(lambda rows: rows @ basis)
+    return stage_system(stage, ports, coordinates, stress, said)

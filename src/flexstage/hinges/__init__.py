@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.hinges.arcs import CurvedProfile
     from flexstage.hinges.as_drawn import AsDrawn
     from flexstage.hinges.circular import RightCircular
     from flexstage.hinges.closed_forms import (
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     from flexstage.hinges.leaf import Leaf
     from flexstage.hinges.parabolic import Parabolic
     from flexstage.hinges.power import PowerFunction
-    from flexstage.hinges.profile import Profile, Samples
+    from flexstage.hinges.profile import CurvedProfile, Profile, Samples
     from flexstage.hinges.registry import PROFILES
     from flexstage.hinges.stress import concentration, largest_rotation, stress_rows
     from flexstage.hinges.v_fillet import VFillet

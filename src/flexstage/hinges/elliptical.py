@@ -6,8 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexstage.hinges.arcs import CurvedProfile
-from flexstage.hinges.profile import Array, Length, Piece
+from flexstage.hinges.profile import Array, CurvedProfile, Length, Piece
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ from typing import Any
 from flexstage.errors import HingeError
 from flexstage.hinges.closed_forms import closed_form_compliance, closed_forms
 from flexstage.hinges.compliance import compliance
-from flexstage.hinges.hinge_spring import PlaneState, plane_state
+from flexstage.hinges.hinge_spring import plane_state
 from flexstage.hinges.profile import Profile
 from flexstage.hinges.stress import concentration, largest_rotation
 from flexstage.material import Material
@@ -44,13 +44,7 @@ def hinge_figures(
     e, nu = material.youngs_modulus, material.poissons_ratio
     if plane not in ("auto", "stress", "strain"):
         raise HingeError(f"the plane state must be auto, stress or strain, got '{plane}'")
-    state: PlaneState = (
-        plane_state(width, notch.neck_thickness)
-        if plane == "auto"
-        else "strain"
-        if plane == "strain"
-        else "stress"
-    )
+    state = plane_state(width, notch.neck_thickness, plane)
     shown = ["wedge", "timoshenko", "euler-bernoulli"]
     springs = {m: compliance(notch, e, nu, width, method=m, plane=state) for m in shown}
     # finite elements do without a neck that is too thin to mesh; the others have taken it

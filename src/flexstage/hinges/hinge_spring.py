@@ -46,7 +46,9 @@ class HingeCompliance:
         return 0.5 * (inverse + inverse.T)
 
 
-def plane_state(width: float, neck_thickness: float) -> PlaneState:
+def plane_state(
+    width: float, neck_thickness: float, plane: PlaneState | Literal["auto"] = "auto"
+) -> PlaneState:
     """Choose plane strain or plane stress for a notch, by its width against its neck.
 
     Parameters
@@ -55,17 +57,21 @@ def plane_state(width: float, neck_thickness: float) -> PlaneState:
         Width of the hinge, the thickness of the plate [m].
     neck_thickness : float
         Thickness of the neck [m].
+    plane : str
+        ``stress`` or ``strain`` where it is said, ``auto`` to choose.
 
     Returns
     -------
     str
-        ``strain`` from five necks of width on, ``stress`` below.
+        Where nothing is said, ``strain`` from five necks of width on, ``stress`` below.
 
     Examples
     --------
     >>> plane_state(10e-3, 0.5e-3)
     'strain'
     """
+    if plane != "auto":
+        return plane
     return "strain" if width >= WIDE_NECK * neck_thickness else "stress"
 
 
@@ -74,3 +80,25 @@ def plane_moduli(modulus: float, poisson: float, plane: PlaneState) -> tuple[flo
     if plane == "stress":
         return modulus, poisson
     return modulus / (1.0 - poisson**2), poisson / (1.0 - poisson)
+
+
+def strip_compliance(
+    ends: tuple[float, float], width: float, middle: float, poisson: float, side: float = 1.0
+) -> Array:
+    """Return the compliance about a neck of a strip of a body, as a beam with shear.
+
+    It lies between two distances from the neck, with its middle so far to the left of the hinge's
+    line; `side` is 1 in body b, -1 in body a. Times E b, shape (3, 3).
+    """
+    start, end = ends
+    # integrals of 1, x and x^2
+    i0, i1, i2 = end - start, (end**2 - start**2) / 2.0, (end**3 - start**3) / 3.0
+    bend = 12.0 / width**3
+    c = np.empty((3, 3))
+    c[0, 0] = i0 / width + bend * middle**2 * i0
+    c[1, 1] = bend * i2 + 2.4 * (1.0 + poisson) * i0 / width
+    c[2, 2] = bend * i0
+    c[0, 2] = c[2, 0] = bend * middle * i0
+    c[1, 2] = c[2, 1] = -side * bend * i1
+    c[0, 1] = c[1, 0] = -side * bend * middle * i1
+    return c

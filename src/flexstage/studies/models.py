@@ -99,7 +99,7 @@ def _condensed(stage: Stage, model: str, options: ModelOptions) -> ModelRun:
                     found = _superelements(stage, model, options, near)
         analysis = analyse(stage, found.system)
     if options.estimate:
-        from flexstage.fem.superelement_accuracy import with_estimates
+        from flexstage.fem.accuracy import with_estimates
 
         with progress.subtask(0.5, 1.0):
             analysis = with_estimates(analysis, found, cache=options.cache)

@@ -8,7 +8,7 @@ from typing import Annotated, get_args, get_origin, get_type_hints
 
 from flexstage.export.drawing.canvas import PAPER, THICK, Canvas, dimension, millimetres
 from flexstage.hinges import Profile
-from flexstage.hinges.arcs import CurvedProfile
+from flexstage.hinges.profile import CurvedProfile
 from flexstage.stage import Hinge, Loop, Stage
 from flexstage.stage.curve import Curve
 from flexstage.units import DIMENSIONS

@@ -1,35 +1,22 @@
-"""A stage in its plane: curved triangles, plane strain in wide notches, plane stress elsewhere."""
+"""A stage as one mesh: of its plane, or of layers of prisms through half of its thickness."""
 
 from typing import Literal
 
 from flexstage import progress
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.resources import require_memory
+from flexstage.fem.cutting import notch_states
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
-from flexstage.fem.mesh import MeshSettings, sound_mesh
+from flexstage.fem.mesh import MIDDLE, MeshSettings, prism_mesh, sound_mesh
 from flexstage.fem.model import StageModel, assemble
 from flexstage.fem.ports import Supports
-from flexstage.hinges import Leaf, plane_state
+from flexstage.hinges import Leaf
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.stage import Stage
 from flexstage.stage.assumptions import DAMPING_RATIO
 
 #: Modes that are kept besides the static responses.
-MODES = 16
-
-
-def strained_notches(stage: Stage, plane: PlaneState | Literal["auto"]) -> tuple[str, str]:
-    """Choose the regions in plane strain.
-
-    Returns their regular expression, empty for none, and the choice in words.
-    """
-    chosen = {
-        h.name: plane_state(stage.thickness, h.profile.neck_thickness) if plane == "auto" else plane
-        for h in stage.hinges
-    }
-    wide = [n for n, state in chosen.items() if state == "strain"]
-    words = " and ".join(sorted(set(chosen.values()))) or "stress"
-    return either(notch_region(n, i) for n in wide for i in (0, 1)), words
+PLANE_MODES = 16
 
 
 def plane_model(
@@ -37,7 +24,7 @@ def plane_model(
     settings: MeshSettings | None = None,
     *,
     plane: PlaneState | Literal["auto"] = "auto",
-    modes: int = MODES,
+    modes: int = PLANE_MODES,
     supports: Supports = "rigid",
 ) -> StageModel:
     """Return the finite-element model of a stage in its plane.
@@ -78,13 +65,15 @@ def plane_model(
     progress.update("mesh")
     faces = stage_faces(stage)
     mesh = sound_mesh(stage, faces, settings)
-    strain, words = strained_notches(stage, plane)
+    states = notch_states(stage, plane)
+    words = " and ".join(sorted(set(states))) or "stress"
+    wide = [h.name for h, s in zip(stage.hinges, states, strict=True) if s == "strain"]
     continuum = Continuum(
         mesh,
         stage.material,
         order=settings.order,
         thickness=stage.thickness,
-        strain=strain,
+        strain=either(notch_region(n, i) for n in wide for i in (0, 1)),
         held=MOUNTING,
     )
     require_memory(continuum.size, 2, settings.order)
@@ -93,7 +82,6 @@ def plane_model(
         faces,
         [(continuum, modes, False)],
         settings,
-        name="plane",
         validity=(
             f"Plane finite elements: plane {words} at the notches ({PLANE_RULE}), plane stress in "
             "the bodies; out-of-plane motion is not modelled.",
@@ -128,4 +116,95 @@ def common_validity(stage: Stage, held: str) -> tuple[str, ...]:
         "resonances.",
         *(corners if sharp else ()),
         *stage.own_notes,
+    )
+
+
+#: Modes that are kept besides the static responses, in the plane and out of it.
+SOLID_MODES = (12, 8)
+
+
+def solid_model(
+    stage: Stage,
+    settings: MeshSettings | None = None,
+    *,
+    modes: tuple[int, int] = SOLID_MODES,
+    supports: Supports = "rigid",
+) -> StageModel:
+    """Return the finite-element model of a stage in three dimensions.
+
+    A plate that is driven in its middle plane moves in two ways that do not mix: symmetric about
+    that plane, which is motion in the plane, and the opposite, which is motion out of it. Each is
+    solved on half of the thickness.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    settings : MeshSettings, optional
+        How fine the mesh is; order 4 with elements of 0.8 necks and one layer of prisms through
+        half of the thickness where not given.
+    modes : tuple of int
+        Numbers of modes in the plane and out of it that are kept besides the static responses.
+    supports : str
+        ``rigid`` where a drive that reacts on a fixed body stands on the ground, as lumped models
+        and most published ones have it; ``elastic`` where the frame gives way under it.
+
+    Returns
+    -------
+    StageModel
+        The model, with modes and stiffness out of the plane.
+
+    Raises
+    ------
+    StageError
+        Bodies overlap, nothing holds a body, or a fixed one has nothing to be held by.
+    ModelError
+        The mesher failed, or the memory does not suffice.
+
+    Notes
+    -----
+    Validity: small displacements; drives, probes and extra masses act in the middle plane; the
+    mounting holes are held over their whole depth.
+    """
+    settings = settings or MeshSettings()
+    progress.update("mesh")
+    faces = stage_faces(stage)
+    mesh = prism_mesh(stage, faces, settings)
+    inside = Continuum(
+        mesh,
+        stage.material,
+        order=settings.order,
+        held=MOUNTING,
+        held_components={"z": MIDDLE},
+        copies=2,
+    )
+    outside = inside.held_otherwise(MOUNTING, dict.fromkeys("xy", MIDDLE))
+    low, high = mesh.ngmesh.bounding_box
+    require_memory(
+        inside.size,
+        3,
+        settings.order,
+        box=[high[c] - low[c] for c in range(3)],
+        layered=settings.layers == 1,
+    )
+    return assemble(
+        stage,
+        faces,
+        [(inside, modes[0], False), (outside, modes[1], True)],
+        settings,
+        validity=(
+            "3D finite elements: drives, probes and extra masses act in the middle plane of the "
+            "plate; mounting holes are fixed over their whole depth.",
+            *common_validity(stage, faces.held),
+        ),
+        choices={
+            "model": "solid",
+            "order": str(settings.order),
+            "neck size": f"{settings.neck_size:g}",
+            "layers": f"{settings.layers} through half the thickness",
+            "elements": str(mesh.ne),
+            "unknowns": str(inside.size),
+            "held": faces.held,
+        },
+        supports=supports,
     )
