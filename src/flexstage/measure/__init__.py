@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from flexstage.measure.modal.result import ModalFit, modal_assurance
     from flexstage.measure.modal.ring_down import RingDown, ring_down
     from flexstage.measure.modal.stabilisation import Stabilisation, stable_poles
-    from flexstage.measure.motion.axis_figures import Linearity, Stroke, linearity, stroke
+    from flexstage.measure.motion.axis_figures import Stroke, stroke
     from flexstage.measure.motion.curve_extremes import curve_loop_width, curve_range
     from flexstage.measure.motion.curve_fit import fit_motion_curve
     from flexstage.measure.motion.motion_curve import MotionCurve
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Budget",
     "HoldNoise",
-    "Linearity",
     "MeasuredResponse",
     "ModalFit",
     "MotionCurve",
@@ -62,7 +61,6 @@ __all__ = [
     "fit_modes",
     "fit_motion_curve",
     "hold_noise",
-    "linearity",
     "mains_lines",
     "measured",
     "modal_assurance",

@@ -60,11 +60,9 @@ def fit_modes(
     delay: bool | None = None,
     lag: bool = False,
     weighting: Literal["variance", "uniform", "relative"] = "variance",
-    residuals: bool = True,
     real_modes: bool = False,
     added_damping_rate: float = 0.0,
     motion: Literal["displacement", "velocity", "acceleration"] | None = None,
-    orders: Sequence[int] | None = None,
 ) -> ModalFit:
     """Fit natural frequencies, damping ratios, residues and mode shapes to frequency responses.
 
@@ -101,8 +99,6 @@ def fit_modes(
     weighting : {"variance", "uniform", "relative"}
         Whether lines count by the variance they come with or else by what the fit shows of their
         noise, all alike, or by the inverse of their magnitude, down to where they scatter.
-    residuals : bool
-        Whether there are terms for modes beyond the band.
     real_modes : bool
         Whether residues are those of proportional damping, in phase with all others; a delay or lag
         is hard to tell from complex modes in a narrow band without it.
@@ -112,8 +108,6 @@ def fit_modes(
     motion : {"displacement", "velocity", "acceleration"}, optional
         What the outputs measure whose unit does not say it; displacement where not given. It bears
         on residues and on the terms for other modes.
-    orders : sequence of int, optional
-        Orders of the polynomials of the start.
 
     Returns
     -------
@@ -175,12 +169,10 @@ def fit_modes(
     template = ModalBasis(
         count=0,
         reference=reference,
-        residuals=residuals,
         # with complex residues, modes can have the phase that a delay or lag gives them
         real_modes=real_modes and not (delay or lag),
     )
     options: dict[str, Any] = {
-        "orders": orders,
         "band": edges,
         "count": wanted if frequency_guess is None else None,
         "guess": frequency_guess,

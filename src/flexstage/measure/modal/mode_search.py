@@ -78,7 +78,6 @@ def search(
     parts: tuple[Prepared, ...],
     template: ModalBasis,
     *,
-    orders: Sequence[int] | None,
     band: tuple[float, float],
     count: int | None,
     guess: Sequence[float] | None,
@@ -89,7 +88,7 @@ def search(
     significant or not.
     """
     progress.update("poles")
-    diagram, start = started(parts, orders, band)
+    diagram, start = started(parts, band)
     progress.update("which are modes", 0.1)
     blocks = [part.block for part in parts]
     basis, theta = selected(template, start, blocks, count, guess or ())
@@ -136,9 +135,7 @@ def settled(
     return parts, theta
 
 
-def started(
-    parts: Sequence[Prepared], orders: Sequence[int] | None, band: tuple[float, float]
-) -> tuple[Stabilisation, Complex]:
+def started(parts: Sequence[Prepared], band: tuple[float, float]) -> tuple[Stabilisation, Complex]:
     """Return poles to start from: stable ones, and those that stretches of a response show."""
     lines = [
         WeightedLines(
@@ -155,7 +152,7 @@ def started(
             for one in lines
             for i in range(one.response.shape[2])
         ]
-    diagram = stabilised(lines, orders=orders, band=band)
+    diagram = stabilised(lines, band=band)
     shown, gains = zip(*(local_poles(one.frequency_hz, one.response) for one in lines), strict=True)
     likelier = np.concatenate(gains)
     poles = distinct(
@@ -220,7 +217,7 @@ def search_with_sensor(
         return replace(basis, real_modes=real_modes, delay=delay, lag=lag)
 
     # poles that stretches of a response show are there whatever turns its phase
-    _, poles = started(parts, options["orders"], options["band"])
+    _, poles = started(parts, options["band"])
     first = whole(replace(template, count=poles.size))
     begins = [first.start(poles)]
     if delay:

@@ -221,9 +221,7 @@ class Dwells(Visits):
         return self.start + np.floor(settling * (self.stop - self.start)).astype(np.intp)
 
 
-def staircase_dwells(
-    command: ArrayLike, *, fewest_samples: int = 3, side: ArrayLike | None = None
-) -> Dwells | None:
+def staircase_dwells(command: ArrayLike, *, side: ArrayLike | None = None) -> Dwells | None:
     """Find the rests of a staircase.
 
     None where the command is no staircase, as it moves in more than half of the samples. `side`,
@@ -256,7 +254,7 @@ def staircase_dwells(
     rests = [
         (a, b)
         for a, b in itertools.pairwise(edges)
-        if b - a >= fewest_samples and np.ptp(x[a:b]) <= _SPREAD * step
+        if b - a >= 3 and np.ptp(x[a:b]) <= _SPREAD * step
     ]
     if len(rests) < 2 or sum(b - a for a, b in rests) < 0.5 * x.size:
         return None

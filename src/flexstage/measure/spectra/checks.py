@@ -33,8 +33,6 @@ class HitOptions:
     """
     bounce: float = 0.05
     """A second contact above this share of the peak makes a double hit [1]."""
-    force_window: bool = False
-    """Whether the force is set to zero after the contact."""
     exponential: float | None = None
     """What is left of an exponential window at the end of a hit [1]; no window where not given, as
     for a motion that has decayed by then.

@@ -199,8 +199,6 @@ def hammer_spectra(signals: Signals, options: HitOptions, segment: int | None = 
             part = values[hit.start : hit.start + length]
             if number == 0:
                 part = part - np.median(values)
-                if options.force_window:
-                    part = part * _force_window(hit, length)
             elif share is not None and hit.pulse.start > hit.start:
                 # a constant offset is one line without a window, but many with one
                 part = part - values[before].mean()
@@ -248,19 +246,6 @@ def _cut_off(force: Array, peak: float) -> bool:
 
 def _level(force: Array) -> float:
     return float(force[int(np.argmax(np.abs(force - np.median(force))))])
-
-
-def _force_window(hit: _Found, length: int) -> Array:
-    """One until the contact is over, with half a cosine of its length down to zero."""
-    fade = max(hit.pulse.width, 2)
-    stop = hit.pulse.stop - hit.start + fade
-    window = np.zeros(length)
-    window[:stop] = 1.0
-    down = 0.5 + 0.5 * np.cos(np.pi * (np.arange(fade) + 0.5) / fade)
-    room = min(fade, length - stop)
-    if room > 0:
-        window[stop : stop + room] = down[:room]
-    return window
 
 
 def step_spectra(signals: Signals, options: HitOptions, segment: int | None = None) -> CutSpectra:
