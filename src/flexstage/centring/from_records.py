@@ -20,7 +20,7 @@ from flexstage.centring.setting_results import change, joined, report
 from flexstage.centring.trial_results import trial
 from flexstage.errors import ModelError, RecordError
 from flexstage.records import Record
-from flexstage.records.selectors import column, column_list
+from flexstage.records.reading_options import column, column_list
 
 _DIRECTIONS = ("ccw", "cw")
 

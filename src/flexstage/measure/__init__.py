@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from flexstage.measure.motion.rigid_body import rigid_motion
     from flexstage.measure.motion.workspace import Workspace, workspace
     from flexstage.measure.noise.allan import allan_deviation
-    from flexstage.measure.noise.hold import HoldNoise, hold_noise
-    from flexstage.measure.noise.mains import mains_lines
+    from flexstage.measure.noise.hold import HoldNoise, hold_noise, mains_lines
     from flexstage.measure.noise.staircase import (
         Staircase,
         resolution,
