@@ -123,8 +123,6 @@ def read_coordinates(
     >>> columns.columns[0].name, columns.columns[0].values, columns.columns[0].unit
     ('SPH1.X', array([10.0025, 12.498 ]), 'mm')
     """
-    if skip_lines < 0:
-        raise RecordError(f"the lines to skip must be 0 or more, got {skip_lines}")
     lines = text_lines(path)
     lines[:skip_lines] = [""] * skip_lines
     if not has_report(lines):
@@ -366,8 +364,6 @@ def decimal_sign(numbers: Iterable[tuple[int, str]], given: str | None = None) -
     ','
     """
     if given is not None:
-        if given not in _OTHER:
-            raise RecordError(f"the decimal sign must be '.' or ',', got {given!r}")
         return given
     proofs: dict[str, tuple[int, str]] = {}
     open_: dict[str, tuple[int, str]] = {}

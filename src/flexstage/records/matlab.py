@@ -21,8 +21,8 @@ from flexstage.records.datasets import (
     Tree,
     chosen_columns,
     most_unpacked,
+    reading,
     require_unpacked,
-    unreadable,
 )
 from flexstage.records.hdf5 import read_hdf5
 
@@ -43,20 +43,19 @@ def read_matlab(path: Path, dataset: str | None = None) -> FileColumns:
     from scipy.io import loadmat
     from scipy.io.matlab import matfile_version
 
-    try:
-        with warnings.catch_warnings(), path.open("rb") as stream:
-            # the version that the reader below goes by, whatever the text at the start says
-            if matfile_version(stream)[0] != 0:
-                stream.seek(0)
-                require_sound(stream.read())
+    with (
+        reading(path, "a MATLAB", ": save it again"),
+        warnings.catch_warnings(),
+        path.open("rb") as stream,
+    ):
+        # the version that the reader below goes by, whatever the text at the start says
+        if matfile_version(stream)[0] != 0:
             stream.seek(0)
-            # it warns of a variable that it cannot read, which is missing then and said to be
-            warnings.simplefilter("ignore")
-            variables = loadmat(stream, struct_as_record=True, chars_as_strings=True)
-    except RecordError as error:
-        raise RecordError(f"'{path}': {error}") from error
-    except Exception as error:  # a damaged file makes nearly any error there
-        raise unreadable(path, "a MATLAB", error, ": save it again") from error
+            require_sound(stream.read())
+        stream.seek(0)
+        # it warns of a variable that it cannot read, which is missing then and said to be
+        warnings.simplefilter("ignore")
+        variables = loadmat(stream, struct_as_record=True, chars_as_strings=True)
     walk = _Walk()
     for name, value in variables.items():
         if not name.startswith("__"):
@@ -256,9 +255,7 @@ class _Tags:
         _, start, stop, at = self.element(at, end, (5, 6))
         width = struct.unpack_from(f"{self.order}i", self.data, start)[0] if stop > start else 0
         _, start, stop, at = self.element(at, end, _NAMES)
-        _require(
-            width > 0 and (stop - start) % width == 0, "the names of a structure are damaged"
-        )
+        _require(width > 0 and (stop - start) % width == 0, "the names of a structure are damaged")
         self._items(at, end, count * ((stop - start) // width), depth)
 
     def _opaque(self, at: int, end: int, depth: int) -> None:

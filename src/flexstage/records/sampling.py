@@ -45,6 +45,12 @@ def require_complete(values: Array, name: str) -> None:
         )
 
 
+def require_rate(rate_hz: float | None) -> None:
+    """Refuse a sample rate that is given and is none."""
+    if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0.0):
+        raise RecordError(f"the sample rate must be positive, got {rate_hz} Hz")
+
+
 def require_rising(time: Array, name: str = "time", largest_step: float = LARGEST_STEP) -> None:
     """Refuse times that do not rise, and gaps between them.
 
@@ -231,8 +237,7 @@ def resampled(
     if kind not in ("linear", "cubic", "mean"):
         raise RecordError(f"the kind of interpolation must be linear, cubic or mean, got {kind!r}")
     rate = record.sample_rate_hz if sample_rate_hz is None else sample_rate_hz
-    if not (np.isfinite(rate) and rate > 0.0):
-        raise RecordError(f"the sample rate must be positive, got {rate} Hz")
+    require_rate(rate)
     old = record.time
     span = float(old[-1] - old[0])
     # the last sample is kept where it falls on the new times but for rounding
