@@ -38,8 +38,6 @@ _SHAPES = re.compile(
     re.IGNORECASE,
 )
 _LONGEST_OPENING = 1000
-# how far right ends of a number and its heading may be apart
-_SHIFT = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -321,9 +319,11 @@ def _row(number: int, line: str, axis: str, dimension: _Dimension, heading: _Hea
 def _aligned(number: int, ends: Sequence[int], heading: _Heading) -> list[int]:
     """Return the columns of numbers where some are left empty, by where they end."""
     places: list[int] = []
+    # how far right ends of a number and its heading may be apart
+    shift = 4
     for end in ends:
         place = min(range(len(heading.ends)), key=lambda j: abs(heading.ends[j] - end))
-        if abs(heading.ends[place] - end) > _SHIFT or place in places:
+        if abs(heading.ends[place] - end) > shift or place in places:
             raise RecordError(
                 f"line {number}: its {len(ends)} numbers do not stand below the "
                 f"{len(heading.ends)} headings of the table: print the report again"

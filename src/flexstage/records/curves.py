@@ -11,12 +11,8 @@ from flexstage.errors import RecordError
 from flexstage.records.record import Channel, Record
 from flexstage.records.sampling import require_rate
 
-#: An input that is measured may go back by this share of its range.
-_NOISE = 0.02
 #: A loop is closed whose ends are no further apart than this share of its width.
 _CLOSED = 0.2
-#: Rows of a table without times are taken to follow one another at this rate [Hz].
-_NOMINAL_HZ = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -210,11 +206,13 @@ def _piece(record: Record, u: Array, y: Array, name: str, rows: slice = slice(No
 
 
 def _require_one_way(pieces: Sequence[_Piece], span: float, name: str) -> None:
+    # an input that is measured may go back by this share of its range
+    setback = 0.02
     for piece in pieces:
         u = piece.u if piece.way >= 0.0 else -piece.u
         back = np.maximum.accumulate(u) - u
         at = int(back.argmax())
-        if back[at] > _NOISE * span:
+        if back[at] > setback * span:
             raise RecordError(
                 f"the input '{name}' of '{piece.name}' goes back and forth, as at row "
                 f"{piece.rows[at]:.0f}, where it is {piece.u[at]:g}: a branch or a curve is run "
@@ -302,14 +300,16 @@ def _assembled(
 ) -> Record:
     require_rate(rate)
     u, y, rows = (np.concatenate([getattr(p, f) for p in path]) for f in ("u", "y", "rows"))
+    # rows of a table without times are taken to follow one another at this rate [Hz]
+    nominal_hz = 1.0
     if rate is None:
         state += (
-            f"; rows without times are taken as {_NOMINAL_HZ:g} in a second: delay and creep "
+            f"; rows without times are taken as {nominal_hz:g} in a second: delay and creep "
             "cannot be found"
         )
     return Record(
         channels=(replace(driven, values=u), replace(follows, values=y)),
-        time=np.arange(u.size) / (_NOMINAL_HZ if rate is None else rate),
+        time=np.arange(u.size) / (nominal_hz if rate is None else rate),
         source=record.source,
         source_hash=record.source_hash,
         notes=(*record.notes, state),

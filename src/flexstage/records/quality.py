@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.errors import RecordError
 from flexstage.records.record import Record
 
-# a normal distribution's rms over the median of its absolute values
-_RMS_OVER_MEDIAN = 1.4826022185056018
+#: A normal distribution's rms over the median of its absolute values.
+RMS_OVER_MEDIAN = 1.4826022185056018
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,7 +187,7 @@ def difference_noise(values: NDArray[np.float64], order: int) -> float:
     if values.size <= order:
         return 0.0
     difference = np.diff(values, n=order) / math.sqrt(math.comb(2 * order, order))
-    return _RMS_OVER_MEDIAN * float(np.median(np.abs(difference)))
+    return RMS_OVER_MEDIAN * float(np.median(np.abs(difference)))
 
 
 def require_unclipped(record: Record, columns: Sequence[str | int]) -> None:

@@ -157,8 +157,6 @@ _FIRST = re.compile(rb"\s*^ {4}-1[ \t]*\r?\n {0,5}\d{1,6}[bB]?(?![\d.])", re.MUL
 _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
 # lines of a function between its number and its values
 _HEADING = 11
-# lines have 80 characters
-_LONGEST = 160
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -304,11 +302,13 @@ def _function(
 ) -> tuple[Function, int]:
     """Return a function, and where the next data set may begin."""
     lines, at = [], start
+    # lines have 80 characters
+    longest = 160
     for _ in range(_HEADING):
         if at >= len(data):
             raise RecordError("its heading is cut short: copy or export the file again")
         line, at = _line(data, at)
-        line = line[:_LONGEST]
+        line = line[:longest]
         lines.append(_plain(line) if len(lines) < 5 else line.decode("latin-1"))
     load = _fields(lines[5], (5, 10, 5, 10, 11, 10, 4, 11, 10, 4))
     load = load if _are_whole(load) else (*lines[5].split(),)

@@ -39,16 +39,8 @@ from flexstage.measure.spectra.response import MeasuredResponse
 
 # with more damping than this a pole lifts its response by less than 1.75 above that at standstill
 _MOST_DAMPING = 0.3
-# what a mode must make of the sum of squares beside the line that it stands on, over noise
-_SEEN = 25.0
-# share of a guessed frequency within which its mode lies
-_NEAR = 0.1
-# share of a response that a fit may leave before it is said
-_UNEXPLAINED = 0.2
 # half-power widths of a broad mode within which a sharper one may be all that it stands for
 _FLANK = 2.0
-# over its median, a response of noise alone has no line as high as this
-_PEAK = 5.0
 
 
 def fit_modes(
@@ -344,6 +336,8 @@ def _listed(
     lines = np.sort(np.concatenate([part.measured.frequency_hz for part in parts]))
     kept = []
     others: dict[str, list[Mode]] = {}
+    # what a mode must make of the sum of squares beside the line that it stands on, over noise
+    seen = 25.0
     for n, mode in enumerate(poles):
         f, zeta = mode.frequency_hz, mode.damping_ratio
         width = max(2.0 * zeta.value * f.value, _spacing(lines, f.value))
@@ -353,7 +347,7 @@ def _listed(
             reason = "damped too much for a peak"
         elif f.expanded > width:
             reason = "not known within its width"
-        elif _beside(mode, parts, names, scale) < _SEEN:
+        elif _beside(mode, parts, names, scale) < seen:
             reason = "on a single line"
         elif any(_on_flank(mode, other) for other in poles):
             reason = "on the flank of a sharper mode"
@@ -445,9 +439,11 @@ def _nearest(poles: Sequence[Mode], frequency: float) -> int:
         else math.inf
         for mode in poles
     ]
-    if not off or min(off) > _NEAR:
+    # share of a guessed frequency within which its mode lies
+    near = 0.1
+    if not off or min(off) > near:
         raise ModelError(
-            f"no mode is found within {100.0 * _NEAR:g} % of {frequency:g} Hz: guess another "
+            f"no mode is found within {100.0 * near:g} % of {frequency:g} Hz: guess another "
             "frequency, or fit another band"
         )
     return int(np.argmin(off))
@@ -513,7 +509,9 @@ def _notes(
 ) -> list[str]:
     notes = []
     largest = max(float(one.residual_rms.max()) for one in fitted)
-    if largest > _UNEXPLAINED and modes:
+    # share of a response that a fit may leave before it is said
+    unexplained = 0.2
+    if largest > unexplained and modes:
         notes.append(
             f"the residual is {100.0 * largest:.0f} % of a response: fit it in a narrower band, "
             "with a delay, or with complex modes, and see that input and output are not swapped"
@@ -561,7 +559,9 @@ def _unfound(parts: Sequence[Prepared]) -> str:
         half = int(np.count_nonzero(size[:, column] > size[line, column] / math.sqrt(2.0)))
         found.append((float(above[line, column]), float(part.measured.frequency_hz[line]), half))
     ratio, frequency, lines = max(found)
-    if ratio < _PEAK:
+    # over its median, a response of noise alone has no line as high as this
+    peak = 5.0
+    if ratio < peak:
         return "no mode rises above the noise in the band"
     return (
         f"no decaying mode explains the response, which peaks at {frequency:.5g} Hz, {ratio:.2g} "

@@ -22,15 +22,9 @@ from flexstage.measure.modal.result import noisy_estimate, shape_from_residues
 from flexstage.records import Record, step_uncertainty
 from flexstage.records.sampling import require_complete, require_uniform
 
-# a line of a periodogram of noise alone is seldom this many times its surroundings, beyond ln n
-_ABOVE = 3.0
 # samples of a window of the subspace, at most, and windows that are summed
 _WINDOW = 360
 _SHIFTS = 8000
-# samples in a period of the highest mode that are enough: more are averaged
-_PER_PERIOD = 12.0
-# modes that are looked for where nobody says how many
-_MOST = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -157,7 +151,9 @@ def ring_down(
         )
     begin = float(t[0])
     top = highest_frequency(values, rate)
-    times = max(1, min(int(rate / (_PER_PERIOD * top)), t.size // 64))
+    # samples in a period of the highest mode that are enough: more are averaged
+    per_period = 12.0
+    times = max(1, min(int(rate / (per_period * top)), t.size // 64))
     values = values[: t.size // times * times].reshape(-1, times, len(taken)).mean(axis=1)
     # from the middle of the first average
     offset = 0.5 * (times - 1) / rate
@@ -196,7 +192,9 @@ def _fitted(clock: Array, values: Array, rate: float, count: int | None) -> Deca
     """Fit as many modes as asked for, or as are significant."""
     level = values - values[-values.shape[0] // 4 :].mean(axis=0)
     weights = 1.0 / np.sqrt(np.mean(level**2, axis=0))
-    poles = subspace_poles(level * weights, rate, 2 * (_MOST if count is None else count + 4) + 2)
+    # modes that are looked for where nobody says how many
+    most = 8
+    poles = subspace_poles(level * weights, rate, 2 * (most if count is None else count + 4) + 2)
     size = np.abs(poles) / (2.0 * math.pi)
     # with less than two periods, drift is motion as well
     poles = poles[(size >= 2.0 / clock[-1]) & (size <= 0.5 * rate)]
@@ -289,7 +287,10 @@ def highest_frequency(values: Array, rate: float) -> float:
     In Hz; the strongest where none stands out.
     """
     frequency, ratio = _prominence(values, rate)
-    out = np.flatnonzero(ratio > _ABOVE * math.log(ratio.size) / math.log(2.0))
+    # a line of a periodogram of noise alone is seldom this many times its surroundings, beyond the
+    # logarithm of their number
+    above = 3.0
+    out = np.flatnonzero(ratio > above * math.log(ratio.size) / math.log(2.0))
     strong = np.flatnonzero(ratio > 1e-4 * ratio.max())
     both = np.intersect1d(out, strong)
     return float(frequency[both[-1] if both.size else int(np.argmax(ratio))])

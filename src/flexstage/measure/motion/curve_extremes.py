@@ -11,8 +11,6 @@ from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.measure.motion.motion_curve import Direction, MotionCurve, position_weights
 
-# curves that are simulated to find what noise adds: each takes a search of its own
-_ZONE_TRIALS = 120
 #: Straight line that a deviation is taken from.
 Line = Literal["none", "least_squares", "terminal", "minimum_zone"]
 _LINES = get_args(Line)
@@ -108,11 +106,13 @@ def curve_range(
     ModelError
         There is no such direction or line.
     """
+    # curves that are simulated to find what noise adds: each takes a search of its own
+    zone_trials = 120
     if line == "minimum_zone":
         # what a straight line adds changes no zone: without it the noise is told from the shape
         x = curve.grid(201)
         zone = _Zone(position=x, rows=_deviation_rows(curve, direction, "least_squares", x))
-        return _estimate(curve, zone, _ZONE_TRIALS)
+        return _estimate(curve, zone, zone_trials)
     rows = _deviation_rows(curve, direction, line, curve.grid())
     return _estimate(curve, _Extreme(rows=rows))
 

@@ -13,16 +13,6 @@ from flexstage.measure.motion.approaches import staircase_dwells
 from flexstage.measure.motion.cycles import MotionCycles, motion_cycles
 from flexstage.measure.motion.motion_curve import CurveBasis, MotionCurve, position_weights
 
-#: A pair of terms (forward, backward) counts where noise gives as much with this probability.
-_TERM_CHANCE = 0.0025
-#: Orders beyond the last that counts, as smaller terms still bend the curve.
-_MORE_ORDERS = 2
-#: Order that is fitted at least: a term that drowns in the noise bends the curve all the same.
-_LEAST_ORDER = 6
-#: Levels of a staircase that are fitted one by one, at most.
-_MOST_LEVELS = 64
-#: Runs of fewer samples are series of stations.
-_SPARSE = 64
 #: Places of the stroke that are told apart when terms are counted.
 _PLACES = 64
 #: Pieces of the stroke in which the cycles are compared with the curve.
@@ -168,7 +158,9 @@ def _whole_run(found: MotionCycles, x: Array, cycle: int, direction: int) -> sli
     cycles that share readings are not independent.
     """
     run = found.samples(cycle, direction)
-    if run.stop - run.start >= _SPARSE or run.stop >= found.size:
+    # runs of fewer samples are series of stations
+    sparse = 64
+    if run.stop - run.start >= sparse or run.stop >= found.size:
         return run
     usual = float(np.median(np.abs(np.diff(x[run]))))
     own = abs(float(x[run.stop] - x[run.stop - 1])) < 0.5 * usual
@@ -189,7 +181,9 @@ def _rests(
         level[a:b] = target
     in_runs = [set(level[run][use[run]].tolist()) for cycle in where for run in cycle]
     common = sorted(set.intersection(*in_runs))
-    if not 2 <= len(common) <= _MOST_LEVELS:
+    # levels of a staircase that are fitted one by one, at most
+    most_levels = 64
+    if not 2 <= len(common) <= most_levels:
         return use, None
     if any(len(levels) > len(common) for levels in in_runs):
         # a measured position rests elsewhere on the way back: no level is common to both runs
@@ -282,10 +276,16 @@ def _chosen_size(runs: list[list[_Run]], basis: CurveBasis, drift: bool) -> int:
     # rounding of the sums is no term
     floor = 1e-24 * max(float(np.sum(seen**2, axis=2).max()), 0.0)
     gain = len(runs) * np.sum(common**2, axis=0) / 2.0 / np.maximum(noise, floor)
-    limit = f.ppf(1.0 - _TERM_CHANCE, 2, 6 * (len(runs) - 1))
+    # a pair of terms (forward, backward) counts where noise gives as much with this probability
+    term_chance = 0.0025
+    limit = f.ppf(1.0 - term_chance, 2, 6 * (len(runs) - 1))
     counting = np.flatnonzero(gain > limit) if floor > 0.0 else np.array([], dtype=np.intp)
     last = int(counting[-1]) if counting.size else 0
-    return min(max(last + _MORE_ORDERS, _LEAST_ORDER) + 1, basis.size)
+    # orders beyond the last that counts, as smaller terms still bend the curve
+    more_orders = 2
+    # order that is fitted at least: a term that drowns in the noise bends the curve all the same
+    least_order = 6
+    return min(max(last + more_orders, least_order) + 1, basis.size)
 
 
 def _smoothed(spectrum: Array) -> Array:

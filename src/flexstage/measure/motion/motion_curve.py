@@ -18,8 +18,6 @@ _WEIGHTS: dict[str, tuple[float, float]] = {
     "backward": (0.0, 1.0),
     "mean": (0.5, 0.5),
 }
-# a functional whose weights cancel to this share of their size does not see offsets
-_NO_LEVEL = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -201,7 +199,9 @@ class MotionCurve:
         c = self.cycles
         each = self.scatter.reshape(c, -1) @ weights
         constant = np.tile(self.basis.constant, 2)
-        level = abs(float(weights @ constant)) > _NO_LEVEL * float(np.abs(weights).sum())
+        # a functional whose weights cancel to this share of their size does not see offsets
+        no_level = 1e-9
+        level = abs(float(weights @ constant)) > no_level * float(np.abs(weights).sum())
         lost = 2 if level and self.drift_rate is not None else 1
         parts = [
             Component(

@@ -13,11 +13,6 @@ from flexstage.estimate import Estimate
 #: The six parameters of a rigid motion, in the order of its covariance.
 PARAMETERS: tuple[str, ...] = ("along", "across", "vertical", "roll", "pitch", "yaw")
 
-#: Share of the extent of points below which they count as lying on a line.
-_ON_A_LINE = 1e-9
-#: Rounds of weighted least squares: each gains the square of the angle.
-_ROUNDS = 8
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RigidMotion:
@@ -178,7 +173,9 @@ def rigid_motion(
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise RecordError("the points of a body must be finite: leave out those that are not known")
     extent = np.linalg.svd(a - a.mean(0), compute_uv=False)
-    if not extent[1] > _ON_A_LINE * extent[0]:
+    # share of the extent of points below which they count as lying on a line
+    on_a_line = 1e-9
+    if not extent[1] > on_a_line * extent[0]:
         raise RecordError(
             "the reference points lie on a line, so that the rotation about it stays unknown: add "
             "a point beside it"
@@ -257,7 +254,9 @@ def _normal(a: Array, inverse: Array, R: Array, residuals: Array) -> tuple[Array
 def _weighted(a: Array, b: Array, inverse: Array, R: Array, t: Array) -> tuple[Array, Array]:
     centre = a.mean(0)
     at = t + R @ centre
-    for _ in range(_ROUNDS):
+    # rounds of weighted least squares: each gains the square of the angle
+    rounds = 8
+    for _ in range(rounds):
         residuals = b - at[..., None, :] - (a - centre) @ np.swapaxes(R, -1, -2)
         normal, gradient = _normal(a - centre, inverse, R, residuals)
         size = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))

@@ -13,16 +13,6 @@ from flexstage.estimate import Estimate, deviation_bounds
 from flexstage.measure.spectra.density import SpectralDensity, spectral_density
 
 _MOST_BLOCKS, _LEAST_BLOCKS = 32, 8
-#: Autocorrelation of the means of neighbouring blocks above which blocks are made longer.
-_CORRELATED = 0.1
-#: Degrees of freedom of the rms below which noise counts as slow.
-_FEW = 50.0
-#: Samples of a segment of the spectrum at most, where nobody asks for more.
-_LONGEST = 65_536
-#: Share by which the mains frequency strays, and at which a line counts as a multiple of it.
-_STRAY = 0.004
-#: Chance that noise alone gives a line.
-_FALSE = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +49,8 @@ def blocks_line(values: Array) -> BlockLine:
     0.00200 +- 0.00001
     """
     count = min(_MOST_BLOCKS, values.size // 2)
+    # autocorrelation of the means of neighbouring blocks above which blocks are made longer
+    correlated = 0.1
     while True:
         length = values.size // count
         # what does not fill a block is left out at the start, which has more to settle
@@ -69,7 +61,7 @@ def blocks_line(values: Array) -> BlockLine:
         power = float(rest @ rest)
         # two of the degrees of freedom went with the line, which makes neighbours look opposed
         linked = float(rest[1:] @ rest[:-1]) / power + 2.0 / count if power > 0.0 else 0.0
-        if linked < max(_CORRELATED, 1.0 / math.sqrt(count)) or count <= _LEAST_BLOCKS:
+        if linked < max(correlated, 1.0 / math.sqrt(count)) or count <= _LEAST_BLOCKS:
             break
         count = max(int(count / math.sqrt(2.0)), _LEAST_BLOCKS)
     # what neighbours still share makes a mean over many of them less certain
@@ -80,7 +72,7 @@ def blocks_line(values: Array) -> BlockLine:
         degrees_of_freedom=float(count - 2),
         long_run_variance=variance * length,
         blocks=count,
-        correlated=linked >= 3.0 * _CORRELATED,
+        correlated=linked >= 3.0 * correlated,
     )
 
 
@@ -277,7 +269,9 @@ def hold_noise(
     t = np.arange(n) - 0.5 * (n - 1)
     rest = y - y.mean()
     rest -= float(t @ rest / (t @ t)) * t
-    length = min(n // 8, _LONGEST) if segment is None else segment
+    # samples of a segment of the spectrum at most, where nobody asks for more
+    longest = 65_536
+    length = min(n // 8, longest) if segment is None else segment
     spectrum = spectral_density(rest, sample_rate_hz, segment=length - length % 2, unit=unit)
     # mean and slope each take one long-run variance from the sum of squares
     power, lost = float(rest @ rest), 2.0 * line.long_run_variance
@@ -320,14 +314,14 @@ def hold_noise(
 
 
 def _notes(correlated: bool, freedom: float) -> tuple[str, ...]:
-    if not correlated and freedom >= _FEW:
+    # degrees of freedom of the rms below which noise counts as slow
+    fewest = 50.0
+    if not correlated and freedom >= fewest:
         return ()
     return (
         f"the noise is slow, with {freedom:.0f} degrees of freedom in this record: it "
         "cannot be separated from drift, and uncertainties are underestimated; record for longer",
     )
-
-
 
 
 def mains_lines(
@@ -389,9 +383,13 @@ def mains_lines(
 
 def _multiples(y: Array, power: Array, rate: float, mains: int, unit: str) -> list[MainsLine]:
     n, lines = y.size, []
+    # share by which the mains frequency strays, and at which a line counts as a multiple of it
+    stray = 0.004
+    # chance that noise alone gives a line
+    false_alarm = 1e-4
     for k in range(1, int(0.498 * rate / mains) + 1):
         at = k * mains * n / rate
-        reach = max(int(_STRAY * at), 2)
+        reach = max(int(stray * at), 2)
         low, high = max(int(at) - reach, 1), min(int(at) + reach + 2, power.size)
         wide = max(8 * reach, 60)
         around = np.concatenate([power[max(low - wide, 1) : low], power[high : high + wide]])
@@ -399,7 +397,7 @@ def _multiples(y: Array, power: Array, rate: float, mains: int, unit: str) -> li
             continue
         floor = float(np.median(around)) / math.log(2.0)
         peak = low + int(np.argmax(power[low:high]))
-        if power[peak] > floor * math.log((high - low) / _FALSE):
+        if power[peak] > floor * math.log((high - low) / false_alarm):
             lines.append(_line(y, peak, rate, mains, k, unit))
     return lines
 

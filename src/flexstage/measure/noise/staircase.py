@@ -12,9 +12,6 @@ from flexstage.estimate import Estimate
 from flexstage.measure.noise.allan import allan_freedom, power_of_noise
 from flexstage.measure.noise.levels import PARTS, LevelFit, fit_levels, settled
 
-#: How often a settling that is left exceeds its standard error before it is spoken of.
-_SETTLING = 4.0
-
 
 def resolution(
     values: ArrayLike,
@@ -354,11 +351,13 @@ def _settling_note(fit: LevelFit, made: Array) -> tuple[str, ...]:
     # steps of one sign lean all levels alike, which passes for drift: their bend does not
     bend = 2.0 * rest[:, third:-third].mean(axis=1)
     bend -= rest[:, :third].mean(axis=1) + rest[:, -third:].mean(axis=1)
+    # how often a settling that is left exceeds its standard error before it is spoken of
+    settling = 4.0
     for leaned in (bend, change):
         share = float(leaned @ made / (made @ made))
         left = leaned - share * made
         error = math.sqrt(float(left @ left) / (made.size - 1) / float(made @ made))
-        if abs(share) > _SETTLING * error:
+        if abs(share) > settling * error:
             how = "creeps on after" if share > 0.0 else "comes back from an overshoot after"
             return (
                 f"the reading still {how} a step within what is averaged: leave out more, or wait "

@@ -11,13 +11,10 @@ from flexstage.measure.spectra.averaging import CutSpectra, finished, line_frequ
 from flexstage.measure.spectra.checks import HitOptions, Signals
 from flexstage.measure.spectra.sums import SumOfSpectra
 from flexstage.records import saturation
-from flexstage.records.quality import quantisation_step
+from flexstage.records.quality import RMS_OVER_MEDIAN, quantisation_step
 
-# without a length of segment, pulses nearer than this share of the longest gap belong together
-_TOGETHER = 0.1
 # a contact is told from noise at so many times its rms
 _ABOVE_NOISE = 6.0
-_RMS_OVER_MEDIAN = 1.4826022185056018
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +65,9 @@ def grouped(
         raise RecordError("no hit was found in the record: is the input the right column?")
     starts = np.array([p.start for p in pulses])
     gaps = np.diff(np.concatenate((starts, [size])))
-    least = _TOGETHER * float(gaps.max()) if segment is None else float(segment - pre)
+    # without a length of segment, pulses nearer than this share of the longest gap belong together
+    together = 0.1
+    least = together * float(gaps.max()) if segment is None else float(segment - pre)
     groups = [[pulses[0]]]
     for pulse in pulses[1:]:
         if pulse.start - groups[-1][0].start < least:
@@ -179,7 +178,7 @@ def hammer_spectra(signals: Signals, options: HitOptions, segment: int | None = 
     """
     forces = [_upright(row[0]) for row in signals.channels]
     found, length, left_out = _find(signals, forces, options, segment)
-    noise = [_RMS_OVER_MEDIAN * float(np.median(np.abs(f))) for f in forces]
+    noise = [RMS_OVER_MEDIAN * float(np.median(np.abs(f))) for f in forces]
     kept = []
     for hit in found:
         why = _fault(signals, forces, hit, length, options, noise[hit.record])

@@ -39,8 +39,6 @@ _FAR = (
     "model can give; widen the spread, or check the units"
 )
 _ITERATIONS = 40
-# from standard to expanded uncertainty of a normal distribution at 95 %
-_NORMAL = 1.959963984540054
 
 
 def predict(
@@ -137,8 +135,10 @@ class UpdatingProblem:
         self.sigma = np.array([p.spread for p in parameters])
         self.keys = list(measured)
         self.y = np.array([e.value for e in measured.values()])
+        # from standard to expanded uncertainty of a normal distribution at 95 %
+        normal = 1.959963984540054
         # the normal distribution of the same 95 % interval, so that few observations count as such
-        spread = np.array([e.expanded / _NORMAL for e in measured.values()])
+        spread = np.array([e.expanded / normal for e in measured.values()])
         covariance = np.diag(spread**2)
         for quantity in {q for q, _ in self.keys} - {"damping_ratio"}:
             alike = np.array([q == quantity for q, _ in self.keys]) * self.y
