@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from flexstage.measure.uncertainty.monte_carlo import monte_carlo, validate
     from flexstage.measure.uncertainty.propagate import propagate
     from flexstage.measure.uncertainty.sensor import measured
-    from flexstage.measure.updating.parameters import UpdateParameter, stage_with
-    from flexstage.measure.updating.problem import predict
+    from flexstage.measure.updating.problem import UpdateParameter, predict, stage_with
     from flexstage.measure.updating.update import Updated, update_stage
     from flexstage.sensor import SensorSpecification
 
