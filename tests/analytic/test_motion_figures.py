@@ -524,8 +524,9 @@ def test_coverage_of_linear_figures() -> None:
     """The interval of a mean of five cycles holds the truth as often as it says."""
     truth = truths()
     hits = {"reversal": 0, "slope": 0, "drift": 0}
+    cycles = motion_cycles(record(0, per=60)[0])
     for i in range(300):
-        curve = fit_motion_curve(*record(i, per=60), order=4)
+        curve = fit_motion_curve(*record(i, per=60), cycles=cycles, order=4)
         assert curve.drift_rate is not None
         found = {"reversal": curve.reversal(), "slope": curve.slope(), "drift": curve.drift_rate}
         for name, estimate in found.items():
@@ -563,8 +564,9 @@ def test_coverage_of_all_figures(count: int, memory: float, repeats: int, zones:
 def test_range_of_nothing_is_compatible_with_nothing() -> None:
     """Where there is only noise, the interval of a range begins at 0 nineteen times in twenty."""
     hits, values = 0, []
+    cycles = motion_cycles(record(0, per=100)[0])
     for i in range(150):
-        curve = fit_motion_curve(*record(i, size=0.0, per=100), order=4)
+        curve = fit_motion_curve(*record(i, size=0.0, per=100), cycles=cycles, order=4)
         found = curve_range(curve, line="least_squares")
         hits += found.covers(0.0)
         assert found.interval()[0] >= 0.0
