@@ -26,10 +26,6 @@ class Saturation:
     """How many samples are at the least value."""
     at_high: int
     """How many are at the greatest."""
-    longest_low: int
-    """The longest run of samples at the least value."""
-    longest_high: int
-    """The longest run at the greatest."""
     clipped_low: bool
     """Whether the column looks cut off at the least value."""
     clipped_high: bool
@@ -94,16 +90,14 @@ def saturation(values: ArrayLike) -> Saturation:
         # of few samples in a step, those of one step alone are too few to go by
         rests = after.size > 0 and count > 4 * after[0]
         rests = rests and (after.max() == 1 or count > 2 * after.sum())
-        ends.append((count, longest, bool(longest >= 3 and rests)))
+        ends.append((count, bool(longest >= 3 and rests)))
     return Saturation(
         low=float(levels[0]),
         high=float(levels[-1]),
         at_low=ends[0][0],
         at_high=ends[1][0],
-        longest_low=ends[0][1],
-        longest_high=ends[1][1],
-        clipped_low=ends[0][2],
-        clipped_high=ends[1][2],
+        clipped_low=ends[0][1],
+        clipped_high=ends[1][1],
     )
 
 

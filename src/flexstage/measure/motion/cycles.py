@@ -60,14 +60,14 @@ class MotionCycles:
         return found
 
 
-def motion_cycles(command: ArrayLike, *, least: int = 2, skip: int = 0) -> MotionCycles:
+def motion_cycles(command: ArrayLike, *, skip: int = 0) -> MotionCycles:
     """Find the whole cycles over the largest range of a triangle, a sine or a staircase.
 
     A turning point is the highest (lowest) place between two visits of the other end of the range,
     and where the motion rests there, the middle of the rest: noise makes no turning points. A run
     is whole when it begins and ends where other runs over this range do and does not turn back by
     more than 10 % of it on the way. A cycle is a forward and a backward run next to each other; it
-    begins with the forward run unless one more cycle can be had the other way round. `least` whole
+    begins with the forward run unless one more cycle can be had the other way round. Two whole
     cycles are needed; `skip` are left out at the beginning, as long as the stage still settles in.
 
     Validity
@@ -83,7 +83,7 @@ def motion_cycles(command: ArrayLike, *, least: int = 2, skip: int = 0) -> Motio
     >>> found.count, found.runs[1].tolist(), found.left_out
     (3, [[1000, 1500], [1500, 2000]], 301)
     """
-    return cycles_by_range(command, least=least, skip=skip)[0]
+    return cycles_by_range(command, skip=skip)[0]
 
 
 def cycles_by_range(
