@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from flexstage.errors import ModelError, NotConnectedError
-from flexstage.files.user_folder import user_folder
+from flexstage.files.names import user_folder
 from flexstage.instruments.lock import holder, stage_lock
 
 HOLD = """
 import sys
-from flexstage.files.user_folder import user_folder
+from flexstage.files.names import user_folder
 from flexstage.instruments.lock import stage_lock
 with stage_lock(sys.argv[1]):
     print("held", flush=True)

@@ -12,7 +12,8 @@ from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.lumped import lumped_system
-from flexstage.measure.modal.fit import _on_flank, fit_modes
+from flexstage.measure.modal.fit import fit_modes
+from flexstage.measure.modal.listed_modes import on_flank
 from flexstage.measure.modal.local_rational import line_scatter, local_poles
 from flexstage.measure.modal.result import ModalFit, Mode
 from flexstage.measure.spectra.response import MeasuredResponse
@@ -300,11 +301,11 @@ def test_a_mode_that_is_only_a_flank():
         )  # fmt: skip
 
     sharp = mode(486.0, 0.046, 100.0)
-    assert _on_flank(mode(435.0, 0.073, 30.0), sharp)
+    assert on_flank(mode(435.0, 0.073, 30.0), sharp)
     # its own peak is above the flank; it is far away; it is the sharper one
-    assert not _on_flank(mode(435.0, 0.073, 90.0), sharp)
-    assert not _on_flank(mode(300.0, 0.073, 30.0), sharp)
-    assert not _on_flank(mode(435.0, 0.01, 30.0), sharp)
+    assert not on_flank(mode(435.0, 0.073, 90.0), sharp)
+    assert not on_flank(mode(300.0, 0.073, 30.0), sharp)
+    assert not on_flank(mode(435.0, 0.01, 30.0), sharp)
 
 
 def test_many_modes_are_refined_where_the_model_changes():

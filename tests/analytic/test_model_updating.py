@@ -20,12 +20,13 @@ from flexstage.hinges import (
     VFillet,
 )
 from flexstage.lumped import lumped_system
-from flexstage.measure.updating.parameters import (
+from flexstage.measure.updating.problem import (
+    UPDATABLE,
     UpdateParameter,
+    predict,
     stage_with,
     with_neck_thickness,
 )
-from flexstage.measure.updating.problem import UPDATABLE, predict
 from flexstage.measure.updating.update import update_stage
 from flexstage.stage import check
 from flexstage.system import ModalDamping, analyse

@@ -10,7 +10,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Estimate
 from flexstage.measure.motion.approaches import staircase_dwells
-from flexstage.measure.motion.axis_figures import linearity, stroke
+from flexstage.measure.motion.axis_figures import stroke
 from flexstage.measure.motion.curve_extremes import curve_loop_width, curve_range, zone_contacts
 from flexstage.measure.motion.curve_fit import fit_motion_curve
 from flexstage.measure.motion.cycles import cycles_by_range, motion_cycles, spread_estimate
@@ -254,7 +254,7 @@ def test_level_loses_two_degrees_of_freedom() -> None:
     level = curve.functional([1.0], [50e-6])
     assert level.components[0].degrees_of_freedom == 3
     assert level.components[0].uncertainty > 5e-9
-    assert curve.uncertainty([50e-6])[0] < 5e-9
+    assert curve.functional([1.0, -1.0], [50e-6, 20e-6]).components[0].uncertainty < 5e-9
 
 
 def test_order_follows_the_curve() -> None:
@@ -427,39 +427,18 @@ def test_end_repeatability_shows_a_stroke_that_wanders() -> None:
     assert found.repeatability.value == pytest.approx(expected, rel=1e-3)
 
 
-def test_linearity_of_a_parabola() -> None:
-    """Of y = a x + b x^2 over L: b L^2/4 off the chord; b L^2/6 off the best line, at the ends."""
+def test_range_of_a_parabola_about_a_line() -> None:
+    """Of y = a x + b x^2 over L, from one side to the other of any line of its slope: b L^2/4."""
     t, x = triangle(4.0, 250)
     slope, bend, length = 0.31e-6, 2.3e-10, 120.0
     curve = fit_motion_curve(length * x, slope * length * x + bend * (length * x) ** 2, t,
                              position_unit="V")  # fmt: skip
-    terminal = linearity(curve, line="terminal")
-    assert terminal.largest.value == pytest.approx(0.25 * bend * length**2, rel=1e-6)
-    assert terminal.slope == pytest.approx(slope + bend * length, rel=1e-6)
-    best = linearity(curve)
     # a grid of 401 points stands for the integrals
-    assert best.largest.value == pytest.approx(bend * length**2 / 6.0, rel=1e-4)
-    assert best.range.value == pytest.approx(bend * length**2 / 4.0, rel=1e-4)
-    total = slope * length + bend * length**2
-    assert best.percent.value == pytest.approx(100.0 * best.largest.value / total, rel=1e-9)
-    assert best.percent.unit == "%"
-    # through the lower end with slope a': sum of x (b x^2 - c x) = 0 gives c = 3/4 b L
-    zero = linearity(curve, line="zero")
-    assert zero.slope == pytest.approx(slope + 0.75 * bend * length, rel=1e-4)
-    assert zero.largest.value == pytest.approx(0.25 * bend * length**2, rel=1e-4)
-    assert zero.deviation[0] == pytest.approx(0.0, abs=1e-18)
-
-
-def test_linearity_of_both_runs_counts_the_loop() -> None:
-    x, y, t = record(2, noise=1e-12, offsets=0.0, size=0.0)
-    s = x / 50e-6 - 1.0
-    loop = 300e-9 * (1.0 - s**2) * np.where(t % 4.0 >= 2.0, 1.0, -1.0)
-    curve = fit_motion_curve(x, 0.6 * x + y + loop, t)
-    assert linearity(curve, direction="both").largest.value == pytest.approx(300e-9, rel=1e-3)
-    assert linearity(curve, direction="both").deviation.shape == (2, 401)
-    assert linearity(curve).largest.value < 1e-11
+    for line in ("terminal", "least_squares", "minimum_zone"):
+        found = curve_range(curve, line=line)  # type: ignore[arg-type]
+        assert found.value == pytest.approx(0.25 * bend * length**2, rel=2e-4), line
     with pytest.raises(ModelError, match="line"):
-        linearity(curve, line="minimum_zone")  # type: ignore[arg-type]
+        curve_range(curve, line="best")  # type: ignore[arg-type]
 
 
 def test_spread() -> None:
@@ -545,8 +524,9 @@ def test_coverage_of_linear_figures() -> None:
     """The interval of a mean of five cycles holds the truth as often as it says."""
     truth = truths()
     hits = {"reversal": 0, "slope": 0, "drift": 0}
+    cycles = motion_cycles(record(0, per=60)[0])
     for i in range(300):
-        curve = fit_motion_curve(*record(i, per=60), order=4)
+        curve = fit_motion_curve(*record(i, per=60), cycles=cycles, order=4)
         assert curve.drift_rate is not None
         found = {"reversal": curve.reversal(), "slope": curve.slope(), "drift": curve.drift_rate}
         for name, estimate in found.items():
@@ -584,8 +564,9 @@ def test_coverage_of_all_figures(count: int, memory: float, repeats: int, zones:
 def test_range_of_nothing_is_compatible_with_nothing() -> None:
     """Where there is only noise, the interval of a range begins at 0 nineteen times in twenty."""
     hits, values = 0, []
+    cycles = motion_cycles(record(0, per=100)[0])
     for i in range(150):
-        curve = fit_motion_curve(*record(i, size=0.0, per=100), order=4)
+        curve = fit_motion_curve(*record(i, size=0.0, per=100), cycles=cycles, order=4)
         found = curve_range(curve, line="least_squares")
         hits += found.covers(0.0)
         assert found.interval()[0] >= 0.0

@@ -592,8 +592,8 @@ def record_of(**columns: np.ndarray) -> Record:
 def test_saturation_counts() -> None:
     x = np.array([0.1, 0.9, 1.2, 1.2, 1.2, 1.2, 1.2, 0.7, -0.4, -0.4, 0.3, 1.2])
     found = saturation(x)
-    assert (found.high, found.at_high, found.longest_high, found.clipped_high) == (1.2, 6, 5, True)
-    assert (found.low, found.at_low, found.longest_low, found.clipped_low) == (-0.4, 2, 2, False)
+    assert (found.high, found.at_high, found.clipped_high) == (1.2, 6, True)
+    assert (found.low, found.at_low, found.clipped_low) == (-0.4, 2, False)
     assert found.clipped
     assert not saturation(np.full(7, 0.2)).clipped
     # a peak that comes back to the same number in every period is no limit

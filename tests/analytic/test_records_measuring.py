@@ -9,10 +9,10 @@ import pyuff
 
 from flexstage.errors import RecordError
 from flexstage.records import FORMATS, Channel, Record, read_record, write_record
-from flexstage.records.cmm_numbers import decimal_sign, printed_number
+from flexstage.records.cmm import decimal_sign, printed_number
 from flexstage.records.columns import measured_unit
 from flexstage.records.quality import require_live, require_unclipped
-from flexstage.records.universal_values import ValueLayout, decoded_values
+from flexstage.records.universal_sets import ValueLayout, decoded_values
 from flexstage.records.write import record_bytes
 from tests.measuring_files import function_58, gcs_array, report, units_164
 

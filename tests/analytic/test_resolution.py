@@ -9,10 +9,13 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.measure.noise.allan import allan_deviation, allan_freedom
-from flexstage.measure.noise.hold import expected_peak_to_peak, hold_noise
-from flexstage.measure.noise.levels import levels_of_command
-from flexstage.measure.noise.mains import mains_lines
-from flexstage.measure.noise.staircase import resolution, screw_resolution, staircase
+from flexstage.measure.noise.hold import expected_peak_to_peak, hold_noise, mains_lines
+from flexstage.measure.noise.staircase import (
+    levels_of_command,
+    resolution,
+    screw_resolution,
+    staircase,
+)
 from flexstage.measure.spectra.density import spectral_density
 from flexstage.report.figures.noise import draw_hold, draw_staircase
 from flexstage.report.figures.style import encode

@@ -19,7 +19,7 @@ from flexstage.fem import condensed_bodies
 from flexstage.fem.condensation import condense
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.superelement import SuperelementModel, superelement_model
-from flexstage.files.user_folder import user_folder
+from flexstage.files.names import user_folder
 from flexstage.system import modes
 from tests.hinged_bars import hinged_bars
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.files.user_folder import user_folder
+from flexstage.files.names import user_folder
 from flexstage.files.write import draft_of
 
 Entry = Mapping[str, NDArray]

@@ -23,7 +23,7 @@ from flexstage.centring.trial_moves import trial
 from flexstage.centring.turns import unwrap_error
 from flexstage.errors import ModelError, RecordError
 from flexstage.records import Channel, Record
-from flexstage.records.selectors import column, column_list
+from flexstage.records.reading_options import column, column_list
 from flexstage.units import parse, si_unit
 
 

@@ -31,7 +31,7 @@ from flexstage.cli.reading import (
     record_format,
 )
 from flexstage.errors import ModelError
-from flexstage.records.selectors import column
+from flexstage.records.reading_options import column
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.drive_model import DriveModel

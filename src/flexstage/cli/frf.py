@@ -32,7 +32,7 @@ from flexstage.cli.reading import (
     record_format,
 )
 from flexstage.errors import ModelError
-from flexstage.records.selectors import column_list
+from flexstage.records.reading_options import column_list
 
 if TYPE_CHECKING:
     from flexstage.measure.modal.result import ModalFit

@@ -14,7 +14,7 @@ from flexstage.cli.reading import (
     FileOptions,
     TimeOptions,
 )
-from flexstage.records.selectors import column
+from flexstage.records.reading_options import column
 
 if TYPE_CHECKING:
     from rich.console import Console

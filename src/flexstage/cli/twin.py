@@ -176,7 +176,7 @@ def _play(
     from flexstage.instruments.waveform import Waveform
     from flexstage.records.files import read_files
     from flexstage.records.likely_columns import taken_drive
-    from flexstage.records.selectors import column
+    from flexstage.records.reading_options import column
     from flexstage.records.write import record_bytes
     from flexstage.virtual.build import virtual_stage
 

@@ -21,7 +21,7 @@ from flexstage.designs.registry import (
 from flexstage.errors import StageError
 from flexstage.files.expression import dimension_named
 from flexstage.files.nodes import plain, read_text
-from flexstage.files.settings import require_known, settings_of
+from flexstage.files.parameters import require_known, settings_of
 from flexstage.stage import Stage
 from flexstage.stage.drawing import DRAWINGS
 from flexstage.stage.format import STAGE_FILE

@@ -16,7 +16,7 @@ from flexstage.errors import FlexstageError, StageError
 from flexstage.files.nodes import Mapping as MappingNode
 from flexstage.files.nodes import Node, Scalar, parse_yaml, read_text
 from flexstage.files.parameters import KEY as PARAMETERS
-from flexstage.files.settings import require_known
+from flexstage.files.parameters import require_known
 from flexstage.files.yaml_text import flow_text
 from flexstage.stage import Stage, stage_from_text, stage_to_text
 from flexstage.stage.drawing import DRAWINGS

@@ -383,18 +383,6 @@ def product(first: Powers, second: Powers, sign: int) -> Powers:
     return tuple(sorted((base, p) for base, p in total.items() if p))
 
 
-def _add(first: Amount, second: Amount) -> Amount:
-    return Amount(first.value + second.value, _same("a sum", first, second))
-
-
-def _subtract(first: Amount, second: Amount) -> Amount:
-    return Amount(first.value - second.value, _same("a difference", first, second))
-
-
-def _multiply(first: Amount, second: Amount) -> Amount:
-    return Amount(first.value * second.value, product(first.powers, second.powers, 1))
-
-
 def _divide(first: Amount, second: Amount) -> Amount:
     if not second.value:
         raise UnitError("it divides by zero")
@@ -478,22 +466,10 @@ def _hypot(*amounts: Amount) -> Amount:
     return Amount(_finite(math.hypot(*(float(a.value) for a in amounts))), powers)
 
 
-def _min(*amounts: Amount) -> Amount:
-    return Amount(min(a.value for a in amounts), _same("min", *amounts))
-
-
-def _max(*amounts: Amount) -> Amount:
-    return Amount(max(a.value for a in amounts), _same("max", *amounts))
-
-
-def _abs(amount: Amount) -> Amount:
-    return Amount(abs(amount.value), amount.powers)
-
-
 _OPERATIONS: dict[type, Callable[..., Amount]] = {
-    ast.Add: _add,
-    ast.Sub: _subtract,
-    ast.Mult: _multiply,
+    ast.Add: lambda a, b: Amount(a.value + b.value, _same("a sum", a, b)),
+    ast.Sub: lambda a, b: Amount(a.value - b.value, _same("a difference", a, b)),
+    ast.Mult: lambda a, b: Amount(a.value * b.value, product(a.powers, b.powers, 1)),
     ast.Div: _divide,
     ast.Pow: power,
 }
@@ -508,9 +484,9 @@ _FUNCTIONS: dict[str, Callable[..., Amount]] = {
     "acos": _turn_back(math.acos),
     "atan2": _atan2,
     "hypot": _hypot,
-    "min": _min,
-    "max": _max,
-    "abs": _abs,
+    "min": lambda *amounts: Amount(min(a.value for a in amounts), _same("min", *amounts)),
+    "max": lambda *amounts: Amount(max(a.value for a in amounts), _same("max", *amounts)),
+    "abs": lambda amount: Amount(abs(amount.value), amount.powers),
 }
 _PI = Amount(Fraction(math.pi))
 

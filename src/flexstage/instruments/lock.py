@@ -15,7 +15,7 @@ from pathlib import Path
 from flexstage.errors import ModelError, NotConnectedError
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
-from flexstage.files.user_folder import user_folder
+from flexstage.files.names import user_folder
 from flexstage.instruments.protocol import Instrument
 
 

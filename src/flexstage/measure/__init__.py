@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from flexstage.measure.modal.result import ModalFit, modal_assurance
     from flexstage.measure.modal.ring_down import RingDown, ring_down
     from flexstage.measure.modal.stabilisation import Stabilisation, stable_poles
-    from flexstage.measure.motion.axis_figures import Linearity, Stroke, linearity, stroke
+    from flexstage.measure.motion.axis_figures import Stroke, stroke
     from flexstage.measure.motion.curve_extremes import curve_loop_width, curve_range
     from flexstage.measure.motion.curve_fit import fit_motion_curve
     from flexstage.measure.motion.motion_curve import MotionCurve
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from flexstage.measure.motion.rigid_body import rigid_motion
     from flexstage.measure.motion.workspace import Workspace, workspace
     from flexstage.measure.noise.allan import allan_deviation
-    from flexstage.measure.noise.hold import HoldNoise, hold_noise
-    from flexstage.measure.noise.mains import mains_lines
+    from flexstage.measure.noise.hold import HoldNoise, hold_noise, mains_lines
     from flexstage.measure.noise.staircase import (
         Staircase,
         resolution,
@@ -33,15 +32,13 @@ if TYPE_CHECKING:
     from flexstage.measure.uncertainty.monte_carlo import monte_carlo, validate
     from flexstage.measure.uncertainty.propagate import propagate
     from flexstage.measure.uncertainty.sensor import measured
-    from flexstage.measure.updating.parameters import UpdateParameter, stage_with
-    from flexstage.measure.updating.problem import predict
+    from flexstage.measure.updating.problem import UpdateParameter, predict, stage_with
     from flexstage.measure.updating.update import Updated, update_stage
     from flexstage.sensor import SensorSpecification
 
 __all__ = [
     "Budget",
     "HoldNoise",
-    "Linearity",
     "MeasuredResponse",
     "ModalFit",
     "MotionCurve",
@@ -62,7 +59,6 @@ __all__ = [
     "fit_modes",
     "fit_motion_curve",
     "hold_noise",
-    "linearity",
     "mains_lines",
     "measured",
     "modal_assurance",

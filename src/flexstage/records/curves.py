@@ -9,13 +9,10 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.records.record import Channel, Record
+from flexstage.records.sampling import require_rate
 
-#: An input that is measured may go back by this share of its range.
-_NOISE = 0.02
 #: A loop is closed whose ends are no further apart than this share of its width.
 _CLOSED = 0.2
-#: Rows of a table without times are taken to follow one another at this rate [Hz].
-_NOMINAL_HZ = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,13 +61,8 @@ def from_branches(
     """
     driven = record.channel(input)
     branches = [record.channel(c) for c in (up, down)]
-    if branches[0] is branches[1] or driven in branches:
-        raise RecordError("input, up and down branch must be three columns: choose one for each")
-    if branches[0].unit != branches[1].unit:
-        raise RecordError(
-            f"the branches are in {branches[0].unit or 'no unit'} and in "
-            f"{branches[1].unit or 'no unit'}: give the unit of both"
-        )
+    _require_three("input, up and down branch", driven, *branches)
+    _require_one_unit("branches", branches)
     pieces = [_piece(record, driven.values, b.values, b.name) for b in branches]
     step = _step(pieces)
     _require_one_way(pieces, float(np.ptp(driven.values)), driven.name)
@@ -124,8 +116,7 @@ def curves_in_rows(
         The column numbers no curves, or the input of one goes back and forth.
     """
     driven, follows, labels = (record.channel(c) for c in (input, output, curve))
-    if len({driven.name, follows.name, labels.name}) < 3:
-        raise RecordError("input, output and curve must be three columns: choose one for each")
+    _require_three("input, output and curve", driven, follows, labels)
     ends = np.flatnonzero(np.diff(labels.values)) + 1
     bounds = [0, *ends.tolist(), record.size]
     if len(bounds) - 1 > record.size // 2:
@@ -158,9 +149,7 @@ def curves_in_columns(
             f"{len(follow)} curves need one column of input, or one each, got {len(driven)}"
         )
     for channels in (driven, follow):
-        if len({c.unit for c in channels}) > 1:
-            listed = ", ".join(f"{c.name} in {c.unit or 'no unit'}" for c in channels)
-            raise RecordError(f"the curves have different units ({listed}): give them by option")
+        _require_one_unit("curves", channels)
     pieces = [
         _piece(record, u.values, y.values, y.name)
         for u, y in zip(driven * (len(follow) // len(driven)), follow, strict=True)
@@ -177,9 +166,8 @@ def curves_in_records(
 ) -> Record:
     """Return the measurement of reversal curves that have a record each."""
     pairs = [(r.channel(input), r.channel(output)) for r in records]
-    units = sorted({(u.unit, y.unit) for u, y in pairs})
-    if len(units) > 1:
-        raise RecordError(f"the curves have different units: {units}; give them by option")
+    for channels in zip(*pairs, strict=True):
+        _require_one_unit("curves", channels)
     before = np.concatenate(([0], np.cumsum([r.size for r in records])))
     pieces = [
         replace(piece, rows=piece.rows + first)
@@ -197,6 +185,17 @@ def curves_in_records(
     return _reversal_curves(base, *pairs[0], pieces, sample_rate_hz)
 
 
+def _require_three(what: str, *channels: Channel) -> None:
+    if len({id(channel) for channel in channels}) < 3:
+        raise RecordError(f"{what} must be three columns: choose one for each")
+
+
+def _require_one_unit(what: str, channels: Sequence[Channel]) -> None:
+    if len({channel.unit for channel in channels}) > 1:
+        listed = ", ".join(f"{c.name} in {c.unit or 'no unit'}" for c in channels)
+        raise RecordError(f"the {what} have different units ({listed}): give them by option")
+
+
 def _piece(record: Record, u: Array, y: Array, name: str, rows: slice = slice(None)) -> _Piece:
     """Return the rows of a curve at which it was measured."""
     numbers = np.arange(record.size, dtype=np.float64) if record.numbers is None else record.numbers
@@ -207,11 +206,13 @@ def _piece(record: Record, u: Array, y: Array, name: str, rows: slice = slice(No
 
 
 def _require_one_way(pieces: Sequence[_Piece], span: float, name: str) -> None:
+    # an input that is measured may go back by this share of its range
+    setback = 0.02
     for piece in pieces:
         u = piece.u if piece.way >= 0.0 else -piece.u
         back = np.maximum.accumulate(u) - u
         at = int(back.argmax())
-        if back[at] > _NOISE * span:
+        if back[at] > setback * span:
             raise RecordError(
                 f"the input '{name}' of '{piece.name}' goes back and forth, as at row "
                 f"{piece.rows[at]:.0f}, where it is {piece.u[at]:g}: a branch or a curve is run "
@@ -297,17 +298,18 @@ def _assembled(
     rate: float | None,
     state: str,
 ) -> Record:
-    if rate is not None and not (np.isfinite(rate) and rate > 0.0):
-        raise RecordError(f"the sample rate must be positive, got {rate} Hz")
+    require_rate(rate)
     u, y, rows = (np.concatenate([getattr(p, f) for p in path]) for f in ("u", "y", "rows"))
+    # rows of a table without times are taken to follow one another at this rate [Hz]
+    nominal_hz = 1.0
     if rate is None:
         state += (
-            f"; rows without times are taken as {_NOMINAL_HZ:g} in a second: delay and creep "
+            f"; rows without times are taken as {nominal_hz:g} in a second: delay and creep "
             "cannot be found"
         )
     return Record(
         channels=(replace(driven, values=u), replace(follows, values=y)),
-        time=np.arange(u.size) / (_NOMINAL_HZ if rate is None else rate),
+        time=np.arange(u.size) / (nominal_hz if rate is None else rate),
         source=record.source,
         source_hash=record.source_hash,
         notes=(*record.notes, state),

@@ -1,6 +1,7 @@
 """Choosing the columns of a record among the arrays of a file that holds many."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
@@ -87,10 +88,16 @@ class Tree:
     """Size of the file [bytes]."""
 
 
-def unreadable(path: Path, kind: str, error: Exception, hint: str = "") -> RecordError:
-    """Return the refusal of a file on which its library failed, with the first line of why."""
-    reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
-    return RecordError(f"'{path}' cannot be read as {kind} file ({reason}){hint}")
+@contextmanager
+def reading(path: Path, kind: str, hint: str = "") -> Iterator[None]:
+    """Refuse a file on which its library fails, with the first line of why."""
+    try:
+        yield
+    except RecordError:
+        raise
+    except Exception as error:  # a damaged file makes nearly any error there
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
+        raise RecordError(f"'{path}' cannot be read as {kind} file ({reason}){hint}") from error
 
 
 def chosen_columns(tree: Tree, dataset: str | None) -> FileColumns:

@@ -16,9 +16,9 @@ from flexstage.records.curves import (
 )
 from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_drive
+from flexstage.records.reading_options import column, column_list
 from flexstage.records.record import Record
 from flexstage.records.sampling import row_range
-from flexstage.records.selectors import column, column_list
 
 
 def read_drive(

@@ -97,20 +97,21 @@ def _whole(keys: Mapping[str, str], key: str) -> int | None:
     if text is None:
         return None
     number = int(text) if re.fullmatch(r"\d{1,12}", text) else 0
-    if number < 1:
-        raise RecordError(f"{key} in the heading must be a whole number from 1, got '{text[:30]}'")
+    _require(number > 0, key, "a whole number from 1", text)
     return number
+
+
+def _require(sound: bool, key: str, wanted: str, text: str) -> None:
+    if not sound:
+        raise RecordError(f"{key} in the heading must be {wanted}, got '{text[:30]}'")
 
 
 def _separator(keys: Mapping[str, str]) -> str | None:
     """Return what divides the columns; None is any white space."""
     text = keys.get("SEPARATOR", "32")
     code = int(text) if re.fullmatch(r"\d{1,3}", text) else -1
-    if code not in _SEPARATORS:
-        raise RecordError(
-            f"SEPARATOR in the heading must be the code of space (32), tab (9), comma (44) or "
-            f"semicolon (59), got '{text[:30]}'"
-        )
+    wanted = "the code of space (32), tab (9), comma (44) or semicolon (59)"
+    _require(code in _SEPARATORS, "SEPARATOR", wanted, text)
     return _SEPARATORS[code]
 
 
@@ -119,10 +120,8 @@ def _sample_time(keys: Mapping[str, str]) -> float | None:
     if text is None:
         return None
     interval = float(text) if _NUMBER.fullmatch(text) else 0.0
-    if not (np.isfinite(interval) and interval > 0.0):
-        raise RecordError(
-            f"SAMPLE_TIME in the heading must be a positive number of seconds, got '{text[:30]}'"
-        )
+    sound = bool(np.isfinite(interval)) and interval > 0.0
+    _require(sound, "SAMPLE_TIME", "a positive number of seconds", text)
     return interval
 
 

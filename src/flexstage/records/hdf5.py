@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumns
-from flexstage.records.datasets import StoredArray, Tree, chosen_columns, unreadable
+from flexstage.records.datasets import StoredArray, Tree, chosen_columns, reading
 
 _DEEPEST = 12
 _MOST = 20_000
@@ -23,21 +22,16 @@ def read_hdf5(path: Path, dataset: str | None = None) -> FileColumns:
     """
     import h5py
 
-    try:
-        with h5py.File(str(path), "r") as file:
-            walk = _Walk(matlab="MATLAB_class" in _attribute_names(file))
-            walk.group("", file, 0)
-            tree = Tree(
-                leaves=tuple(walk.leaves),
-                numbers=walk.numbers,
-                texts=walk.texts,
-                file_size=path.stat().st_size,
-            )
-            return chosen_columns(tree, dataset)
-    except RecordError:
-        raise
-    except Exception as error:  # a damaged file makes nearly any error there
-        raise unreadable(path, "an HDF5", error, ": is it whole?") from error
+    with reading(path, "an HDF5", ": is it whole?"), h5py.File(str(path), "r") as file:
+        walk = _Walk(matlab="MATLAB_class" in _attribute_names(file))
+        walk.group("", file, 0)
+        tree = Tree(
+            leaves=tuple(walk.leaves),
+            numbers=walk.numbers,
+            texts=walk.texts,
+            file_size=path.stat().st_size,
+        )
+        return chosen_columns(tree, dataset)
 
 
 def _attribute_names(file: Any) -> set[str]:

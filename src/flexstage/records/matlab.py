@@ -8,6 +8,7 @@ followed here first: MathWorks, MAT-File Format, 2019, chapter 1.
 import struct
 import warnings
 import zlib
+from collections.abc import Container
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,8 @@ from flexstage.records.datasets import (
     Tree,
     chosen_columns,
     most_unpacked,
+    reading,
     require_unpacked,
-    unreadable,
 )
 from flexstage.records.hdf5 import read_hdf5
 
@@ -42,20 +43,19 @@ def read_matlab(path: Path, dataset: str | None = None) -> FileColumns:
     from scipy.io import loadmat
     from scipy.io.matlab import matfile_version
 
-    try:
-        with warnings.catch_warnings(), path.open("rb") as stream:
-            # the version that the reader below goes by, whatever the text at the start says
-            if matfile_version(stream)[0] != 0:
-                stream.seek(0)
-                require_sound(stream.read())
+    with (
+        reading(path, "a MATLAB", ": save it again"),
+        warnings.catch_warnings(),
+        path.open("rb") as stream,
+    ):
+        # the version that the reader below goes by, whatever the text at the start says
+        if matfile_version(stream)[0] != 0:
             stream.seek(0)
-            # it warns of a variable that it cannot read, which is missing then and said to be
-            warnings.simplefilter("ignore")
-            variables = loadmat(stream, struct_as_record=True, chars_as_strings=True)
-    except RecordError as error:
-        raise RecordError(f"'{path}': {error}") from error
-    except Exception as error:  # a damaged file makes nearly any error there
-        raise unreadable(path, "a MATLAB", error, ": save it again") from error
+            require_sound(stream.read())
+        stream.seek(0)
+        # it warns of a variable that it cannot read, which is missing then and said to be
+        warnings.simplefilter("ignore")
+        variables = loadmat(stream, struct_as_record=True, chars_as_strings=True)
     walk = _Walk()
     for name, value in variables.items():
         if not name.startswith("__"):
@@ -120,9 +120,10 @@ class _Walk:
                     self.visit(path, field, item[field], depth + 1)
 
 
+# numbers of the types of elements, and of the classes of matrices
 _MATRIX, _COMPRESSED = 14, 15
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
-_NAMES = (1, 2, 16)
+_NAMES = frozenset((1, 2, 16))
 _TEXT_TYPES = frozenset((1, 2, 3, 4, 16, 17, 18))
 _CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
 _NUMERIC = range(6, 16)
@@ -130,33 +131,35 @@ _MOST_ENTRIES = 2**32
 _DEEPEST_TAG = 40
 
 
+def _require(sound: bool, fault: str) -> None:
+    """Refuse what is cut short or damaged."""
+    if not sound:
+        raise ValueError(fault)
+
+
 def require_sound(data: bytes) -> None:
     """Refuse a MATLAB 5 file whose tags contradict each other.
 
     A ValueError says what is cut short or damaged.
     """
-    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    if order is None:
-        raise ValueError("its heading is damaged")
+    order = {b"IM": "<", b"MI": ">"}.get(data[126:128], "")
+    _require(bool(order), "its heading is damaged")
     position, unpacked, most = 128, 0, most_unpacked(len(data))
     while position + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, position)
         start, position = position + 8, position + 8 + size
-        if position > len(data):
-            raise ValueError("it is cut short")
+        _require(position <= len(data), "it is cut short")
         if kind == _COMPRESSED:
             inner = _inflated(data[start:position], most - unpacked)
             unpacked += len(inner)
             require_unpacked(unpacked, len(data), "the whole of its variables")
             walk = _Tags(inner, order)
             kind, start, end, _ = walk.tag(0, len(inner))
-            if kind != _MATRIX:
-                raise ValueError("a compressed variable is damaged")
+            _require(kind == _MATRIX, "a compressed variable is damaged")
             walk.matrix(start, end, 0)
-        elif kind == _MATRIX:
-            _Tags(data, order).matrix(start, position, 0)
         else:
-            raise ValueError(f"a variable of the unknown type {kind}")
+            _require(kind == _MATRIX, f"a variable of the unknown type {kind}")
+            _Tags(data, order).matrix(start, position, 0)
 
 
 def _inflated(packed: bytes, most: int) -> bytes:
@@ -177,52 +180,45 @@ class _Tags:
 
     def tag(self, at: int, end: int) -> tuple[int, int, int, int]:
         """Return type, first byte and end of an element, and where the next one begins."""
-        if at + 8 > end:
-            raise ValueError("a variable is cut short")
+        _require(at + 8 <= end, "a variable is cut short")
         kind, size = struct.unpack_from(f"{self.order}II", self.data, at)
         if kind >> 16:
             # up to four bytes stand in the tag itself
             kind, size, start = kind & 0xFFFF, kind >> 16, at + 4
             following = at + 8
-            if size > 4:
-                raise ValueError("a short element is damaged")
+            _require(size <= 4, "a short element is damaged")
         else:
             start = at + 8
             following = start + size + (-size) % 8
-        if start + size > end:
-            raise ValueError("an element is longer than its variable")
+        _require(start + size <= end, "an element is longer than its variable")
         return kind, start, start + size, following
 
-    def element(self, at: int, end: int, kinds: object) -> tuple[int, int, int, int]:
+    def element(self, at: int, end: int, kinds: Container[int]) -> tuple[int, int, int, int]:
         """Return an element, which must be of a given type."""
         found = self.tag(at, end)
-        if found[0] not in kinds:  # type: ignore[operator]
-            raise ValueError(f"an element of the unexpected type {found[0]}")
+        _require(found[0] in kinds, f"an element of the unexpected type {found[0]}")
         return found
 
     def matrix(self, at: int, end: int, depth: int) -> None:
         """Follow a matrix of numbers, texts or other matrices."""
         if at == end:
             return
-        if depth > _DEEPEST_TAG:
-            raise ValueError("structures are nested too deep")
+        _require(depth <= _DEEPEST_TAG, "structures are nested too deep")
         _, start, stop, at = self.element(at, end, (6,))
-        if stop - start != 8:
-            raise ValueError("the flags of a variable are damaged")
+        _require(stop - start == 8, "the flags of a variable are damaged")
         (flags,) = struct.unpack_from(f"{self.order}I", self.data, start)
         kind, is_complex = flags & 0xFF, bool(flags & 0x800)
         if kind == _OPAQUE:
             self._opaque(at, end, depth)
             return
         _, start, stop, at = self.element(at, end, (5, 6))
-        if (stop - start) % 4 or stop - start < 8:
-            raise ValueError("the dimensions of a variable are damaged")
+        damaged = "the dimensions of a variable are damaged"
+        _require((stop - start) % 4 == 0 and stop - start >= 8, damaged)
         shape = struct.unpack_from(f"{self.order}{(stop - start) // 4}i", self.data, start)
         count = 1
         for n in shape:
             count *= n
-            if n < 0 or count > _MOST_ENTRIES:
-                raise ValueError("the dimensions of a variable are damaged")
+            _require(n >= 0 and count <= _MOST_ENTRIES, damaged)
         *_, at = self.element(at, end, _NAMES)
         if kind in _NUMERIC:
             self._numbers(at, end, count, 2 if is_complex else 1)
@@ -236,16 +232,17 @@ class _Tags:
             *_, at = self.element(at, end, (5, 6))
             *_, at = self.element(at, end, (5, 6))
             self.element(at, end, _SIZES)
-        elif kind == _FUNCTION:
-            self._items(at, end, 1, depth)
         else:
-            raise ValueError(f"a variable of the unknown class {kind}")
+            _require(kind == _FUNCTION, f"a variable of the unknown class {kind}")
+            self._items(at, end, 1, depth)
 
     def _numbers(self, at: int, end: int, count: int, parts: int) -> None:
         for _ in range(parts):
             kind, start, stop, at = self.element(at, end, _SIZES)
-            if stop - start != count * _SIZES[kind]:
-                raise ValueError("a variable has not as many numbers as it says")
+            _require(
+                stop - start == count * _SIZES[kind],
+                "a variable has not as many numbers as it says",
+            )
 
     def _items(self, at: int, end: int, count: int, depth: int) -> None:
         for _ in range(count):
@@ -258,8 +255,7 @@ class _Tags:
         _, start, stop, at = self.element(at, end, (5, 6))
         width = struct.unpack_from(f"{self.order}i", self.data, start)[0] if stop > start else 0
         _, start, stop, at = self.element(at, end, _NAMES)
-        if width < 1 or (stop - start) % width:
-            raise ValueError("the names of a structure are damaged")
+        _require(width > 0 and (stop - start) % width == 0, "the names of a structure are damaged")
         self._items(at, end, count * ((stop - start) // width), depth)
 
     def _opaque(self, at: int, end: int, depth: int) -> None:

@@ -12,8 +12,8 @@ from flexstage.records.datasets import (
     StoredArray,
     Tree,
     chosen_columns,
+    reading,
     require_unpacked,
-    unreadable,
 )
 
 
@@ -25,17 +25,17 @@ def read_numpy(path: Path, dataset: str | None = None) -> FileColumns:
 
     Pickled objects are never loaded, as that would run what the file says.
     """
-    try:
-        return chosen_columns(_tree(_arrays(path), path.stat().st_size), dataset)
-    except RecordError:
-        raise
-    except Exception as error:  # a damaged file makes nearly any error there
-        if "pickle" in str(error):
+    with reading(path, "a NumPy"):
+        try:
+            arrays = _arrays(path)
+        except ValueError as error:
+            if "pickle" not in str(error):
+                raise
             raise RecordError(
                 f"'{path}' is pickled, which is not loaded, as that would run what it says: save "
                 "plain arrays of numbers"
             ) from error
-        raise unreadable(path, "a NumPy", error) from error
+        return chosen_columns(_tree(arrays, path.stat().st_size), dataset)
 
 
 def _arrays(path: Path) -> dict[str, NDArray]:

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.errors import RecordError
 from flexstage.records.record import Record
 
-# a normal distribution's rms over the median of its absolute values
-_RMS_OVER_MEDIAN = 1.4826022185056018
+#: A normal distribution's rms over the median of its absolute values.
+RMS_OVER_MEDIAN = 1.4826022185056018
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,10 +26,6 @@ class Saturation:
     """How many samples are at the least value."""
     at_high: int
     """How many are at the greatest."""
-    longest_low: int
-    """The longest run of samples at the least value."""
-    longest_high: int
-    """The longest run at the greatest."""
     clipped_low: bool
     """Whether the column looks cut off at the least value."""
     clipped_high: bool
@@ -94,16 +90,14 @@ def saturation(values: ArrayLike) -> Saturation:
         # of few samples in a step, those of one step alone are too few to go by
         rests = after.size > 0 and count > 4 * after[0]
         rests = rests and (after.max() == 1 or count > 2 * after.sum())
-        ends.append((count, longest, bool(longest >= 3 and rests)))
+        ends.append((count, bool(longest >= 3 and rests)))
     return Saturation(
         low=float(levels[0]),
         high=float(levels[-1]),
         at_low=ends[0][0],
         at_high=ends[1][0],
-        longest_low=ends[0][1],
-        longest_high=ends[1][1],
-        clipped_low=ends[0][2],
-        clipped_high=ends[1][2],
+        clipped_low=ends[0][1],
+        clipped_high=ends[1][1],
     )
 
 
@@ -187,7 +181,7 @@ def difference_noise(values: NDArray[np.float64], order: int) -> float:
     if values.size <= order:
         return 0.0
     difference = np.diff(values, n=order) / math.sqrt(math.comb(2 * order, order))
-    return _RMS_OVER_MEDIAN * float(np.median(np.abs(difference)))
+    return RMS_OVER_MEDIAN * float(np.median(np.abs(difference)))
 
 
 def require_unclipped(record: Record, columns: Sequence[str | int]) -> None:

@@ -190,6 +190,10 @@ def _read(
 ) -> FileColumns:
     if known in ("text", "gcs") and dataset is not None:
         raise RecordError(f"'{file}' is a text file: it has no datasets, leave the option out")
+    if decimal not in (None, ".", ","):
+        raise RecordError(f"the decimal sign must be '.' or ',', got {decimal!r}")
+    if skip_lines < 0:
+        raise RecordError(f"the lines to skip must be 0 or more, got {skip_lines}")
     if known == "text":
         return read_text(file, skip_lines=skip_lines, delimiter=delimiter, decimal=decimal)
     if known == "cmm":

@@ -5,7 +5,6 @@ from typing import Any
 
 from flexstage.errors import RecordError
 from flexstage.records.sampling import row_range
-from flexstage.records.selectors import column
 from flexstage.units import parse
 
 
@@ -55,3 +54,26 @@ def file_rates(text: str | None, option: str, files: int) -> Sequence[float | No
             f"{option} needs one rate, or one for each of {files} files, got {len(given)}"
         )
     return given * files if len(given) == 1 else given
+
+
+def column(text: str) -> str | int:
+    """Return what names a column: its number, or its name.
+
+    Examples
+    --------
+    >>> column("4"), column("position")
+    (4, 'position')
+    """
+    plain = text.strip()
+    return int(plain) if plain.isdecimal() else plain
+
+
+def column_list(text: str | None) -> list[str | int]:
+    """Return what names several columns, with commas between.
+
+    Examples
+    --------
+    >>> column_list("4, position"), column_list(None)
+    ([4, 'position'], [])
+    """
+    return [column(word) for word in (text or "").split(",") if word.strip()]

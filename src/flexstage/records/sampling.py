@@ -16,18 +16,10 @@ from flexstage.units import readable
 LARGEST_STEP = 1.5
 #: ... and of times that are to be made even, that more than one is.
 LARGEST_UNEVEN_STEP = 2.5
-#: An even rate may be said with so few digits that it is a little above that of the samples.
-_FINEST = 1.05
 #: A rate below this share of that of the samples has several in each new step.
 _COARSE = 0.8
-#: Times that were made by adding a step differ by rounding alone.
-_SAME_STEP = 1e-6
 #: A step of fewer digits is meant, and so is one whose reciprocal has no more than ...
 _FEW, _MANY = 3, 5
-#: What a crystal clock is good for.
-_CRYSTAL = 5e-5
-#: Even times that were rounded when they were written are told from uneven ones by so many.
-_FEWEST = 20
 # times are looked through in pieces of so many steps
 _PIECE = 65_536
 
@@ -43,6 +35,12 @@ def require_complete(values: Array, name: str) -> None:
             "samples are not finite: correct them, read rows without them by the option rows, or "
             "name the columns that you need by the option columns"
         )
+
+
+def require_rate(rate_hz: float | None) -> None:
+    """Refuse a sample rate that is given and is none."""
+    if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0.0):
+        raise RecordError(f"the sample rate must be positive, got {rate_hz} Hz")
 
 
 def require_rising(time: Array, name: str = "time", largest_step: float = LARGEST_STEP) -> None:
@@ -145,14 +143,18 @@ def step_uncertainty(time: Array) -> float:
     """
     step = float(time[-1] - time[0]) / (time.size - 1)
     low, high = extreme_steps(time)
-    if max(abs(low / step - 1.0), abs(high / step - 1.0)) > _SAME_STEP:
+    # times that were made by adding a step differ by rounding alone
+    same_step = 1e-6
+    if max(abs(low / step - 1.0), abs(high / step - 1.0)) > same_step:
         return 0.0
     digits = _digits(step)
     if digits < _FEW or _digits(1.0 / step) <= _MANY:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(step)) - digits + 1)
     share = 0.5 * unit / step
-    return share if share > _CRYSTAL else 0.0
+    # what a crystal clock is good for
+    crystal = 5e-5
+    return share if share > crystal else 0.0
 
 
 def _digits(value: float) -> int:
@@ -177,7 +179,9 @@ def require_uniform(record: Record) -> None:
 
 def _is_rounded(time: Array) -> bool:
     """Say whether times are even but for the digits that they are written with."""
-    if time.size < _FEWEST:
+    # even times that were rounded when they were written are told from uneven ones by so many
+    fewest = 20
+    if time.size < fewest:
         return False
     number = np.arange(time.size)
     even = np.polynomial.Polynomial.fit(number, time, 1)(number)
@@ -231,8 +235,7 @@ def resampled(
     if kind not in ("linear", "cubic", "mean"):
         raise RecordError(f"the kind of interpolation must be linear, cubic or mean, got {kind!r}")
     rate = record.sample_rate_hz if sample_rate_hz is None else sample_rate_hz
-    if not (np.isfinite(rate) and rate > 0.0):
-        raise RecordError(f"the sample rate must be positive, got {rate} Hz")
+    require_rate(rate)
     old = record.time
     span = float(old[-1] - old[0])
     # the last sample is kept where it falls on the new times but for rounding
@@ -315,7 +318,9 @@ def evened(record: Record, sample_rate_hz: float | None = None) -> Record:
     steps = np.diff(record.time)
     usual = float(np.median(steps))
     rate = 1.0 / usual if sample_rate_hz is None else sample_rate_hz
-    if rate * usual > _FINEST:
+    # an even rate may be said with so few digits that it is a little above that of the samples
+    finest = 1.05
+    if rate * usual > finest:
         raise RecordError(
             f"'{record.source or 'the record'}' cannot be resampled at {rate:g} Hz, as its samples "
             f"come at {1.0 / usual:.6g} Hz: give that rate or a lower one"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError
 from flexstage.lazy import require_extra
 from flexstage.records.columns import FileColumns
-from flexstage.records.datasets import StoredArray, Tree, chosen_columns, unreadable
+from flexstage.records.datasets import StoredArray, Tree, chosen_columns, reading
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 
@@ -26,19 +26,18 @@ def read_tdms(path: Path, dataset: str | None = None) -> FileColumns:
     require_extra("labview", "nptdms", "a TDMS file of LabVIEW", RecordError)
     from nptdms import TdmsFile
 
-    try:
-        with _quiet(), path.open("rb") as stream, TdmsFile.open(stream) as file:
-            if file.file_status.incomplete_final_segment:
-                raise RecordError(
-                    f"'{path}' was not written to its end: open and save it in LabVIEW, or record "
-                    "it again"
-                )
-            tree = _tree(file, path.stat().st_size)
-            return chosen_columns(tree, dataset)
-    except RecordError:
-        raise
-    except Exception as error:  # a damaged file makes nearly any error there
-        raise unreadable(path, "a TDMS", error) from error
+    with (
+        reading(path, "a TDMS"),
+        _quiet(),
+        path.open("rb") as stream,
+        TdmsFile.open(stream) as file,
+    ):
+        if file.file_status.incomplete_final_segment:
+            raise RecordError(
+                f"'{path}' was not written to its end: open and save it in LabVIEW, or record "
+                "it again"
+            )
+        return chosen_columns(_tree(file, path.stat().st_size), dataset)
 
 
 @contextlib.contextmanager

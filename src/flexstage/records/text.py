@@ -56,10 +56,6 @@ def read_text(
     Delimiter (also as tab, comma, semicolon, space) and decimal sign are found where not given. An
     empty field is not a number (NaN), nor is text, which is kept beside.
     """
-    if decimal not in (None, ".", ","):
-        raise RecordError(f"the decimal sign must be '.' or ',', got {decimal!r}")
-    if skip_lines < 0:
-        raise RecordError(f"the lines to skip must be 0 or more, got {skip_lines}")
     delimiters = _delimiters(delimiter)
     lines = text_lines(path)
     if lines[-1].strip() == "END":  # of what a network analyser writes between BEGIN and END

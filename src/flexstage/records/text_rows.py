@@ -64,8 +64,6 @@ _LONGEST_HEADING = 5000
 _SAMPLE = 400
 #: Lines of text and numbers that are rows, and not a heading, where no other row tells.
 _FEWEST = 3
-#: So many are no heading.
-_MANY = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -268,7 +266,9 @@ def _above(lines: Sequence[str], skip: int, first: int, layout: RowLayout) -> in
         fits = fits and not any(k == "t" and "n" in b and "t" not in b for k, b in pairs)
         top, count = skip + number, count + 1
         sure = top if fits and (known or count >= _FEWEST) else sure
-    return top if count >= _MANY else sure
+    # so many are no heading
+    many = 20
+    return top if count >= many else sure
 
 
 def _beside_text(

@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumns
 from flexstage.records.record import Channel, column_number
-from flexstage.records.sampling import require_rising, step_uncertainty, time_jitter
+from flexstage.records.sampling import (
+    require_rate,
+    require_rising,
+    step_uncertainty,
+    time_jitter,
+)
 from flexstage.records.text_heading import X_VALUE
 
 #: What a column of times may be called.
@@ -30,8 +35,7 @@ def timed(
     The channel that is chosen as time is replaced by one in seconds. `largest_step` is the longest
     step that is no gap, over the median one. The strings say where the times come from.
     """
-    if rate is not None and not (np.isfinite(rate) and rate > 0.0):
-        raise RecordError(f"the sample rate must be positive, got {rate} Hz")
+    require_rate(rate)
     names = [c.name for c in channels]
     if wanted is not None:
         number = column_number(names, wanted)

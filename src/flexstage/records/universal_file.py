@@ -23,8 +23,6 @@ _BY_KIND: dict[int, Domain] = {1: "time", **dict.fromkeys((2, 3, 4, 6, 9, 10, 12
 _SI: dict[Domain, str] = {"time": "s", "frequency": "Hz"}
 # kinds that are named by their points alone
 _UNNAMED = frozenset((1, 4))
-# an abscissa is printed with six digits
-_SAME = 2e-6
 # bytes in the wrong order are such numbers
 _NO_QUANTITY = 1e31
 _ACCELERATION = 12
@@ -214,7 +212,9 @@ def _one_abscissa(function: Function, name: str, table: Array) -> tuple[Domain, 
 
 def _same(one: Array, other: Array) -> bool:
     scale = float(np.abs(other).max())
-    return bool(np.abs(one - other).max() <= _SAME * scale)
+    # an abscissa is printed with six digits
+    same = 2e-6
+    return bool(np.abs(one - other).max() <= same * scale)
 
 
 def _span(domain: Domain, axis: Array) -> str:

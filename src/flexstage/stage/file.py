@@ -17,8 +17,7 @@ from flexstage.files.encoder import Encoder
 from flexstage.files.format import check_name, field_types
 from flexstage.files.nodes import Given, Node, Scalar, read_text
 from flexstage.files.nodes import Mapping as MappingNode
-from flexstage.files.parameters import FileParameter
-from flexstage.files.settings import overridden, require_known, settings_of
+from flexstage.files.parameters import FileParameter, overridden, require_known, settings_of
 from flexstage.files.write import write_whole
 from flexstage.files.yaml_text import yaml_text
 from flexstage.stage.copies import (

@@ -12,7 +12,7 @@ from flexstage.estimate import Estimate
 from flexstage.experiments.campaign.loading import column, optional_column, sphere_columns
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
-from flexstage.measure.motion.axis_figures import linearity, stroke
+from flexstage.measure.motion.axis_figures import stroke
 from flexstage.measure.motion.curve_extremes import curve_range
 from flexstage.measure.motion.curve_fit import fit_motion_curve
 from flexstage.measure.motion.cycles import MotionCycles, cycles_by_range
@@ -96,7 +96,6 @@ def motion_figures(
         for own in groups
     ]
     found, cycles = strokes[0], groups[0]
-    straight = linearity(found.curve)
     sensor, side, angle = (
         campaign.instrument(n) for n in (test.along, test.transverse, test.angle)
     )
@@ -133,7 +132,8 @@ def motion_figures(
         )
         for one, p in zip(strokes, pitches, strict=True)
     ]
-    add("linearity", straight.range, sensor, "transverse range")
+    apart = curve_range(found.curve, line="least_squares")
+    add("linearity", apart, sensor, "transverse range")
     add("hysteresis_loop_width", found.loop_width, sensor, "transverse range")
     if timed:
         # of few stations the noise of the machine would be taken for it
@@ -169,7 +169,7 @@ def motion_figures(
     return TestResult(
         test=test,
         figures=tuple(figures),
-        details={"stroke": found, "ranges": ranges, "linearity": straight, "curves": curves},
+        details={"stroke": found, "ranges": ranges, "curves": curves},
         notes=(*cycles.notes, *found.curve.notes, *([] if way > 0.0 else [_REVERSED])),
     )
 

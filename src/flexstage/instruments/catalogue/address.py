@@ -8,7 +8,7 @@ from sqlalchemy import URL, Connection, Engine, NullPool, StaticPool, create_eng
 from sqlalchemy.exc import ArgumentError
 
 from flexstage.errors import RecordError
-from flexstage.files.user_folder import user_folder
+from flexstage.files.names import user_folder
 
 #: Option of a connection that is going to write.
 WRITES = "flexstage_writes"

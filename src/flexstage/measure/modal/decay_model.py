@@ -11,8 +11,6 @@ from flexstage.measure.modal.local_rational import moving_mean
 # lines of the residual's periodogram that are averaged: no fewer, no more, and share of all
 _FEWEST, _MOST, _SHARE = 24, 400, 32
 _ITERATIONS = 60
-# how many times its time constant a motion may grow in the record: noise makes no decay grow more
-_GROWTH = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,6 +92,9 @@ def fit_decay(theta: Array, t: Array, values: Array, weights: Array) -> DecayFit
     """Make the weighted sum of squares least over the poles (Levenberg 1944, Marquardt 1963)."""
     now = project_decay(theta, t, values, weights)
     damping = 1e-6
+    # how many times its time constant a motion may grow in the record: noise makes no decay grow
+    # more
+    growth = 3.0
     for _ in range(_ITERATIONS):
         free = now.orthogonal() * weights[:, None, None]
         square = np.einsum("cnp,cnq->pq", free, free)
@@ -109,7 +110,7 @@ def fit_decay(theta: Array, t: Array, values: Array, weights: Array) -> DecayFit
             if (
                 np.all(np.abs(step[1::2]) < 0.3 * now.theta[1::2])
                 and np.all(trial_theta[::2] < 3.0 * trial_theta[1::2])
-                and np.all(trial_theta[::2] * t[-1] > -_GROWTH)
+                and np.all(trial_theta[::2] * t[-1] > -growth)
             ):
                 trial = project_decay(trial_theta, t, values, weights)
                 if trial.total <= now.total:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -10,8 +9,15 @@ import numpy as np
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.estimate import Component, Estimate
+from flexstage.estimate import Estimate
 from flexstage.measure.modal.covariance import Worth, assess, frequencies_of, residues_of
+from flexstage.measure.modal.listed_modes import (
+    line_spacing,
+    listed_modes,
+    names_of,
+    not_listed,
+    with_and_without,
+)
 from flexstage.measure.modal.mode_search import (
     likelier,
     search,
@@ -19,7 +25,7 @@ from flexstage.measure.modal.mode_search import (
     settled,
     steady_phase,
 )
-from flexstage.measure.modal.mode_selection import significances, threshold, without
+from flexstage.measure.modal.mode_selection import significances, threshold
 from flexstage.measure.modal.prepare import Prepared, prepared
 from flexstage.measure.modal.result import (
     FittedResponse,
@@ -31,24 +37,9 @@ from flexstage.measure.modal.result import (
 from flexstage.measure.modal.stabilisation import Stabilisation
 from flexstage.measure.modal.variable_projection import (
     ModalBasis,
-    ResponseBlock,
-    minimise,
     reference_frequency,
 )
 from flexstage.measure.spectra.response import MeasuredResponse
-
-# with more damping than this a pole lifts its response by less than 1.75 above that at standstill
-_MOST_DAMPING = 0.3
-# what a mode must make of the sum of squares beside the line that it stands on, over noise
-_SEEN = 25.0
-# share of a guessed frequency within which its mode lies
-_NEAR = 0.1
-# share of a response that a fit may leave before it is said
-_UNEXPLAINED = 0.2
-# half-power widths of a broad mode within which a sharper one may be all that it stands for
-_FLANK = 2.0
-# over its median, a response of noise alone has no line as high as this
-_PEAK = 5.0
 
 
 def fit_modes(
@@ -60,11 +51,9 @@ def fit_modes(
     delay: bool | None = None,
     lag: bool = False,
     weighting: Literal["variance", "uniform", "relative"] = "variance",
-    residuals: bool = True,
     real_modes: bool = False,
     added_damping_rate: float = 0.0,
     motion: Literal["displacement", "velocity", "acceleration"] | None = None,
-    orders: Sequence[int] | None = None,
 ) -> ModalFit:
     """Fit natural frequencies, damping ratios, residues and mode shapes to frequency responses.
 
@@ -101,8 +90,6 @@ def fit_modes(
     weighting : {"variance", "uniform", "relative"}
         Whether lines count by the variance they come with or else by what the fit shows of their
         noise, all alike, or by the inverse of their magnitude, down to where they scatter.
-    residuals : bool
-        Whether there are terms for modes beyond the band.
     real_modes : bool
         Whether residues are those of proportional damping, in phase with all others; a delay or lag
         is hard to tell from complex modes in a narrow band without it.
@@ -112,8 +99,6 @@ def fit_modes(
     motion : {"displacement", "velocity", "acceleration"}, optional
         What the outputs measure whose unit does not say it; displacement where not given. It bears
         on residues and on the terms for other modes.
-    orders : sequence of int, optional
-        Orders of the polynomials of the start.
 
     Returns
     -------
@@ -175,12 +160,10 @@ def fit_modes(
     template = ModalBasis(
         count=0,
         reference=reference,
-        residuals=residuals,
         # with complex residues, modes can have the phase that a delay or lag gives them
         real_modes=real_modes and not (delay or lag),
     )
     options: dict[str, Any] = {
-        "orders": orders,
         "band": edges,
         "count": wanted if frequency_guess is None else None,
         "guess": frequency_guess,
@@ -255,7 +238,7 @@ def _assembled(
     blocks = [part.block for part in parts]
     worth = assess(basis, theta, blocks)
     strength = significances(basis, theta, blocks) if basis.count else np.zeros(0)
-    outputs, inputs = _names(parts)
+    outputs, inputs = names_of(parts)
     values, slopes = frequencies_of(basis, theta, added_damping_rate)
     covariance = slopes @ worth.covariance @ slopes.T
     rate = max(part.measured.rate_uncertainty for part in parts)
@@ -280,9 +263,9 @@ def _assembled(
                 significance=float(strength[r]),
             )
         )
-    kept, others = _listed(poles, parts, band, wanted, worth.scale)
+    kept, others = listed_modes(poles, parts, band, wanted, worth.scale)
     if wanted is not None and not isinstance(wanted, int) and others:
-        poles = _with_and_without(poles, basis, theta, blocks, (kept, rising), parts, band, worth)
+        poles = with_and_without(poles, basis, theta, blocks, (kept, rising), parts, band, worth)
     modes = [poles[n] for n in kept]
     own = [2 * rising[n] + d for n in kept for d in (0, 1)]
     covariance = covariance[np.ix_(own, own)]
@@ -300,7 +283,7 @@ def _assembled(
             )
             number += 1
     fitted = _fitted(worth, parts)
-    notes = [*_notes(modes, parts, band, worth, fitted, added_damping_rate), *_not_listed(others)]
+    notes = [*_notes(modes, parts, band, worth, fitted, added_damping_rate), *not_listed(others)]
     if wanted is not None:
         needed = threshold(basis, blocks)
         notes += [
@@ -325,158 +308,6 @@ def _assembled(
         basis=basis,
         theta=theta,
     )
-
-
-def _listed(
-    poles: Sequence[Mode],
-    parts: Sequence[Prepared],
-    band: tuple[float, float],
-    wanted: int | Sequence[float] | None,
-    scale: float,
-) -> tuple[list[int], dict[str, list[Mode]]]:
-    """Tell modes from poles that stand for something else.
-
-    A mode is inside the band, has a peak, and is known within the width of that peak or the
-    distance of lines. Others stand for modes beyond the band, a drift, an amplifier or a
-    nonlinearity. All are modes where a number was `wanted`; else those near the frequencies [Hz].
-    `scale` is the mean square of noise over that of the weights. Returned are numbers of the modes,
-    and the others by the reason against them.
-    """
-    if isinstance(wanted, int):
-        return list(range(len(poles))), {}
-    if wanted is not None:
-        kept = sorted({_nearest(poles, frequency) for frequency in wanted})
-        rest = [mode for n, mode in enumerate(poles) if n not in kept]
-        return kept, {"not asked for": rest} if rest else {}
-    names = _names(parts)
-    lines = np.sort(np.concatenate([part.measured.frequency_hz for part in parts]))
-    kept = []
-    others: dict[str, list[Mode]] = {}
-    for n, mode in enumerate(poles):
-        f, zeta = mode.frequency_hz, mode.damping_ratio
-        width = max(2.0 * zeta.value * f.value, _spacing(lines, f.value))
-        if not band[0] <= f.value <= band[1]:
-            reason = "beyond the band"
-        elif zeta.value + min(zeta.expanded, zeta.value) > _MOST_DAMPING:
-            reason = "damped too much for a peak"
-        elif f.expanded > width:
-            reason = "not known within its width"
-        elif _beside(mode, parts, names, scale) < _SEEN:
-            reason = "on a single line"
-        elif any(_on_flank(mode, other) for other in poles):
-            reason = "on the flank of a sharper mode"
-        else:
-            kept.append(n)
-            continue
-        others.setdefault(reason, []).append(mode)
-    return kept, others
-
-
-def _on_flank(mode: Mode, other: Mode) -> bool:
-    """Whether a mode is within the width of a sharper one, and nowhere above the flank of that."""
-    width, sharper = -mode.pole.real, -other.pole.real
-    apart = abs(mode.pole.imag - other.pole.imag)
-    if not width > sharper > 0.0 or apart > _FLANK * width:
-        return False
-    flank = np.abs(other.residues / (1j * mode.pole.imag - other.pole))
-    return bool(np.all((np.abs(mode.residues) / width < flank)[np.isfinite(flank)]))
-
-
-def _with_and_without(
-    poles: Sequence[Mode],
-    basis: ModalBasis,
-    theta: Array,
-    blocks: Sequence[ResponseBlock],
-    places: tuple[Sequence[int], Sequence[int]],
-    parts: Sequence[Prepared],
-    band: tuple[float, float],
-    worth: Worth,
-) -> list[Mode]:
-    """Widen the intervals of the kept modes to hold what a fit without the background gives.
-
-    `places` are the numbers of the kept modes, and that of each mode in the parameters.
-    """
-    kept, rising = places
-    peaks = {*kept, *_listed(poles, parts, band, None, worth.scale)[0]}
-    gone = [rising[n] for n in range(len(poles)) if n not in peaks]
-    out = list(poles)
-    if not gone:
-        return out
-    fewer, start = without(basis, theta, gone)
-    values = frequencies_of(fewer, minimise(fewer, start, blocks, rough=True)[0], 0.0)[0]
-    left = [r for r in range(basis.count) if r not in gone]
-    for n in kept:
-        other = 2 * left.index(rising[n])
-        mode = out[n]
-        f, zeta = (
-            own.plus(Component(name="background", uncertainty=abs(own.value - v) / 1.95, kind="B"))
-            for own, v in (
-                (mode.frequency_hz, values[other]),
-                (mode.damping_ratio, values[other + 1]),
-            )
-        )
-        out[n] = replace(mode, frequency_hz=f, damping_ratio=zeta)
-    return out
-
-
-def _beside(
-    mode: Mode,
-    parts: Sequence[Prepared],
-    names: tuple[tuple[str, ...], tuple[str, ...]],
-    scale: float,
-) -> float:
-    """Sum of squares over noise that a mode makes on all lines but the nearest."""
-    total = 0.0
-    for part in parts:
-        rows = [names[0].index(name) for name in part.measured.outputs]
-        columns = [names[1].index(name) for name in part.measured.inputs]
-        omega = 2.0 * math.pi * part.measured.frequency_hz
-        residues = mode.residues[np.ix_(rows, columns)].ravel()
-        motion = residues[None, :] / (1j * omega - mode.pole)[:, None]
-        # weights are the root of two over the noise
-        square = 0.5 * np.abs(motion * part.block.weights) ** 2
-        square[int(np.argmin(np.abs(omega - abs(mode.pole))))] = 0.0
-        noise = np.full_like(square, scale)
-        if part.kept and not part.given:
-            # weights that were chosen do not say where the noise is: the lines do
-            own = (part.scatter / part.deviation) ** 2
-            noise = np.maximum(noise, own.reshape(noise.shape))
-        total += float((square / noise).sum())
-    return total
-
-
-def _nearest(poles: Sequence[Mode], frequency: float) -> int:
-    """Number of the mode near a frequency."""
-    off = [
-        abs(mode.frequency_hz.value / frequency - 1.0)
-        if mode.damping_ratio.value <= _MOST_DAMPING
-        else math.inf
-        for mode in poles
-    ]
-    if not off or min(off) > _NEAR:
-        raise ModelError(
-            f"no mode is found within {100.0 * _NEAR:g} % of {frequency:g} Hz: guess another "
-            "frequency, or fit another band"
-        )
-    return int(np.argmin(off))
-
-
-def _not_listed(others: dict[str, list[Mode]]) -> list[str]:
-    """Name the poles that are not listed, in one note."""
-    if not others:
-        return []
-    said = []
-    for reason, modes in sorted(others.items()):
-        figures = [(mode.frequency_hz.value, 100.0 * mode.damping_ratio.value) for mode in modes]
-        named = ", ".join(f"{f:.4g} Hz with {zeta:.2g} % damping" for f, zeta in figures)
-        said.append(f"{named} ({reason})")
-    return [f"poles of the fit that are not listed as modes: {'; '.join(said)}"]
-
-
-def _names(parts: Sequence[Prepared]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    outputs = dict.fromkeys(name for part in parts for name in part.measured.outputs)
-    inputs = dict.fromkeys(name for part in parts for name in part.measured.inputs)
-    return tuple(outputs), tuple(inputs)
 
 
 def _estimate(
@@ -521,7 +352,9 @@ def _notes(
 ) -> list[str]:
     notes = []
     largest = max(float(one.residual_rms.max()) for one in fitted)
-    if largest > _UNEXPLAINED and modes:
+    # share of a response that a fit may leave before it is said
+    unexplained = 0.2
+    if largest > unexplained and modes:
         notes.append(
             f"the residual is {100.0 * largest:.0f} % of a response: fit it in a narrower band, "
             "with a delay, or with complex modes, and see that input and output are not swapped"
@@ -540,7 +373,7 @@ def _notes(
             )
         if zeta <= 0.0:
             notes.append(f"the mode at {f:.5g} Hz has a damping not distinguishable from 0")
-        spacing = min(_spacing(part.measured.frequency_hz, f) for part in parts)
+        spacing = min(line_spacing(part.measured.frequency_hz, f) for part in parts)
         if 0.0 < width < 2.0 * spacing:
             doubt = "that of the window" if windowed else "known badly"
             notes.append(
@@ -569,16 +402,12 @@ def _unfound(parts: Sequence[Prepared]) -> str:
         half = int(np.count_nonzero(size[:, column] > size[line, column] / math.sqrt(2.0)))
         found.append((float(above[line, column]), float(part.measured.frequency_hz[line]), half))
     ratio, frequency, lines = max(found)
-    if ratio < _PEAK:
+    # over its median, a response of noise alone has no line as high as this
+    peak = 5.0
+    if ratio < peak:
         return "no mode rises above the noise in the band"
     return (
         f"no decaying mode explains the response, which peaks at {frequency:.5g} Hz, {ratio:.2g} "
         f"times its median, with {lines} line{'s' * (lines > 1)} above half of its power: take "
         "longer segments where these are few, or fit that peak in a band about it"
     )
-
-
-def _spacing(lines: Array, frequency: float) -> float:
-    """Distance of rising lines about a frequency [Hz]."""
-    at = int(np.clip(np.searchsorted(lines, frequency), 1, lines.size - 1))
-    return float(lines[at] - lines[at - 1])

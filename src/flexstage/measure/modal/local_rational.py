@@ -8,15 +8,8 @@ from flexstage.arrays import Array, Complex
 
 # lines of a window, and coefficients of the rational function through them: a parabola over a line
 _WINDOW, _COEFFICIENTS = 9, 4
-# windows that a median is taken over, so that two poles in one window do not count as noise
-_SMOOTH = 11
-# what the median of a chi-square of 2 (9 - 4) degrees of freedom is of its mean
-_MEDIAN = 0.934
 # windows in which poles are looked for: as many lines as a peak may be wide
 _WINDOWS = (9, 17, 33, 65, 129)
-# twice the logarithm of the likelihood by which a pole must be better than a cubic, beside that for
-# the number of windows
-_BETTER = 12.0
 
 
 def line_scatter(frequency_hz: Array, response: Complex) -> Array:
@@ -35,9 +28,13 @@ def line_scatter(frequency_hz: Array, response: Complex) -> Array:
     x = frequency_hz[rows] - frequency_hz
     x = x / np.abs(x).max(axis=0)
     out = np.empty(columns.shape)
+    # windows that a median is taken over, so that two poles in one window do not count as noise
+    smooth = 11
+    # what the median of a chi-square of 2 (9 - 4) degrees of freedom is of its mean
+    median_over_mean = 0.934
     for column in range(columns.shape[1]):
         left = _rational(x, columns[rows, column], 1, 2)[0] / max(width - _COEFFICIENTS, 1)
-        out[:, column] = np.sqrt(_medians(left, min(_SMOOTH, lines)) / _MEDIAN)
+        out[:, column] = np.sqrt(_medians(left, min(smooth, lines)) / median_over_mean)
     return out.reshape(response.shape)
 
 
@@ -52,6 +49,9 @@ def local_poles(frequency_hz: Array, response: Complex) -> tuple[Complex, Array]
     columns = response.reshape(lines, -1)
     poles: list[Complex] = [np.zeros(0, dtype=np.complex128)]
     gains: list[Array] = [np.zeros(0)]
+    # twice the logarithm of the likelihood by which a pole must be better than a cubic, beside
+    # that for the number of windows
+    least_gain = 12.0
     for width in _WINDOWS:
         if width > lines:
             break
@@ -72,7 +72,7 @@ def local_poles(frequency_hz: Array, response: Complex) -> tuple[Complex, Array]
                 fewer = _rational(x[:, some], h[:, some], count - 1, total - count)[0]
                 floor = 1e-24 * np.sum(np.abs(h[:, some]) ** 2, axis=0) + 1e-300
                 gain = 2.0 * (width - total) * np.log((fewer + floor) / (more[some] + floor))
-                shown = gain > _BETTER + 2.0 * math.log(lines)
+                shown = gain > least_gain + 2.0 * math.log(lines)
                 for at, within in zip(roots[:, some], inside[:, some] & shown, strict=True):
                     f = (middle[some] + scale[some] * at)[within]
                     poles.append(2.0 * math.pi * (1j * f.real - f.imag))

@@ -32,8 +32,6 @@ from flexstage.measure.modal.variable_projection import (
 )
 from flexstage.units import readable
 
-# lines that suffice to try delays
-_COARSE = 500
 # delays are tried an eighth of the shortest period apart
 _DELAYS = np.arange(-8, 97) / 8.0
 # and closer about the one that is known
@@ -47,15 +45,8 @@ _LEAST_TURN, _FAR_BETTER = 0.1, 0.5
 _LIKELY = 2
 # lags, in radians of the highest frequency
 _LAGS = np.array([0.0, 0.15, 0.5, 1.5, 4.0])
-# how often modes are looked for again, with delay and lag taken off
-_AGAIN = 4
 # share of the work that is left after each time
 _PART = 0.7
-# a pole that a window shows ranks with one that half of the orders have where it is this much
-# likelier than none
-_SURE = 100.0
-# damping that a guessed frequency starts from where no pole is near
-_GUESSED_DAMPING = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,7 +69,6 @@ def search(
     parts: tuple[Prepared, ...],
     template: ModalBasis,
     *,
-    orders: Sequence[int] | None,
     band: tuple[float, float],
     count: int | None,
     guess: Sequence[float] | None,
@@ -89,7 +79,7 @@ def search(
     significant or not.
     """
     progress.update("poles")
-    diagram, start = started(parts, orders, band)
+    diagram, start = started(parts, band)
     progress.update("which are modes", 0.1)
     blocks = [part.block for part in parts]
     basis, theta = selected(template, start, blocks, count, guess or ())
@@ -136,9 +126,7 @@ def settled(
     return parts, theta
 
 
-def started(
-    parts: Sequence[Prepared], orders: Sequence[int] | None, band: tuple[float, float]
-) -> tuple[Stabilisation, Complex]:
+def started(parts: Sequence[Prepared], band: tuple[float, float]) -> tuple[Stabilisation, Complex]:
     """Return poles to start from: stable ones, and those that stretches of a response show."""
     lines = [
         WeightedLines(
@@ -155,12 +143,15 @@ def started(
             for one in lines
             for i in range(one.response.shape[2])
         ]
-    diagram = stabilised(lines, orders=orders, band=band)
+    diagram = stabilised(lines, band=band)
     shown, gains = zip(*(local_poles(one.frequency_hz, one.response) for one in lines), strict=True)
     likelier = np.concatenate(gains)
+    # a pole that a window shows ranks with one that half of the orders have where it is this much
+    # likelier than none
+    sure_gain = 100.0
     poles = distinct(
         np.concatenate([diagram.poles, *shown]),
-        np.concatenate([diagram.persistence, likelier / (likelier + _SURE)]),
+        np.concatenate([diagram.persistence, likelier / (likelier + sure_gain)]),
     )
     return diagram, poles
 
@@ -182,7 +173,9 @@ def _with_guess(
     omega = 2.0 * math.pi * frequency
     if nearest_pole(basis, theta, frequency) is not None:
         return basis, theta
-    start = omega * complex(-_GUESSED_DAMPING, math.sqrt(1.0 - _GUESSED_DAMPING**2))
+    # damping that a guessed frequency starts from where no pole is near
+    guessed_damping = 0.01
+    start = omega * complex(-guessed_damping, math.sqrt(1.0 - guessed_damping**2))
     single = replace(basis, count=1).start(np.array([start]))
     more = replace(basis, count=basis.count + 1)
     blocks = [part.block for part in parts]
@@ -220,7 +213,7 @@ def search_with_sensor(
         return replace(basis, real_modes=real_modes, delay=delay, lag=lag)
 
     # poles that stretches of a response show are there whatever turns its phase
-    _, poles = started(parts, options["orders"], options["band"])
+    _, poles = started(parts, options["band"])
     first = whole(replace(template, count=poles.size))
     begins = [first.start(poles)]
     if delay:
@@ -231,7 +224,9 @@ def search_with_sensor(
     best = replace(best, cost=math.inf)
     # as long as the delay was not known, modes needed a phase of their own
     inner = replace(template, real_modes=real_modes)
-    for n in range(_AGAIN):
+    # how often modes are looked for again, with delay and lag taken off
+    most_turns = 4
+    for n in range(most_turns):
         trial = _searched(best.basis, best.theta, weighed, inner, options, len(begins) + n)
         if trial.cost >= best.cost - 1e-6 * abs(best.cost):
             break
@@ -372,7 +367,9 @@ def steady_phase(poles: Complex, template: ModalBasis, parts: Sequence[Prepared]
 
 
 def _fewer(block: ResponseBlock) -> ResponseBlock:
-    few = slice(None, None, max(1, block.s.size // _COARSE))
+    # lines that suffice to try delays
+    coarse = 500
+    few = slice(None, None, max(1, block.s.size // coarse))
     return replace(block, s=block.s[few], values=block.values[few], weights=block.weights[few])
 
 

@@ -19,20 +19,12 @@ from flexstage.measure.modal.variable_projection import (
     minimise,
 )
 
-# damping that a peak of the residual is tried with
-_PEAK_DAMPING = 0.005
 # how many candidates are tried before it is believed that there is no other mode
 _CANDIDATES = 3
 #: Damping of what may pass for a pole.
 LEAST_DAMPING, MOST_DAMPING = 1e-7, 9.0
-# what noise is of the response, at least, in anything measured
-_DYNAMIC_RANGE = 1e-8
-# how far from a guess a pole may be to be the one that is meant
-_NEAR_GUESS = 0.05
 # half-power widths within which one pole may stand for two, and how many such are tried
 _SIDE, _TRIALS = 3.0, 3
-# a pole that is not known to this share of its frequency is nowhere
-_NOWHERE = 0.3
 # damping below which a pole makes a peak, and correlation of residues that tells no two modes apart
 _PEAKED, _ALIKE = 0.5**0.5, 0.9
 # a pole beside those asked for takes part where what is left falls to half by it, and on the peak
@@ -91,7 +83,9 @@ def threshold(basis: ModalBasis, blocks: Sequence[ResponseBlock]) -> float:
 def rounding_level(blocks: Sequence[ResponseBlock]) -> float:
     """Return the least mean square of noise that is believed: a smaller one is the computer's."""
     power = [np.sum((block.weights * np.abs(block.values)) ** 2) for block in blocks]
-    return float(_DYNAMIC_RANGE**2 * sum(power) / sum(2 * block.values.size for block in blocks))
+    # what noise is of the response, at least, in anything measured
+    dynamic_range = 1e-8
+    return float(dynamic_range**2 * sum(power) / sum(2 * block.values.size for block in blocks))
 
 
 def without(basis: ModalBasis, theta: Array, modes: Sequence[int]) -> tuple[ModalBasis, Array]:
@@ -228,7 +222,9 @@ def nearest_pole(basis: ModalBasis, theta: Array, frequency: float) -> int | Non
     w, zeta = theta[: 2 * basis.count].reshape(-1, 2).T
     off = np.abs(basis.reference * w / (2.0 * math.pi * frequency) - 1.0)
     off = np.where(zeta < _PEAKED, off, math.inf)
-    if not off.size or off.min() > _NEAR_GUESS:
+    # how far from a guess a pole may be to be the one that is meant
+    near_guess = 0.05
+    if not off.size or off.min() > near_guess:
         return None
     return int(np.argmin(off))
 
@@ -291,7 +287,9 @@ def _needless(
     values = sum(2 * block.values.size for block in blocks)
     level = max(sum(one.total for one in now) / max(values - basis.size, 1), rounding_level(blocks))
     deviation = deviations_of(basis, theta, blocks)[: 2 * basis.count : 2]
-    out = (math.sqrt(level) * deviation > _NOWHERE * w) | (zeta <= 0.0) | (zeta > MOST_DAMPING)
+    # a pole that is not known to this share of its frequency is nowhere
+    nowhere = 0.3
+    out = (math.sqrt(level) * deviation > nowhere * w) | (zeta <= 0.0) | (zeta > MOST_DAMPING)
     poles = basis.poles(theta)[:, 0]
     for a, b in itertools.permutations(np.flatnonzero(zeta < _PEAKED), 2):
         half = -0.5 * (poles[a] + poles[b]).real
@@ -397,6 +395,8 @@ def _apart(candidates: Complex, poles: Complex) -> NDArray[np.bool_]:
 def _peaks(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> Complex:
     """Poles at the frequencies where the residual is largest over some lines."""
     found = []
+    # damping that a peak of the residual is tried with
+    peak_damping = 0.005
     for block in blocks:
         now = eliminate(basis, theta, block)
         power = np.sum(now.square * np.abs(now.residual) ** 2, axis=1)
@@ -408,7 +408,7 @@ def _peaks(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> 
             mean = np.convolve(power, np.full(width, 1.0 / width), "same")
             top = omega[int(np.argmax(mean))]
             spacing = float(omega[-1] - omega[0]) / (omega.size - 1)
-            found.append(complex(-max(width * spacing, _PEAK_DAMPING * top), top))
+            found.append(complex(-max(width * spacing, peak_damping * top), top))
     return np.array(found, dtype=np.complex128)
 
 

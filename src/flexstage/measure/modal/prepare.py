@@ -15,8 +15,6 @@ from flexstage.measure.spectra.response import MeasuredResponse
 
 _POWERS = {"m": 0, "m/s": 1, "m/s^2": 2, "rad": 0, "rad/s": 1, "rad/s^2": 2}
 _MOTIONS = {"displacement": 0, "velocity": 1, "acceleration": 2}
-# degrees of freedom that a variance should rest on before it is used as a weight
-_KNOWN_WELL = 64.0
 # correlation of the errors of neighbouring lines, of noise on both sides under a Hann window: the
 # square of that of its own transform, 2/3
 _ALIKE = 4.0 / 9.0
@@ -24,10 +22,6 @@ _ALIKE = 4.0 / 9.0
 _ROUNDING = 1e-10
 # gain of the logarithm of the likelihood of a line, from which on noise is not even
 _UNEVEN = 0.1
-# a tenth of squares of noise is above 3.3 of their median
-_REACHED = 6.0
-# share of the response that no model is asked for until it is known what it leaves
-_TRUSTED = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,7 +102,9 @@ def _first(part: MeasuredResponse, scatter: Array, size: Array, weighting: str) 
     if weighting == "uniform":
         return np.broadcast_to(size, part.response.shape).copy()
     magnitude = np.abs(part.response)
-    share = 1.0 if weighting == "relative" else _TRUSTED
+    # share of the response that no model is asked for until it is known what it leaves
+    trusted = 0.01
+    share = 1.0 if weighting == "relative" else trusted
     # in proportion, down to the noise
     return np.maximum(np.hypot(scatter, share * magnitude), _ROUNDING * size)
 
@@ -145,7 +141,9 @@ def _noises(square: Array, signal: Array, scatter: Array, left: Array) -> Array:
         return even
     # a window makes lines scatter less, but all alike; what a model lacks is of some lines alone
     middle, high = np.quantile(square / (shape * left), (0.5, 0.9))
-    if high > _REACHED * middle:
+    # a tenth of squares of noise is above 3.3 of their median
+    reached = 6.0
+    if high > reached * middle:
         return even
     uneven = _two_noises(square, signal, shape, left)
     gain = np.mean(np.log(even / uneven) + square / left * (1.0 / even - 1.0 / uneven))
@@ -183,9 +181,11 @@ def deviations(part: MeasuredResponse) -> Array | None:
         raise RecordError("the variance of a response must be 0 or more, got a negative or none")
     lines = part.frequency_hz.size
     freedom = 2.0 * (part.averages - 1.0)
-    if part.averages > 1.0 and freedom < _KNOWN_WELL:
+    # degrees of freedom that a variance should rest on before it is used as a weight
+    known_well = 64.0
+    if part.averages > 1.0 and freedom < known_well:
         # inverse variances from few averages scatter: their neighbours help
-        width = min(math.ceil(_KNOWN_WELL / freedom), max(lines // 8, 1))
+        width = min(math.ceil(known_well / freedom), max(lines // 8, 1))
         sharp = _share_of_response(variance, part.response)
         variance = np.maximum(_averaged(variance - sharp, width | 1), 0.0) + sharp
     finite = np.where(np.isfinite(variance), variance, np.nan)

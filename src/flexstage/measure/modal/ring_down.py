@@ -22,15 +22,9 @@ from flexstage.measure.modal.result import noisy_estimate, shape_from_residues
 from flexstage.records import Record, step_uncertainty
 from flexstage.records.sampling import require_complete, require_uniform
 
-# a line of a periodogram of noise alone is seldom this many times its surroundings, beyond ln n
-_ABOVE = 3.0
 # samples of a window of the subspace, at most, and windows that are summed
 _WINDOW = 360
 _SHIFTS = 8000
-# samples in a period of the highest mode that are enough: more are averaged
-_PER_PERIOD = 12.0
-# modes that are looked for where nobody says how many
-_MOST = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,9 +73,7 @@ def ring_down(
     channels: Sequence[str | int] | str | int,
     *,
     start: float | None = None,
-    stop: float | None = None,
     count: int | None = None,
-    band: tuple[float, float] | None = None,
 ) -> RingDown:
     """Fit damped sines to the free decay after a release, a hit or the end of a step.
 
@@ -100,12 +92,8 @@ def ring_down(
     start : float, optional
         When the decay begins, in the time of the record [s]; found where not given, from the
         largest motion at the frequency that stands out most.
-    stop : float, optional
-        When it ends [s].
     count : int, optional
         Number of modes; those that noise does not explain where not given (Schwarz 1978).
-    band : tuple of float, optional
-        Where modes are looked for [Hz].
 
     Returns
     -------
@@ -146,24 +134,31 @@ def ring_down(
         raise ModelError(f"the number of modes must be 1 or more, got {count!r}")
     taken = [record.channel(name) for name in names]
     t, values, rate = _samples(record, [c.values for c in taken], [c.name for c in taken])
-    last = _index(t, stop, t.size, "end")
-    first = _index(t, start, 0, "start")
     if start is None:
-        first = decay_start(values[:last], rate)
-    t, values = t[first:last], values[first:last]
+        first = decay_start(values, rate)
+    elif t[0] <= start <= t[-1]:
+        first = int(np.searchsorted(t, start))
+    else:
+        raise ModelError(
+            f"the start of a decay must lie in the record, from {t[0]:g} to {t[-1]:g} s, got "
+            f"{start!r} s"
+        )
+    t, values = t[first:], values[first:]
     if t.size < 32:
         raise RecordError(
             f"a decay needs at least 32 samples, got {t.size} from {record.time[first]:g} s on: "
             "record for longer, or give the start"
         )
     begin = float(t[0])
-    top = band[1] if band is not None else highest_frequency(values, rate)
-    times = max(1, min(int(rate / (_PER_PERIOD * top)), t.size // 64))
+    top = highest_frequency(values, rate)
+    # samples in a period of the highest mode that are enough: more are averaged
+    per_period = 12.0
+    times = max(1, min(int(rate / (per_period * top)), t.size // 64))
     values = values[: t.size // times * times].reshape(-1, times, len(taken)).mean(axis=1)
     # from the middle of the first average
     offset = 0.5 * (times - 1) / rate
     clock = np.arange(values.shape[0]) * times / rate
-    fit = _fitted(clock, values, rate / times, count, band)
+    fit = _fitted(clock, values, rate / times, count)
     # all rates that the digits leave are as likely as the others
     share = step_uncertainty(record.time) / math.sqrt(3.0)
     modes = [_mode(r, fit, times, rate, share) for r in range(fit.theta.size // 2)] if fit else []
@@ -193,28 +188,16 @@ def _samples(
     return record.time, np.stack(columns, axis=1), record.sample_rate_hz
 
 
-def _index(t: Array, at: float | None, default: int, what: str) -> int:
-    if at is None:
-        return default
-    if not t[0] <= at <= t[-1]:
-        raise ModelError(
-            f"the {what} of a decay must lie in the record, from {t[0]:g} to {t[-1]:g} s, got "
-            f"{at!r} s"
-        )
-    return int(np.searchsorted(t, at))
-
-
-def _fitted(
-    clock: Array, values: Array, rate: float, count: int | None, band: tuple[float, float] | None
-) -> DecayFit | None:
+def _fitted(clock: Array, values: Array, rate: float, count: int | None) -> DecayFit | None:
     """Fit as many modes as asked for, or as are significant."""
     level = values - values[-values.shape[0] // 4 :].mean(axis=0)
     weights = 1.0 / np.sqrt(np.mean(level**2, axis=0))
-    poles = subspace_poles(level * weights, rate, 2 * (_MOST if count is None else count + 4) + 2)
+    # modes that are looked for where nobody says how many
+    most = 8
+    poles = subspace_poles(level * weights, rate, 2 * (most if count is None else count + 4) + 2)
     size = np.abs(poles) / (2.0 * math.pi)
     # with less than two periods, drift is motion as well
-    low, high = band if band is not None else (2.0 / clock[-1], 0.5 * rate)
-    poles = poles[(size >= low) & (size <= high)]
+    poles = poles[(size >= 2.0 / clock[-1]) & (size <= 0.5 * rate)]
     poles = distinct(poles, np.arange(poles.size)[::-1].astype(np.float64))
     if count is not None and poles.size < count:
         raise ModelError(
@@ -304,7 +287,10 @@ def highest_frequency(values: Array, rate: float) -> float:
     In Hz; the strongest where none stands out.
     """
     frequency, ratio = _prominence(values, rate)
-    out = np.flatnonzero(ratio > _ABOVE * math.log(ratio.size) / math.log(2.0))
+    # a line of a periodogram of noise alone is seldom this many times its surroundings, beyond the
+    # logarithm of their number
+    above = 3.0
+    out = np.flatnonzero(ratio > above * math.log(ratio.size) / math.log(2.0))
     strong = np.flatnonzero(ratio > 1e-4 * ratio.max())
     both = np.intersect1d(out, strong)
     return float(frequency[both[-1] if both.size else int(np.argmax(ratio))])

@@ -296,8 +296,8 @@ def stable_poles(
 def stabilised(
     lines: Sequence[WeightedLines],
     *,
-    orders: Sequence[int] | None,
     band: tuple[float, float],
+    orders: Sequence[int] | None = None,
     tolerances: tuple[float, float] = (0.01, 0.05),
     coefficients: Literal["complex", "real"] = "complex",
 ) -> Stabilisation:

@@ -10,11 +10,6 @@ from flexstage.arrays import Array, Complex
 from flexstage.errors import ConvergenceError
 
 _ITERATIONS = 60
-# of many poles the last digits cost most: after so many iterations over their parameters a rough
-# fit ends, and another as soon as the sum hardly falls
-_WORK = 600
-# lines that are taken at a time, so that their derivatives stay in the memory nearby
-_PIECE = 1024
 # as many more are given to what is hardly told apart, as long as the sum falls by more than this,
 # over the mean square of noise: 0.01 of a standard uncertainty of one parameter
 _MORE, _WORTH = 240, 1e-4
@@ -22,8 +17,6 @@ _STEP = 1e-12
 # least relative fall of the sum of squares that another iteration is worth
 _FALL = 1e-11
 _ROUGH = 1e-6
-# two real poles may stand for what a stage is not: their ratio is then some 4 zeta^2
-_MOST_DAMPING = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -303,11 +296,13 @@ def _normal(
     """Return the half gradient with the sign changed, and J^T J."""
     gradient = np.zeros(basis.size)
     square = np.zeros((basis.size, basis.size))
+    # lines that are taken at a time, so that their derivatives stay in the memory nearby
+    piece = 1024
     for block, now in zip(blocks, found, strict=True):
         factors = now.factors / now.scale[:, None]
         inside = np.zeros((block.values.shape[1], basis.linear, basis.size))
-        for first in range(0, block.s.size, _PIECE):
-            some = slice(first, first + _PIECE)
+        for first in range(0, block.s.size, piece):
+            some = slice(first, first + piece)
             functions = now.functions[some]
             plain = basis.derivatives(theta, block.s[some], functions * now.scale, factors)
             parts, residual = _stacked(functions), _stacked(now.residual[some])
@@ -375,7 +370,10 @@ def minimise(
     gradient, square = _normal(basis, theta, blocks, now)
     damping = 1e-6
     values = sum(2 * block.values.size for block in blocks)
-    enough = min(_ITERATIONS, max(8, _WORK // basis.size))
+    # of many poles the last digits cost most: after so many iterations over their parameters a
+    # rough fit ends, and another as soon as the sum hardly falls
+    work = 600
+    enough = min(_ITERATIONS, max(8, work // basis.size))
     for iteration in range(enough if rough else _ITERATIONS + _MORE):
         diagonal = np.diagonal(square).copy()
         diagonal[diagonal <= 0.0] = 1.0
@@ -419,6 +417,8 @@ def _sane(basis: ModalBasis, trial: Array, theta: Array) -> bool:
     """Whether a step leaves frequencies positive, damping within reason, and is no leap."""
     w, zeta = trial[: 2 * basis.count].reshape(-1, 2).T
     old = theta[: 2 * basis.count : 2]
-    if np.any(w < 0.7 * old) or np.any(w > 1.4 * old) or np.any(np.abs(zeta) >= _MOST_DAMPING):
+    # two real poles may stand for what a stage is not: their ratio is then some 4 zeta^2
+    most_damping = 10.0
+    if np.any(w < 0.7 * old) or np.any(w > 1.4 * old) or np.any(np.abs(zeta) >= most_damping):
         return False
     return not (basis.lag and trial[-1] < -0.9)

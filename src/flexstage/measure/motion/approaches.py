@@ -17,18 +17,12 @@ CYCLES: Mapping[str, str] = {
     "standard": "a row for each approach: series up and down that turn round at or beyond the ends",
     "step": "a row for each approach: each target from both sides in turn, then the next one",
 }
-#: Targets closer than this share of their range are one.
-_SAME_TARGET = 1e-6
 #: Targets that were reached from one side less often than this share of the usual do not count.
 _SELDOM = 0.5
 _COLUMN = "name the column of the direction of each approach"
 #: Steps larger than so many times the noise, and than this share of the range, lead to a new level.
 _STEP_OVER_NOISE = 8.0
 _STEP_SHARE = 1e-4
-#: A rest may spread so much wider than its largest step, as noise does over many samples.
-_SPREAD = 2.0
-#: Levels closer than this share of the range, beyond noise, are one.
-_SAME_LEVEL = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,7 +101,9 @@ def visits(
     ([0, 1, 2, 2, 1, 0], [1, 1, 1, -1, -1, -1])
     """
     x = np.asarray(position, dtype=np.float64)
-    levels, target = group_levels(x, _SAME_TARGET * float(np.ptp(x)))
+    # targets closer than this share of their range are one
+    same_target = 1e-6
+    levels, target = group_levels(x, same_target * float(np.ptp(x)))
     if levels.size < 2:
         raise RecordError("there must be two targets at least, got one: record more of them")
     if side is not None:
@@ -221,9 +217,7 @@ class Dwells(Visits):
         return self.start + np.floor(settling * (self.stop - self.start)).astype(np.intp)
 
 
-def staircase_dwells(
-    command: ArrayLike, *, fewest_samples: int = 3, side: ArrayLike | None = None
-) -> Dwells | None:
+def staircase_dwells(command: ArrayLike, *, side: ArrayLike | None = None) -> Dwells | None:
     """Find the rests of a staircase.
 
     None where the command is no staircase, as it moves in more than half of the samples. `side`,
@@ -253,15 +247,19 @@ def staircase_dwells(
     if side is not None:
         parted |= np.diff(np.sign(np.asarray(side, dtype=np.float64))) != 0.0
     edges = np.concatenate(([0], np.flatnonzero(parted) + 1, [x.size]))
+    # a rest may spread so much wider than its largest step, as noise does over many samples
+    spread = 2.0
     rests = [
         (a, b)
         for a, b in itertools.pairwise(edges)
-        if b - a >= fewest_samples and np.ptp(x[a:b]) <= _SPREAD * step
+        if b - a >= 3 and np.ptp(x[a:b]) <= spread * step
     ]
     if len(rests) < 2 or sum(b - a for a, b in rests) < 0.5 * x.size:
         return None
     means = np.array([x[a:b].mean() for a, b in rests])
-    levels, target = group_levels(means, max(step, _SAME_LEVEL * extent))
+    # levels closer than this share of the range, beyond noise, are one
+    same_level = 1e-3
+    levels, target = group_levels(means, max(step, same_level * extent))
     if levels.size < 2:
         return None
     bounds = np.array(rests, dtype=np.intp)

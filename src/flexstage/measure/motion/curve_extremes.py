@@ -11,10 +11,8 @@ from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.measure.motion.motion_curve import Direction, MotionCurve, position_weights
 
-# curves that are simulated to find what noise adds: each takes a search of its own
-_ZONE_TRIALS = 120
 #: Straight line that a deviation is taken from.
-Line = Literal["none", "least_squares", "terminal", "zero", "minimum_zone"]
+Line = Literal["none", "least_squares", "terminal", "minimum_zone"]
 _LINES = get_args(Line)
 #: Curves that are simulated to find what noise adds to an extreme.
 _TRIALS = 400
@@ -74,10 +72,9 @@ class _Zone:
 
 def curve_range(
     curve: MotionCurve,
-    direction: Direction | Literal["both"] = "mean",
+    direction: Direction = "mean",
     *,
     line: Line = "none",
-    seed: int = 0,
 ) -> Estimate:
     """Return the largest less the smallest value of a curve, about a line or as it is.
 
@@ -89,14 +86,11 @@ def curve_range(
     ----------
     curve : MotionCurve
         The curve.
-    direction : {"forward", "backward", "mean", "both"}
-        Which run; of both, the two curves about the same line.
-    line : {"none", "least_squares", "terminal", "zero", "minimum_zone"}
-        Straight line that is taken off: none; the least-squares line; that through the ends; that
-        from the lower end with the least-squares slope through it; the one about which the range is
-        least.
-    seed : int
-        Seed of the simulation that finds what noise adds to a range.
+    direction : {"forward", "backward", "mean"}
+        Which run.
+    line : {"none", "least_squares", "terminal", "minimum_zone"}
+        Straight line that is taken off: none; the least-squares line; that through the ends; the
+        one about which the range is least.
 
     Returns
     -------
@@ -112,36 +106,24 @@ def curve_range(
     ModelError
         There is no such direction or line.
     """
+    # curves that are simulated to find what noise adds: each takes a search of its own
+    zone_trials = 120
     if line == "minimum_zone":
         # what a straight line adds changes no zone: without it the noise is told from the shape
         x = curve.grid(201)
         zone = _Zone(position=x, rows=_deviation_rows(curve, direction, "least_squares", x))
-        return _estimate(curve, zone, seed, _ZONE_TRIALS)
+        return _estimate(curve, zone, zone_trials)
     rows = _deviation_rows(curve, direction, line, curve.grid())
-    return _estimate(curve, _Extreme(rows=rows), seed)
+    return _estimate(curve, _Extreme(rows=rows))
 
 
-def curve_largest(
-    curve: MotionCurve,
-    direction: Direction | Literal["both"] = "mean",
-    *,
-    line: Line = "least_squares",
-    seed: int = 0,
-) -> Estimate:
-    """Return the largest distance of a curve from a line, less what noise adds to it."""
-    rows = _deviation_rows(curve, direction, line, curve.grid())
-    return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
-
-
-def curve_loop_width(curve: MotionCurve, *, seed: int = 0) -> Estimate:
+def curve_loop_width(curve: MotionCurve) -> Estimate:
     """Return the largest distance of the backward from the forward curve at equal position.
 
     Parameters
     ----------
     curve : MotionCurve
         The curve.
-    seed : int
-        Seed of the simulation that finds what noise adds to it.
 
     Returns
     -------
@@ -150,7 +132,7 @@ def curve_loop_width(curve: MotionCurve, *, seed: int = 0) -> Estimate:
     """
     x = curve.grid()
     rows = curve.rows(x, "backward") - curve.rows(x, "forward")
-    return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
+    return _estimate(curve, _Extreme(rows=rows, absolute=True))
 
 
 def line_weights(position: Array, line: Line) -> Array:
@@ -173,35 +155,20 @@ def line_weights(position: Array, line: Line) -> Array:
         found[:, 0] = 1.0 - share
         found[:, -1] += share
         return found
-    if line == "zero":
-        # least squares of (y - y_0) over (x - x_0): through the lower end
-        centred = position - position[0]
-        slope = w * centred / (w @ centred**2)
-        found = np.outer(centred, slope)
-        found[:, 0] += 1.0 - centred * slope.sum()
-        return found
     centred = position - w @ position
     return np.tile(w, (g, 1)) + np.outer(centred, w * centred / (w @ centred**2))
 
 
-def _deviation_rows(
-    curve: MotionCurve, direction: Direction | Literal["both"], line: Line, x: Array
-) -> Array:
+def _deviation_rows(curve: MotionCurve, direction: Direction, line: Line, x: Array) -> Array:
     """Return what coefficients count by in the distances from the line at positions."""
-    off = line_weights(x, line)
-    if direction != "both":
-        rows = curve.rows(x, direction)
-        return rows - off @ rows
-    base = off @ curve.rows(x, "mean")
-    return np.vstack((curve.rows(x, "forward") - base, curve.rows(x, "backward") - base))
+    rows = curve.rows(x, direction)
+    return rows - line_weights(x, line) @ rows
 
 
-def _estimate(
-    curve: MotionCurve, figure: _Extreme | _Zone, seed: int, trials: int = _TRIALS
-) -> Estimate:
+def _estimate(curve: MotionCurve, figure: _Extreme | _Zone, trials: int = _TRIALS) -> Estimate:
     coefficients = curve.coefficients.ravel()
     observed = float(figure.of(coefficients))
-    noise, wide = (n[:: max(n.shape[0] // trials, 1)] for n in _noise_of_coefficients(curve, seed))
+    noise, wide = (n[:: max(n.shape[0] // trials, 1)] for n in _noise_of_coefficients(curve))
     truth = _shrunk(curve, figure.rows)
     added = float(figure.of(truth + noise).mean() - figure.of(truth))
     found = curve.of_coefficients(figure.weights(coefficients), reach=figure.reach)
@@ -221,13 +188,13 @@ def _corrected(found: Estimate, observed: float, added: float, alone: float) -> 
     return replace(result, bounds=(0.0, high)) if low < 0.0 or observed <= alone else result
 
 
-def _noise_of_coefficients(curve: MotionCurve, seed: int) -> tuple[Array, Array]:
+def _noise_of_coefficients(curve: MotionCurve) -> tuple[Array, Array]:
     """Simulate errors of the coefficients of a curve.
 
     Errors of the flattened coefficients as large as they are thought to be, and with the spread of
     Student's t, as so few cycles tell little of how large they are; shape (trials, 2 k).
     """
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+    rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(0,)))
     k = curve.basis.size
     draws = rng.standard_normal((_TRIALS // 2, 2, k))
     parts = []

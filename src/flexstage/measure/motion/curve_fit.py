@@ -13,16 +13,6 @@ from flexstage.measure.motion.approaches import staircase_dwells
 from flexstage.measure.motion.cycles import MotionCycles, motion_cycles
 from flexstage.measure.motion.motion_curve import CurveBasis, MotionCurve, position_weights
 
-#: A pair of terms (forward, backward) counts where noise gives as much with this probability.
-_TERM_CHANCE = 0.0025
-#: Orders beyond the last that counts, as smaller terms still bend the curve.
-_MORE_ORDERS = 2
-#: Order that is fitted at least: a term that drowns in the noise bends the curve all the same.
-_LEAST_ORDER = 6
-#: Levels of a staircase that are fitted one by one, at most.
-_MOST_LEVELS = 64
-#: Runs of fewer samples are series of stations.
-_SPARSE = 64
 #: Places of the stroke that are told apart when terms are counted.
 _PLACES = 64
 #: Pieces of the stroke in which the cycles are compared with the curve.
@@ -55,9 +45,7 @@ def fit_motion_curve(
     *,
     cycles: MotionCycles | None = None,
     order: int | None = None,
-    largest_order: int = 12,
     drift: bool = True,
-    settling: float = 0.3,
     unit: str = "m",
     position_unit: str = "m",
 ) -> MotionCurve:
@@ -71,7 +59,8 @@ def fit_motion_curve(
 
     Unless it is given, the order is two more than the last at which a term of both runs together
     exceeds its scatter from cycle to cycle, by an F test at 0.25 %, and six at least. A staircase
-    has straight pieces between its levels instead, through the means over their settled parts.
+    has straight pieces between its levels instead, through the means over all but the first 30 % of
+    each rest.
 
     Parameters
     ----------
@@ -84,14 +73,10 @@ def fit_motion_curve(
     cycles : MotionCycles, optional
         Cycles of the motion; found from the position where not given.
     order : int, optional
-        Order of the polynomials.
-    largest_order : int
-        Largest order to try; less where a run has few stations, as a curve takes no more terms than
-        half of them.
+        Order of the polynomials; where not given up to 12, or less where a run has few stations, as
+        a curve takes no more terms than half of them.
     drift : bool
         Whether to take a drift off; it needs three cycles.
-    settling : float
-        Share of each rest of a staircase to leave out at its beginning [1].
     unit, position_unit : str
         Units of the reading and of the position.
 
@@ -138,14 +123,14 @@ def fit_motion_curve(
             f"{found.count}: record more{', or fit without drift' if drift else ''}"
         )
     where = [[_whole_run(found, x, c, d) for d in (0, 1)] for c in range(found.count)]
-    use, knots = _rests(x, where, settling)
+    use, knots = _rests(x, where)
     # the turning point at which a run ends is the first sample of the next
     parts = [x[run.start : run.stop + 1] for cycle in where for run in cycle]
     # what all runs have in common would be shorter than the stroke, by the scatter of its ends
     ends = np.mean([[part.min(), part.max()] for part in parts], axis=0)
     low, high = (ends[0], ends[1]) if knots is None else (knots[0], knots[-1])
     low, high = float(low), float(high)
-    bound = _order_bound(parts, low, high, largest_order) if order is None else order
+    bound = _order_bound(parts, low, high) if order is None else order
     basis = CurveBasis(
         low=low, high=high, order=bound if knots is None else knots.size - 1, knots=knots
     )
@@ -168,28 +153,30 @@ def _whole_run(found: MotionCycles, x: Array, cycle: int, direction: int) -> sli
     cycles that share readings are not independent.
     """
     run = found.samples(cycle, direction)
-    if run.stop - run.start >= _SPARSE or run.stop >= found.size:
+    # runs of fewer samples are series of stations
+    sparse = 64
+    if run.stop - run.start >= sparse or run.stop >= found.size:
         return run
     usual = float(np.median(np.abs(np.diff(x[run]))))
     own = abs(float(x[run.stop] - x[run.stop - 1])) < 0.5 * usual
     return run if own else slice(run.start, run.stop + 1)
 
 
-def _rests(
-    x: Array, where: list[list[slice]], settling: float
-) -> tuple[NDArray[np.bool_], Array | None]:
+def _rests(x: Array, where: list[list[slice]]) -> tuple[NDArray[np.bool_], Array | None]:
     """Return which samples to use, and the levels of a staircase that all runs rest at."""
     use = np.ones(x.size, dtype=np.bool_)
     dwells = staircase_dwells(x)
     if dwells is None:
         return use, None
-    use = dwells.settled(x.size, settling)
+    use = dwells.settled(x.size, 0.3)
     level = np.full(x.size, -1)
     for a, b, target in zip(dwells.start, dwells.stop, dwells.target, strict=True):
         level[a:b] = target
     in_runs = [set(level[run][use[run]].tolist()) for cycle in where for run in cycle]
     common = sorted(set.intersection(*in_runs))
-    if not 2 <= len(common) <= _MOST_LEVELS:
+    # levels of a staircase that are fitted one by one, at most
+    most_levels = 64
+    if not 2 <= len(common) <= most_levels:
         return use, None
     if any(len(levels) > len(common) for levels in in_runs):
         # a measured position rests elsewhere on the way back: no level is common to both runs
@@ -197,10 +184,10 @@ def _rests(
     return use, dwells.levels[common]
 
 
-def _order_bound(parts: list[Array], low: float, high: float, largest: int) -> int:
+def _order_bound(parts: list[Array], low: float, high: float) -> int:
     """Return the largest order to try: half as many terms as a run has places, at most."""
     places = min(np.unique(np.floor(_PLACES * (part - low) / (high - low))).size for part in parts)
-    return max(min(largest, places // 2 - 1), 1)
+    return max(min(12, places // 2 - 1), 1)
 
 
 def _columns(position: ArrayLike, reading: ArrayLike, time: ArrayLike) -> tuple[Array, ...]:
@@ -282,10 +269,16 @@ def _chosen_size(runs: list[list[_Run]], basis: CurveBasis, drift: bool) -> int:
     # rounding of the sums is no term
     floor = 1e-24 * max(float(np.sum(seen**2, axis=2).max()), 0.0)
     gain = len(runs) * np.sum(common**2, axis=0) / 2.0 / np.maximum(noise, floor)
-    limit = f.ppf(1.0 - _TERM_CHANCE, 2, 6 * (len(runs) - 1))
+    # a pair of terms (forward, backward) counts where noise gives as much with this probability
+    term_chance = 0.0025
+    limit = f.ppf(1.0 - term_chance, 2, 6 * (len(runs) - 1))
     counting = np.flatnonzero(gain > limit) if floor > 0.0 else np.array([], dtype=np.intp)
     last = int(counting[-1]) if counting.size else 0
-    return min(max(last + _MORE_ORDERS, _LEAST_ORDER) + 1, basis.size)
+    # orders beyond the last that counts, as smaller terms still bend the curve
+    more_orders = 2
+    # order that is fitted at least: a term that drowns in the noise bends the curve all the same
+    least_order = 6
+    return min(max(last + more_orders, least_order) + 1, basis.size)
 
 
 def _smoothed(spectrum: Array) -> Array:

@@ -20,14 +20,6 @@ _END_ZONE = 0.1
 #: Cycles are over one and the same range where their ends go on by steps of this share of the whole
 #: range at most, and differ by no more than the second share in all.
 _SAME_END, _AT_END = 0.01, 0.05
-#: Ranges smaller than this share of the whole are not what a record is about.
-_LEAST_RANGE = 0.5
-#: So many ranges are looked at: a command of many amplitudes has no cycles.
-_RANGES = 100
-#: A run may go back by this share of the range; noise aside, more is a loop inside of it.
-_SETBACK = 0.1
-#: What lies within so many times the noise of a turning point rests there.
-_NOISE_BAND = 8.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,14 +60,14 @@ class MotionCycles:
         return found
 
 
-def motion_cycles(command: ArrayLike, *, least: int = 2, skip: int = 0) -> MotionCycles:
+def motion_cycles(command: ArrayLike, *, skip: int = 0) -> MotionCycles:
     """Find the whole cycles over the largest range of a triangle, a sine or a staircase.
 
     A turning point is the highest (lowest) place between two visits of the other end of the range,
     and where the motion rests there, the middle of the rest: noise makes no turning points. A run
     is whole when it begins and ends where other runs over this range do and does not turn back by
     more than 10 % of it on the way. A cycle is a forward and a backward run next to each other; it
-    begins with the forward run unless one more cycle can be had the other way round. `least` whole
+    begins with the forward run unless one more cycle can be had the other way round. Two whole
     cycles are needed; `skip` are left out at the beginning, as long as the stage still settles in.
 
     Validity
@@ -91,7 +83,7 @@ def motion_cycles(command: ArrayLike, *, least: int = 2, skip: int = 0) -> Motio
     >>> found.count, found.runs[1].tolist(), found.left_out
     (3, [[1000, 1500], [1500, 2000]], 301)
     """
-    return cycles_by_range(command, least=least, skip=skip)[0]
+    return cycles_by_range(command, skip=skip)[0]
 
 
 def cycles_by_range(
@@ -118,11 +110,15 @@ def cycles_by_range(
     low, high = float(x.min()), float(x.max())
     if not high > low:
         raise RecordError(f"the command does not move: it is {low:g} throughout")
+    # what lies within so many times the noise of a turning point rests there
+    noise_band = 8.0
     # a clean curve has second differences too: no more than a hundredth of the range is noise
-    band = _NOISE_BAND * min(difference_noise(x, 2), 0.01 * (high - low)) + 1e-9 * (high - low)
+    band = noise_band * min(difference_noise(x, 2), 0.01 * (high - low)) + 1e-9 * (high - low)
     each = [(ends, _cycles_over(x, ends, band)[skip:]) for ends in _ranges(x, band)]
     size, pairs = next((one for one in each if len(one[1]) >= least), (np.zeros((2, 2)), []))
-    if size[1, 1] - size[0, 0] < _LEAST_RANGE * (high - low):
+    # ranges smaller than this share of the whole are not what a record is about
+    least_range = 0.5
+    if size[1, 1] - size[0, 0] < least_range * (high - low):
         raise RecordError(
             f"{least} whole cycles over the range from {low:g} to {high:g} are needed, got "
             f"{len(each[0][1]) if each else 0}"
@@ -167,7 +163,9 @@ def _ranges(x: Array, band: float) -> list[Array]:
     step, most = _SAME_END * extent + band, _AT_END * extent + band
     free = size > _END_ZONE * extent
     found: list[Array] = []
-    for _ in range(_RANGES):
+    # so many ranges are looked at: a command of many amplitudes has no cycles
+    ranges = 100
+    for _ in range(ranges):
         if not free.any():
             break
         largest = int(np.argmax(np.where(free, size, 0.0)))
@@ -248,7 +246,9 @@ def _whole(x: Array, first: int, last: int, ends: Array, band: float) -> bool:
     step = _SAME_END * extent + band
     level = np.sort(x[[first, last]])
     inside = np.all((level >= ends[:, 0] - step) & (level <= ends[:, 1] + step))
-    return back <= _SETBACK * extent + band and bool(inside)
+    # a run may go back by this share of the range; noise aside, more is a loop inside of it
+    setback = 0.1
+    return back <= setback * extent + band and bool(inside)
 
 
 def _pairs(

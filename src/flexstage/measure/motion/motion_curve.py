@@ -18,8 +18,6 @@ _WEIGHTS: dict[str, tuple[float, float]] = {
     "backward": (0.0, 1.0),
     "mean": (0.5, 0.5),
 }
-# a functional whose weights cancel to this share of their size does not see offsets
-_NO_LEVEL = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -183,24 +181,6 @@ class MotionCurve:
         """Return the curve at positions within the stroke, shape (n,)."""
         return self.rows(position, direction) @ self.coefficients.ravel()
 
-    def uncertainty(self, position: ArrayLike, direction: Direction = "mean") -> Array:
-        """Return the standard uncertainty of the shape of the curve at positions, shape (n,).
-
-        It is that of the curve less its own mean level, as an offset is of no concern to a figure
-        of motion.
-        """
-        weights = self.rows(position, direction)
-        weights = weights - self.level_weights()
-        return np.array([self.of_coefficients(w).uncertainty for w in weights])
-
-    def level_weights(self) -> Array:
-        """Return what coefficients count by in the mean level of both runs over the stroke.
-
-        Shape (2 k,).
-        """
-        x = self.grid()
-        return position_weights(x) @ self.rows(x, "mean")
-
     def functional(
         self, weights: ArrayLike, position: ArrayLike, direction: Direction = "mean"
     ) -> Estimate:
@@ -209,7 +189,7 @@ class MotionCurve:
         reach = float(np.linalg.norm(w))
         return self.of_coefficients(w @ self.rows(position, direction), reach=reach)
 
-    def of_coefficients(self, weights: Array, *, reach: float = 1.0, note: str = "") -> Estimate:
+    def of_coefficients(self, weights: Array, *, reach: float = 1.0) -> Estimate:
         """Return a weighted sum of the flattened coefficients; the weights have shape (2 k,).
 
         Its uncertainty is from the scatter of the cycles, with one degree of freedom less than
@@ -219,7 +199,9 @@ class MotionCurve:
         c = self.cycles
         each = self.scatter.reshape(c, -1) @ weights
         constant = np.tile(self.basis.constant, 2)
-        level = abs(float(weights @ constant)) > _NO_LEVEL * float(np.abs(weights).sum())
+        # a functional whose weights cancel to this share of their size does not see offsets
+        no_level = 1e-9
+        level = abs(float(weights @ constant)) > no_level * float(np.abs(weights).sum())
         lost = 2 if level and self.drift_rate is not None else 1
         parts = [
             Component(
@@ -243,7 +225,6 @@ class MotionCurve:
             value=float(weights @ self.coefficients.ravel()),
             unit=self.unit,
             components=tuple(parts),
-            note=note,
         )
 
     def each_cycle(self, weights: Array) -> Array:

@@ -93,7 +93,7 @@ class Positioning:
 
 
 def positioning(
-    target: ArrayLike, upward: ArrayLike, downward: ArrayLike, *, trials: int = 2000, seed: int = 0
+    target: ArrayLike, upward: ArrayLike, downward: ArrayLike, *, trials: int = 2000
 ) -> Positioning:
     """Evaluate repeated approaches to targets from both sides, in the manner of ISO 230-2:2014.
 
@@ -110,8 +110,6 @@ def positioning(
         Positions reached from below and from above [m], shape (m, n): one column for each run.
     trials : int
         How many measurements are simulated.
-    seed : int
-        Seed of the simulation.
 
     Returns
     -------
@@ -145,7 +143,7 @@ def positioning(
     return Positioning(
         target=x, mean_upward=mean[0], mean_downward=mean[1], spread_upward=spread[0],
         spread_downward=spread[1], runs=deviation.shape[-1],
-        **estimates(deviation, trials=trials, seed=seed),
+        **estimates(deviation, trials),
     )  # fmt: skip
 
 
@@ -207,7 +205,7 @@ def figures(mean: Array, spread: Array) -> dict[str, Array]:
     }
 
 
-def estimates(deviation: Array, *, trials: int, seed: int) -> dict[str, Estimate]:
+def estimates(deviation: Array, trials: int) -> dict[str, Estimate]:
     """Return the figures with intervals.
 
     The deviations are those upward and downward [m], shape (2, m, n).
@@ -219,10 +217,10 @@ def estimates(deviation: Array, *, trials: int, seed: int) -> dict[str, Estimate
     # the data as they are the upper one
     share = _run_share(deviation)
     drawn, pooled = _without_noise(deviation)
-    low = _simulated(drawn, pooled, share, runs, trials, seed)
-    of_means = _simulated(mean, pooled, share, runs, trials, seed)
+    low = _simulated(drawn, pooled, share, runs, trials)
+    of_means = _simulated(mean, pooled, share, runs, trials)
     # what all targets of a run have in common is in spreads, and known from few runs only
-    of_spreads = _simulated(mean, spread, _run_share(deviation, 0.1), runs, trials, seed)
+    of_spreads = _simulated(mean, spread, _run_share(deviation, 0.1), runs, trials)
     return {
         name: _estimate(
             name,
@@ -236,10 +234,10 @@ def estimates(deviation: Array, *, trials: int, seed: int) -> dict[str, Estimate
 
 
 def _simulated(
-    mean: Array, spread: Array, share: float, runs: int, trials: int, seed: int
+    mean: Array, spread: Array, share: float, runs: int, trials: int
 ) -> dict[str, tuple[Array, Array]]:
     """Return the figures that simulated measurements show, and those behind them."""
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+    rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(0,)))
     # how large the noise is, is itself known from few runs only
     parts = (share / (runs - 1), (1.0 - share) / (spread.size * (runs - 1)))
     freedom = 1.0 / (share * parts[0] + (1.0 - share) * parts[1])

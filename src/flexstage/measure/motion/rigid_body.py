@@ -13,11 +13,6 @@ from flexstage.estimate import Estimate
 #: The six parameters of a rigid motion, in the order of its covariance.
 PARAMETERS: tuple[str, ...] = ("along", "across", "vertical", "roll", "pitch", "yaw")
 
-#: Share of the extent of points below which they count as lying on a line.
-_ON_A_LINE = 1e-9
-#: Rounds of weighted least squares: each gains the square of the angle.
-_ROUNDS = 8
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RigidMotion:
@@ -42,14 +37,8 @@ class RigidMotion:
     """
     residuals: Array
     """Measured less fitted points [m], shape (..., k, 3)."""
-    chi_squared: Array
-    """Sum of squares of the residuals, weighted by the covariance of the points [1]; of an
-    estimated variance, their sum over it. Shape (...).
-    """
     degrees_of_freedom: float
-    """Of the uncertainty: infinite where the covariance of the points was given."""
-    redundancy: int
-    """Measured numbers of a pose less six."""
+    """Of the uncertainty."""
 
     def estimate(
         self,
@@ -69,20 +58,6 @@ class RigidMotion:
             source="noise of the points",
             degrees_of_freedom=self.degrees_of_freedom,
         )
-
-    def point(self, position: ArrayLike) -> tuple[Array, Array]:
-        """Return the displacement of any point of the body, and its covariance.
-
-        The point is given in the reference [m], as the point of interest, off the measured ones by
-        the Abbe offset. Displacement [m] and covariance [m^2], shapes (..., 3) and (..., 3, 3).
-        """
-        arm = np.asarray(position, dtype=np.float64) - self.about
-        turned = self.rotation @ arm
-        moved = self.translation + turned - arm
-        by = np.concatenate(
-            [np.broadcast_to(np.eye(3), (*turned.shape[:-1], 3, 3)), -_cross(turned)], axis=-1
-        )
-        return moved, by @ self.covariance @ np.swapaxes(by, -1, -2)
 
 
 def travel_frame(travel: ArrayLike, vertical: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
@@ -106,20 +81,15 @@ def travel_frame(travel: ArrayLike, vertical: ArrayLike = (0.0, 0.0, 1.0)) -> Ar
 
 
 def rigid_motion(
-    reference: ArrayLike,
-    points: ArrayLike,
-    *,
-    covariance: ArrayLike | None = None,
-    weights: ArrayLike | None = None,
-    about: ArrayLike | None = None,
+    reference: ArrayLike, points: ArrayLike, *, about: ArrayLike | None = None
 ) -> RigidMotion:
     """Return the rigid motions that carry reference points to measured ones, by least squares.
 
-    With U S V^T the singular values of the weighted covariance of measured and reference points,
+    With U S V^T the singular values of the covariance of measured and reference points,
     ``R = U diag(1, 1, det U V^T) V^T`` (Kabsch, 1976, Acta Crystallographica A32; Umeyama, 1991,
-    IEEE Transactions on Pattern Analysis and Machine Intelligence 13, for the sign). Where the
-    covariance of the points is given, Gauss and Newton's rounds from there weight by its inverse,
-    and it is carried on to the six parameters to first order.
+    IEEE Transactions on Pattern Analysis and Machine Intelligence 13, for the sign). The noise of
+    the points, the same in every direction, is found from the residuals of all poses together, and
+    carried on to the six parameters to first order.
 
     Parameters
     ----------
@@ -128,14 +98,6 @@ def rigid_motion(
         third is vertical (`travel_frame`) [m], shape (k, 3), k three or more.
     points : array_like
         The same points in each pose [m], shape (..., k, 3).
-    covariance : array_like, optional
-        Covariance of measured less reference points [m^2]: one variance, shape (3, 3), or
-        (k, 3, 3) with its own for each point. Where the reference is as noisy as a pose it is twice
-        that of one. None where it is not known: then it is found from the residuals of all poses
-        together, as the same in every direction.
-    weights : array_like, optional
-        Weight of each point [1], shape (k,), where no covariance is given: inverse variances up to
-        a factor.
     about : array_like, optional
         The point whose displacement is the translation [m], shape (3,); the mean of the reference
         where not given.
@@ -148,26 +110,24 @@ def rigid_motion(
     Validity
     --------
     The body is rigid and the points keep their order. Uncertainty is of first order in noise over
-    distance between the points. Where it is found from residuals, the reference counts as measured
-    once, as noisy as a pose, and shared by all: m poses have 4 m / (m + 3) times 3 k - 6 degrees
-    of freedom, and not m times.
+    distance between the points. The reference counts as measured once, as noisy as a pose, and
+    shared by all: m poses have 4 m / (m + 3) times 3 k - 6 degrees of freedom, and not m times.
 
     Raises
     ------
     RecordError
         There are fewer than three points, they lie on a line, or one is not finite.
-    ModelError
-        The covariance or the weights have a wrong shape or are not positive.
 
     Examples
     --------
     >>> spheres = np.array([[0.0, 0.0, 0.0], [80e-3, 5e-3, 0.0], [10e-3, 60e-3, 7e-3]])
     >>> yaw = 12e-6
     >>> moved = spheres + [40e-6, 0.0, 0.0] + yaw * np.cross([0.0, 0.0, 1.0], spheres)
-    >>> motion = rigid_motion(spheres, moved, covariance=(0.1e-6) ** 2, about=(0.0, 0.0, 0.0))
-    >>> found = motion.estimate("yaw")
+    >>> noise = 0.1e-6 * np.random.default_rng(1).standard_normal((8, 3, 3))
+    >>> motion = rigid_motion(spheres, moved + noise, about=(0.0, 0.0, 0.0))
+    >>> found = motion.estimate("yaw", 0)
     >>> print(f"{1e6 * found.value:.2f} urad +- {1e6 * found.expanded:.2f} urad")
-    12.00 urad +- 2.54 urad
+    12.25 urad +- 2.05 urad
     """
     a, b = np.asarray(reference, dtype=np.float64), np.asarray(points, dtype=np.float64)
     if a.ndim != 2 or a.shape[1:] != (3,) or len(a) < 3 or b.shape[-2:] != a.shape:
@@ -178,96 +138,43 @@ def rigid_motion(
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise RecordError("the points of a body must be finite: leave out those that are not known")
     extent = np.linalg.svd(a - a.mean(0), compute_uv=False)
-    if not extent[1] > _ON_A_LINE * extent[0]:
+    # share of the extent of points below which they count as lying on a line
+    on_a_line = 1e-9
+    if not extent[1] > on_a_line * extent[0]:
         raise RecordError(
             "the reference points lie on a line, so that the rotation about it stays unknown: add "
             "a point beside it"
         )
-    inverse = _inverse(covariance, weights, len(a))
-    share = np.trace(inverse, axis1=-2, axis2=-1) / np.trace(inverse.sum(0))
-    R, t = _kabsch(a, b, share)
-    if covariance is not None:
-        R, t = _weighted(a, b, inverse, R, t)
+    R, t = _kabsch(a, b)
     residuals = b - t[..., None, :] - a @ np.swapaxes(R, -1, -2)
-    chi = np.einsum("...ki,kij,...kj->...", residuals, inverse, residuals)
     centre = a.mean(0) if about is None else np.asarray(about, dtype=np.float64)
-    normal, _ = _normal(a - centre, inverse, R, residuals)
+    # normal matrix for a small further translation and turn
+    arm = (a - centre) @ np.swapaxes(R, -1, -2)
+    J = np.concatenate([np.broadcast_to(np.eye(3), (*arm.shape, 3)), -_cross(arm)], axis=-1)
+    normal = np.einsum("...kia,...kib->...ab", J, J)
     # lengths and angles differ by the size of the body: without its unit the matrix is even
     size = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
     scale = size[..., :, None] * size[..., None, :]
-    spread = np.linalg.inv(normal / scale) / scale
-    redundancy, freedom = 3 * len(a) - 6, np.inf
-    if covariance is None:
-        poses = chi.size
-        variance = float(chi.sum()) / (redundancy * poses)
-        freedom = redundancy * 4.0 * poses / (poses + 3.0)
-        spread, chi = spread * variance, chi / (variance or 1.0)
+    poses, redundancy = residuals[..., 0, 0].size, 3 * len(a) - 6
+    variance = float(np.sum(residuals**2)) / (redundancy * poses)
     return RigidMotion(
         translation=t + R @ centre - centre,
         rotation=R,
         angles=_angles(R),
         about=centre,
-        covariance=spread,
+        covariance=variance * np.linalg.inv(normal / scale) / scale,
         residuals=residuals,
-        chi_squared=chi,
-        degrees_of_freedom=freedom,
-        redundancy=redundancy,
+        degrees_of_freedom=redundancy * 4.0 * poses / (poses + 3.0),
     )
 
 
-def _inverse(covariance: ArrayLike | None, weights: ArrayLike | None, k: int) -> Array:
-    """Return the weight of each point as a matrix, shape (k, 3, 3)."""
-    if covariance is None:
-        w = np.ones(k) if weights is None else np.asarray(weights, dtype=np.float64)
-        if w.shape != (k,) or not np.all((w > 0.0) & np.isfinite(w)):
-            raise ModelError(f"{k} points need as many positive weights, got {w.shape}")
-        return (w / w.mean())[:, None, None] * np.eye(3)
-    if weights is not None:
-        raise ModelError("the covariance of the points weights them: give no weights besides it")
-    c = np.asarray(covariance, dtype=np.float64)
-    if c.shape not in {(), (3, 3), (k, 3, 3)}:
-        raise ModelError(
-            f"the covariance of {k} points has shape (), (3, 3) or ({k}, 3, 3), got {c.shape}"
-        )
-    full = np.broadcast_to(c * np.eye(3) if c.ndim == 0 else c, (k, 3, 3))
-    symmetric = np.allclose(full, np.swapaxes(full, -1, -2), rtol=1e-9, atol=0.0)
-    if not symmetric or not np.all(np.linalg.eigvalsh(full) > 0.0):
-        raise ModelError("the covariance of a point must be symmetric and positive definite")
-    return np.asarray(np.linalg.inv(full), dtype=np.float64)
-
-
-def _kabsch(a: Array, b: Array, share: Array) -> tuple[Array, Array]:
-    mean_a, mean_b = share @ a, np.einsum("k,...ki->...i", share, b)
-    H = np.einsum("k,...ki,kj->...ij", share, b - mean_b[..., None, :], a - mean_a)
+def _kabsch(a: Array, b: Array) -> tuple[Array, Array]:
+    mean_a, mean_b = a.mean(0), b.mean(-2)
+    H = np.einsum("...ki,kj->...ij", b - mean_b[..., None, :], a - mean_a)
     U, _, Vt = np.linalg.svd(H)
     U[..., :, 2] *= np.linalg.det(U @ Vt)[..., None]
     R = U @ Vt
     return R, mean_b - R @ mean_a
-
-
-def _normal(a: Array, inverse: Array, R: Array, residuals: Array) -> tuple[Array, Array]:
-    """Normal matrix and gradient for a small further translation and turn."""
-    arm = a @ np.swapaxes(R, -1, -2)
-    J = np.concatenate([np.broadcast_to(np.eye(3), (*arm.shape, 3)), -_cross(arm)], axis=-1)
-    weighted = inverse @ J
-    normal = np.einsum("...kia,...kib->...ab", J, weighted)
-    return normal, np.einsum("...kia,...ki->...a", weighted, residuals)
-
-
-def _weighted(a: Array, b: Array, inverse: Array, R: Array, t: Array) -> tuple[Array, Array]:
-    centre = a.mean(0)
-    at = t + R @ centre
-    for _ in range(_ROUNDS):
-        residuals = b - at[..., None, :] - (a - centre) @ np.swapaxes(R, -1, -2)
-        normal, gradient = _normal(a - centre, inverse, R, residuals)
-        size = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
-        scaled = normal / (size[..., :, None] * size[..., None, :])
-        step = np.linalg.solve(scaled, (gradient / size)[..., None])[..., 0] / size
-        at = at + step[..., :3]
-        R = _turn(step[..., 3:]) @ R
-        if np.abs(step[..., 3:]).max() < 1e-15:
-            break
-    return R, at - R @ centre
 
 
 def _cross(v: Array) -> Array:
@@ -275,13 +182,6 @@ def _cross(v: Array) -> Array:
     z = np.zeros(v.shape[:-1])
     x, y, w = v[..., 0], v[..., 1], v[..., 2]
     return np.stack([z, -w, y, w, z, -x, -y, x, z], axis=-1).reshape((*v.shape, 3))
-
-
-def _turn(v: Array) -> Array:
-    """Rotation by a vector (Rodrigues, 1840)."""
-    angle = np.linalg.norm(v, axis=-1)[..., None, None]
-    K = _cross(v)
-    return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * K @ K
 
 
 def _angles(R: Array) -> Array:

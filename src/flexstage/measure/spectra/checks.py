@@ -13,12 +13,6 @@ from flexstage.records import Record, saturation, step_uncertainty
 from flexstage.records.sampling import extreme_steps, require_complete, require_uniform
 
 Excitation = Literal["auto", "random", "periodic", "hammer", "step", "sweep"]
-# channels are looked through in pieces of so many samples, which stay in the cache
-_PIECE = 65_536
-# rates of records that are averaged agree to this share
-_SAME_RATE = 1e-6
-# a channel that is cut off rests at its end for so many samples
-_RUN = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,8 +27,6 @@ class HitOptions:
     """
     bounce: float = 0.05
     """A second contact above this share of the peak makes a double hit [1]."""
-    force_window: bool = False
-    """Whether the force is set to zero after the contact."""
     exponential: float | None = None
     """What is left of an exponential window at the end of a hit [1]; no window where not given, as
     for a motion that has decayed by then.
@@ -96,10 +88,12 @@ class Extremes:
 
         Only then a closer look is worth its time.
         """
+        # a channel that is cut off rests at its end for so many samples
+        run = 3
         for level, places in ((self.low, self.at_low), (self.high, self.at_high)):
             for start, stop in places:
-                same = values[max(start - _RUN, 0) : stop + _RUN] == level
-                if same.size >= _RUN and np.any(same[2:] & same[1:-1] & same[:-2]):
+                same = values[max(start - run, 0) : stop + run] == level
+                if same.size >= run and np.any(same[2:] & same[1:-1] & same[:-2]):
                     return True
         return False
 
@@ -151,10 +145,12 @@ def gathered(
                 f"column '{channel.name}' is named twice: an input or output is one column each"
             )
     rows, sources = [], []
+    # rates of records that are averaged agree to this share
+    same_rate = 1e-6
     for number, record in enumerate(records, start=1):
         source = f"'{record.source}'" if record.source else f"record {number}"
         _require_even(record, source)
-        if abs(record.sample_rate_hz / first.sample_rate_hz - 1.0) > _SAME_RATE:
+        if abs(record.sample_rate_hz / first.sample_rate_hz - 1.0) > same_rate:
             raise RecordError(
                 f"records that are averaged need one sample rate: {source} has "
                 f"{record.sample_rate_hz:.9g} Hz, the first {first.sample_rate_hz:.9g} Hz; make "
@@ -225,10 +221,12 @@ def require_sound(
 def all_extremes(signals: Signals) -> list[list[Extremes]]:
     """Return the least and greatest samples of all channels, by record and channel."""
     found = []
+    # channels are looked through in pieces of so many samples, which stay in the cache
+    piece = 65_536
     for row in signals.channels:
         ends = [Extremes() for _ in row]
         for end, values in zip(ends, row, strict=True):
-            for start in range(0, values.size, _PIECE):
-                end.see(values, start, min(start + _PIECE, values.size))
+            for start in range(0, values.size, piece):
+                end.see(values, start, min(start + piece, values.size))
         found.append(ends)
     return found

@@ -33,17 +33,9 @@ from flexstage.measure.spectra.transient import hammer_spectra, step_spectra
 from flexstage.records import Record
 from flexstage.records.sampling import extreme_steps
 
-# pulses take up less of the time than this, above a tenth of their height
-_RARE = 0.02
-# samples in which a period is looked for
-_LOOK = 1_048_576
-#: Samples that are looked at together, which stay in the cache.
-_PIECE = 65_536
 # parts of a sweep have less of their spectra in common than this
 _COMMON = 0.3
 _PARTS = 16
-# power of a line, relative to that of the strongest, that rounding gives
-_NOTHING = 1e-26
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -290,8 +282,10 @@ def _excited(spectra: Spectra, segment: int, power_floor: float) -> Spectra:
             "columns as inputs"
         )
     kept = np.arange(lines[0], lines[-1] + 1)
+    # power of a line, relative to that of the strongest, that rounding gives
+    rounding = 1e-26
     # within, lines without any power but that of rounding have no response
-    kept = kept[np.all(power[kept - 1] > _NOTHING * power.max(axis=0), axis=1)]
+    kept = kept[np.all(power[kept - 1] > rounding * power.max(axis=0), axis=1)]
     return replace(
         spectra,
         frequency_hz=spectra.frequency_hz[kept],
@@ -341,17 +335,21 @@ def recognised(values: Array, *, step_allowed: bool = True) -> Excitation:
     >>> recognised(np.random.default_rng(1).standard_normal(4096))
     'random'
     """
-    x = values[:_LOOK]
+    # samples in which a period is looked for
+    look = 1_048_576
+    x = values[:look]
+    # samples that are looked at together, which stay in the cache
+    piece = 65_536
     if step_allowed:
         middle = float(np.median(x))
         largest = max(float(values.max()) - middle, middle - float(values.min()))
         # a step soon after the start is rare as well, but does not come back
         back = max(abs(values[0] - middle), abs(values[-1] - middle)) <= 0.1 * largest
-        starts = range(0, values.size, _PIECE)
-        if back and _rare((values[i : i + _PIECE] - middle for i in starts), values.size, largest):
+        starts = range(0, values.size, piece)
+        if back and _rare((values[i : i + piece] - middle for i in starts), values.size, largest):
             return "hammer"
         low, high = extreme_steps(values)
-        steps = (np.diff(values[i : i + _PIECE + 1]) for i in starts)
+        steps = (np.diff(values[i : i + piece + 1]) for i in starts)
         if _rare(steps, values.size - 1, max(-low, high)):
             return "step"
     try:
@@ -369,7 +367,9 @@ def recognised(values: Array, *, step_allowed: bool = True) -> Excitation:
 
 def _rare(pieces: Iterable[Array], size: int, largest: float) -> bool:
     """Whether few of so many numbers are more than a tenth of the largest."""
-    most, count = max(_RARE * size, 2), 0
+    # pulses take up less of the time than this, above a tenth of their height
+    rare = 0.02
+    most, count = max(rare * size, 2), 0
     for piece in pieces:
         count += int(np.count_nonzero(np.abs(piece) > 0.1 * largest))
         if count >= most:

@@ -10,8 +10,6 @@ from flexstage.measure.spectra.averaging import line_frequencies
 from flexstage.measure.spectra.checks import PeriodOptions, Signals
 from flexstage.measure.spectra.sums import Spectra, SumOfSpectra
 
-# a signal whose best copy of itself is less alike than this is not taken as repeated
-_LIKE = 0.9
 # a fraction of a sample that matters, and the share of what a copy lacks that is due to it
 _ASIDE = 0.01
 _OWED = 0.1
@@ -19,10 +17,6 @@ _OWED = 0.1
 _EDGE = 4.0
 # and what noise alone may seem to be due to it, times the samples that overlap
 _CHANCE = 30.0
-# a copy that is worse than the best by no more than this counts as good
-_ROUNDING = 1e-9
-# a period counts as settled where it differs from the last no more than this times the usual
-_SETTLED = 2.0
 # a line counts as excited where its mean is so many times its own variance from period to period
 _EXCITED = 10.0
 
@@ -67,13 +61,17 @@ def find_period(values: Array, name: str = "the input") -> int:
     r = likeness(np.asarray(values, dtype=np.float64))
     inner = np.flatnonzero((r[1:-1] >= r[:-2]) & (r[1:-1] >= r[2:])) + 1
     best = float(r[inner].max()) if inner.size else 0.0
-    if best < _LIKE:
+    # a signal whose best copy of itself is less alike than this is not taken as repeated
+    least_likeness = 0.9
+    if best < least_likeness:
         raise RecordError(
             f"'{name}' does not repeat itself: its best copy within half of its {r.size * 2 - 2} "
             f"samples is {100.0 * best:.3g} % like it; record two periods at least, give the "
             "samples of a period, or take another kind of excitation"
         )
-    good = inner[1.0 - r[inner] <= 2.0 * (1.0 - best) + _ROUNDING]
+    # a copy that is worse than the best by no more than this counts as good
+    rounding = 1e-9
+    good = inner[1.0 - r[inner] <= 2.0 * (1.0 - best) + rounding]
     period = int(good[0])
     # the summit of a parabola through the likeness at the period and beside it
     before, at, after = r[period - 1], r[period], r[period + 1]
@@ -203,12 +201,14 @@ def _drop(signals: Signals, record: int, period: int, options: PeriodOptions) ->
     if options.drop is not None:
         return options.drop
     unsettled = 0
+    # a period counts as settled where it differs from the last no more than this times the usual
+    settled = 2.0
     for values in row[signals.inputs :]:
         cut = values[: whole * period].reshape(whole, period)
         away = np.array([np.linalg.norm(part - cut[-1]) for part in cut[:-1]])
         # one period before the last differs by noise alone; the median of the later half says how
         usual = float(np.median(away[away.size // 2 :]))
-        late = np.flatnonzero(away[: away.size // 2] > _SETTLED * usual)
+        late = np.flatnonzero(away[: away.size // 2] > settled * usual)
         unsettled = max(unsettled, int(late[-1]) + 1 if late.size else 0)
     return unsettled
 

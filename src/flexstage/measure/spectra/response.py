@@ -1,6 +1,5 @@
 """A measured frequency response: estimates and their trust; read from a record over frequency."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,26 +108,18 @@ class MeasuredResponse:
         )
 
 
-def response_from_record(
-    record: Record, functions: Sequence[str] | None = None, *, averages: float = 0.0
-) -> MeasuredResponse:
+def response_from_record(record: Record) -> MeasuredResponse:
     """Return the frequency responses of a record over frequency, as of a universal file.
 
     A function is two columns, ``NAME real`` and ``NAME imaginary``, with NAME of the form
     ``OUTPUT/INPUT``; attributes ``output of NAME``, ``input of NAME``, ``output unit of NAME`` and
     ``input unit of NAME`` go before the name. A column ``coherence NAME`` is its coherence, where
-    there is one input; ``variance NAME`` and ``blur NAME`` are those fields of the response. With
-    coherence and averages known in place of them, the variance is (1 - c) abs(H)^2 / (c (n - 1)),
-    as of H1.
+    there is one input; ``variance NAME`` and ``blur NAME`` are those fields of the response.
 
     Parameters
     ----------
     record : Record
         The record.
-    functions : sequence of str, optional
-        Names of the functions; all of the record where not given.
-    averages : float
-        Number of independent averages behind the functions; 0 where nobody has said.
 
     Returns
     -------
@@ -137,14 +128,13 @@ def response_from_record(
 
     Validity
     --------
-    Values and units are taken as they are in the record. Segments that overlap are fewer averages
-    than segments, which who gives their number has to count.
+    Values and units are taken as they are in the record.
 
     Raises
     ------
     RecordError
-        The record is not over frequency, has no such function, or lacks the response of one of its
-        outputs to one of its inputs.
+        The record is not over frequency, or lacks the response of one of its outputs to one of its
+        inputs.
 
     Examples
     --------
@@ -164,7 +154,7 @@ def response_from_record(
             "a frequency response is taken from a record over frequency, got one over "
             f"{record.over}: estimate it with estimate_response"
         )
-    names = _functions(record) if functions is None else list(functions)
+    names = _functions(record)
     if not names:
         raise RecordError(
             "the record contains no frequency response: it needs columns 'NAME real' and 'NAME "
@@ -177,8 +167,7 @@ def response_from_record(
     if len(at) < len(names):
         twice = next(name for name in names if at[ends[name]] != name)
         raise RecordError(
-            f"'{twice}' and '{at[ends[twice]]}' are the same response: choose one by the names of "
-            "the functions"
+            f"'{twice}' and '{at[ends[twice]]}' are the same response: keep one of them in the file"
         )
     response = np.empty((record.size, len(outputs), len(inputs)), dtype=np.complex128)
     for o, out in enumerate(outputs):
@@ -186,12 +175,12 @@ def response_from_record(
             if (out, into) not in at:
                 raise RecordError(
                     f"there is no response of '{out}' to '{into}', though both occur in others: "
-                    "choose functions that have every output with every input"
+                    "every output must be there with every input"
                 )
             parts = [record.channel(at[out, into] + part).values for part in _PARTS]
             response[:, o, i] = parts[0] + 1j * parts[1]
     coherence = _coherence(record, [at[out, inputs[0]] for out in outputs], len(inputs))
-    variance = _variance(response, coherence, averages)
+    variance = None
     have = {c.name: c.values for c in record.channels}
     if all(_VARIANCE + name in have for name in names):
         each = [[have[_VARIANCE + at[out, into]] for into in inputs] for out in outputs]
@@ -205,7 +194,6 @@ def response_from_record(
         output_units=_units(record, "output", [at[out, inputs[0]] for out in outputs]),
         variance=variance,
         coherence=coherence,
-        averages=averages,
         source=record.source,
         notes=record.notes,
         blur=_blur(record, names),
@@ -243,10 +231,3 @@ def _coherence(record: Record, names: list[str], inputs: int) -> Array | None:
     if inputs > 1 or any(name not in have for name in wanted):
         return None
     return np.stack([have[name] for name in wanted], axis=1)
-
-
-def _variance(response: np.ndarray, coherence: Array | None, averages: float) -> Array | None:
-    if coherence is None or averages <= 1.0 or np.any(coherence <= 0.0):
-        return None
-    share = np.maximum(1.0 - coherence, 0.0) / (coherence * (averages - 1.0))
-    return share[:, :, None] * np.abs(response) ** 2

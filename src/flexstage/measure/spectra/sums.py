@@ -12,13 +12,7 @@ from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
 from flexstage.measure.spectra.checks import Extremes
 
-# samples that are transformed at a time: with their transforms they fit a second-level cache
-_BLOCK = 131_072
-# a window's own transform beyond this, relative to its largest, is rounding
-_ROUNDING = 1e-15
 Estimator = Literal["H1", "H2", "Hv"]
-# inputs of which, at the median line, another explains more than this share are one input
-_CORRELATED = 0.98
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,10 +117,14 @@ def add_segments(
     """
     length = window.size
     count = (channels[0].size - length) // hop + 1
+    # samples that are transformed at a time: with their transforms they fit a second-level cache
+    block = 131_072
     # a library that transforms one row at a time plans anew for each
-    rows = min(count, max(2, _BLOCK // length))
+    rows = min(count, max(2, block // length))
     of_window = np.fft.rfft(window)
-    seen = np.abs(of_window) > _ROUNDING * np.abs(of_window).max()
+    # a window's own transform beyond this, relative to its largest, is rounding
+    rounding = 1e-15
+    seen = np.abs(of_window) > rounding * np.abs(of_window).max()
     of_window = of_window[: int(np.flatnonzero(seen)[-1]) + 1]
     buffer = np.empty((rows, length))
     transforms = np.empty((len(channels), rows, length // 2 + 1), dtype=np.complex128)
@@ -260,7 +258,9 @@ def _inverse(xx: Complex) -> Complex:
     # 1 - 1 / (R^-1)_ii is the share of input i that the others explain
     shared = 1.0 - 1.0 / np.einsum("kii->ki", inverse).real
     worst = np.median(shared, axis=0)
-    if worst.max() > _CORRELATED:
+    # inputs of which, at the median line, another explains more than this share are one input
+    correlated = 0.98
+    if worst.max() > correlated:
         raise _correlated(int(worst.argmax()), float(worst.max()))
     return inverse * scale[:, :, None] * scale[:, None, :]
 

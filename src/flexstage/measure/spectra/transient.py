@@ -11,13 +11,10 @@ from flexstage.measure.spectra.averaging import CutSpectra, finished, line_frequ
 from flexstage.measure.spectra.checks import HitOptions, Signals
 from flexstage.measure.spectra.sums import SumOfSpectra
 from flexstage.records import saturation
-from flexstage.records.quality import quantisation_step
+from flexstage.records.quality import RMS_OVER_MEDIAN, quantisation_step
 
-# without a length of segment, pulses nearer than this share of the longest gap belong together
-_TOGETHER = 0.1
 # a contact is told from noise at so many times its rms
 _ABOVE_NOISE = 6.0
-_RMS_OVER_MEDIAN = 1.4826022185056018
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +65,9 @@ def grouped(
         raise RecordError("no hit was found in the record: is the input the right column?")
     starts = np.array([p.start for p in pulses])
     gaps = np.diff(np.concatenate((starts, [size])))
-    least = _TOGETHER * float(gaps.max()) if segment is None else float(segment - pre)
+    # without a length of segment, pulses nearer than this share of the longest gap belong together
+    together = 0.1
+    least = together * float(gaps.max()) if segment is None else float(segment - pre)
     groups = [[pulses[0]]]
     for pulse in pulses[1:]:
         if pulse.start - groups[-1][0].start < least:
@@ -179,7 +178,7 @@ def hammer_spectra(signals: Signals, options: HitOptions, segment: int | None = 
     """
     forces = [_upright(row[0]) for row in signals.channels]
     found, length, left_out = _find(signals, forces, options, segment)
-    noise = [_RMS_OVER_MEDIAN * float(np.median(np.abs(f))) for f in forces]
+    noise = [RMS_OVER_MEDIAN * float(np.median(np.abs(f))) for f in forces]
     kept = []
     for hit in found:
         why = _fault(signals, forces, hit, length, options, noise[hit.record])
@@ -199,8 +198,6 @@ def hammer_spectra(signals: Signals, options: HitOptions, segment: int | None = 
             part = values[hit.start : hit.start + length]
             if number == 0:
                 part = part - np.median(values)
-                if options.force_window:
-                    part = part * _force_window(hit, length)
             elif share is not None and hit.pulse.start > hit.start:
                 # a constant offset is one line without a window, but many with one
                 part = part - values[before].mean()
@@ -248,19 +245,6 @@ def _cut_off(force: Array, peak: float) -> bool:
 
 def _level(force: Array) -> float:
     return float(force[int(np.argmax(np.abs(force - np.median(force))))])
-
-
-def _force_window(hit: _Found, length: int) -> Array:
-    """One until the contact is over, with half a cosine of its length down to zero."""
-    fade = max(hit.pulse.width, 2)
-    stop = hit.pulse.stop - hit.start + fade
-    window = np.zeros(length)
-    window[:stop] = 1.0
-    down = 0.5 + 0.5 * np.cos(np.pi * (np.arange(fade) + 0.5) / fade)
-    room = min(fade, length - stop)
-    if room > 0:
-        window[stop : stop + room] = down[:room]
-    return window
 
 
 def step_spectra(signals: Signals, options: HitOptions, segment: int | None = None) -> CutSpectra:

@@ -21,8 +21,13 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.measure.updating.parameters import UpdateParameter
-from flexstage.measure.updating.problem import Model, UpdatingProblem, half_square, most_probable
+from flexstage.measure.updating.problem import (
+    Model,
+    UpdateParameter,
+    UpdatingProblem,
+    half_square,
+    most_probable,
+)
 from flexstage.stage import Stage
 from flexstage.system import DriveCondition
 

@@ -29,8 +29,7 @@ from flexstage.records.detect import format_of
 from flexstage.records.drives import read_drive, train_range
 from flexstage.records.files import read_files
 from flexstage.records.likely_columns import is_time, likely_drive, moving_columns
-from flexstage.records.reading_options import understood
-from flexstage.records.selectors import column
+from flexstage.records.reading_options import column, understood
 from flexstage.records.write import record_bytes
 from flexstage.report.figures.feedforward import draw_feedforward
 from flexstage.report.figures.identification import draw_identification, draw_prediction
