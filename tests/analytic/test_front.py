@@ -25,7 +25,7 @@ from flexstage.explore import (
 from flexstage.explore.family import evaluate
 from flexstage.explore.optimise.front import non_dominated
 from flexstage.explore.optimise.optimum import TOLERANCE
-from flexstage.explore.optimise.results import optimum_results
+from flexstage.explore.results import optimum_results
 from flexstage.report.optimise import optimum_notes, optimum_tables
 
 OPTIONS = SearchOptions(model="lumped", evaluations=500, seed=3)

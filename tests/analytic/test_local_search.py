@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from flexstage.explore.optimise.correction import Correction
 from flexstage.explore.optimise.local_search import local_search
-from flexstage.explore.optimise.multipliers import balance
+from flexstage.explore.optimise.optimum import balance
+from flexstage.explore.optimise.problem import Correction
 from flexstage.explore.optimise.quadratic import bounded_step, smallest_quadratic
 from flexstage.explore.optimise.walls import MARGIN, find_wall
 

@@ -24,7 +24,7 @@ from flexstage.explore import (
 from flexstage.explore.family import Evaluated
 from flexstage.explore.optimise import ladder
 from flexstage.explore.optimise.local_search import LocalOptimum, local_search
-from flexstage.explore.optimise.multipliers import held_by
+from flexstage.explore.optimise.optimum import held_by
 from flexstage.explore.optimise.problem import StageProgram
 from flexstage.explore.optimise.usual import (
     held_dimensions,

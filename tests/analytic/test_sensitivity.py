@@ -11,8 +11,12 @@ from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError, StageError
 from flexstage.explore.family import Family, jacobian, known_figures
 from flexstage.explore.figures import Figure, figures_of
-from flexstage.explore.hinge_family import hinge_variables
-from flexstage.explore.sensitivity import Sensitivities, sensitivities, variables_by
+from flexstage.explore.sensitivity import (
+    Sensitivities,
+    hinge_variables,
+    sensitivities,
+    variables_by,
+)
 from flexstage.explore.stage_figures import STAGE_FIGURES
 from flexstage.lumped import lumped_system
 from flexstage.system import analyse

@@ -14,8 +14,7 @@ from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.explore.family import Family, known_figures
 from flexstage.explore.figures import figures_of, usual_figures
-from flexstage.explore.hinge_family import hinge_variables
-from flexstage.explore.sensitivity import sensitivities, variables_by
+from flexstage.explore.sensitivity import hinge_variables, sensitivities, variables_by
 from flexstage.report.figures.moving_necks import draw_moving_necks
 from flexstage.report.figures.sensitivity import draw_sensitivities
 from flexstage.report.page import typeset

@@ -16,10 +16,13 @@ from typer.testing import CliRunner
 from flexstage.cli import app
 from flexstage.designs import StageTemplate
 from flexstage.errors import ModelError
-from flexstage.explore.optimise.results import front_results, optimum_results
-from flexstage.explore.sensitivity_files import sensitivity_results
-from flexstage.explore.sweep_files import sweep_results
-from flexstage.explore.tolerance_files import tolerance_results
+from flexstage.explore.results import (
+    front_results,
+    optimum_results,
+    sensitivity_results,
+    sweep_results,
+    tolerance_results,
+)
 from flexstage.progress import listen
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.explore import charts, points

@@ -24,7 +24,7 @@ from flexstage.explore import (
     variables_of,
 )
 from flexstage.explore import workers as workers_module
-from flexstage.explore.sweep_files import sweep_csv, sweep_parquet, sweep_results
+from flexstage.explore.results import sweep_csv, sweep_parquet, sweep_results
 from flexstage.lumped import lumped_system
 from flexstage.report.figures.sweep import draw_indices, draw_sweep
 from flexstage.report.sweep import sweep_html, sweep_notes, sweep_tables

@@ -132,7 +132,7 @@ def _end(found: "Optimum") -> None:
 
 
 def _tell(found: "Optimum", folder: Path | None, figure: Path | None, *, json: bool) -> None:
-    from flexstage.explore.optimise.results import optimum_results
+    from flexstage.explore.results import optimum_results
     from flexstage.report.explored_files import optimum_files
     from flexstage.report.figures.optimum import draw_before_after
     from flexstage.report.optimise import optimum_notes, optimum_tables
@@ -146,7 +146,7 @@ def _tell(found: "Optimum", folder: Path | None, figure: Path | None, *, json: b
 
 
 def _tell_front(found: "Front", folder: Path | None, figure: Path | None, *, json: bool) -> None:
-    from flexstage.explore.optimise.results import front_results
+    from flexstage.explore.results import front_results
     from flexstage.report.explored_files import front_files
     from flexstage.report.figures.optimum import draw_front
     from flexstage.report.optimise import front_notes, front_tables

@@ -84,7 +84,7 @@ def sensitivity(
     if folder is not None and hinges:
         files += _necks(found, template.stage(), folder)
     if json:
-        from flexstage.explore.sensitivity_files import sensitivity_results
+        from flexstage.explore.results import sensitivity_results
 
         print_json(sensitivity_results(found, length) | {"files": [str(file) for file in files]})
         return

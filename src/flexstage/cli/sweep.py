@@ -69,7 +69,7 @@ def sweep(
     figure
         Draw the figures over the parameters: curves, maps or diagrams. (.svg, .png or .pdf)
     """
-    from flexstage.explore.kept_batches import finished_batches
+    from flexstage.explore.batches import finished_batches
     from flexstage.explore.requests.sweep import SweepRequest
 
     run = SweepRequest(
@@ -86,7 +86,7 @@ def sweep(
             found = run(workers=workers, keep=keep)
         files, notes = _written(found, folder, figure)
     if json:
-        from flexstage.explore.sweep_files import sweep_results
+        from flexstage.explore.results import sweep_results
 
         result = sweep_results(found, columns=True)
         result["notes"] += notes

@@ -84,7 +84,7 @@ def tolerance(
     every_sample
         Write the figures of every sample as well, samples.csv.
     """
-    from flexstage.explore.kept_batches import finished_batches
+    from flexstage.explore.batches import finished_batches
     from flexstage.explore.requests.tolerance import ToleranceRequest
 
     if every_sample and folder is None:
@@ -115,7 +115,7 @@ def tolerance(
         write_file(figure, picture(figure, draw_spreads(study)))
         files.append(figure)
     if json:
-        from flexstage.explore.tolerance_files import tolerance_results
+        from flexstage.explore.results import tolerance_results
 
         print_json(tolerance_results(study, choice) | {"files": [str(file) for file in files]})
         return

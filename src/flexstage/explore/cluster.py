@@ -16,8 +16,7 @@ from distributed import Client, Future, KilledWorker, Security, WorkerPlugin, ge
 from distributed.comm.core import connect
 
 from flexstage.errors import FlexstageError, WorkerError
-from flexstage.explore.batches import Job, deadly
-from flexstage.explore.kept_batches import versions
+from flexstage.explore.batches import Job, deadly, versions
 from flexstage.explore.pool import ONE_THREAD
 
 #: Batches that a worker has been given at a time: one that it computes, and the next.

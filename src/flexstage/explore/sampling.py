@@ -2,12 +2,15 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.explore.sobol_indices import FEWEST
+from flexstage.explore.variables import Variable
 
 #: How points are spread.
 Sampling = Literal["grid", "latin-hypercube", "sobol"]
@@ -120,3 +123,88 @@ def _sobol(dimensions: int, samples: int, seed: int) -> Array:
 def _require(samples: int) -> None:
     if not 1 <= samples <= LARGEST:
         raise ModelError(f"the number of samples must be 1 to {LARGEST}, got {samples}")
+
+
+# Points that are looked at where no number is given: of one variable, of a grid of two, and of a
+# sequence, which is also the number of base samples. Models of elements take longer.
+_USUAL = {"lumped": (25, 400, 256), "superelement": (13, 49, 64)}
+_USUAL_OTHERS = (7, 16, 16)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepPlan:
+    """Which stages a sweep looks at."""
+
+    sampling: Sampling
+    """How points are spread over the box of the variables."""
+    samples: int
+    """How many are asked for: at most so many on a grid, at least so many of a Sobol' sequence;
+    with `indices` the base samples, each of which needs two points and one for each variable."""
+    seed: int = 0
+    """Seed of what is drawn at random."""
+    indices: bool = False
+    """Whether Sobol' indices are estimated, from points of their own kind."""
+
+    def __post_init__(self) -> None:
+        if self.indices and self.sampling != "sobol":
+            raise ModelError(
+                f"Sobol' indices need points of a Sobol' sequence, got '{self.sampling}': leave "
+                "the plan out"
+            )
+        if self.indices and self.samples < FEWEST:
+            raise ModelError(
+                f"Sobol' indices need {FEWEST} base samples or more, got {self.samples}"
+            )
+
+    def points(self, variables: Sequence[Variable]) -> Array:
+        """Return the points (S, d) [SI]."""
+        low = np.array([variable.low for variable in variables])
+        high = np.array([variable.high for variable in variables])
+        if self.indices:
+            return saltelli_points(low, high, self.samples, self.seed)
+        match self.sampling:
+            case "grid":
+                return grid_points(low, high, self.counts(variables))
+            case "latin-hypercube":
+                return latin_hypercube_points(low, high, self.samples, self.seed)
+            case "sobol":
+                return sobol_points(low, high, self.samples, self.seed)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is done otherwise than it was asked for."""
+        count = next_power_of_two(self.samples)
+        if self.sampling != "sobol" or count == self.samples:
+            return ()
+        what = "base samples" if self.indices else "points"
+        return (f"{count} {what} instead of {self.samples}: a Sobol' sequence goes in powers of 2",)
+
+    def counts(self, variables: Sequence[Variable]) -> tuple[int, ...]:
+        """Return how many values of each variable there are on a grid; nothing for other points."""
+        if self.sampling != "grid":
+            return ()
+        return grid_counts(self.samples, [variable.count for variable in variables])
+
+
+def usual_plan(
+    variables: Sequence[Variable],
+    model: str,
+    *,
+    sampling: Sampling | None = None,
+    samples: int | None = None,
+    seed: int = 0,
+    indices: bool = False,
+) -> SweepPlan:
+    """Return a plan of which something is left open.
+
+    One or two variables are looked at on a grid, more by a Sobol' sequence, and as many points as
+    can be waited for.
+    """
+    few = len(variables) <= 2
+    if sampling is None:
+        counted = all(variable.count is not None for variable in variables)
+        sampling = "grid" if (few or counted) and not indices else "sobol"
+    if samples is None:
+        usual = _USUAL.get(model, _USUAL_OTHERS)
+        samples = usual[len(variables) - 1 if few and sampling == "grid" else 2]
+    return SweepPlan(sampling=sampling, samples=samples, seed=seed, indices=indices)

@@ -1,6 +1,8 @@
 """A sweep: parameters of a stage varied, and figures of every stage that this makes."""
 
 import math
+import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,17 +14,10 @@ from flexstage.errors import ModelError
 from flexstage.explore.batches import Job, batch_size
 from flexstage.explore.family import Family, evaluate
 from flexstage.explore.figures import ROUNDING, Figure
-from flexstage.explore.impossible import NarrowerBound, Reason, best_cut, reasons
 from flexstage.explore.sampling import (
-    Sampling,
-    grid_counts,
-    grid_points,
-    latin_hypercube_points,
-    next_power_of_two,
-    saltelli_points,
-    sobol_points,
+    SweepPlan,
 )
-from flexstage.explore.sobol_indices import FEWEST, SobolIndices, sobol_indices
+from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
 from flexstage.explore.variables import Variable
 from flexstage.explore.workers import Workers
 from flexstage.provenance import Provenance, provenance
@@ -32,10 +27,98 @@ from flexstage.short_repr import short_repr
 if TYPE_CHECKING:
     from pathlib import Path
 
-# Points that are looked at where no number is given: of one variable, of a grid of two, and of a
-# sequence, which is also the number of base samples. Models of elements take longer.
-_USUAL = {"lumped": (25, 400, 256), "superelement": (13, 49, 64)}
-_USUAL_OTHERS = (7, 16, 16)
+# what differs between two sentences that say the same of two stages
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?", re.IGNORECASE)
+#: Fewest impossible points from which a bound is worth naming.
+_FEW = 3
+#: How much more of the impossible points than of the others a cut takes away, to be named.
+_WORTH = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reason:
+    """Why points are no stage."""
+
+    count: int
+    """Of how many points it is said."""
+    text: str
+    """The sentence, as it is said of the first of them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NarrowerBound:
+    """A narrower bound of one variable, which leaves impossible points out."""
+
+    variable: int
+    """Place of the variable among those of the sweep."""
+    bound: str
+    """``low`` or ``high``."""
+    value: float
+    """The bound [SI]."""
+    impossible: float
+    """Share of the impossible points that it leaves out [1]."""
+    possible: float
+    """Share of the others that it leaves out [1]."""
+
+
+def reasons(faults: Sequence[str]) -> tuple[Reason, ...]:
+    """Return why points are no stage, the commonest reason first.
+
+    Sentences that differ in their numbers alone are one reason.
+
+    Examples
+    --------
+    >>> [found.count for found in reasons(["neck 0.1 mm too thin", "", "neck 0.2 mm too thin"])]
+    [2]
+    """
+    said = [fault for fault in faults if fault]
+    kinds = Counter(_NUMBER.sub("#", fault) for fault in said)
+    first = {_NUMBER.sub("#", fault): fault for fault in reversed(said)}
+    return tuple(Reason(count=n, text=first[kind]) for kind, n in kinds.most_common())
+
+
+def best_cut(points: Array, faults: Sequence[str]) -> NarrowerBound | None:
+    """Return the one bound that best tells impossible points from the others.
+
+    That for which the share of impossible points that it leaves out, less that of the others, is
+    largest (Youden 1950); None where no bound reaches a half.
+
+    Examples
+    --------
+    >>> cut = best_cut(np.linspace(0.0, 1.0, 11)[:, None], ["no"] * 4 + [""] * 7)
+    >>> cut.bound, cut.value, cut.impossible, cut.possible
+    ('low', 0.4, 1.0, 0.0)
+    """
+    bad = np.array([bool(fault) for fault in faults])
+    n, m = int(bad.sum()), int((~bad).sum())
+    if n < _FEW or m == 0:
+        return None
+    best: tuple[float, NarrowerBound] | None = None
+    for i, column in enumerate(points.T):
+        values, at = np.unique(column, return_inverse=True)
+        # shares below each value but the first, which a bound at that value leaves out
+        gone = np.cumsum(np.bincount(at[bad], minlength=len(values)))[:-1] / n
+        lost = np.cumsum(np.bincount(at[~bad], minlength=len(values)))[:-1] / m
+        for bound, a, b, ends in (
+            ("low", gone, lost, values[1:]),
+            ("high", 1.0 - gone, 1.0 - lost, values[:-1]),
+        ):
+            if not len(ends):
+                continue
+            k = int(np.argmax(a - b))
+            worth = float(a[k] - b[k])
+            if worth >= _WORTH and (best is None or worth > best[0]):
+                cut = NarrowerBound(
+                    variable=i,
+                    bound=bound,
+                    value=float(ends[k]),
+                    impossible=float(a[k]),
+                    possible=float(b[k]),
+                )
+                best = worth, cut
+    return None if best is None else best[1]
+
+
 # what a stage usually takes by a model [s]
 _COST = {
     "lumped": 5e-3,
@@ -49,88 +132,9 @@ _COST = {
 _HARDLY = 1e-3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SweepPlan:
-    """Which stages a sweep looks at."""
-
-    sampling: Sampling
-    """How points are spread over the box of the variables."""
-    samples: int
-    """How many are asked for: at most so many on a grid, at least so many of a Sobol' sequence;
-    with `indices` the base samples, each of which needs two points and one for each variable."""
-    seed: int = 0
-    """Seed of what is drawn at random."""
-    indices: bool = False
-    """Whether Sobol' indices are estimated, from points of their own kind."""
-
-    def __post_init__(self) -> None:
-        if self.indices and self.sampling != "sobol":
-            raise ModelError(
-                f"Sobol' indices need points of a Sobol' sequence, got '{self.sampling}': leave "
-                "the plan out"
-            )
-        if self.indices and self.samples < FEWEST:
-            raise ModelError(
-                f"Sobol' indices need {FEWEST} base samples or more, got {self.samples}"
-            )
-
-    def points(self, variables: Sequence[Variable]) -> Array:
-        """Return the points (S, d) [SI]."""
-        low = np.array([variable.low for variable in variables])
-        high = np.array([variable.high for variable in variables])
-        if self.indices:
-            return saltelli_points(low, high, self.samples, self.seed)
-        match self.sampling:
-            case "grid":
-                return grid_points(low, high, self.counts(variables))
-            case "latin-hypercube":
-                return latin_hypercube_points(low, high, self.samples, self.seed)
-            case "sobol":
-                return sobol_points(low, high, self.samples, self.seed)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What is done otherwise than it was asked for."""
-        count = next_power_of_two(self.samples)
-        if self.sampling != "sobol" or count == self.samples:
-            return ()
-        what = "base samples" if self.indices else "points"
-        return (f"{count} {what} instead of {self.samples}: a Sobol' sequence goes in powers of 2",)
-
-    def counts(self, variables: Sequence[Variable]) -> tuple[int, ...]:
-        """Return how many values of each variable there are on a grid; nothing for other points."""
-        if self.sampling != "grid":
-            return ()
-        return grid_counts(self.samples, [variable.count for variable in variables])
-
-
 def usual_cost(model: str) -> float:
     """Return what a stage usually takes by a model [s]."""
     return _COST.get(model, 1.0)
-
-
-def usual_plan(
-    variables: Sequence[Variable],
-    model: str,
-    *,
-    sampling: Sampling | None = None,
-    samples: int | None = None,
-    seed: int = 0,
-    indices: bool = False,
-) -> SweepPlan:
-    """Return a plan of which something is left open.
-
-    One or two variables are looked at on a grid, more by a Sobol' sequence, and as many points as
-    can be waited for.
-    """
-    few = len(variables) <= 2
-    if sampling is None:
-        counted = all(variable.count is not None for variable in variables)
-        sampling = "grid" if (few or counted) and not indices else "sobol"
-    if samples is None:
-        usual = _USUAL.get(model, _USUAL_OTHERS)
-        samples = usual[len(variables) - 1 if few and sampling == "grid" else 2]
-    return SweepPlan(sampling=sampling, samples=samples, seed=seed, indices=indices)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage.errors import ModelError, WorkerError
-from flexstage.explore.batches import FinishedBatch, Job, joined
-from flexstage.explore.kept_batches import KeptBatches
+from flexstage.explore.batches import FinishedBatch, Job, KeptBatches, joined
 from flexstage.lazy import require_extra
 from flexstage.progress import hand_over, update
 

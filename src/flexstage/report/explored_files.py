@@ -6,14 +6,21 @@ from functools import partial
 from flexstage.errors import ModelError
 from flexstage.explore.optimise.front import Front
 from flexstage.explore.optimise.optimum import Optimum
-from flexstage.explore.optimise.results import front_results, optimum_results
+from flexstage.explore.results import (
+    front_results,
+    optimum_results,
+    samples_csv,
+    sensitivity_csv,
+    sensitivity_results,
+    sweep_csv,
+    sweep_parquet,
+    sweep_results,
+    tolerance_results,
+)
 from flexstage.explore.sensitivity import Sensitivities
-from flexstage.explore.sensitivity_files import sensitivity_csv, sensitivity_results
 from flexstage.explore.sweep import Sweep
-from flexstage.explore.sweep_files import sweep_csv, sweep_parquet, sweep_results
 from flexstage.explore.tolerance import ToleranceStudy
 from flexstage.explore.tolerance_choice import ToleranceChoice
-from flexstage.explore.tolerance_files import samples_csv, tolerance_results
 from flexstage.files.plain import json_text
 from flexstage.report.figures.optimum import (
     draw_before_after,

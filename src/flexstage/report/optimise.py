@@ -10,8 +10,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.optimise.front import Front
-from flexstage.explore.optimise.multipliers import round_step
-from flexstage.explore.optimise.optimum import TOLERANCE, Optimum
+from flexstage.explore.optimise.optimum import TOLERANCE, Optimum, round_step
 from flexstage.explore.optimise.usual import walls_note
 from flexstage.explore.variables import Variable
 from flexstage.lazy import require_extra

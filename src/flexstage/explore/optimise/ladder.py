@@ -14,7 +14,6 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.family import evaluate
 from flexstage.explore.figures import Figure
-from flexstage.explore.optimise.correction import Correction
 from flexstage.explore.optimise.local_search import (
     FEASIBLE,
     Iterate,
@@ -22,7 +21,6 @@ from flexstage.explore.optimise.local_search import (
     local_search,
     violation_of,
 )
-from flexstage.explore.optimise.multipliers import held_by
 from flexstage.explore.optimise.optimum import (
     TOLERANCE,
     Level,
@@ -30,9 +28,10 @@ from flexstage.explore.optimise.optimum import (
     Rung,
     SearchStep,
     Trace,
+    held_by,
     new_names,
 )
-from flexstage.explore.optimise.problem import Problem, StageProgram
+from flexstage.explore.optimise.problem import Correction, Problem, StageProgram
 from flexstage.explore.optimise.rounding import drawn, drawn_point, is_drawn
 from flexstage.explore.optimise.walls import Wall
 from flexstage.provenance import provenance

@@ -8,8 +8,13 @@ from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.explore.family import Family, known_figures
 from flexstage.explore.figures import chosen_figures
-from flexstage.explore.hinge_family import hinge_variables
-from flexstage.explore.sensitivity import LENGTH, Sensitivities, sensitivities, variables_by
+from flexstage.explore.sensitivity import (
+    LENGTH,
+    Sensitivities,
+    hinge_variables,
+    sensitivities,
+    variables_by,
+)
 from flexstage.studies.models import known_model
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexstage.designs import StageTemplate
+from flexstage.explore.batches import finished_batches
 from flexstage.explore.family import Family
 from flexstage.explore.figures import Figure
-from flexstage.explore.kept_batches import finished_batches
 from flexstage.explore.optimise.front import Front
 from flexstage.explore.optimise.optimum import Optimum
 from flexstage.explore.optimise.problem import Problem
