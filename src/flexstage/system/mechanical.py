@@ -1,9 +1,9 @@
 """A stage as a linear mechanical system, whatever model it comes from."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -113,7 +113,7 @@ DriveCondition = Literal["removed", "in place", "locked"]
 #: Standard acceleration of gravity [m/s^2] (3rd CGPM, 1901).
 STANDARD_GRAVITY = 9.80665
 
-_T = TypeVar("_T", "DrivePort", "ProbePort", "BodyPort", "AxisPort", "LoadPort")
+_T = TypeVar("_T", bound=Any)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -270,7 +270,7 @@ class MechanicalSystem:
         DrivePort
             The drive.
         """
-        return _find("drive", name, self.drives)
+        return named("drive", name, self.drives)
 
     def probe(self, name: str) -> ProbePort:
         """Return a probe by name.
@@ -285,7 +285,7 @@ class MechanicalSystem:
         ProbePort
             The probe.
         """
-        return _find("probe", name, self.probes)
+        return named("probe", name, self.probes)
 
     def body(self, name: str) -> BodyPort:
         """Return a body by name.
@@ -300,7 +300,7 @@ class MechanicalSystem:
         BodyPort
             The body.
         """
-        return _find("body", name, self.bodies)
+        return named("body", name, self.bodies)
 
     def load(self, name: str) -> LoadPort:
         """Return a load by name.
@@ -315,7 +315,7 @@ class MechanicalSystem:
         LoadPort
             The load.
         """
-        return _find("load", name, self.loads)
+        return named("load", name, self.loads)
 
     def drive_springs(self, condition: DriveCondition) -> tuple[Array, Array]:
         """Return what the drives add to the bare stage.
@@ -367,10 +367,10 @@ class MechanicalSystem:
         return replace(self, damping=damping)
 
 
-def _find(noun: str, name: str, ports: tuple[_T, ...]) -> _T:
-    for port in ports:
-        if port.name == name:
-            return port
-    raise ModelError(
-        f"there is no {noun} '{name}': the system has {', '.join(p.name for p in ports) or 'none'}"
-    )
+def named(noun: str, name: str, among: Sequence[_T], where: str = ": the system has") -> _T:
+    """Return the one of a name; `where` says in a refusal what has the others."""
+    for one in among:
+        if one.name == name:
+            return one
+    have = ", ".join(one.name for one in among) or "none"
+    raise ModelError(f"there is no {noun} '{name}'{where} {have}")
