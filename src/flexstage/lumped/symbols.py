@@ -234,8 +234,6 @@ class GenericHinge:
     """Rayleigh's function D of the rates."""
     forces: tuple[sp.Expr, ...]
     """Derivatives of V with respect to the coordinates."""
-    damping_forces: tuple[sp.Expr, ...]
-    """Derivatives of D with respect to the rates."""
     block: sp.ImmutableMatrix
     """Hessian of V, shape (6, 6)."""
     damping_block: sp.ImmutableMatrix
@@ -298,7 +296,6 @@ def generic_hinge() -> GenericHinge:
         potential_energy=V,
         dissipation=D,
         forces=forces,
-        damping_forces=damping_forces,
         block=sp.ImmutableMatrix(6, 6, lambda i, j: sp.expand(sp.diff(forces[i], q[j]))),
         damping_block=sp.ImmutableMatrix(
             6, 6, lambda i, j: sp.expand(sp.diff(damping_forces[i], rates[j]))
