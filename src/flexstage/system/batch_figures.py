@@ -378,9 +378,8 @@ class AxisFigures:
         return axis_figures(system, nominal, decided.stage.material, facts)
 
     def _step(self, drive: str) -> Any:
-        j = self.stage.drive[drive]
-        alone = self.together is None
-        gain = self.output / self.input if alone else self.together.gains(self.index)[j]
+        j, together = self.stage.drive[drive], self.together
+        gain = self.output / self.input if together is None else together.gains(self.index)[j]
         return gain * self.source.of_drive("smallest_displacement", j)
 
     def _input_stiffness(self) -> Any:

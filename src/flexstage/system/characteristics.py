@@ -102,7 +102,9 @@ def axis_characteristics(
         output=lambda: axis.output_displacement,
         stress=lambda: stress[hinge],
         strength=partial(_strength, stage.material),
-        step=lambda name: np.float64(gains[name]) * system.drive(name).smallest_displacement,
+        step=lambda name: (
+            np.float64(gains[name]) * (system.drive(name).smallest_displacement or 0.0)
+        ),
         frequency_hz=lambda: frequency_hz[mode],
         shown=lambda: shown,
         worst=lambda probes: max((static.readings[p] for p in probes), key=abs),
