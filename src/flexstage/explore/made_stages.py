@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,8 @@ class Process:
         return max((table.error for table in self.tables), default=0.0)
 
 
+# a lot and the search for its tolerances begin with the same one
+@lru_cache(maxsize=4)
 def process_of(stage: Stage, scatter: Scatter, *, reach: float = REACH) -> Process:
     """Prepare a stage and its process: `reach` is how many standard deviations are covered.
 
