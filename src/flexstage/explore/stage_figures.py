@@ -15,11 +15,6 @@ from flexstage.system.axis_states import axis_states
 Forces = Mapping[str, Mapping[str, tuple[float, float]]]
 
 
-def _smallest_slot(stage: Stage) -> Mapping[str, float]:
-    """Narrowest cut, negative where bodies overlap."""
-    return {WHOLE_STAGE: narrowest_slot(stage)}
-
-
 def _smallest_wall(stage: Stage) -> Mapping[str, float]:
     """Thinnest place of a body, necks left out; none where nothing is thin."""
     found = thinnest_wall(stage)
@@ -89,7 +84,8 @@ def _buckling_factor(stage: Stage, forces: Forces) -> Mapping[str, float]:
 #: By quantity: what computes it of the geometry alone, by axis, ``stage`` for the whole.
 _OF_GEOMETRY: Mapping[str, Callable[[Stage], Mapping[str, float]]] = {
     "smallest_neck": _smallest_neck,
-    "smallest_slot": _smallest_slot,
+    # the narrowest cut, negative where bodies overlap
+    "smallest_slot": lambda stage: {WHOLE_STAGE: narrowest_slot(stage)},
     "smallest_wall": _smallest_wall,
     "output_wall": _output_wall,
 }

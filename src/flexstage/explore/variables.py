@@ -178,12 +178,8 @@ def _value(parameter: StageParameter) -> float | None:
     value = parameter.value
     if not isinstance(value, float) or is_expression(parameter.text):
         return None
-    known = parameter.dimension or _is_number(parameter.text)
+    known = parameter.dimension or re.fullmatch(_NUMBER, parameter.text.strip())
     return value if known and math.isfinite(value) else None
-
-
-def _is_number(text: str) -> bool:
-    return re.fullmatch(_NUMBER, text.strip()) is not None
 
 
 def _variable(parameter: StageParameter, told: str, text: str) -> Variable:

@@ -22,7 +22,7 @@ from flexstage.system.axis_states import axis_states
 from flexstage.system.batch_modes import start_shapes
 from flexstage.system.coupled_axes import CoupledAxes
 from flexstage.system.figure_source import (
-    AxisFacts,
+    AxisMeasures,
     Key,
     Source,
     added,
@@ -355,7 +355,7 @@ class AxisFigures:
         """Its figures, in the order of `flexstage.system.analyse`."""
         decided, source, nominal = self.stage.decided, self.source, self.nominal
         system = decided.system
-        facts = AxisFacts(
+        measures = AxisMeasures(
             input=lambda: self.input,
             output=lambda: self.output,
             stress=lambda: largest_row(magnitude(stress_at(source, self.motion[2]))),
@@ -375,7 +375,7 @@ class AxisFigures:
             yields=math.isfinite(probe_stiffness(system, nominal.probe, drives="in place")),
             seen=bool(np.any(system.probes[self.probe].vector)),
         )
-        return axis_figures(system, nominal, decided.stage.material, facts)
+        return axis_figures(system, nominal, decided.stage.material, measures)
 
     def _step(self, drive: str) -> Any:
         j, together = self.stage.drive[drive], self.together

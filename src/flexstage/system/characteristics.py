@@ -14,7 +14,7 @@ from flexstage.stage import PiezoStack, Stage, mass_properties
 from flexstage.stage.mass import outer_size
 from flexstage.system.axis_states import AxisStates, stress_anywhere
 from flexstage.system.coupled_axes import CoupledAxes
-from flexstage.system.figure_source import AxisFacts, axis_figures, axis_quantity, stress_figures
+from flexstage.system.figure_source import AxisMeasures, axis_figures, axis_quantity, stress_figures
 from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import Modes
@@ -97,7 +97,7 @@ def axis_characteristics(
     hinge = max(stress, key=lambda name: stress[name], default="")
     ratio = np.float64(axis.output_displacement) / axis.input_displacement
     gains = dict.fromkeys(axis.drives, ratio) if coupled is None else coupled.gains(axis.axis)
-    facts = AxisFacts(
+    measures = AxisMeasures(
         input=lambda: axis.input_displacement,
         output=lambda: axis.output_displacement,
         stress=lambda: stress[hinge],
@@ -127,7 +127,7 @@ def axis_characteristics(
         axis_quantity("effective_mass", port.unit): f"modal mass of {which} {mode + 1} (drives "
         "removed) where the probe moves by one",
     }
-    for quantity, value in axis_figures(system, axis, stage.material, facts):
+    for quantity, value in axis_figures(system, axis, stage.material, measures):
         scatter = _scatter(axis, hinge) if quantity == "max_stress" else None
         add(quantity, value(), notes[quantity], scatter)
         frequency = quantity == "natural_frequency_hz"

@@ -32,7 +32,7 @@ def axis_quantity(quantity: str, unit: str) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AxisFacts:
+class AxisMeasures:
     """What the figures of an axis are made of, for one stage, over samples or with derivatives.
 
     Each is computed when it is called for.
@@ -69,41 +69,41 @@ class AxisFacts:
 
 
 def axis_figures(
-    system: MechanicalSystem, axis: AxisAnalysis, material: Material, facts: AxisFacts
+    system: MechanicalSystem, axis: AxisAnalysis, material: Material, measures: AxisMeasures
 ) -> Iterator[tuple[str, Callable[[], Any]]]:
     """Give the figures of an axis, in their order: quantity, and what computes it.
 
     Which there are is decided on one stage, `system` with the full stroke of its `axis`, for all
-    that the `facts` are of.
+    that the `measures` are of.
     """
     port = system.probe(axis.probe)
     unit, turns = port.unit, port.unit == "rad"
-    yield "input_displacement", facts.input
-    yield axis_quantity("output_displacement", unit), facts.output
+    yield "input_displacement", measures.input
+    yield axis_quantity("output_displacement", unit), measures.output
     if not turns:
-        yield "transmission_ratio", lambda: facts.output() / facts.input()
+        yield "transmission_ratio", lambda: measures.output() / measures.input()
     if stress := axis.static.hinge_stress:
         stressed = any(stress.values())
-        yield from stress_figures(material, facts.strength, facts.stress, stressed)
+        yield from stress_figures(material, measures.strength, measures.stress, stressed)
     steps = [name for name in axis.drives if system.drive(name).smallest_displacement]
     if steps:
         yield (
             axis_quantity("resolution", unit),
-            lambda: largest([magnitude(facts.step(name)) for name in steps]),
+            lambda: largest([magnitude(measures.step(name)) for name in steps]),
         )
-    yield "natural_frequency_hz", facts.frequency_hz
+    yield "natural_frequency_hz", measures.frequency_hz
     for quantity, probes in _cross_figures(system, axis):
-        own = facts.output if quantity == "cross_coupling" else lambda: 1.0
-        yield quantity, lambda probes=probes, own=own: facts.worst(probes) / own()
+        own = measures.output if quantity == "cross_coupling" else lambda: 1.0
+        yield quantity, lambda probes=probes, own=own: measures.worst(probes) / own()
     if not turns and port.body in axis.static.body_motion:
-        yield "parasitic_rotation", facts.rotation
-    yield "input_stiffness", facts.input_stiffness
-    if facts.yields:
-        yield axis_quantity("output_stiffness", unit), facts.output_stiffness
-    if facts.seen:
-        yield axis_quantity("effective_mass", unit), lambda: 1.0 / facts.shown()
+        yield "parasitic_rotation", measures.rotation
+    yield "input_stiffness", measures.input_stiffness
+    if measures.yields:
+        yield axis_quantity("output_stiffness", unit), measures.output_stiffness
+    if measures.seen:
+        yield axis_quantity("effective_mass", unit), lambda: 1.0 / measures.shown()
     if not turns and {"gravity x", "gravity y"} <= {load.name for load in system.loads}:
-        yield "gravity_sag", facts.sag
+        yield "gravity_sag", measures.sag
 
 
 def _cross_figures(system: MechanicalSystem, axis: AxisAnalysis) -> Iterator[tuple[str, list[str]]]:
