@@ -88,10 +88,9 @@ class OptimiseRequest:
             )
         described = template.stage()
         known = known_figures(described)
-        goals = tuple(
-            Goal(figure=figure_of(name, known), way=way)
-            for way, names in (("maximise", self.maximise), ("minimise", self.minimise))
-            for name in names
+        goals = (
+            *(Goal(figure=figure_of(name, known), way="maximise") for name in self.maximise),
+            *(Goal(figure=figure_of(name, known), way="minimise") for name in self.minimise),
         )
         if goals and self.match:
             raise ModelError(
